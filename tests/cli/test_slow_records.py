@@ -97,7 +97,7 @@ def test_record_that_is_too_short_says_what_it_has_and_needs(ema, tmp_path, desc
     assert "3 lost samples of 125 interpolated" in result.stderr
     assert re.search(
         r"no healthy record can be used: \d+ rows of steady motion in one direction, at least 30 "
-        "are needed: give longer motion",
+        "are needed: record a longer motion",
         result.stderr,
     )
     assert not calibration.exists()

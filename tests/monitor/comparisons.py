@@ -56,7 +56,7 @@ def not_judged(name: str, reason: str) -> QuantityChange:
 
 def rival(name: str, of: str, change: float) -> QuantityChange:
     """A quantity that would explain the record as well as the changed one."""
-    reason = f"this motion cannot tell it apart from {QUANTITIES[of].label}"
+    reason = f"this motion cannot distinguish it from {QUANTITIES[of].label}"
     low, high = change - 0.04, change + 0.04
     return QuantityChange(
         name, Judgement.NOT_JUDGED, change, low, high, 0.1, reason=reason, rivals=(of,)

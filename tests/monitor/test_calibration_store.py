@@ -10,7 +10,7 @@ from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration, CalibrationStore, load_calibration
 from ema_monitor.joint.departure import HEALTHY
-from ema_monitor.joint.window_baseline import KnownWindow, WindowBaseline
+from ema_monitor.joint.window_baseline import ReferenceWindow, WindowBaseline
 from ema_monitor.joint.window_figures import Motion, WindowFigures
 
 from .windows import shortened
@@ -48,8 +48,10 @@ def test_shipped_calibration_is_used_where_no_file_is_named(tmp_path: Path):
 def test_labels_are_kept_by_a_calibration_of_the_same_unit_and_motion(tmp_path: Path):
     currents = {"current_forward": 0.7, "current_backward": 0.5}
     part = WindowFigures(Motion(0.04, 3.0, 1.0), currents, 750)
-    healthy = WindowBaseline((KnownWindow(HEALTHY, 0, part),))
-    dry = WindowBaseline((*healthy.windows, KnownWindow("dry", 1, part._replace(samples=700), 1)))
+    healthy = WindowBaseline((ReferenceWindow(HEALTHY, 0, part),))
+    dry = WindowBaseline(
+        (*healthy.windows, ReferenceWindow("dry", 1, part._replace(samples=700), 1))
+    )
     store = CalibrationStore("", tmp_path)
     for unit, expected in ((FLAP, dry), (RUDDER, healthy)):
         path = kept(store, FLAP, replace(of_unit(FLAP), baseline=dry), "one.yaml")
@@ -61,7 +63,9 @@ def test_baseline_of_a_file_by_an_earlier_version_is_read_with_its_identity(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ):
     figures = WindowFigures(Motion(0.04, 3.0, 1.0), {"current_forward": 0.7}, 750)
-    known = WindowBaseline((KnownWindow(HEALTHY, 0, figures), KnownWindow("dry", 1, figures, 1)))
+    known = WindowBaseline(
+        (ReferenceWindow(HEALTHY, 0, figures), ReferenceWindow("dry", 1, figures, 1))
+    )
     made = replace(SMALL, baseline=known)
     path = tmp_path / "calibration.yaml"
     made.save(path)

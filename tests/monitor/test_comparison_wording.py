@@ -76,7 +76,7 @@ def test_healthy_record_states_which_change_would_show_and_what_is_not_judged():
 def test_friction_and_torque_that_are_not_told_apart_are_a_change_of_effort(of: Comparison):
     words = summary(of)
     assert words.startswith("Effort at the same motion rose 22.0 % (90 % interval ")
-    assert words.count("cannot be told apart in this motion") == 1
+    assert words.count("cannot be distinguished in this motion") == 1
     assert "friction rose" not in words
     assert "ampere fell" not in words
     assert "Not judged: play" in words
@@ -85,13 +85,13 @@ def test_friction_and_torque_that_are_not_told_apart_are_a_change_of_effort(of: 
 def test_other_rivals_are_named_with_the_quantity():
     words = summary(comparison(changed(INERTIA, 0.3, rivals=(GRAVITY,))))
     assert "Inertia rose 30.0 %" in words
-    assert "Inertia and gravity cannot be told apart in this motion" in words
+    assert "Inertia and gravity cannot be distinguished in this motion" in words
     told = row(comparison(changed(INERTIA, 0.3, rivals=(GRAVITY,))), "inertia")
-    assert told[2] == "changed (not told apart from gravity)"
+    assert told[2] == "changed (not distinguishable from gravity)"
 
 
 def test_rival_has_no_figures_in_the_table():
-    told = "not judged (this motion cannot tell it apart from Coulomb friction)"
+    told = "not judged (this motion cannot distinguish it from Coulomb friction)"
     assert row(EFFORT_UP, "torque per unit of effort") == ("", "", told)
 
 
@@ -101,8 +101,10 @@ def test_two_changes_with_the_same_rival_are_told_apart_from_it_once():
     )
     words = summary(payload)
     assert words.index("Inertia rose 30.0 %") < words.index("Gravity rose 40.0 %")
-    told = "Inertia and gravity cannot be told apart from torque per unit of effort in this motion."
-    assert words.count(told) == words.count("told apart") == 1
+    told = (
+        "Inertia and gravity cannot be distinguished from torque per unit of effort in this motion."
+    )
+    assert words.count(told) == words.count("distinguished") == 1
 
 
 def test_ratio_of_friction_and_inertia_is_stated_only_where_neither_is():
@@ -132,14 +134,14 @@ def test_record_that_shows_nothing_gives_the_reason_once():
 
 def test_departed_figure_is_stated_though_no_quantity_has_changed():
     of = replace(HEALTHY, figures=(FigureChange("tracking_error", 3.1, 1e-5),))
-    assert summary(of).startswith("Tracking error is 3.1 times that of the healthy records.")
+    assert summary(of).startswith("Tracking error is 3.1 times the healthy value.")
     assert "No quantity has changed" not in summary(of)
     assert row(of, "tracking error") == ("× 3.1", "", "changed")
 
 
 def test_departed_figures_share_a_sentence():
     figures = (FigureChange("effort_scatter", 3.07, 1e-9), FigureChange("error_scatter", 1.3, 1e-4))
-    told = "Effort scatter is 3.07 times and error scatter 1.3 times that of the healthy records"
+    told = "Effort scatter is 3.07 times and error scatter 1.3 times the healthy value"
     assert summary(replace(HEALTHY, figures=figures)).startswith(told)
 
 

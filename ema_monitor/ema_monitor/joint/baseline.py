@@ -1,4 +1,4 @@
-"""Baseline of a joint: its healthy records, and what they predict for a further one."""
+"""Baseline of a joint: its healthy records, and the model fitted to them."""
 
 import math
 from collections import Counter
@@ -30,13 +30,14 @@ BETWEEN_DAYS: Final = {
     "load": 0.004,
     "gravity": 0.04,
 }
-"""Prior medians of the standard deviation between days: relative, of viscous friction also and of
-the load only as a share of the dry friction at the usual speed [-].
+"""Prior medians of the standard deviation between days, relative to the coefficient [-].
 
-Lubricants thin by 3 to 6 % for 1 K, and days differ by a few kelvin."""
+The load is relative to the dry friction. Viscous friction has a second share,
+``viscous_of_friction``, of the dry friction over the usual speed. The viscosity of lubricants falls
+by 3 to 6 % per kelvin, and the temperature differs by a few kelvin between days."""
 
 SHARE_OF_SHOWN: Final = 0.3
-"""Least prior median of a scatter over the scatter of the healthy records [-]."""
+"""Least prior median of a scatter, as a share of the scatter of the healthy records [-]."""
 
 _SAME_MOTION: Final = 0.012
 _SAME_STEPS: Final = 0.09
@@ -46,11 +47,11 @@ _LATE: Final = 0.05
 _UNEXPLAINED: Final = 0.3
 _ENOUGH_RECORDS: Final = 5
 _FLOOR: Final = 1e-9
-_OF_PAYLOAD: Final = [INERTIA, GRAVITY]
+_PAYLOAD: Final = [INERTIA, GRAVITY]
 
 
 class Shortcoming(Enum):
-    """What the healthy records of a baseline lack."""
+    """Deficiency of the healthy records of a baseline."""
 
     NO_DATES = auto()
     ONE_DAY = auto()
@@ -61,22 +62,16 @@ class Shortcoming(Enum):
 
 @dataclass(frozen=True)
 class Baseline:
-    """Healthy records of a unit, with the model that they were fitted with.
-
-    Attributes
-    ----------
-    preparation, shape
-        How records are prepared, and the terms of the model.
-    records
-        Healthy records.
-    labelled
-        Records in states that the owner has named.
-    """
+    """Healthy records of a unit, and the model that was fitted to them."""
 
     preparation: Preparation
+    """Filter and corrections of the records."""
     shape: Shape
+    """Terms of the model."""
     records: tuple[JointRecord, ...] = field(repr=False)
+    """Healthy records."""
     labelled: tuple[LabelledRecord, ...] = field(default=(), repr=False)
+    """Records of labelled states."""
 
     @cached_property
     def days(self) -> tuple[int, ...]:
@@ -117,9 +112,10 @@ class Baseline:
         return bool(is_alike and accelerates_alike)
 
     def distance(self, record: JointRecord) -> float:
-        """Return how far the speed and travel of a record are outside of the healthy ones.
+        """Return how far speed and travel of a record lie outside the healthy range [-].
 
-        It is the logarithm of their ratio to the nearest healthy record, the larger of both.
+        The distance is the logarithm of the ratio to the nearest healthy record, the larger of the
+        two for speed and travel.
         """
         return _outside(self._motions, np.log([record.usual_speed, record.travel]))
 
@@ -129,10 +125,11 @@ class Baseline:
         return np.log([(record.usual_speed, record.travel) for record in self.records])
 
     def motion_errors(self, record: JointRecord) -> Array:
-        """Return by how much the coefficients of a healthy record may differ with its motion.
+        """Return the standard deviations of the coefficients due to a different motion, ``(5,)``.
 
-        These are standard deviations, ``(5,)``, in their units. Inertia that is late or early by a
-        little looks like friction, and more so at another pace, which is the speed over the travel.
+        They are in the units of the coefficients, 0 for a motion within the healthy range. A small
+        timing error of the inertial effort looks like friction, which changes with the pace, the
+        speed over the travel.
         """
         errors = _MOTION_TOLERANCE * self.distance(record) * self.scales
         paces = self._motions @ [1.0, -1.0]
@@ -147,12 +144,12 @@ class Baseline:
 
     @property
     def is_unexplained(self) -> bool:
-        """Whether the motion leaves so much of the effort unexplained that little else shows."""
+        """Whether too large a part of the effort is unexplained to show small changes."""
         return self.shape.unexplained > _UNEXPLAINED
 
     @property
     def shortcomings(self) -> tuple[Shortcoming, ...]:
-        """What the healthy records lack."""
+        """Deficiencies of the healthy records."""
         is_missing = {
             Shortcoming.NO_DATES: 0 in self.days,
             Shortcoming.ONE_DAY: len(set(self.days)) < 2 and 0 not in self.days,
@@ -164,11 +161,11 @@ class Baseline:
         return tuple(gap for gap, missing in is_missing.items() if missing)
 
     def with_labels(self, labelled: Iterable[LabelledRecord]) -> "Baseline":
-        """Return the baseline with these labelled records and no others."""
+        """Return the baseline with these labelled records in place of the present ones."""
         return replace(self, labelled=tuple(labelled))
 
     def with_record(self, state: str, record: JointRecord) -> "Baseline":
-        """Return the baseline with a record in a state, which replaces an earlier label of it.
+        """Return the baseline with one more labelled record; it replaces an earlier label.
 
         Raises
         ------
@@ -192,41 +189,42 @@ class Baseline:
         return Counter([HEALTHY] * len(self.records) + [label.state for label in self.labelled])
 
     def extended(self, records: int, days: int) -> "Baseline":
-        """Return the baseline with further records that scatter as those so far.
+        """Return the baseline with hypothetical further records that scatter like the present ones.
 
-        Where a scatter has not been seen, it is as assumed.
+        A scatter that the present records do not show has its prior median.
 
         Parameters
         ----------
         records
             Number of further records.
         days
-            Number of further days they are spread over; 0 for the last day so far.
+            Number of further days over which they are spread; 0 adds them to the last day.
         """
         numbers = np.array(self.days)
         means = np.array([self.values[numbers == day].mean(axis=0) for day in sorted(set(numbers))])
-        of_days = self.prior_sigmas
+        day_sigmas = self.prior_sigmas
         if len(means) > 1:
-            of_days = np.std(means, axis=0, ddof=1)
+            day_sigmas = np.std(means, axis=0, ddof=1)
         within = self.values - means[np.searchsorted(sorted(set(numbers)), numbers)]
-        of_records = BETWEEN_RECORDS * self.prior_sigmas
+        record_sigmas = BETWEEN_RECORDS * self.prior_sigmas
         if len(self.records) > len(means):
-            of_records = np.sqrt(np.sum(within**2, axis=0) / (len(self.records) - len(means)))
+            record_sigmas = np.sqrt(np.sum(within**2, axis=0) / (len(self.records) - len(means)))
         added = []
         for number in range(records):
-            like = self.records[number % len(self.records)]
-            after = 1 + number % days if days else 0
-            effect = of_days * (-1.0) ** after if days else means[-1] - self.healthy
-            values = self.healthy + effect + of_records * (-1.0) ** (number // max(days, 1))
+            template = self.records[number % len(self.records)]
+            later_days = 1 + number % days if days else 0
+            day_effect = day_sigmas * (-1.0) ** later_days if days else means[-1] - self.healthy
+            sign = (-1.0) ** (number // max(days, 1))
+            values = self.healthy + day_effect + record_sigmas * sign
             stamp_ns = self.records[-1].stamp_ns
-            if after:
-                stamp_ns = max(stamp_ns, FIRST_DATE_NS) + after * NS_A_DAY
-            added.append(replace(like, stamp_ns=stamp_ns, values=values))
+            if later_days:
+                stamp_ns = max(stamp_ns, FIRST_DATE_NS) + later_days * NS_A_DAY
+            added.append(replace(template, stamp_ns=stamp_ns, values=values))
         return replace(self, records=(*self.records, *added))
 
     @property
     def viscous_scale(self) -> float:
-        """All friction at the usual speed over that speed [A.s/rad]."""
+        """Total friction at the usual speed over the usual speed [A.s/rad]."""
         usual = self.preparation.usual_speed
         return self.friction / usual + max(float(np.median(self.values[:, VISCOUS])), 0.0)
 
@@ -234,43 +232,43 @@ class Baseline:
     def hidden_in_friction(self) -> tuple[str, ...]:
         """Quantities that look like Coulomb friction in the motion of the healthy records."""
         unseen = [] if self.shape.has_viscous else [VISCOUS_FRICTION]
-        # With friction and load alone the torque per ampere has no witness.
+        # Friction and load alone do not determine the torque per ampere.
         return (*unseen, *([] if self.shows_torque else [TORQUE]))
 
     @property
     def shows_torque(self) -> bool:
-        """Whether more than friction and load is fitted, which separates torque per ampere."""
+        """Whether the fitted terms determine the torque per ampere: more than friction and load."""
         return int(np.sum(self.shape.used)) > 2
 
     @property
     def scales(self) -> Array:
-        """Size of each coefficient that changes are compared with, ``(5,)``, in their units."""
+        """Reference size of a change of each coefficient, ``(5,)``, in its unit."""
         scales = np.abs(self.healthy)
         scales[VISCOUS], scales[LOAD] = self.viscous_scale, self.friction
         return scales
 
     @cached_property
     def prior_sigmas(self) -> Array:
-        """Prior medians of the standard deviations between days, ``(5,)``, in their units."""
+        """Prior median of the standard deviation of each coefficient between days, ``(5,)``."""
         median = np.median(self.values, axis=0)
         friction = abs(self.shape.friction_scale * median[DRY])
-        of_speed = friction / self.preparation.usual_speed
+        friction_over_speed = friction / self.preparation.usual_speed
         sigmas = np.empty(len(COEFFICIENTS))
         sigmas[DRY] = BETWEEN_DAYS["friction"] * abs(median[DRY])
         sigmas[INERTIA] = BETWEEN_DAYS["inertia"] * abs(median[INERTIA])
         sigmas[VISCOUS] = np.hypot(
             BETWEEN_DAYS["viscous_friction"] * median[VISCOUS],
-            BETWEEN_DAYS["viscous_of_friction"] * of_speed,
+            BETWEEN_DAYS["viscous_of_friction"] * friction_over_speed,
         )
         sigmas[LOAD] = BETWEEN_DAYS["load"] * friction
         sigmas[GRAVITY] = BETWEEN_DAYS["gravity"]
-        # Payloads vary as the work does. The scatters considered end at some times the median.
-        shown = SHARE_OF_SHOWN * np.std(self.values[:, _OF_PAYLOAD], axis=0)
-        sigmas[_OF_PAYLOAD] = np.maximum(sigmas[_OF_PAYLOAD], shown)
+        # Payloads vary with the task; the grid of scatters ends at a few times the prior median.
+        shown = SHARE_OF_SHOWN * np.std(self.values[:, _PAYLOAD], axis=0)
+        sigmas[_PAYLOAD] = np.maximum(sigmas[_PAYLOAD], shown)
         return np.maximum(sigmas, _FLOOR * np.array([1.0, *[friction] * 3, 1.0]))
 
 
 def _outside(healthy: Array, values: Array) -> float:
-    """Return by how much values, ``(k,)``, exceed the range of the healthy ones, ``(n, k)``."""
+    """Return the largest excess of values, ``(k,)``, over the range of ``healthy``, ``(n, k)``."""
     excess = np.maximum(healthy.min(axis=0) - values, values - healthy.max(axis=0))
     return float(np.max(excess, initial=0.0))

@@ -1,8 +1,9 @@
-"""Comparing a record with a baseline: which quantity has changed, by how much, and what is unseen.
+"""Comparison of a record with a baseline: changed quantities, sizes of changes, detection limits.
 
-Each quantity is a direction in the space of the coefficients. Along it the record is compared with
-the prediction from the healthy records (``scatter``). If anything departs, the directions compete:
-the one that leaves the least of the departure is named, unless others explain it as well.
+Each quantity is a direction in the space of the coefficients. The record is compared with the
+prediction from the healthy records (``scatter``) along each direction. If the record departs, the
+direction that leaves the smallest remainder explains it; directions that explain it equally well
+are reported as rivals.
 """
 
 import math
@@ -44,12 +45,12 @@ from ema_monitor.joint.symptoms import SymptomComparer
 _MODEL_TOLERANCE: Final = 0.1
 _RATIO_TOLERANCE: Final = 0.02
 _VISCOUS_TOLERANCE: Final = 3.0
-_FOR_A_PARAMETER: Final = 6.0
+_PARAMETER_COST: Final = 6.0
 _EFFECT_OF_PLAY: Final = 0.1
-_TOLD_APART: Final = 9.0
+_DISTINCT_COST: Final = 9.0
 _NOISE_FREEDOM: Final = 4.0
 _CORRELATION_FREEDOM: Final = 12.0
-_OF_PAYLOAD: Final = 2.0
+_PAYLOAD_WEIGHT: Final = 2.0
 _PAYLOAD: Final = [at.INERTIA, at.GRAVITY]
 _SINGULAR: Final = 1e-12
 _LEAST_RATIO: Final = 0.2
@@ -69,7 +70,7 @@ _UNSEEN: Final = {
     VISCOUS: "the healthy records have nearly one speed: it is part of Coulomb friction",
     TORQUE: "only friction is visible in the healthy records, and it looks the same",
 }
-"""Why a quantity is not judged that the healthy records do not show."""
+"""Reason why a quantity that the healthy records do not show is not judged."""
 _UNEXPLAINED: Final = (
     "the motion does not explain a large part of the effort in the healthy records, which hides it"
 )
@@ -82,55 +83,49 @@ _DOUBT: Final = (
 
 @dataclass(frozen=True)
 class Comparer:
-    """Compares records with a baseline.
-
-    Attributes
-    ----------
-    baseline
-        Healthy records of the unit.
-    effort_unit, effort_scale
-        Unit in which a load is reported, and its size for 1 A.
-    known_correlations
-        Correlations of the coefficients between records, ``(5, 5)``; None for those that the
-        healthy records show. Records that are only forecast show none.
-    """
+    """Compares records with a baseline."""
 
     baseline: Baseline
+    """Healthy records of the unit."""
     effort_unit: str = "A"
+    """Unit in which a load is reported."""
     effort_scale: float = 1.0
-    known_correlations: Array | None = field(default=None, repr=False, compare=False)
+    """Value of 1 A in ``effort_unit``."""
+    assumed_correlations: Array | None = field(default=None, repr=False, compare=False)
+    """Correlations of the coefficients between records, ``(5, 5)``; None to estimate them from the
+    healthy records, which hypothetical records do not allow."""
 
     def compare(self, record: JointRecord, *, with_improvements: bool = True) -> Comparison:
-        """Return what has changed in a record, and which healthy records would show more."""
+        """Return the changes in a record, and which healthy records would reveal smaller ones."""
         comparison = _Test(self, record).result()
         if with_improvements:
             comparison = replace(comparison, improvements=self.improvements)
         return comparison
 
     def unexplained(self, record: JointRecord) -> float:
-        """Return how much of a record the best explanation leaves, "no change" included.
+        """Return the squared distance that the best explanation of a record leaves.
 
-        It is a squared distance, with a penalty for the parameters of the explanation.
+        "No change" is an explanation, too. The parameters of an explanation add a penalty.
         """
         test = _Test(self, record)
         return min(test.distance, *test.costs)
 
     @cached_property
     def hypotheses(self) -> list[Hypothesis]:
-        """Changes that are considered."""
+        """Changes that may explain a record."""
         return hypotheses(self.baseline)
 
     @cached_property
     def symptoms(self) -> SymptomComparer:
-        """What compares play, tracking and model-free figures."""
+        """Comparison of play, tracking and model-free figures."""
         return SymptomComparer(self.baseline)
 
     @cached_property
     def noise(self) -> Array:
         """Share of the standard error of each coefficient that healthy records confirm, ``(5,)``.
 
-        What the model misses in the same way in every record makes the standard error larger than
-        the scatter of the records.
+        A model error that is the same in all records makes the standard error larger than the
+        scatter of the records.
         """
         baseline = self.baseline
         days = np.array(baseline.days)
@@ -146,7 +141,7 @@ class Comparer:
         return np.sqrt(np.minimum(share, 1.0))
 
     def error(self, covariance: Array) -> Array:
-        """Return the covariance of the error of a record, as healthy records confirm it."""
+        """Return the covariance of a record's error, reduced by the factors ``noise``."""
         return covariance * np.outer(self.noise, self.noise)
 
     @cached_property
@@ -156,10 +151,10 @@ class Comparer:
 
     @cached_property
     def spread(self) -> Array:
-        """Covariance of what differs between a typical record and the healthy mean, ``(5, 5)``."""
+        """Covariance of the difference of a typical record from the healthy mean, ``(5, 5)``."""
         days, count = len(set(self.baseline.days)), len(self.baseline.records)
-        known = self.known_correlations
-        correlations = self.correlations if known is None else known
+        assumed = self.assumed_correlations
+        correlations = self.correlations if assumed is None else assumed
         between = correlations * np.outer(self._sigmas, self._sigmas)
         return between * (1.0 + 1.0 / days) + np.mean(self.errors, axis=0) / count
 
@@ -172,19 +167,19 @@ class Comparer:
     def correlations(self) -> Array:
         """Correlations of the coefficients between records, ``(5, 5)``.
 
-        A payload that varies changes gravity and inertia together: together they are less of a
-        witness than two. Few records show little of correlations, and weights that rely on them fit
-        the same records too well; the payload is likely, and counts twice. What the temperature
-        explains is left out.
+        A varying payload changes gravity and inertia together, so that they are not independent
+        evidence. Few records determine correlations poorly, and weights that rely on them overfit:
+        the correlations are shrunk, that of the payload half as much, because it is likely. Effects
+        of the temperature are removed first.
         """
         errors = np.mean(np.diagonal(self.errors, axis1=1, axis2=2), axis=0)
         spread = np.sqrt(self._sigmas**2 + errors)
-        left = self.baseline.values - self.baseline.values.mean(axis=0)
+        centred = self.baseline.values - self.baseline.values.mean(axis=0)
         if self._temperatures is not None:
-            left = left - np.outer(self._temperatures, self._slopes)
-        units = left / np.where(spread > 0.0, spread, 1.0)
+            centred = centred - np.outer(self._temperatures, self._slopes)
+        units = centred / np.where(spread > 0.0, spread, 1.0)
         moments = units.T @ units
-        moments[np.ix_(_PAYLOAD, _PAYLOAD)] *= _OF_PAYLOAD
+        moments[np.ix_(_PAYLOAD, _PAYLOAD)] *= _PAYLOAD_WEIGHT
         moments += _CORRELATION_FREEDOM * np.eye(len(COEFFICIENTS))
         scales = np.sqrt(np.diag(moments))
         return np.asarray(moments / np.outer(scales, scales), dtype=np.float64)
@@ -192,8 +187,8 @@ class Comparer:
     def scatter(self, weights: Array) -> Scatter:
         """Return the scatter of a linear combination of the coefficients, weights ``(5,)``.
 
-        It is that at a known temperature, if the combination depends on a temperature that was
-        measured; else that over the temperatures of the healthy records.
+        If the combination depends on a measured temperature, the scatter is conditional on the
+        temperature; else it includes the variation of the temperature.
         """
         baseline = self.baseline
         values = baseline.values @ weights
@@ -212,7 +207,7 @@ class Comparer:
         return np.array([(record.temperature - self._mean_temperature) / _TEMPERATURE_UNIT])
 
     def at_temperature_of(self, record: JointRecord) -> "Comparer":
-        """Return the comparer for a record: without the temperature if the record has none."""
+        """Return the comparer for a record; it ignores temperatures if the record has none."""
         return self if math.isfinite(record.temperature) else self._over_temperatures
 
     @cached_property
@@ -230,7 +225,7 @@ class Comparer:
 
     @cached_property
     def _slopes(self) -> Array:
-        """Change of each coefficient with the covariate of the temperature, ``(5,)``."""
+        """Change of each coefficient per unit of the temperature covariate, ``(5,)``."""
         slopes, measured = np.zeros(len(COEFFICIENTS)), self._temperatures
         if measured is not None:
             for number, values in enumerate(self.baseline.values.T):
@@ -244,7 +239,7 @@ class Comparer:
 
     @cached_property
     def _temperatures(self) -> Array | None:
-        """Temperatures of the records as a covariate, ``(n,)``; None where they say too little."""
+        """Temperatures of the records as a covariate, ``(n,)``; None if too few or too similar."""
         measured = np.array([record.temperature for record in self.baseline.records])
         if len(measured) < _FEWEST_FOR_TEMPERATURE or not np.all(np.isfinite(measured)):
             return None
@@ -254,46 +249,46 @@ class Comparer:
 
     @cached_property
     def smallest_changes(self) -> Mapping[str, float]:
-        """Smallest change of each quantity that a record of another day would show."""
+        """Smallest detectable change of each quantity on a day without healthy records."""
         return _Test(self, self._typical).smallest_changes()
 
     @cached_property
     def smallest_changes_of_a_day(self) -> Mapping[str, float]:
-        """Smallest changes on a day that has healthy records."""
+        """Smallest detectable change of each quantity on a day with healthy records."""
         stamp_ns = self.baseline.records[-1].stamp_ns
         record = replace(self._typical, stamp_ns=stamp_ns)
         return _Test(self, record).smallest_changes()
 
     @property
     def _typical(self) -> JointRecord:
-        """A healthy record of no day."""
+        """A healthy record of a day without healthy records."""
         mean = np.mean(self.baseline.covariances, axis=0)
-        like = self.baseline.records[0]
+        first = self.baseline.records[0]
         return JointRecord(
             NO_DAY * NS_A_DAY,
             self.baseline.healthy,
             mean,
-            like.usual_speed,
-            like.travel,
+            first.usual_speed,
+            first.travel,
             temperature=self._mean_temperature,
         )
 
     @cached_property
     def improvements(self) -> tuple[Improvement, ...]:
-        """Further healthy records that would lower the smallest change of friction."""
-        now, improvements = self.smallest_changes[FRICTION], []
+        """Further healthy records that would lower the smallest detectable change of friction."""
+        present, improvements = self.smallest_changes[FRICTION], []
         for days in (0, _MORE_DAYS):
             extended = Comparer(
-                self.baseline.extended(_MORE_RECORDS, days), known_correlations=self.correlations
+                self.baseline.extended(_MORE_RECORDS, days), assumed_correlations=self.correlations
             )
             lower = extended.smallest_changes[FRICTION]
-            if lower < _WORTH_IT * now:
-                improvements.append(Improvement(FRICTION, days, _MORE_RECORDS, now, lower))
-        return tuple(sorted(improvements, key=lambda more: more.smallest_change)[:1])
+            if lower < _WORTH_IT * present:
+                improvements.append(Improvement(FRICTION, days, _MORE_RECORDS, present, lower))
+        return tuple(sorted(improvements, key=lambda item: item.smallest_change)[:1])
 
 
 class _Test:
-    """One record beside its baseline."""
+    """Test of one record against its baseline."""
 
     def __init__(self, comparer: Comparer, record: JointRecord) -> None:
         comparer = comparer.at_temperature_of(record)
@@ -323,11 +318,13 @@ class _Test:
             quantities[FRICTION_OVER_INERTIA] = self._friction_over_inertia(named)
         for name, reason in _UNSEEN.items():
             if name not in quantities:
-                others = named if name in rivals else ()
                 if self._baseline.is_unexplained:
                     reason = _UNEXPLAINED
                 quantities[name] = QuantityChange(
-                    name, Judgement.NOT_JUDGED, reason=reason, rivals=others
+                    name,
+                    Judgement.NOT_JUDGED,
+                    reason=reason,
+                    rivals=named if name in rivals else (),
                 )
         figures = symptoms.figures(self._record, _growth(quantities))
         count = len(tests) + len(FIGURES) + 2
@@ -337,17 +334,17 @@ class _Test:
         return Comparison(ordered, figures.figures, min(1.0, count * least), states or None)
 
     def _is_effect_of(self, play: QuantityChange) -> bool:
-        """Return whether play that has changed explains what departs in the coefficients."""
+        """Return whether changed play explains the departure of the coefficients."""
         friction = abs(self._departure[at.DRY] / self._healthy[at.DRY])
         return play.judgement is Judgement.CHANGED and friction < _EFFECT_OF_PLAY
 
     def smallest_changes(self) -> dict[str, float]:
-        """Return the smallest change of each quantity of the coefficients that would show."""
+        """Return the smallest detectable change of each quantity that the coefficients show."""
         tests = self._single_tests().items()
         return {name: self._judged(name, test, (), ()).smallest_change for name, test in tests}
 
     def _single_tests(self) -> dict[str, SingleTest]:
-        """Return the test of each quantity of the coefficients."""
+        """Return the test of each quantity that the coefficients show."""
         return {
             hypothesis.quantities[0]: self._along(self._weights(hypothesis))
             for hypothesis in self._comparer.hypotheses
@@ -368,7 +365,7 @@ class _Test:
 
     @cached_property
     def _tolerant(self) -> Array:
-        """Covariance with what the model may miss beside changed friction, ``(5, 5)``."""
+        """Covariance with the errors of the model at a changed friction, ``(5, 5)``."""
         baseline = self._baseline
         change = abs(self._departure[at.DRY] / self._healthy[at.DRY])
         scales = baseline.scales
@@ -383,22 +380,22 @@ class _Test:
 
     @cached_property
     def costs(self) -> list[float]:
-        """Squared distance that each hypothesis leaves of the departure, and its parameters."""
+        """Squared distance that each hypothesis leaves, with a penalty for its parameters."""
         inverse = _precision(self._tolerant)
         costs = []
         for hypothesis in self._comparer.hypotheses:
             columns = hypothesis.columns
-            left = self._departure - columns @ _best_weights(columns, self._tolerant) @ (
-                self._departure
-            )
-            costs.append(float(left @ inverse @ left) + _FOR_A_PARAMETER * columns.shape[1])
+            weights = _best_weights(columns, self._tolerant)
+            remainder = self._departure - columns @ weights @ self._departure
+            penalty = _PARAMETER_COST * columns.shape[1]
+            costs.append(float(remainder @ inverse @ remainder) + penalty)
         return costs
 
     def _explanation(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Return the quantities that explain the departure, and those that explain it as well."""
+        """Return the quantities that explain the departure best, and their rivals."""
         costs = self.costs
         order = np.argsort(costs)
-        close = [n for n in order.tolist() if costs[n] - costs[order[0]] < _TOLD_APART]
+        close = [n for n in order.tolist() if costs[n] - costs[order[0]] < _DISTINCT_COST]
         # Two changes take more evidence than one.
         chosen = min(close, key=lambda n: self._comparer.hypotheses[n].causes)
         best = self._comparer.hypotheses[chosen]
@@ -408,23 +405,23 @@ class _Test:
             best = self._comparer.hypotheses[chosen]
         rivals: list[str] = []
         for number in close:
-            other = self._comparer.hypotheses[number]
-            is_wider = set(best.quantities) < set(other.quantities)
+            names = self._comparer.hypotheses[number].quantities
+            is_wider = set(best.quantities) < set(names)
             if not is_wider or costs[number] < costs[chosen]:
-                rivals += [name for name in other.quantities if name not in best.quantities]
+                rivals += [name for name in names if name not in best.quantities]
         if FRICTION in best.quantities:
             rivals += self._baseline.hidden_in_friction
         return best.quantities, tuple(dict.fromkeys(rivals))
 
     def _number_of(self, name: str) -> int:
-        """Return the number of the hypothesis that one quantity alone has changed."""
+        """Return the number of the hypothesis that only this quantity has changed."""
         quantities = [hypothesis.quantities for hypothesis in self._comparer.hypotheses]
         return quantities.index((name,))
 
     def _judged(
         self, name: str, test: SingleTest, named: tuple[str, ...], rivals: tuple[str, ...]
     ) -> QuantityChange:
-        """Return the change of a quantity, beside those that are named."""
+        """Return the change of a quantity, estimated together with the changes in ``named``."""
         smallest, is_doubtful = test.smallest_change, test.is_doubtful
         if named:
             columns = [
@@ -432,7 +429,7 @@ class _Test:
                 for key in dict.fromkeys((name, *named))
             ]
             test = self._along(_best_weights(np.column_stack(columns), self._tolerant)[0])
-            # Beside a change that is named, the others are less certain.
+            # An estimate together with further changes is less certain.
             smallest = max(smallest, test.smallest_change)
         change, (low, high) = test.change, test.interval
         extra = Z90 * _RATIO_TOLERANCE * abs(change)
@@ -444,21 +441,22 @@ class _Test:
             change, low, high, smallest = (scale * value for value in (change, low, high, smallest))
         if name == TORQUE:  # the columns are linear in the effort, the quantity is its inverse
             change, low, high = _inverse(change, low, high)
-        judgement, reason, others = Judgement.UNCHANGED, "", ()
+        judgement, reason, rival_names = Judgement.UNCHANGED, "", ()
         if name in named:
-            judgement, others = Judgement.CHANGED, rivals
+            judgement, rival_names = Judgement.CHANGED, rivals
         elif name in rivals:
-            judgement, others = Judgement.NOT_JUDGED, named
+            judgement, rival_names = Judgement.NOT_JUDGED, named
             labels = " and ".join(QUANTITIES[rival].label for rival in named)
-            reason = f"this motion cannot tell it apart from {labels}"
+            reason = f"this motion cannot distinguish it from {labels}"
         elif test.is_significant:
             judgement, reason = Judgement.NOT_JUDGED, _TOGETHER
         elif is_doubtful and not named:
             judgement, reason = Judgement.NOT_JUDGED, _DOUBT
-        return QuantityChange(name, judgement, change, low, high, smallest, unit, reason, others)
+        figures = change, low, high, smallest
+        return QuantityChange(name, judgement, *figures, unit, reason, rival_names)
 
     def _friction_over_inertia(self, named: tuple[str, ...]) -> QuantityChange:
-        """Return the change of friction over inertia: that of the coefficient of friction.
+        """Return the change of friction over inertia, which is the change of friction alone.
 
         In a self-locking gear friction raises the inertia and the gravity at the motor as well.
         """
@@ -484,7 +482,7 @@ class _Test:
 
 
 def _growth(quantities: Mapping[str, QuantityChange]) -> float:
-    """Return the logarithm of how much the effort has grown by changes that are named."""
+    """Return the logarithm of the growth of the effort that the reported changes explain."""
     logs = [0.0]
     for name, sign in ((FRICTION, 1.0), (TORQUE, -1.0)):
         quantity = quantities.get(name)
@@ -501,7 +499,7 @@ def _best_weights(columns: Array, covariance: Array) -> Array:
 
 
 def _precision(covariance: Array) -> Array:
-    """Return the inverse of a covariance; coefficients that are not fitted have none."""
+    """Return the inverse of a covariance, 0 for coefficients that are not fitted."""
     sigmas = np.sqrt(np.diag(covariance))
     scales = np.where(sigmas > 0.0, sigmas, 1.0)
     units = np.outer(scales, scales)
@@ -509,23 +507,23 @@ def _precision(covariance: Array) -> Array:
 
 
 def _inverse(change: float, low: float, high: float) -> tuple[float, float, float]:
-    """Return the relative change of a quantity whose inverse changes by ``-change``, and its ends.
+    """Return the relative change and interval of a quantity whose inverse changes by ``-change``.
 
-    An end is NaN where the inverse reaches 0 within the interval: the quantity has no bound there.
+    An end is NaN if the inverse reaches 0 within the interval: the quantity has no bound there.
     """
-    left = max(1.0 - change, _TINY) if change < 1.0 else min(1.0 - change, -_TINY)
-    ends = [1.0 - end if (1.0 - end) * left > 0.0 else math.nan for end in (low, high)]
-    return 1.0 / left - 1.0, 1.0 / ends[0] - 1.0, 1.0 / ends[1] - 1.0
+    ratio = max(1.0 - change, _TINY) if change < 1.0 else min(1.0 - change, -_TINY)
+    ends = [1.0 - end if (1.0 - end) * ratio > 0.0 else math.nan for end in (low, high)]
+    return 1.0 / ratio - 1.0, 1.0 / ends[0] - 1.0, 1.0 / ends[1] - 1.0
 
 
 def _helps(values: Array, temperatures: Array) -> bool:
-    """Return whether the temperature improves the prediction of records left out."""
+    """Return whether the temperature improves the prediction in leave-one-out validation."""
 
-    def missed(design: Array) -> float:
+    def held_out_square(design: Array) -> float:
         hat = design @ np.linalg.pinv(design)
-        left = values - hat @ values
-        return float(np.sum((left / np.maximum(1.0 - np.diag(hat), _TINY)) ** 2))
+        residuals = values - hat @ values
+        return float(np.sum((residuals / np.maximum(1.0 - np.diag(hat), _TINY)) ** 2))
 
     constant = np.ones((len(values), 1))
     both = np.column_stack([constant, temperatures])
-    return missed(both) < _TEMPERATURE_HELPS * missed(constant)
+    return held_out_square(both) < _TEMPERATURE_HELPS * held_out_square(constant)

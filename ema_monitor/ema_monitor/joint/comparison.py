@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple, Self
 
 
 class Judgement(StrEnum):
-    """What a record says about one quantity."""
+    """Result of comparing one quantity of a record with its healthy value."""
 
     CHANGED = "changed"
     UNCHANGED = "unchanged"
@@ -20,18 +20,12 @@ JUDGEMENTS: Final = (Judgement.UNCHANGED, Judgement.CHANGED, Judgement.NOT_JUDGE
 
 
 class Quantity(NamedTuple):
-    """A physical quantity of a joint.
-
-    Attributes
-    ----------
-    label
-        Name in words.
-    reference
-        What a relative change is a share of.
-    """
+    """A physical quantity of a joint."""
 
     label: str
+    """Displayed name."""
     reference: str = "healthy"
+    """Reference of a relative change."""
 
 
 FRICTION: Final = "friction"
@@ -58,121 +52,87 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
 """The quantities of a comparison, by name, in the order in which they are shown."""
 
 FAULTS_OF_RECORDS: Final[Mapping[str, str]] = {FRICTION: "friction", PLAY: "backlash"}
-"""Fault of each quantity that is one; a record of an unknown drive shows no other faults."""
+"""Fault that a quantity measures; a record of an unknown drive shows no further faults."""
 
 
 @dataclass(frozen=True)
 class QuantityChange:
-    """Change of one quantity of a joint.
-
-    Attributes
-    ----------
-    name
-        Name in ``QUANTITIES``.
-    judgement
-        Whether it has changed.
-    change
-        Test over healthy, less 1 [-]; of a quantity that is not relative, test less healthy, in
-        ``unit``. NaN where it is not judged.
-    low, high
-        90 % interval of ``change``.
-    smallest_change
-        Smallest change that would be detected with a probability of 90 %, as ``change``.
-    unit
-        Unit of the figures above: "-" for a relative change.
-    reason
-        Why the quantity is not judged; empty where it is.
-    rivals
-        Names of quantities that explain the record as well as this one.
-    """
+    """Change of one quantity of a joint."""
 
     name: str
+    """Name in ``QUANTITIES``."""
     judgement: Judgement
+    """Whether it has changed."""
     change: float = math.nan
+    """Test over healthy, less 1 [-]; for an absolute change, test less healthy, in ``unit``. NaN if
+    it is not judged."""
     low: float = math.nan
+    """Lower end of the 90 % interval of ``change``."""
     high: float = math.nan
+    """Upper end of the 90 % interval of ``change``."""
     smallest_change: float = math.nan
+    """Smallest change that is detected with a probability of 90 %, in the unit of ``change``."""
     unit: str = "-"
+    """Unit of the figures above: "-" for a relative change."""
     reason: str = ""
+    """Why the quantity is not judged; empty if it is."""
     rivals: tuple[str, ...] = ()
+    """Names of quantities that explain the record equally well."""
 
     @property
     def is_judged(self) -> bool:
-        """Whether the record says anything about the quantity."""
+        """Whether the record shows that the quantity is changed or unchanged."""
         return self.judgement is not Judgement.NOT_JUDGED
 
     @property
     def is_estimated(self) -> bool:
-        """Whether the change is a figure of this quantity, judged or not, and not of a rival."""
+        """Whether ``change`` is an estimate for this quantity and not for a rival."""
         return math.isfinite(self.change) and (self.is_judged or not self.rivals)
 
 
 @dataclass(frozen=True)
 class FigureChange:
-    """A figure of the record that needs no model and differs from the healthy records.
-
-    Attributes
-    ----------
-    name
-        Name in ``ema_monitor.joint.figures.FIGURES``.
-    ratio
-        Test over healthy [-].
-    probability
-        Probability that a healthy record differs as much in this figure.
-    """
+    """A model-free figure of a record that differs from the healthy records."""
 
     name: str
+    """Name in ``ema_monitor.joint.figures.FIGURES``."""
     ratio: float
+    """Test over healthy [-]."""
     probability: float
+    """Probability that a healthy record differs as much in this figure."""
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """Further healthy records that would lower the smallest detectable change of a quantity.
-
-    Attributes
-    ----------
-    name
-        Name in ``QUANTITIES``.
-    days
-        Number of further days with healthy records; 0 for records of a day that has some.
-    records
-        Number of further healthy records in all.
-    present_change, smallest_change
-        Smallest detectable change on a day without healthy records, now and with these records, in
-        the unit of ``QuantityChange``.
-    """
+    """Reduction of the smallest detectable change of a quantity by further healthy records."""
 
     name: str
+    """Name in ``QUANTITIES``."""
     days: int
+    """Number of further days with healthy records; 0 for records of a day that already has some."""
     records: int
+    """Number of further healthy records."""
     present_change: float
+    """Smallest change that is detected on a day without healthy records, in the unit of the
+    quantity."""
     smallest_change: float
+    """The same with the further healthy records."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Comparison of one record with the healthy records of its unit.
-
-    Attributes
-    ----------
-    quantities
-        One entry for each of ``QUANTITIES``, in their order.
-    figures
-        Model-free figures that differ significantly, the most significant first.
-    probability
-        Probability that a healthy record differs as much as this one; NaN where nothing is judged.
-    states
-        Probabilities of the states that the owner has labelled, the largest first.
-    improvements
-        Healthy records that would lower the smallest detectable changes, the most useful first.
-    """
+    """Comparison of one record with the healthy records of its unit."""
 
     quantities: tuple[QuantityChange, ...]
+    """One entry for each of ``QUANTITIES``, in their order."""
     figures: tuple[FigureChange, ...] = ()
+    """Model-free figures that differ significantly, the most significant first."""
     probability: float = math.nan
+    """Probability that a healthy record differs as much; NaN if nothing is judged."""
     states: Mapping[str, float] | None = None
+    """Probabilities of the labelled states, the largest first."""
     improvements: tuple[Improvement, ...] = ()
+    """Healthy records that would lower the smallest detectable changes, the most useful first."""
 
     def __getitem__(self, name: str) -> QuantityChange:
         """Return the change of a quantity."""
@@ -187,12 +147,12 @@ class Comparison:
 
     @property
     def judged(self) -> tuple[QuantityChange, ...]:
-        """The quantities about which the record says something."""
+        """The quantities that are changed or unchanged."""
         return tuple(quantity for quantity in self.quantities if quantity.is_judged)
 
     @property
     def doubtful(self) -> tuple[QuantityChange, ...]:
-        """The quantities that differ beyond usual variation, but not for certain."""
+        """The quantities that differ by more than usual variation, but not for certain."""
         return tuple(
             quantity
             for quantity in self.quantities
@@ -220,12 +180,12 @@ class Comparison:
 
     @classmethod
     def of_mapping(cls, content: Mapping[str, Any]) -> Self:
-        """Return the comparison of ``as_mapping``, or read from JSON with None for NaN.
+        """Return the comparison from a mapping as ``as_mapping`` returns it; None stands for NaN.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            When the mapping is no comparison.
+            When a field is missing or has the wrong type.
         """
 
         def number(value: Any) -> float:
@@ -268,7 +228,7 @@ class Comparison:
 
 
 def not_judged(reason: str) -> Comparison:
-    """Return the comparison of a record from which no quantity can be judged."""
+    """Return a comparison in which no quantity is judged."""
     return Comparison(
         tuple(QuantityChange(name, Judgement.NOT_JUDGED, reason=reason) for name in QUANTITIES)
     )

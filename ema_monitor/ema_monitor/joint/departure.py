@@ -1,7 +1,7 @@
-"""Figures of a test that need no model beside those of healthy tests: which depart, how unlikely.
+"""Comparison of the model-free figures of a test with healthy tests: significant departures.
 
-Each figure is compared with its prediction from the healthy tests (``single``); Bonferroni over
-the figures holds however they depend on each other.
+Each figure is compared with its prediction from the healthy tests (``single``). The Bonferroni
+correction over the figures is valid for dependent figures.
 """
 
 import math
@@ -19,79 +19,62 @@ HEALTHY: Final = "healthy"
 """State of the tests and records of a baseline."""
 
 NONE_OF_THESE: Final = "none of these"
-"""State of a test or record that looks like no labelled one."""
+"""State of a test or record that resembles no labelled state."""
 
 FEWEST: Final = 3
-"""Tests or records below which a state is not judged and not named."""
+"""Least number of tests or records of a state that is compared."""
 
-_LEAST_SAID: Final = 1e-6
-_KEPT_SCATTERS: Final = 1024
+_LEAST_SHOWN: Final = 1e-6
+_CACHED_SCATTERS: Final = 1024
 _MOST_NAMED: Final = 3
-_SAID: Final = 0.05
+_LEAST_SHARE: Final = 0.05
 _TINY: Final = 1e-12
 
 
 class JudgedFigure(NamedTuple):
-    """A figure of a test.
-
-    Attributes
-    ----------
-    label
-        Name in words.
-    between_days
-        Prior median of its standard deviation between days: of the logarithm, or of a level as a
-        share of the largest healthy level [-].
-    is_logarithm
-        Whether the figure is a logarithm; else it is a level [A].
-    error
-        Standard deviation of the error of the figure of one test, as ``between_days``. Healthy
-        tests in quick succession scatter less.
-    """
+    """A model-free figure of a test, and its prior scatter."""
 
     label: str
+    """Displayed name."""
     between_days: float
+    """Prior median of the standard deviation between days [-]: of a logarithm, or of a level as a
+    share of the largest healthy level."""
     is_logarithm: bool = True
+    """Whether the figure is a logarithm; otherwise it is a level [A]."""
     error: float = 0.0
+    """Standard deviation of the error of the figure in one test, in the unit of ``between_days``.
+    Healthy tests in quick succession scatter less."""
 
 
 class DatedFigures(NamedTuple):
-    """Figures of a test by name, and its day, counted from 1970."""
+    """Figures of a test by name, and its day since 1970."""
 
     day: int
     values: Mapping[str, float]
 
 
 class Change(NamedTuple):
-    """A figure that departs.
-
-    Attributes
-    ----------
-    name
-        Name of the figure.
-    figure
-        What it is.
-    test
-        The figure beside its prediction from the healthy tests.
-    probability
-        Probability that a healthy test differs as much in this figure.
-    limit
-        Probability below which the figure departs.
-    """
+    """Change of a figure from its prediction."""
 
     name: str
+    """Name of the figure."""
     figure: JudgedFigure
+    """Label and prior scatter of the figure."""
     test: SingleTest
+    """Value of the figure, and its prediction from the healthy tests."""
     probability: float
+    """Probability that a healthy test differs as much in this figure."""
     limit: float
+    """Probability below which the figure departs."""
 
     @property
     def healthy(self) -> float:
-        """Figure that is predicted from the healthy tests."""
+        """Value predicted from the healthy tests."""
         return self.test.prediction.mean
 
     @property
     def smallest_change(self) -> float:
-        """Smallest change of the figure that would depart with a probability of 90 %."""
+        """Smallest change of the figure that is detected with a probability of 90 %."""
         return self.test.prediction.smallest_change(self.limit, POWER)
 
     @property
@@ -101,7 +84,7 @@ class Change(NamedTuple):
 
     @property
     def smallest_text(self) -> str:
-        """Smallest change that would depart, with its unit."""
+        """Smallest detectable change, with its unit."""
         return self._text(self.smallest_change)
 
     def _text(self, change: float, sign: str = "") -> str:
@@ -114,7 +97,7 @@ class Change(NamedTuple):
     def __str__(self) -> str:
         if self.figure.is_logarithm:
             times = math.exp(self.test.change)
-            return f"{self.figure.label} is {times:.3g} times the healthy one"
+            return f"{self.figure.label} is {times:.3g} times the healthy value"
         levels = f"is {self.test.value:.3g} A, healthy {self.healthy:.3g} A"
         share = f" ({self.change_text})" if self.healthy > 0.0 else ""
         return f"{self.figure.label} {levels}{share}"
@@ -122,34 +105,23 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True)
 class Departure:
-    """How unlikely a test is for the healthy unit.
-
-    Attributes
-    ----------
-    probability
-        Probability that a healthy test differs as much in one of its figures.
-    changes
-        Figures that depart, the most significant first.
-    remark
-        Which change would depart, if the test would have departed on the day of the healthy tests.
-    load_explains
-        Whether a load may be what departs.
-    states
-        Probabilities of the labelled states and of none of them, the largest first; empty if there
-        are none to compare with.
-    unnamed
-        Why ``states`` is empty although states are labelled.
-    significance
-        Probability below which the test departs.
-    """
+    """Departure of a test from the healthy tests of its unit."""
 
     probability: float
+    """Probability that a healthy test differs as much in one of its figures."""
     changes: tuple[Change, ...] = ()
+    """Figures that depart, the most significant first."""
     remark: str = ""
+    """Detection limit on this day, if the test would depart on a day with healthy tests."""
     load_explains: bool = True
+    """Whether a changed load may explain the departure."""
     states: Mapping[str, float] = field(default_factory=dict)
+    """Probabilities of the labelled states and of ``NONE_OF_THESE``, the largest first; empty if no
+    states are compared."""
     unnamed: str = ""
+    """Why ``states`` is empty although states are labelled."""
     significance: float = SIGNIFICANCE
+    """Probability below which the test departs."""
 
     @property
     def is_significant(self) -> bool:
@@ -163,9 +135,9 @@ class Departure:
 
     @property
     def likeness(self) -> str:
-        """The probable states in words, or why none is named."""
+        """Sentence with the probable states, or the reason why no state is named."""
         probable = [
-            f"{name} ({share:.0%})" for name, share in self.states.items() if share >= _SAID
+            f"{name} ({share:.0%})" for name, share in self.states.items() if share >= _LEAST_SHARE
         ]
         if not probable:
             return self.unnamed
@@ -186,14 +158,14 @@ def departure_of(
     figures: Mapping[str, JudgedFigure],
     significance: float = SIGNIFICANCE,
 ) -> Departure:
-    """Return how unlikely a test is for a unit with these healthy tests.
+    """Return the departure of a test from the healthy tests of its unit.
 
     Parameters
     ----------
     tested, healthy
         The test, and the healthy tests of the unit.
     figures
-        Figures to compare, by name; those that one of the tests lacks do not count.
+        Figures to compare, by name; a figure that a test lacks is ignored.
     significance
         Probability of a healthy test below which the test departs.
 
@@ -210,7 +182,7 @@ def departure_of(
     if not names:
         raise ValueError("the test and the healthy tests have no figure in common")
     chosen = {name: figures[name] for name in names}
-    # Bonferroni: for each figure.
+    # Bonferroni correction for the number of figures.
     limit = significance / len(names)
     changes = _changes(tested, healthy, chosen, limit)
     departure = _departure(changes, significance)
@@ -266,10 +238,10 @@ def _change(
     return Change(name, figure, test, test.probability, limit)
 
 
-@lru_cache(_KEPT_SCATTERS)
+@lru_cache(_CACHED_SCATTERS)
 def _scatter(healthy: tuple[Observation, ...], between_days: float) -> Scatter:
-    """Return the scatter of a figure; every test of a unit is compared with the same few."""
-    # The prior reaches only some times its median, and must cover the scatter of the healthy tests.
+    """Return the scatter of a figure; all tests of a unit share a few scatters."""
+    # The prior ends at a few times its median, and must cover the scatter of the healthy tests.
     shown = float(np.std([observation.value for observation in healthy], ddof=1))
     return scatter_of(healthy, max(between_days, shown, _TINY))
 
@@ -280,7 +252,7 @@ def _largest_level(healthy: Sequence[DatedFigures], figures: Mapping[str, Judged
 
 
 def _share(probability: float) -> str:
-    """Return how many healthy tests are as unlikely, in words."""
-    least = max(probability, _LEAST_SAID)
+    """Return a probability as "1 in ... healthy tests"."""
+    least = max(probability, _LEAST_SHOWN)
     number = float(f"{1.0 / least:.2g}")
     return f"{'at most ' if probability < least else ''}1 in {number:,.0f} healthy tests"

@@ -1,4 +1,4 @@
-"""Elasticity of a joint, admitted on healthy records: jerk and snap as terms of the effort."""
+"""Elasticity of a joint: jerk and snap as terms of the effort, selected on healthy records."""
 
 from collections.abc import Callable
 from typing import Final
@@ -16,21 +16,21 @@ def with_elasticity(
     *,
     is_linear: bool,
 ) -> Preparation:
-    """Return the preparation with jerk and snap if they predict the effort, else the one without.
+    """Return ``elastic`` if jerk and snap improve the prediction of the effort, else ``stiff``.
 
-    The effort of a motor that turns a load through a spring depends on jerk and snap. They are
-    admitted if they halve the error in every other stroke, to which they were not fitted, in the
-    geometric mean over the records. They also filter the noise of a coarse position, and replace a
-    lag: this lowers the error by less, and friction gains nothing.
+    The effort of a motor that turns a load through a spring depends on jerk and snap. The terms are
+    accepted if they halve the error in the strokes that were not fitted, in the geometric mean over
+    the records. Jerk and snap also filter the noise of a coarse position and compensate a lag; this
+    reduces the error by less than half, and does not improve the estimate of friction.
 
     Parameters
     ----------
     stiff, elastic
-        How the records are prepared without and with jerk and snap.
+        Preparation without and with jerk and snap.
     prepared
-        Returns the healthy records by a preparation.
+        Returns the healthy records for a preparation.
     is_linear
-        Whether the joint is linear, so that no gravity follows its angle.
+        Whether the joint is linear, so that gravity does not depend on its position.
     """
     before, after = (
         held_out_error(prepared(preparation), is_linear=is_linear)

@@ -1,4 +1,4 @@
-"""Figures of a record that need no model: scatter and roughness by direction, lag, lost motion."""
+"""Model-free figures of a record: scatter and roughness by direction, lag, lost motion."""
 
 import math
 from itertools import pairwise
@@ -15,20 +15,15 @@ from ema_monitor.joint.smoothing import smoothed
 
 
 class Figure(NamedTuple):
-    """A model-free figure.
-
-    Attributes
-    ----------
-    label
-        Name in words.
-    repeated, varied
-        Prior median of the standard deviation of its logarithm between days [-], where the motion
-        repeats and where it does not; None where it is not compared.
-    """
+    """A model-free figure."""
 
     label: str
+    """Displayed name."""
     repeated: float
+    """Prior median of the standard deviation of its logarithm between days, if the motion repeats
+    [-]."""
     varied: float | None
+    """The same if the motion does not repeat; None if the figure is not compared then."""
 
 
 FIGURES: Final = {
@@ -37,15 +32,15 @@ FIGURES: Final = {
     "error_scatter": Figure("scatter of the tracking error", 0.02, None),
     "error_roughness": Figure("roughness of the tracking error", 0.014, None),
 }
-"""Figures that are compared, by name: logarithms, means of both directions."""
+"""Figures that are compared, by name: logarithms, averaged over both directions."""
 
 OF_EFFORT: Final = ("effort_scatter", "effort_roughness")
 """Figures that grow with the effort."""
 
 SPEED_STEPS: Final = "speed_steps"
-"""Figure of the motion in the rows whose roughness is compared: it is no finding itself.
+"""Roughness of the speed in the rows whose effort is compared; it is not compared itself.
 
-The effort of a motion that accelerates more changes more from sample to sample.
+It shows whether motions accelerate alike: acceleration increases the roughness of the effort.
 """
 
 _FEWEST: Final = 20
@@ -57,16 +52,16 @@ _FEWEST_TURNS: Final = 4
 def figures_of(
     telemetry: Telemetry, signals: Signals, residuals: Array, preparation: Preparation
 ) -> dict[str, float]:
-    """Return the figures of a record by name; those that it does not show are missing.
+    """Return the figures of a record by name, without those that the record does not show.
 
     Parameters
     ----------
     telemetry
         Samples of the record.
     signals, residuals
-        Rows of steady motion, and what the model misses of their effort, ``(n,)`` [A].
+        Rows of steady motion, and the residuals of their effort, ``(n,)`` [A].
     preparation
-        How the record was prepared.
+        Preparation of the record.
     """
     figures: dict[str, float] = {}
     speed = np.gradient(smoothed(telemetry.position, 2.0), telemetry.sample_period)
@@ -94,7 +89,7 @@ def figures_of(
 
 
 def tracking_lag(fine: Fine) -> tuple[float, float]:
-    """Return by how much the position lags behind the command, and its sigma [s].
+    """Return the lag of the position behind the command, and its standard deviation [s].
 
     It is the regression of the tracking error on the commanded speed. Both are NaN where there is
     no command; sigma is infinite where the command does not move enough.
@@ -110,19 +105,20 @@ def tracking_lag(fine: Fine) -> tuple[float, float]:
     error = error - np.mean(error)
     power = float(rate @ rate)
     lag = float(rate @ error) / power
-    left = error - lag * rate
-    independent = max(1, len(left) // 20)
-    return lag, math.sqrt(float(left @ left) / len(left) / power * len(left) / independent)
+    residuals = error - lag * rate
+    count = len(residuals)
+    independent = max(1, count // 20)
+    return lag, math.sqrt(float(residuals @ residuals) / count / power * count / independent)
 
 
 def lost_motion(
     telemetry: Telemetry, description: ActuatorDescription, preparation: Preparation
 ) -> tuple[float, float]:
-    """Return the lost motion between motor and joint, and its sigma [rad]; NaN where not shown.
+    """Return the lost motion between motor and joint, and its standard deviation [rad].
 
-    The integral of the measured speed less the position differs by the play between strokes in
-    opposite directions. That shows it only where the speed is measured at the motor and the
-    position at the joint.
+    The integral of the measured speed minus the position differs by the play between strokes in
+    opposite directions, if the speed is measured at the motor and the position at the joint. Both
+    are NaN without a measured speed, or with too few reversals.
     """
     speed = user_speed(telemetry, description)
     if speed is None:
@@ -141,8 +137,8 @@ def lost_motion(
         if w0 == w1 or (b1 - e0) * h > 1.0:
             continue
         before, after = np.median(gap[b0:e0]), np.median(gap[b1:e1])
-        # The gap drifts with the scale of the speed: between the middles of both strokes the joint
-        # returns by half a stroke, which cancels over pairs in turn.
+        # An error of the speed scale makes the gap drift by half a stroke between the middles of
+        # two strokes. The drift changes its sign from pair to pair, so that the median cancels it.
         differences.append(w1 * float(after - before))
     if len(differences) < _FEWEST_TURNS:
         return math.nan, math.nan

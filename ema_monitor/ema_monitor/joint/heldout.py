@@ -1,4 +1,4 @@
-"""Error of a record's model in strokes that it was not fitted to, by which terms are admitted."""
+"""Prediction error of a record's model in strokes that were not fitted, to select its terms."""
 
 import math
 from collections.abc import Sequence
@@ -10,20 +10,20 @@ from ema_core.arrays import Array
 from ema_monitor.joint.signals import Signals
 
 IMPROVES: Final = 0.95
-"""Largest error with a term, over the error without it, at which the term is admitted [-]."""
+"""Largest error with a term, over the error without it, at which the term is accepted [-]."""
 
 _TINY: Final = 1e-12
 
 
 def general_design(signals: Signals, *, is_linear: bool) -> Array:
-    """Return columns that explain the effort of most joints, each free in a record, ``(n, p)``.
+    """Return the columns of a general effort model, fitted to each record, ``(n, p)``.
 
     Parameters
     ----------
     signals
         Rows of the record.
     is_linear
-        Whether the joint is linear, so that no gravity follows its angle.
+        Whether the joint is linear, so that gravity does not depend on its position.
     """
     gravity = [] if is_linear else [np.sin(signals.position), np.cos(signals.position)]
     columns = [signals.direction, signals.acceleration, signals.speed, np.ones(len(signals))]
@@ -37,9 +37,9 @@ def halves(signals: Signals) -> tuple[Signals, Signals]:
 
 
 def held_out_error(records: Sequence[Signals], *, is_linear: bool) -> float:
-    """Return the error in the strokes between those fitted [A]; infinite where it is unknown.
+    """Return the prediction error in every other stroke, fitted on the rest [A].
 
-    It is the geometric mean over the records.
+    It is the geometric mean over the records, and infinite if all records are too short.
     """
     logs = []
     for record in records:
@@ -48,6 +48,6 @@ def held_out_error(records: Sequence[Signals], *, is_linear: bool) -> float:
         if min(len(fitted), len(rest)) < 2 * design.shape[1]:
             continue
         values = np.linalg.lstsq(design, fitted.effort, rcond=None)[0]
-        missed = rest.effort - general_design(rest, is_linear=is_linear) @ values
-        logs.append(math.log(float(np.mean(missed**2)) + _TINY))
+        errors = rest.effort - general_design(rest, is_linear=is_linear) @ values
+        logs.append(math.log(float(np.mean(errors**2)) + _TINY))
     return math.exp(0.5 * float(np.mean(logs))) if logs else math.inf

@@ -9,7 +9,7 @@ from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import FRICTION, GRAVITY, INERTIA, LOAD, TORQUE, VISCOUS
 
 OF_COEFFICIENTS: Final[tuple[str, ...]] = (FRICTION, INERTIA, VISCOUS, LOAD, GRAVITY)
-"""Quantity that each coefficient stands for."""
+"""Quantity of each coefficient."""
 
 _PAYLOAD: Final = frozenset({GRAVITY, INERTIA, LOAD})
 
@@ -26,22 +26,22 @@ class Hypothesis(NamedTuple):
 
     @property
     def causes(self) -> int:
-        """Number of things that have changed: a payload alone changes inertia and gravity.
+        """Number of independent changes: a payload changes inertia, gravity and load together.
 
-        The constant load holds the gravity at the centre of the motion, so it may change as well.
+        The constant load includes the gravity at the centre of the motion.
         """
         return 1 if set(self.quantities) <= _PAYLOAD else len(self.quantities)
 
 
 def hypotheses(baseline: Baseline) -> list[Hypothesis]:
-    """Return the changes that are considered: single quantities first, then several."""
+    """Return the changes that may explain a record: first single quantities, then combinations."""
     columns: dict[str, Array] = dict(zip(OF_COEFFICIENTS, np.diag(_steps(baseline)), strict=True))
     shape = baseline.shape
-    # Friction that rises with the load rises with the payload.
+    # Load-dependent friction rises with the payload.
     for name, load_friction in ((INERTIA, shape.of_inertia), (GRAVITY, shape.of_gravity)):
         if load_friction:
             columns[name] = columns[name] + np.array(load_friction)
-    # The effort that the same motion takes is inverse to the torque per ampere.
+    # The effort of the same motion is inversely proportional to the torque per ampere.
     columns[TORQUE] = -baseline.healthy * shape.used
     several = [(FRICTION, TORQUE), (GRAVITY, INERTIA), (GRAVITY, INERTIA, LOAD)]
     unseen = [name for name, used in zip(OF_COEFFICIENTS, shape.used, strict=True) if not used]

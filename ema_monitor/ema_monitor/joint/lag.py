@@ -1,4 +1,4 @@
-"""Lag of the effort behind the motion in a record: where friction reverses, it shows."""
+"""Lag of the effort behind the motion in a record, from the reversals of friction."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -11,13 +11,13 @@ from ema_monitor.joint.signals import Fine, Preparation, filter_sigma
 from ema_monitor.joint.smoothing import smoothed
 
 LONGEST_LAG_S: Final = 0.16
-"""Largest lag that is looked for, either way [s]."""
+"""Largest lag that is searched, in both directions [s]."""
 
 _COARSE, _NARROW = 1.0, 0.25
-"""Steps in which the lag is looked for, as shares of the standard deviation of the filter [-]."""
+"""Steps of the search, as shares of the standard deviation of the filter [-]."""
 _LEAST_SHIFT, _CERTAIN_SHIFT = 0.05, 0.4
-"""Smallest shift, and smallest that is certain, as shares of the standard deviation of the
-filter [-]."""
+"""Smallest shift, and smallest certain shift, as shares of the standard deviation of the filter
+[-]."""
 _SIGNIFICANT, _CERTAIN = 4.0, 12.0
 """The same, in standard deviations of the lag [-]."""
 _NORMAL: Final = 1.4826
@@ -32,23 +32,17 @@ _TINY: Final = 1e-12
 
 
 class EffortLag(NamedTuple):
-    """Lag of the effort behind the motion in a record.
-
-    Attributes
-    ----------
-    lag_s, sigma
-        The lag and its standard deviation [s]; NaN where the record does not show it.
-    shift_s
-        By how much the effort was moved to agree with the healthy records [s].
-    is_certain
-        Whether only a delay explains the shift. Play, and friction that does not follow the sign
-        of the speed, shift the lag by up to 0.3 standard deviations of the filter.
-    """
+    """Lag of the effort behind the motion in a record."""
 
     lag_s: float = math.nan
+    """The lag [s]; NaN if the record does not show it."""
     sigma: float = math.nan
+    """Standard deviation of the lag [s]; NaN if the record does not show it."""
     shift_s: float = 0.0
+    """Shift of the effort for agreement with the healthy records [s]."""
     is_certain: bool = False
+    """Whether only a delay explains the shift. Play, and friction that does not follow the sign of
+    the speed, shift the lag by up to 0.3 standard deviations of the filter."""
 
     @property
     def unshifted(self) -> "EffortLag":
@@ -63,9 +57,9 @@ UNKNOWN_LAG: Final = EffortLag()
 def effort_lag(fine: Fine, preparation: Preparation) -> EffortLag:
     """Return the lag of the effort behind the motion.
 
-    It is the lag with which inertia, viscous friction, Coulomb friction, gravity and a constant
-    explain the effort best, in steady motion and around the reversals. Its sigma follows from the
-    curvature of the squared residual, with one independent residual for three standard deviations
+    With this lag, inertia, viscous friction, Coulomb friction, gravity and a constant explain the
+    effort best, in steady motion and around the reversals. The standard deviation follows from the
+    curvature of the squared residual, with one independent residual per three standard deviations
     of the filter.
     """
     misfit = _Misfit(fine, preparation)
@@ -80,32 +74,32 @@ def effort_lag(fine: Fine, preparation: Preparation) -> EffortLag:
 
 
 def common_lag(blocks: Sequence[Fine], preparation: Preparation) -> float:
-    """Return the lag of the effort behind the motion that healthy records have in common [s].
+    """Return the common lag of the effort behind the motion in healthy records [s].
 
-    It is the lag that explains the effort of all records best in steady motion, apart from the
-    reversals: play, and friction that does not follow the sign of the speed, shift it less there.
-    Jerk and snap are part of the model if the preparation has them. The lag of the preparation is
+    This lag explains the effort of all records best in steady motion. Reversals are excluded,
+    because play, and friction that does not follow the sign of the speed, shift the lag there. Jerk
+    and snap are part of the model if the preparation has them. The lag of the preparation is
     returned unless the measured lag reduces the misfit by 10 %.
     """
     misfits = [_Misfit(block, preparation, is_steady=True) for block in blocks]
     misfits = [misfit for misfit in misfits if misfit.is_enough]
-    known_lag_s = preparation.lag_s
+    assumed_lag_s = preparation.lag_s
     if not misfits:
-        return known_lag_s
+        return assumed_lag_s
 
     def total(lag_s: float) -> float:
         return sum(misfit(lag_s) for misfit in misfits)
 
     least = _least(total, filter_sigma(preparation.cutoff_hz))
-    if least is None or total(least.lag_s) > _LAG_GAIN**2 * total(known_lag_s):
-        return known_lag_s
+    if least is None or total(least.lag_s) > _LAG_GAIN**2 * total(assumed_lag_s):
+        return assumed_lag_s
     return least.lag_s
 
 
 class _Misfit:
-    """Squares that a model of inertia, friction and gravity leaves of the effort, by lag [s].
+    """Squared residual of the effort under a model of inertia, friction and gravity, by lag [s].
 
-    ``is_steady`` leaves out the reversals. The model then has jerk and snap if the preparation has
+    ``is_steady`` excludes the reversals. The model then has jerk and snap if the preparation has
     them.
     """
 
@@ -149,8 +143,8 @@ class _Misfit:
     def __call__(self, lag_s: float) -> float:
         effort = np.interp(self._time + lag_s, self._time, self._effort)
         late = smoothed(effort, self._sigma)[self._rows]
-        left = late - self._base @ (self._base.T @ late)
-        return float(left @ left)
+        residuals = late - self._base @ (self._base.T @ late)
+        return float(residuals @ residuals)
 
 
 class _Least(NamedTuple):
@@ -162,7 +156,7 @@ class _Least(NamedTuple):
 
 
 def _least(misfit: Callable[[float], float], sigma_s: float) -> _Least | None:
-    """Return the least misfit; None if no lag within ``LONGEST_LAG_S`` is the best.
+    """Return the minimum of the misfit; None if it has no minimum within ``LONGEST_LAG_S``.
 
     ``sigma_s`` is the standard deviation of the filter [s].
     """
@@ -179,9 +173,7 @@ def _least(misfit: Callable[[float], float], sigma_s: float) -> _Least | None:
 
 
 def with_shift(lag: EffortLag, healthy: Sequence[EffortLag], cutoff_hz: float) -> EffortLag:
-    """Return a lag with the shift by which it departs from the lag of healthy records.
-
-    The shift is 0 unless the departure is significant.
+    """Return a lag with its shift against the healthy records, 0 unless it is significant.
 
     Parameters
     ----------
@@ -210,7 +202,7 @@ def with_shift(lag: EffortLag, healthy: Sequence[EffortLag], cutoff_hz: float) -
 
 
 def aligned(fine: Fine, lag: EffortLag) -> Fine:
-    """Return the columns of a record with the effort moved by the shift of its lag."""
+    """Return the columns of a record with the effort shifted as ``lag`` states."""
     if not lag.shift_s:
         return fine
     time = fine.step_s * np.arange(len(fine.effort))
@@ -226,7 +218,7 @@ def _parabola(squares: Array, width: float) -> tuple[float, float, float]:
 
 
 def _rows(fine: Fine, speed: Array, usual: float, sigma: float) -> Flags:
-    """Return the rows in motion or near it, apart from ends and long gaps, ``(n,)``."""
+    """Return the rows in or near motion, without the ends and long gaps, ``(n,)``."""
     ends = math.ceil(_REACH * sigma)
     around = np.ones(2 * ends + 1)
     rows = np.convolve(np.abs(speed) > _SLOW * usual, np.ones(math.ceil(sigma)), mode="same") > 0.5

@@ -1,4 +1,4 @@
-"""Making a baseline from healthy records."""
+"""Estimation of a baseline from healthy records."""
 
 import math
 from collections.abc import Sequence
@@ -16,10 +16,10 @@ from ema_monitor.joint.shape import choose_shape
 from ema_monitor.joint.signals import (
     Preparation,
     Signals,
+    acquisition_lag,
     block_means,
     cutoff_of,
     filtered,
-    known_lag,
     motion_band,
     usual_speed,
 )
@@ -41,7 +41,7 @@ def learn(
     description
         The unit.
     temperatures
-        Measured rise of the winding temperature of each record [K]; empty where none was measured.
+        Measured rise of the winding temperature of each record [K]; empty if not measured.
 
     Raises
     ------
@@ -59,12 +59,12 @@ def learn(
     usual = float(np.median([usual_speed(block, cutoff) for block in blocks]))
     if not usual > 0.0:
         raise ValueError("no motion: the position never changes in the healthy records")
-    preparation = Preparation(cutoff, known_lag(description), usual)
-    some = blocks[:: max(1, len(blocks) // 4)]
+    preparation = Preparation(cutoff, acquisition_lag(description), usual)
+    sample = blocks[:: max(1, len(blocks) // 4)]
     stiff, elastic = (
         variant._replace(lag_s=lag, unexpected_lag_s=lag - variant.lag_s)
         for variant in (preparation, preparation._replace(is_elastic=True))
-        for lag in (common_lag(some, variant),)
+        for lag in (common_lag(sample, variant),)
     )
     lags = [effort_lag(block, preparation) for block in blocks]
     lags = [with_shift(lag, lags, cutoff) for lag in lags]
@@ -81,8 +81,8 @@ def learn(
         raise ValueError(f"no healthy record can be used: {defect_of(signals[0], preparation)}")
     is_linear = bool(description.parameters.lead)
 
-    def prepared(wanted: Preparation) -> list[Signals]:
-        return [filtered(blocks[number], wanted) for number in usable]
+    def prepared(variant: Preparation) -> list[Signals]:
+        return [filtered(blocks[number], variant) for number in usable]
 
     preparation = with_elasticity(stiff, elastic, prepared, is_linear=is_linear)
     preparation, chosen = with_ripples(preparation, prepared, is_linear=is_linear)
@@ -103,7 +103,7 @@ def learn(
 
 
 def _require_different(records: Sequence[Telemetry]) -> None:
-    """Raise ``ValueError`` where a record is there twice: it would pass for a second record."""
+    """Raise ``ValueError`` for a duplicate: it would count as an independent record."""
     for number, record in enumerate(records):
         for before, earlier in enumerate(records[:number]):
             is_same = record.stamp_ns == earlier.stamp_ns and len(record) == len(earlier)

@@ -1,4 +1,4 @@
-"""Figures of whole moves, where a drive logs no samples: level, and the life to a limit (M48)."""
+"""Level and remaining life from figures of whole moves, for drives that log no samples (M48)."""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from ema_monitor.joint.departure import FEWEST, DatedFigures, Departure, JudgedF
 from ema_monitor.joint.record import NS_A_DAY
 
 INDEX: Final = "all figures together"
-"""Name of the mean of all figures, by their logarithm."""
+"""Name of the mean of the logarithms of all figures."""
 
 _BETWEEN_DAYS: Final = 0.02
 _SIGNIFICANCE: Final = 1e-2
@@ -29,43 +29,34 @@ _QUANTILES: Final = (0.05, 0.5, 0.95)
 
 @dataclass(frozen=True)
 class MoveVerdict:
-    """Verdict on a move.
-
-    Attributes
-    ----------
-    ratio
-        Figures over the healthy ones, geometric mean [-].
-    level
-        OK; WARN if the move departs; ERROR beyond the limit; STALE during the reference.
-    departure
-        How unlikely the move is for the healthy unit; None during the reference.
-    life_days
-        Quantiles of 5, 50 and 95 % of the time to the limit [d]; None if none is predicted.
-    reason
-        Why the move has this level.
-    """
+    """Verdict on a move."""
 
     ratio: float
+    """Geometric mean of the ratios of the figures to their healthy values [-]."""
     level: str
+    """OK; WARN if the move departs; ERROR above the limit; STALE during the reference."""
     departure: Departure | None
+    """Departure from the healthy moves; None during the reference."""
     life_days: tuple[float, float, float] | None
+    """Quantiles of 5, 50 and 95 % of the time to the limit [d]; None if none is predicted."""
     reason: str
+    """Reason for the level."""
 
     @property
     def probability(self) -> float:
-        """Probability of so large a departure of a healthy unit."""
+        """Probability that a healthy unit departs as much."""
         return self.departure.probability if self.departure else 1.0
 
 
 class MoveSeries:
-    """Judges the moves of a unit in order of time; it identifies no fault.
+    """Judges the moves of a unit in order of time. It does not identify faults.
 
     Parameters
     ----------
     limit
         Ratio to the healthy figures at which the unit has to be removed, above 1.
     reference
-        Number of the first moves, which are healthy; at least ``FEWEST``.
+        Number of initial moves that are healthy; at least ``FEWEST``.
 
     Raises
     ------
@@ -84,7 +75,7 @@ class MoveSeries:
         self._course: list[tuple[float, float]] = []
 
     def add(self, move: Move) -> MoveVerdict:
-        """Return the verdict on the next move by the moves before it.
+        """Return the verdict on the next move, from the moves before it.
 
         Raises
         ------
@@ -122,7 +113,7 @@ class MoveSeries:
         figures = {name: JudgedFigure(name, _BETWEEN_DAYS) for name in (*names, INDEX)}
         departure = departure_of(tested, tests, figures, _SIGNIFICANCE)
         if ratio >= self._limit:
-            reason = f"{ratio:.2f} times healthy: the limit of {self._limit:g} is passed"
+            reason = f"{ratio:.2f} times healthy: the limit of {self._limit:g} is exceeded"
             return MoveVerdict(ratio, "ERROR", departure, None, reason)
         level = "WARN" if departure.is_significant else "OK"
         life = self._life() if departure.is_significant else None
@@ -130,10 +121,10 @@ class MoveSeries:
         return MoveVerdict(ratio, level, departure, life, reason)
 
     def _life(self) -> tuple[float, float, float] | None:
-        """Return the quantiles of the time to the limit; None if the moves do not surely rise.
+        """Return the quantiles of the time to the limit; None unless the moves rise significantly.
 
-        The latest moves rise by a straight line, or their distance from healthy grows by a constant
-        factor. Both laws have the same weight.
+        The latest moves rise linearly, or their distance from healthy grows exponentially. Both
+        laws have the same weight.
         """
         days, ratios = np.array(self._course[-_LATEST:]).T
         days = days - days[-1]
@@ -151,8 +142,8 @@ class MoveSeries:
 def _crossings(days: Array, values: Array, limit: float, least_sigma: float) -> tuple[float, Array]:
     """Return the probability that a regression line does not rise, and times to a limit [d].
 
-    The times are drawn from the distribution of the rising lines; there are none from fewer than
-    three points.
+    The times are drawn from the distribution of the rising lines. Fewer than three points yield no
+    times.
     """
     freedom = len(days) - 2
     if freedom < 1 or not np.ptp(days) > 0.0:

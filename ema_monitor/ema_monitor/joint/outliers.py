@@ -9,18 +9,18 @@ from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.record import JointRecord
 
 FEWEST: Final = 4
-"""Healthy records below which none is compared with the others."""
+"""Least number of healthy records for a comparison of each with the rest."""
 
 _UNLIKELY: Final = 1e-5
-"""Probability below which a healthy record does not differ as much from the others.
+"""Probability below which a healthy record is an outlier.
 
-A set has many records, and three others predict little: of healthy sets less than 1 % are to have
-an outlier.
+A set has many records, and as few as three records predict poorly: less than 1 % of healthy sets
+shall have an outlier.
 """
 
 
 class Outlier(NamedTuple):
-    """A healthy record, its place in the baseline, and its comparison with the other records."""
+    """A healthy record that differs, its number in the baseline, and its comparison."""
 
     record: JointRecord
     number: int
@@ -30,8 +30,9 @@ class Outlier(NamedTuple):
 def outliers(baseline: Baseline) -> list[Outlier]:
     """Return the healthy records in which a quantity differs, the least probable first.
 
-    An outlier is left out before the other records are compared again: it would make the healthy
-    records of its day differ, too. Records that are faulty in the same way hide each other.
+    Each record is compared with the rest. An outlier is removed before the next comparison, because
+    it would make the healthy records of its day differ, too. Records with the same fault hide each
+    other.
     """
     outliers: list[Outlier] = []
     rest, numbers = list(baseline.records), list(range(len(baseline.records)))
@@ -45,9 +46,9 @@ def outliers(baseline: Baseline) -> list[Outlier]:
 
 
 def _left_out(baseline: Baseline, records: list[JointRecord], number: int) -> Comparison:
-    """Return the comparison of a record with the others."""
-    others = (*records[:number], *records[number + 1 :])
-    comparer = Comparer(replace(baseline, records=others, labelled=()))
+    """Return the comparison of a record with the rest."""
+    rest = (*records[:number], *records[number + 1 :])
+    comparer = Comparer(replace(baseline, records=rest, labelled=()))
     return comparer.compare(records[number], with_improvements=False)
 
 

@@ -1,7 +1,7 @@
-"""Figures of the parts of a record by direction, which tell labelled states apart.
+"""Figures of the parts of a record by direction, features for labelled states.
 
-Each part has strokes in both directions. The parts show how far the figures scatter within a
-record, so that few labelled records suffice.
+Each part has strokes in both directions. The parts show the scatter of the figures within a record,
+so that few labelled records suffice.
 """
 
 import math
@@ -31,7 +31,7 @@ LOGARITHMS: Final = tuple(
         *("error_scatter", "error_roughness"),
     )
 )
-"""Logarithms of scatter, roughness and ripple: of the effort [A], of the tracking error [rad]."""
+"""Logarithms of scatter, roughness and ripple of the effort [A] and the tracking error [rad]."""
 
 _RIPPLES: Final = (1, 2)
 _FEWEST: Final = 20
@@ -47,15 +47,15 @@ _TINY: Final = 1e-12
 def parts_of(telemetry: Telemetry, preparation: Preparation) -> tuple[dict[str, float], ...]:
     """Return the figures of each part of a record by name.
 
-    A part without steady motion in both directions is left out. Without a command the figures of
-    the tracking error are missing; without two turns in a direction those of the ripple.
+    A part without steady motion in both directions is left out. Figures of the tracking error need
+    a command, figures of the ripple two turns in a direction.
 
     Parameters
     ----------
     telemetry
         Samples of the record.
     preparation
-        How the record was prepared.
+        Preparation of the record.
     """
     h = telemetry.sample_period
     width = max(_SMOOTH, _SMOOTH_OF_CUTOFF / (preparation.cutoff_hz * h))
@@ -87,7 +87,7 @@ def mean_of(parts: tuple[dict[str, float], ...]) -> dict[str, float]:
 
 
 def _bounds(way: Array) -> list[tuple[int, int]]:
-    """Return the first sample of each part, and the one after its last: a whole number of cycles.
+    """Return the first sample of each part, and the end of the part: a whole number of cycles.
 
     Parameters
     ----------
@@ -124,16 +124,16 @@ def _figures(position: Array, effort: Array, error: Array | None, way: Array) ->
             for order in _RIPPLES:
                 figures[f"effort_ripple_{order}_{name}"] = _log_ripple(directed, place, order)
         if error is not None:
-            missed = error[moving]
-            figures[f"error_scatter_{name}"] = log_rms(missed - np.mean(missed))
+            chosen = error[moving]
+            figures[f"error_scatter_{name}"] = log_rms(chosen - np.mean(chosen))
             figures[f"error_roughness_{name}"] = log_rms(steps_within(error, moving))
     return figures
 
 
 def _log_ripple(values: Array, position: Array, order: int) -> float:
-    """Return the logarithm of the amplitude of a ripple with this number of periods a turn.
+    """Return the logarithm of the amplitude of a ripple with this number of periods per turn.
 
-    The trend over the travel is removed first. A ripple below a hundredth of the rest is noise.
+    The trend over the travel is removed first. The floor is a hundredth of the remaining scatter.
     """
     middle, half = np.mean(position), 0.5 * np.ptp(position)
     trend = np.polynomial.legendre.legvander((position - middle) / half, _DEGREE)
@@ -143,7 +143,7 @@ def _log_ripple(values: Array, position: Array, order: int) -> float:
 
 
 def steps_within(values: Array, chosen: Flags) -> Array:
-    """Return the differences between neighbours that are both chosen."""
+    """Return the differences between neighbouring samples that are both chosen."""
     steps = np.diff(values)[chosen[1:] & chosen[:-1]]
     return steps if len(steps) else np.zeros(1)
 

@@ -1,4 +1,4 @@
-"""What a record of a joint shows: coefficients of inverse dynamics, and model-free figures."""
+"""Reading of a joint's record: coefficients of inverse dynamics, and model-free figures."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -20,13 +20,13 @@ from ema_monitor.joint.signals import Fine, Preparation, Signals, block_means, f
 NS_A_DAY: Final = 86_400_000_000_000
 
 NO_DAY: Final = -1
-"""A day that has no healthy records."""
+"""Number of a day without healthy records."""
 
 FEWEST_ROWS: Final = 30
 FEWEST_STROKES: Final = 3
-"""Strokes that a record has at least in each direction; 2 s of a long stroke count as one."""
+"""Least number of strokes in each direction; a long stroke counts once per 2 s."""
 FEWEST_REVERSING: Final = 2
-"""Strokes that it has at least, however long: place and time are told apart by repetition."""
+"""Least number of strokes of any length: repetition separates effects of position and time."""
 _SAME_RATE: Final = 0.02
 SLOWEST, FASTEST = 0.5, 1.6
 """Range of the speed of a record, over that of the healthy records [-]."""
@@ -37,73 +37,62 @@ _CONSTANT: Final = 1e-9
 
 @dataclass(frozen=True)
 class JointRecord:
-    """What one record shows.
-
-    Attributes
-    ----------
-    stamp_ns
-        Stamp of its first sample [ns].
-    values, covariance
-        Coefficients, ``(5,)``, in the order of ``COEFFICIENTS``, and the covariance of their
-        error, ``(5, 5)``.
-    usual_speed, travel
-        95 % quantile of the speed [rad/s], and travel of the position [rad].
-    figures
-        Model-free figures by name; scatters are logarithms.
-    lag_s, lag_sigma
-        Tracking lag behind the command [s]; NaN where there is no command. If the command does not
-        move enough, the lag is NaN and its sigma is infinite.
-    lost_motion, lost_motion_sigma
-        Lost motion between motor and joint [rad]; NaN where it is not shown.
-    temperature
-        Measured rise of the winding temperature [K]; NaN where it was not measured.
-    rows
-        Number of rows of steady motion.
-    parts
-        Figures of its parts by name, which tell labelled states apart.
-    effort_lag
-        Lag of the effort behind the motion.
-    """
+    """Coefficients and figures of one record."""
 
     stamp_ns: int
+    """Time stamp of the first sample [ns]."""
     values: Array
+    """Coefficients, ``(5,)``, in the order of ``COEFFICIENTS``."""
     covariance: Array
+    """Covariance of the errors of ``values``, ``(5, 5)``."""
     usual_speed: float
+    """95 % quantile of the speed [rad/s]."""
     travel: float = math.nan
+    """Travel of the position [rad]."""
     figures: dict[str, float] = field(default_factory=dict)
+    """Model-free figures by name; scatters are logarithms."""
     lag_s: float = math.nan
+    """Tracking lag behind the command [s]; NaN without a command, or if it moves too little."""
     lag_sigma: float = math.nan
+    """Standard deviation of ``lag_s`` [s]; NaN without a command, infinite if it moves too
+    little."""
     lost_motion: float = math.nan
+    """Lost motion between motor and joint [rad]; NaN if the record does not show it."""
     lost_motion_sigma: float = math.nan
+    """Standard deviation of ``lost_motion`` [rad]."""
     temperature: float = math.nan
+    """Measured rise of the winding temperature [K]; NaN if it was not measured."""
     rows: int = 0
+    """Number of rows of steady motion."""
     parts: tuple[dict[str, float], ...] = ()
+    """Figures of its parts by name, features for labelled states."""
     effort_lag: EffortLag = UNKNOWN_LAG
+    """Lag of the effort behind the motion."""
 
     @property
     def day(self) -> int:
-        """Day of the record, counted from 1970; 0 if its stamps have no date."""
+        """Day of the record since 1970; 0 if its time stamps have no date."""
         return self.stamp_ns // NS_A_DAY if has_date(self.stamp_ns) else 0
 
     @property
     def day_to_predict(self) -> int:
-        """Day that the record is predicted for: one without a date may be of any other day."""
+        """Day used for predictions; a record without a date counts as of a further day."""
         return self.day or NO_DAY
 
     def is_same(self, record: "JointRecord") -> bool:
-        """Return whether both are of the same telemetry, however it was fitted."""
+        """Return whether both records were read from the same telemetry, with any model."""
         both_unknown = math.isnan(self.travel) and math.isnan(record.travel)
         return self.stamp_ns == record.stamp_ns and (both_unknown or self.travel == record.travel)
 
     def at_rate(self, sample_period: float, usual: float) -> "JointRecord":
-        """Return the record without figures that its rate makes incomparable.
+        """Return the record, without figures if its sample rate is unusual.
 
-        Scatter and roughness of the same effort depend on the sample rate.
+        Scatter and roughness of an effort depend on the sample rate.
 
         Parameters
         ----------
         sample_period, usual
-            Period of its telemetry, and of the healthy records [s].
+            Sample period of the record, and of the healthy records [s].
         """
         is_alike = abs(sample_period / usual - 1.0) < _SAME_RATE
         return self if is_alike else replace(self, figures={}, parts=())
@@ -111,18 +100,18 @@ class JointRecord:
 
 @dataclass(frozen=True)
 class LabelledRecord:
-    """A record in a state that the owner has named."""
+    """A record, and the state with which the owner has labelled it."""
 
     state: str
     record: JointRecord
 
 
 def defect_of(signals: Signals, preparation: Preparation) -> str:
-    """Return why a record cannot be compared; empty when it can."""
+    """Return why a record cannot be compared; empty if it can."""
     if len(signals) < FEWEST_ROWS:
         return (
             f"{len(signals)} rows of steady motion in one direction, at least {FEWEST_ROWS} are "
-            "needed: give longer motion"
+            "needed: record a longer motion"
         )
     if np.ptp(signals.effort) <= _CONSTANT * np.max(np.abs(signals.effort)):
         return (
@@ -134,18 +123,18 @@ def defect_of(signals: Signals, preparation: Preparation) -> str:
         if (strokes := signals.strokes(way)) < FEWEST_REVERSING:
             return (
                 f"{counted(strokes, 'stroke')} {name}, at least {FEWEST_REVERSING} in each "
-                "direction are needed: move to and fro"
+                "direction are needed: move back and forth"
             )
         if (strokes := signals.pieces(way)) < FEWEST_STROKES:
             return (
                 f"{strokes} strokes {name}, at least {FEWEST_STROKES} in each direction are "
-                "needed: move to and fro"
+                "needed: move back and forth"
             )
     ratio = signals.usual_speed / preparation.usual_speed
     if not SLOWEST <= ratio <= FASTEST:
         return (
-            f"the speed is {ratio:.2g} times that of the healthy records, {SLOWEST:g} to "
-            f"{FASTEST:g} times can be compared: add healthy records of this motion"
+            f"the speed is {ratio:.2g} times the speed of the healthy records, expected "
+            f"{SLOWEST:g} to {FASTEST:g} times: add healthy records of this motion"
         )
     return ""
 
@@ -161,22 +150,22 @@ def read_record(
     prepared: tuple[Fine, Signals] | None = None,
     effort_lag: EffortLag = UNKNOWN_LAG,
 ) -> JointRecord:
-    """Return what a record shows, fitted with the terms of its unit.
+    """Return the coefficients and figures of a record, fitted with the model of its unit.
 
     Parameters
     ----------
     telemetry, description
         The record and its actuator.
     preparation, shape
-        How the records of the unit are prepared, and its model.
+        Preparation of the records of the unit, and its model.
     healthy
-        Coefficients that decide what the record leaves open, ``(5,)``.
+        Prior means of the coefficients, which decide if the record does not, ``(5,)``.
     temperature
         Measured rise of the winding temperature [K].
     prepared
-        Block means and rows, where they are known already.
+        Block means and rows, if they are computed already.
     effort_lag
-        Lag of the effort, which was removed from the rows where it departs.
+        Lag of the effort; its shift is already removed from ``prepared``.
     """
     if prepared is None:
         fine = block_means(telemetry, description, preparation.cutoff_hz)

@@ -1,4 +1,4 @@
-"""Robust linear regression, with a covariance that holds for rows correlated within strokes."""
+"""Robust linear regression, with a covariance that is valid for rows correlated within strokes."""
 
 import math
 from typing import Final, NamedTuple
@@ -15,7 +15,7 @@ _NORMAL: Final = 1.4826
 
 
 class CoefficientPrior(NamedTuple):
-    """Weak normal prior of coefficients, ``(p,)`` each: it decides what the rows leave open."""
+    """Weak normal prior of coefficients, ``(p,)`` each; it decides if the rows do not."""
 
     values: Array
     sigmas: Array
@@ -44,10 +44,10 @@ def robust_fit(design: Array, target: Array, prior: CoefficientPrior) -> Robust:
     values, square = prior.values, _square(target)
     for step in range(_PASSES):
         if step:
-            left = target - design @ values
-            scale = _NORMAL * float(np.median(np.abs(left))) + _TINY * math.sqrt(square)
-            weights = 1.0 / np.maximum(1.0, np.abs(left) / (_HUBER * scale))
-            noise = max(_TINY * square, float(weights @ left**2) / len(left))
+            residuals = target - design @ values
+            scale = _NORMAL * float(np.median(np.abs(residuals))) + _TINY * math.sqrt(square)
+            weights = 1.0 / np.maximum(1.0, np.abs(residuals) / (_HUBER * scale))
+            noise = max(_TINY * square, float(weights @ residuals**2) / len(residuals))
         matrix = design.T @ (weights[:, None] * design) + noise * precision
         moment = design.T @ (weights * target) + noise * (precision @ prior.values)
         values = np.asarray(np.linalg.solve(matrix, moment), dtype=np.float64)
@@ -66,13 +66,13 @@ def regress(
     clusters
         Number of the stroke of each row: errors are independent between strokes only.
     prior
-        What decides where the rows leave a coefficient open.
+        Weak prior of the coefficients.
 
     Notes
     -----
     Huber's weights with a threshold of 2.5 standard deviations, and the sandwich covariance over
-    clusters, scaled by G / (G - p) and never below that of independent errors (Liang and Zeger,
-    1986).
+    clusters, scaled by G / (G - p), with the covariance of independent errors as its lower bound
+    (Liang and Zeger, 1986).
     """
     values, weights, residuals = robust_fit(design, target, prior)
     n, p = design.shape
@@ -89,12 +89,12 @@ def regress(
 
 
 def _square(target: Array) -> float:
-    """Return the mean square that rounding errors are compared with, in any unit of the target."""
+    """Return the mean square of the target, the reference for rounding errors; 1 for zeros."""
     return float(np.mean(target**2)) or 1.0
 
 
 def _at_least(covariance: Array, floor: Array) -> Array:
-    """Return a covariance that is in no direction smaller than another, symmetric to the bit."""
+    """Return a covariance raised to ``floor`` in every direction, symmetric to the bit."""
     scale = np.sqrt(np.diag(floor))
     units = np.outer(scale, scale)
     root = np.linalg.cholesky(floor / units + _TINY * np.eye(len(scale)))

@@ -1,4 +1,4 @@
-"""Ripple of the effort along the position, of cogging or a gear, found on healthy records."""
+"""Ripple of the effort along the position, from cogging or gears, detected on healthy records."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -26,20 +26,19 @@ _TINY: Final = 1e-12
 def with_ripples(
     preparation: Preparation, prepared: Callable[[Preparation], list[Signals]], *, is_linear: bool
 ) -> tuple[Preparation, list[Signals]]:
-    """Return the preparation with the ripples that predict the effort, and the records by it.
+    """Return the preparation with the ripples that improve the prediction, and its records.
 
-    A ripple is sought in every other stroke of each record. It is admitted if it lowers the error
-    in the strokes between, to which it was not fitted, by 5 % in the geometric mean over the
-    records.
+    A ripple is searched in every other stroke of each record. It is accepted if it reduces the
+    prediction error in the remaining strokes by 5 %, in the geometric mean over the records.
 
     Parameters
     ----------
     preparation
-        How the records are prepared without ripples.
+        Preparation without ripples.
     prepared
-        Returns the healthy records by a preparation.
+        Returns the healthy records for a preparation.
     is_linear
-        Whether the joint is linear, so that no gravity follows its angle.
+        Whether the joint is linear, so that gravity does not depend on its position.
     """
     signals = prepared(preparation)
     error = held_out_error(signals, is_linear=is_linear)
@@ -68,7 +67,7 @@ def with_ripples(
 def _lowest(
     left: tuple[float, float], middle: tuple[float, float], right: tuple[float, float]
 ) -> float:
-    """Return where the parabola through three points, each place and error, is lowest."""
+    """Return the minimum of the parabola through three points (place, error)."""
     size = middle[0] - left[0]
     bend = left[1] - 2.0 * middle[1] + right[1]
     offset = 0.5 * (left[1] - right[1]) / bend if bend > 0.0 else 0.0
@@ -80,21 +79,21 @@ def _strongest(
 ) -> float | None:
     """Return the wave number of the strongest ripple in the residuals [1/rad].
 
-    None where no ripple explains enough of them. Ripples that the filter suppresses even in slow
-    strokes are not looked for.
+    None if no ripple explains enough of the residuals. The search excludes ripples that the filter
+    suppresses even in slow strokes.
     """
     sigma_s = filter_sigma(preparation.cutoff_hz)
-    some = [_Half(halves(record)[0], sigma_s, is_linear=is_linear) for record in records]
-    some = [half for half in some if half.travel > 0.0]
-    if not some:
+    parts = [_Half(halves(record)[0], sigma_s, is_linear=is_linear) for record in records]
+    parts = [half for half in parts if half.travel > 0.0]
+    if not parts:
         return None
-    travel = max(half.travel for half in some)
-    lowest = _FEWEST_PERIODS / float(np.median([half.travel for half in some]))
+    travel = max(half.travel for half in parts)
+    lowest = _FEWEST_PERIODS / float(np.median([half.travel for half in parts]))
     highest = _PASSED * preparation.cutoff_hz / (_SLOW * preparation.usual_speed)
     bins = 1 << math.ceil(math.log2(max(2.0, _BINS_A_PERIOD * highest * travel)))
     bins = min(bins, _MOST_BINS)
     width = travel / (bins - 1)
-    power = np.sum([half.spectrum(width, bins) for half in some], axis=0)
+    power = np.sum([half.spectrum(width, bins) for half in parts], axis=0)
     waves = np.arange(len(power)) / (width * _PADDING * bins)
     within = (waves >= lowest) & (waves <= highest)
     if not np.any(within):
@@ -103,13 +102,13 @@ def _strongest(
     explained = 0.0
     for reach, count in ((1.0, 8), (0.125, 4)):
         near = best + reach / travel * np.arange(-count, count + 1) / count
-        shares = [float(np.mean([half.explained(wave) for half in some])) for wave in near]
+        shares = [float(np.mean([half.explained(wave) for half in parts])) for wave in near]
         best, explained = float(near[np.argmax(shares)]), max(shares)
     return best if explained > 1.0 - IMPROVES**2 and best >= lowest else None
 
 
 class _Half:
-    """Half of the strokes of a record, with what a model without a further ripple leaves of them.
+    """Half of the strokes of a record, with the residuals of a model without a further ripple.
 
     Parameters
     ----------
@@ -128,29 +127,30 @@ class _Half:
             general_design(signals, is_linear=is_linear), full_matrices=False
         )
         self._basis = basis[:, sizes > _TINY * sizes[0]]
-        self._left = signals.effort - self._basis @ (self._basis.T @ signals.effort)
-        self._power = float(self._left @ self._left) + _TINY
+        self._residuals = signals.effort - self._basis @ (self._basis.T @ signals.effort)
+        self._power = float(self._residuals @ self._residuals) + _TINY
 
     def spectrum(self, width: float, bins: int) -> Array:
-        """Return the power of the residuals, summed in bins of the position, by wave number.
+        """Return the power spectrum of the residuals over the position.
 
-        The positions of the records may count from different zeros.
+        The residuals are summed in ``bins`` of this ``width`` [rad], counted from the lowest
+        position: zeros of the position may differ between records.
         """
         place = np.rint((self._position - self._position.min()) / width).astype(np.intp)
-        sums = np.bincount(place, self._left, bins)
+        sums = np.bincount(place, self._residuals, bins)
         power: Array = np.abs(np.fft.rfft(sums, _PADDING * bins)) ** 2
         return power / (len(place) * self._power)
 
     def explained(self, wave_number: float) -> float:
-        """Return the share of the residuals that a ripple explains, as the filter passes it.
+        """Return the share of the residuals that a filtered ripple explains.
 
-        The filter is taken for one at the speed of each row: it is applied to ripples that are
-        admitted, not to all that are tried.
+        The filter is approximated by its gain at the speed of each row, because the exact filter is
+        too slow for all trial wave numbers.
         """
         phase = 2.0 * math.pi * wave_number * self._position
         passed = np.exp(-0.5 * (2.0 * math.pi * wave_number * self._blur) ** 2)
         waves = np.column_stack([passed * np.sin(phase), passed * np.cos(phase)])
         waves -= self._basis @ (self._basis.T @ waves)
-        moments = waves.T @ self._left
+        moments = waves.T @ self._residuals
         matrix = waves.T @ waves + _TINY * np.eye(2)
         return float(moments @ np.linalg.solve(matrix, moments)) / self._power

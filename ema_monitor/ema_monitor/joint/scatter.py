@@ -1,10 +1,10 @@
-"""How far healthy records scatter within a day and between days, and what that predicts.
+"""Scatter of healthy records within a day and between days, and prediction of a new record.
 
-One figure of a record is modelled as ``x = mu + beta z + day + record + error``: normal effects
-with unknown standard deviations between days and between records, and an error of known variance.
-The standard deviations have log-normal priors, so that few records cannot claim that there is no
-scatter, and are integrated out on a grid. The prediction for a further record is a mixture of
-normals (Gelman et al., Bayesian Data Analysis, chapter 5: hierarchical models).
+A figure of a record is modelled as ``x = mu + beta z + day + record + error``: normal effects with
+unknown standard deviations between days and between records, and an error of known variance. The
+standard deviations have log-normal priors, so that a few equal records do not imply zero scatter,
+and are integrated out on a grid. The prediction for a new record is a mixture of normals (Gelman et
+al., Bayesian Data Analysis, chapter 5: hierarchical models).
 """
 
 import math
@@ -17,7 +17,7 @@ from ema_core.arrays import Array
 
 NODES: Final = 7
 SPREAD: Final = 0.8
-"""Standard deviation of the logarithm of a scatter before the records are seen [-]."""
+"""Prior standard deviation of the logarithm of a scatter [-]."""
 
 _REACH: Final = 2.5
 _FARTHEST: Final = 8.0
@@ -32,7 +32,7 @@ _TINY: Final = 1e-300
 class Prediction(NamedTuple):
     """Predictive distribution of a figure: a mixture of normals, ``(m,)`` each.
 
-    ``likelihoods`` are the weights without the prior of the scatter.
+    ``likelihoods`` are the weights without the prior of the scatters.
     """
 
     weights: Array
@@ -60,19 +60,19 @@ class Prediction(NamedTuple):
         return float(self.weights @ (np.exp(-0.5 * z2) / np.sqrt(2.0 * np.pi * self.variances)))
 
     def probability(self, x: float) -> float:
-        """Return the probability that a value is as far from the middle as ``x``."""
+        """Return the two-sided probability of a value at least as extreme as ``x``."""
         z = (x - self.means) / np.sqrt(self.variances)
         lower, upper = float(self.weights @ _normal(z)), float(self.weights @ _normal(-z))
         return min(1.0, 2.0 * min(lower, upper))
 
     def quantile(self, share: float) -> float:
-        """Return the value below which this share lies."""
+        """Return the quantile of this probability."""
         reach = _FARTHEST * np.sqrt(self.variances)
         low, high = float(np.min(self.means - reach)), float(np.max(self.means + reach))
         x = self.mean
         tolerance = _PRECISION * (high - low)
         for _ in range(_MOST_STEPS):
-            # Newton's steps, and halves of the bracket where they would leave it.
+            # Newton's method, with bisection for steps that leave the bracket.
             excess = self.below(x) - share
             low, high = (low, x) if excess > 0.0 else (x, high)
             step = -excess / max(self._density(x), _TINY)
@@ -82,27 +82,27 @@ class Prediction(NamedTuple):
         return x
 
     def smallest_change(self, significance: float, power: float) -> float:
-        """Return the smallest change that passes a two-sided test with this power.
+        """Return the smallest change that a two-sided test detects with this power.
 
-        The prior decides where the test ends. The power holds for the scatter of the unit, whatever
-        the prior assumes of it.
+        The limit of the test includes the prior of the scatters. The power is computed from the
+        scatter that the records of the unit show.
         """
         limit = self.quantile(1.0 - 0.5 * significance)
-        return limit - self._of_the_unit.quantile(1.0 - power)
+        return limit - self._without_prior.quantile(1.0 - power)
 
     def interval(self, shares: tuple[float, float]) -> tuple[float, float]:
-        """Return the values below which these shares lie, whatever the prior assumes."""
-        low, high = map(self._of_the_unit.quantile, shares)
+        """Return the quantiles of these probabilities, without the prior of the scatters."""
+        low, high = map(self._without_prior.quantile, shares)
         return low, high
 
     @property
-    def _of_the_unit(self) -> "Prediction":
-        """Prediction with the scatter that the records of the unit show, without its prior."""
+    def _without_prior(self) -> "Prediction":
+        """Prediction with the scatters that the records of the unit show."""
         return self._replace(weights=self.likelihoods)
 
 
 class Scatter:
-    """What healthy records say about one figure.
+    """Hierarchical model of one figure, fitted to healthy records.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class Scatter:
     between_records, between_days
         Medians of the prior standard deviations.
     covariates
-        Conditions that the figure depends on, ``(n, k)``, centred and scaled to about one.
+        Conditions on which the figure depends, ``(n, k)``, centred and scaled to about one.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class Scatter:
         p = design.shape[1]
         scale = max(between_days, between_records)
         centre = float(np.mean(values))
-        # Within a day: sums of the rows weighted by their precision; (g, ...) by grid point.
+        # Sums over the rows of a day, weighted by their precision; (g, ...) by grid point.
         precision = 1.0 / (variances[None, :] + self._record[:, None])
         target = values - centre
         normal = np.zeros((len(self._record), p, p))
@@ -173,16 +173,16 @@ class Scatter:
     def predict(
         self, variance: float, day: int | None = None, covariates: Array | None = None
     ) -> Prediction:
-        """Return the prediction for a further record with an error of this variance.
+        """Return the prediction for a new record.
 
         Parameters
         ----------
         variance
             Variance of the error of the figure of the new record.
         day
-            Its day; None or a day without healthy records: another day.
+            Day of the new record; None for a day without healthy records.
         covariates
-            Conditions of the record, ``(k,)``.
+            Conditions of the new record, ``(k,)``.
         """
         row = np.ones(self._beta.shape[1])
         if covariates is not None and len(row) > 1:
@@ -198,8 +198,8 @@ class Scatter:
             sensitivity = np.broadcast_to(row, self._beta.shape)
             spread = self._day
         means = self._centre + self._beta @ row + effect
-        of_mean = np.einsum("gj,gjk,gk->g", sensitivity, self._covariance, sensitivity)
-        variances = of_mean + spread + self._record + variance + _TINY
+        mean_variances = np.einsum("gj,gjk,gk->g", sensitivity, self._covariance, sensitivity)
+        variances = mean_variances + spread + self._record + variance + _TINY
         counts = np.maximum(self._weights, self._likelihoods) > _NEGLIGIBLE
         weights, likelihoods = (
             shares[counts] / np.sum(shares[counts]) for shares in (self._weights, self._likelihoods)
@@ -219,5 +219,5 @@ def _shares(logarithms: Array) -> Array:
 
 
 def _normal(z: Array) -> Array:
-    """Return the normal distribution function, also far out in its lower tail."""
+    """Return the normal distribution function, accurate in the lower tail."""
     return 0.5 * np.array([*map(math.erfc, (z / -_ROOT_2).tolist())])

@@ -1,4 +1,4 @@
-"""Model of a joint's effort, and the choice of its terms on healthy records."""
+"""Model of a joint's effort, and the selection of its terms on healthy records."""
 
 import math
 from collections.abc import Sequence
@@ -12,13 +12,14 @@ from ema_monitor.joint.regression import CoefficientPrior, regress, robust_fit
 from ema_monitor.joint.signals import STRIBECK_SPEEDS, Signals
 
 COEFFICIENTS: Final = ("friction", "inertia", "viscous_friction", "load", "gravity")
-"""Coefficients of a record, in their order: dry friction and gravity relative to the baseline,
-inertia [A.s^2/rad], viscous friction [A.s/rad] and constant load [A]."""
+"""Coefficients of a record, in this order: dry friction relative to the baseline [-], inertia
+[A.s^2/rad], viscous friction [A.s/rad], constant load [A], and gravity relative to the baseline
+[-]."""
 
 DRY, INERTIA, VISCOUS, LOAD, GRAVITY = range(len(COEFFICIENTS))
 
 GRAVITY_TRAVEL: Final = 0.3
-"""Travel from which on gravity is part of the model at first [rad]."""
+"""Travel above which the selection of terms starts with gravity [rad]."""
 
 _IMPROVES: Final = 0.95
 _MOST_DIP: Final = 2.0
@@ -27,73 +28,68 @@ _FEWEST_ROWS: Final = 30
 _FREE: Final = 10.0
 _OPEN: Final = 1e3
 _SEEN: Final = 0.3
-_TOLD_APART: Final = 0.04
+_SEPARABLE: Final = 0.04
 _TINY: Final = 1e-12
 
 
 @dataclass(frozen=True)
 class Shape:
-    """Terms of the effort that all records of a unit share.
+    """Effort model that all records of a unit share.
 
     ``effort = dry · D + inertia · a + viscous · v + load + gravity · G``, with the dry friction
     ``D = coulomb · s + dip · s exp(-(v / v_s)^2) + share · s |inertia a + G|`` for the filtered
     sign s of the speed, and gravity ``G = sine · sin(q - c) + cosine · (cos(q - c) - 1)`` for the
     angle c at the centre of the motion.
-
-    Attributes
-    ----------
-    coulomb
-        Coulomb friction of the healthy unit [A].
-    stribeck, dip
-        Number of the Stribeck speed in ``STRIBECK_SPEEDS``, and its friction [A].
-    load_share, load_inertia
-        Share of the load torque that is friction [-], and the inertia in it [A.s^2/rad].
-    of_inertia, of_gravity
-        Change of the coefficients by the load friction that doubled inertia and doubled gravity
-        bring, ``(5,)``; empty without a load share.
-    sine, cosine, centre
-        Gravity [A], and the angle that it counts from [rad].
-    has_gravity, has_inertia, has_viscous
-        Whether these are part of the model. Viscous friction that the motion does not tell apart
-        from Coulomb friction is part of it.
-    unexplained
-        Standard deviation of the effort that the model leaves, over that of the effort [-].
     """
 
     coulomb: float
+    """Coulomb friction of the healthy unit [A]."""
     stribeck: int = 0
+    """Index of the Stribeck speed in ``STRIBECK_SPEEDS``."""
     dip: float = 0.0
+    """Stribeck friction [A]."""
     load_share: float = 0.0
+    """Share of the load torque that is friction [-]."""
     load_inertia: float = 0.0
+    """Inertia in the load torque [A.s^2/rad]."""
     of_inertia: tuple[float, ...] = ()
+    """Change of the coefficients by the load friction of a doubled inertia, ``(5,)``; empty without
+    a load share."""
     of_gravity: tuple[float, ...] = ()
+    """The same for a doubled gravity."""
     sine: float = 0.0
+    """Gravity that follows the sine of the angle [A]."""
     cosine: float = 0.0
+    """Gravity that follows the cosine of the angle, less 1 [A]."""
     centre: float = 0.0
+    """Reference of the angle [rad]."""
     has_gravity: bool = False
     has_inertia: bool = True
     has_viscous: bool = True
+    """Whether viscous friction has a coefficient. If the motion does not separate it from Coulomb
+    friction, Coulomb friction includes it."""
     unexplained: float = 0.0
+    """Standard deviation of the residuals over the standard deviation of the effort [-]."""
 
     @property
     def used(self) -> Flags:
-        """Which of ``COEFFICIENTS`` are fitted, ``(5,)``."""
+        """Whether each of ``COEFFICIENTS`` is fitted, ``(5,)``."""
         return np.array([True, self.has_inertia, self.has_viscous, True, self.has_gravity])
 
     def gravity(self, signals: Signals) -> Array:
-        """Return the healthy gravity in a record, ``(n,)`` [A]."""
+        """Return the effort of the healthy gravity, ``(n,)`` [A]."""
         angle = signals.position - self.centre
         return self.sine * np.sin(angle) + self.cosine * (np.cos(angle) - 1.0)
 
     def dry_friction(self, signals: Signals) -> Array:
-        """Return the healthy dry friction in a record, ``(n,)`` [A]."""
+        """Return the effort of the healthy dry friction, ``(n,)`` [A]."""
         dry = self.coulomb * signals.direction + self.dip * signals.stribeck[:, self.stribeck]
         if self.load_share:
             dry = dry + self.load_share * self.load_friction(signals)
         return dry
 
     def load_friction(self, signals: Signals) -> Array:
-        """Return the friction in a record if all of the load torque were friction, ``(n,)`` [A]."""
+        """Return the friction effort for a load share of 1, ``(n,)`` [A]."""
         load = self.load_inertia * signals.acceleration + self.gravity(signals)
         return np.asarray(np.abs(load) * signals.direction, dtype=np.float64)
 
@@ -115,7 +111,7 @@ class Shape:
 
     @property
     def friction_scale(self) -> float:
-        """Dry friction that changes are compared with [A]."""
+        """Dry friction, the reference of relative changes [A]."""
         return abs(self.coulomb)
 
 
@@ -131,7 +127,7 @@ class RecordFit(NamedTuple):
     free: Array
 
     def predict(self, shape: Shape, signals: Signals) -> Array:
-        """Return the effort that the coefficients predict in other rows, ``(n,)`` [A]."""
+        """Return the predicted effort of rows, ``(n,)`` [A]."""
         return shape.design(signals) @ self.values + signals.free @ self.free
 
 
@@ -145,8 +141,8 @@ def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> 
     signals
         Rows of the record.
     healthy
-        Coefficients that decide what the record leaves open, ``(5,)``: those of the baseline. When
-        None, zeros and ones.
+        Prior means of the coefficients, ``(5,)``, from the baseline. None uses 1 for dry friction
+        and gravity, 0 for the rest.
     """
     design = np.column_stack([shape.design(signals), signals.free])
     if healthy is None:
@@ -154,7 +150,7 @@ def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> 
     terms = signals.free.shape[1]
     used = np.concatenate([shape.used, np.ones(terms, dtype=bool)])
     values = np.concatenate([healthy, np.zeros(terms)])
-    # A record without effort must not agree with the healthy records because its prior is narrow.
+    # The prior stays wide in a record without effort: it must not look healthy by its prior.
     effort = max(_rms(signals.effort), _rms(design @ values))
     scales = effort / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
     prior = CoefficientPrior(values[used], _FREE * scales[used])
@@ -171,7 +167,7 @@ def _rms(column: Array) -> float:
 
 
 class _Terms(NamedTuple):
-    """Which terms a candidate for the model has."""
+    """Terms of a candidate model."""
 
     sine: bool = False
     cosine: bool = False
@@ -180,22 +176,25 @@ class _Terms(NamedTuple):
 
     @property
     def columns(self) -> list[int]:
-        """Columns of ``_Record.common`` for the terms, without the load."""
+        """Numbers of the columns of ``_Record.common``, without the load."""
         stribeck = [] if self.stribeck is None else [1 + self.stribeck]
         angle = 1 + len(STRIBECK_SPEEDS)
         return [0, *stribeck, *([angle] * self.sine), *([angle + 1] * self.cosine)]
 
 
 class _Record:
-    """A healthy record, as all candidates for the model use it.
+    """A healthy record, prepared for the fits of candidate models.
 
     Attributes
     ----------
-    signals, halves
-        All rows, and each half of the strokes with the other; empty where they have few rows.
+    signals
+        All rows.
+    halves
+        Both orders of the two halves of the strokes, as (fitted, held out); empty if they have few
+        rows.
     common, effort
-        Columns of the terms that records share, ``(n, k)``, and the effort, ``(n,)``, less what
-        the coefficients that are free in each record explain of them.
+        Columns of the shared terms, ``(n, k)``, and the effort, ``(n,)``, both orthogonal to the
+        columns whose coefficients are free in each record.
     """
 
     def __init__(self, signals: Signals, centre: float) -> None:
@@ -211,30 +210,30 @@ class _Record:
         columns = [signals.acceleration, signals.speed, ones, signals.free]
         self._free = np.column_stack(columns)
         self._inverse = np.linalg.pinv(self._free, rcond=_TINY)
-        self.common, self.effort = self.left(self._common), self.left(signals.effort)
+        self.common, self.effort = self.residuals(self._common), self.residuals(signals.effort)
 
-    def left(self, columns: Array) -> Array:
-        """Return what the free coefficients leave of columns, ``(n,)`` or ``(n, k)``."""
+    def residuals(self, columns: Array) -> Array:
+        """Return the residuals of columns, ``(n,)`` or ``(n, k)``, after the free terms."""
         return np.asarray(columns - self._free @ (self._inverse @ columns), dtype=np.float64)
 
     def inertia(self, columns: list[int], values: Array) -> float:
-        """Return the inertia beside common terms with these values [A.s^2/rad]."""
+        """Return the inertia for given coefficients of common terms [A.s^2/rad]."""
         return float(self._inverse[0] @ (self.signals.effort - self._common[:, columns] @ values))
 
 
 def choose_shape(signals: Sequence[Signals], *, is_linear: bool) -> Shape:
-    """Return the model whose terms predict healthy records best that they were not fitted to.
+    """Return the model whose terms have the smallest cross-validation error on healthy records.
 
-    A term is admitted if the error on the record left out falls by 5 %, in the geometric mean over
-    the records, and its sign is physical. The coefficients of that record are fitted on every other
-    stroke, and judged on the strokes between.
+    A term is accepted if it reduces the error on the held-out record by 5 %, in the geometric mean
+    over the records, and its sign is physical. The coefficients of the held-out record are fitted
+    on every other stroke, and evaluated on the remaining strokes.
 
     Parameters
     ----------
     signals
         Healthy records.
     is_linear
-        Whether the joint is linear, so that no gravity follows its angle.
+        Whether the joint is linear, so that gravity does not depend on its position.
 
     Raises
     ------
@@ -268,7 +267,7 @@ def choose_shape(signals: Sequence[Signals], *, is_linear: bool) -> Shape:
 
 
 def _with_load_columns(shape: Shape, records: Sequence[Signals]) -> Shape:
-    """Return the model with the coefficients that stand for the load friction of a payload."""
+    """Return the model with ``of_inertia`` and ``of_gravity``."""
     if not shape.load_share:
         return shape
     columns = []
@@ -284,7 +283,7 @@ def _with_load_columns(shape: Shape, records: Sequence[Signals]) -> Shape:
 
 
 def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
-    """Return the model without the coefficients that the motion of the records does not show."""
+    """Return the model without the coefficients that the motion does not determine."""
     fits = [fit_record(shape, record) for record in records]
     covariance = np.median([fit.covariance for fit in fits], axis=0)
     sigmas = np.sqrt(np.diag(covariance))
@@ -300,12 +299,12 @@ def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
     )
     if shape.has_gravity and not sigmas[GRAVITY] < _SEEN:
         seen = replace(seen, sine=0.0, cosine=0.0, has_gravity=False)
-    # The friction at the speed of the motion takes the place of both.
+    # Coulomb friction then includes viscous friction at the mean speed.
     dry = np.concatenate([shape.dry_friction(record) * record.direction for record in records])
     viscous = float(np.median([fit.values[VISCOUS] for fit in fits]))
     speed = float(np.mean(np.concatenate([np.abs(record.speed) for record in records])))
     both = float(np.mean(dry)) + viscous * speed
-    if sigmas[VISCOUS] * speed < _TOLD_APART * both:
+    if sigmas[VISCOUS] * speed < _SEPARABLE * both:
         return seen
     return replace(seen, has_viscous=False, coulomb=both, dip=0.0, load_share=0.0)
 
@@ -318,24 +317,24 @@ def _better(
 
 
 def _error(records: Sequence[_Record], terms: _Terms, centre: float) -> float:
-    """Return the prediction error of strokes left out [A]; infinite where a term is unphysical."""
+    """Return the prediction error in held-out strokes [A]; infinite if a term is unphysical."""
     logs = []
     for at, record in enumerate(records):
-        others = [record for number, record in enumerate(records) if number != at] or list(records)
-        shape = _fit_shape(others, terms, centre)
+        rest = [record for number, record in enumerate(records) if number != at] or list(records)
+        shape = _fit_shape(rest, terms, centre)
         if shape is None:
             return math.inf
-        for fitted, rest in record.halves:
-            missed = rest.effort - fit_record(shape, fitted).predict(shape, rest)
-            floor = _TINY * _rms(rest.effort) ** 2
-            logs.append(math.log(float(np.mean(missed**2)) + floor))
+        for fitted, held_out in record.halves:
+            errors = held_out.effort - fit_record(shape, fitted).predict(shape, held_out)
+            floor = _TINY * _rms(held_out.effort) ** 2
+            logs.append(math.log(float(np.mean(errors**2)) + floor))
     return math.exp(0.5 * float(np.mean(logs))) if logs else math.inf
 
 
 def _fit_shape(records: Sequence[_Record], terms: _Terms, centre: float) -> Shape | None:
-    """Fit the common terms, with coefficients of their own for each record.
+    """Fit the common terms, with the free coefficients of each record.
 
-    None where the fit is unphysical: negative friction or a Stribeck or load term out of range.
+    None if the fit is unphysical: negative friction, or a Stribeck or load term out of range.
     """
     columns = terms.columns
     designs = [record.common[:, columns] for record in records]
@@ -343,9 +342,9 @@ def _fit_shape(records: Sequence[_Record], terms: _Terms, centre: float) -> Shap
     if terms.has_load and shape is not None:
         values = [shape.coulomb, *([shape.dip] * (terms.stribeck is not None))]
         values += [shape.sine] * terms.sine + [shape.cosine] * terms.cosine
-        of_each = [record.inertia(columns, np.array(values)) for record in records]
-        loaded = replace(shape, load_inertia=float(np.median(of_each)))
-        loads = [record.left(loaded.load_friction(record.signals)) for record in records]
+        inertias = [record.inertia(columns, np.array(values)) for record in records]
+        loaded = replace(shape, load_inertia=float(np.median(inertias)))
+        loads = [record.residuals(loaded.load_friction(record.signals)) for record in records]
         with_load = [np.column_stack(both) for both in zip(designs, loads, strict=True)]
         shape = _pooled(records, terms, centre, with_load)
         return shape and replace(shape, load_inertia=loaded.load_inertia)
@@ -355,7 +354,7 @@ def _fit_shape(records: Sequence[_Record], terms: _Terms, centre: float) -> Shap
 def _pooled(
     records: Sequence[_Record], terms: _Terms, centre: float, designs: Sequence[Array]
 ) -> Shape | None:
-    """Fit columns of the common terms, of each record, the load last; None if unphysical."""
+    """Fit the columns of the common terms, the load last; None if the fit is unphysical."""
     design = np.concatenate(designs)
     target = np.concatenate([record.effort for record in records])
     scales = np.sqrt(np.mean(target**2)) / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)

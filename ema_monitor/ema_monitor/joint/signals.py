@@ -1,4 +1,4 @@
-"""Filtered signals of a record: all columns through one zero-phase filter, on a coarse grid."""
+"""Filtered signals of a record: one zero-phase filter for all columns, on a coarse grid."""
 
 import math
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ HIGHEST_SHARE: Final = 0.2
 """Largest cut-off, as a share of the sample rate [-]."""
 
 STRIBECK_SPEEDS: Final = (0.06, 0.12, 0.24)
-"""Stribeck speeds that are tried, as a share of the usual speed [-]."""
+"""Candidate Stribeck speeds, as a share of the usual speed [-]."""
 
 # A Gaussian of this standard deviation times 1 / f passes 71 % of the amplitude at f.
 _SIGMA_CUTOFF: Final = 0.1325
@@ -40,30 +40,20 @@ _COLUMNS: Final = (
 
 
 class Preparation(NamedTuple):
-    """How the records of a unit are prepared; chosen on its healthy records.
-
-    Attributes
-    ----------
-    cutoff_hz
-        Cut-off frequency of the filter [Hz].
-    lag_s
-        Delay of the effort behind the motion [s].
-    usual_speed
-        95 % quantile of the speed [rad/s].
-    ripples
-        Wave numbers of the ripples of the effort along the position [1/rad].
-    is_elastic
-        Whether the effort depends on jerk and snap, as with an elastic gear.
-    unexpected_lag_s
-        Part of the lag that the acquisition of the effort does not explain [s].
-    """
+    """Filter and corrections for the records of a unit, selected on its healthy records."""
 
     cutoff_hz: float
+    """Cut-off frequency of the filter [Hz]."""
     lag_s: float
+    """Lag of the effort behind the motion [s]."""
     usual_speed: float
+    """95 % quantile of the speed [rad/s]."""
     ripples: tuple[float, ...] = ()
+    """Wave numbers of the ripples of the effort along the position [1/rad]."""
     is_elastic: bool = False
+    """Whether the effort depends on jerk and snap, because the gear is elastic."""
     unexpected_lag_s: float = 0.0
+    """Part of the lag that the acquisition of the effort does not explain [s]."""
 
     @property
     def highest_period(self) -> float:
@@ -73,51 +63,41 @@ class Preparation(NamedTuple):
 
 @dataclass(frozen=True)
 class Signals:
-    """Rows of steady motion in one direction, ``(n,)`` each, and what they were taken from.
-
-    Attributes
-    ----------
-    effort
-        Effort [A].
-    position, speed, acceleration
-        Motion of the user shaft [rad], [rad/s], [rad/s^2].
-    direction
-        Filtered sign of the speed [-].
-    stribeck
-        Filtered ``sign(v) exp(-(v / v_s)^2)``, one column for each of ``STRIBECK_SPEEDS``.
-    free
-        Terms of the preparation, whose coefficients are free in each record, ``(n, k)``: filtered
-        sine and cosine of the position for each ripple; jerk and snap of an elastic joint
-        [rad/s^3], [rad/s^4].
-    stroke
-        Running number of the stroke that a row belongs to.
-    usual_speed
-        95 % quantile of the speed in this record [rad/s].
-    rate
-        Rows per second of steady motion [1/s].
-    """
+    """Rows of steady motion in one direction, ``(n,)`` each."""
 
     effort: Array
+    """Effort [A]."""
     position: Array
+    """Position of the user shaft [rad]."""
     speed: Array
+    """Speed of the user shaft [rad/s]."""
     acceleration: Array
+    """Acceleration of the user shaft [rad/s^2]."""
     direction: Array
+    """Filtered sign of the speed [-]."""
     stribeck: Array
+    """Filtered ``sign(v) exp(-(v / v_s)^2)``, one column for each of ``STRIBECK_SPEEDS``."""
     free: Array
+    """Terms of the preparation, whose coefficients are free in each record, ``(n, k)``: filtered
+    sine and cosine of the position for each ripple; jerk and snap of an elastic joint [rad/s^3],
+    [rad/s^4]."""
     stroke: NDArray[np.intp]
+    """Number of the stroke of each row."""
     usual_speed: float
+    """95 % quantile of the speed in this record [rad/s]."""
     rate: float
+    """Rows per second of steady motion [1/s]."""
 
     def __len__(self) -> int:
         return len(self.effort)
 
     def pieces(self, way: int) -> int:
-        """Return how many strokes there are in a direction, 1 or -1; long ones count every 2 s."""
+        """Return the number of strokes in a direction, 1 or -1; long ones count once per 2 s."""
         return len(self._numbers(way))
 
     def strokes(self, way: int) -> int:
-        """Return how many strokes there are in a direction, 1 or -1."""
-        # Between two strokes there is a number without rows; between pieces of one there is none.
+        """Return the number of strokes in a direction, 1 or -1."""
+        # Numbers of consecutive strokes differ by 2 or more, numbers of pieces of a stroke by 1.
         numbers = self._numbers(way)
         return int(np.count_nonzero(np.diff(numbers) > 1)) + (len(numbers) > 0)
 
@@ -137,18 +117,18 @@ class Signals:
         return chosen
 
     def at(self, chosen: Flags) -> "Signals":
-        """Return some of the rows."""
+        """Return the chosen rows."""
         return replace(self, **{name: getattr(self, name)[chosen] for name in _COLUMNS})
 
 
 def user_speed(telemetry: Telemetry, description: ActuatorDescription) -> Array | None:
-    """Return the measured speed at the user shaft [rad/s]; None where it is not measured."""
+    """Return the measured speed at the user shaft [rad/s]; None if it is not measured."""
     if not len(telemetry.speed) or not description.acquisition.speed:
         return None
     return telemetry.speed * description.parameters.tau
 
 
-def known_lag(description: ActuatorDescription) -> float:
+def acquisition_lag(description: ActuatorDescription) -> float:
     """Return the lag of the effort that its acquisition explains [s]."""
     acquisition = description.acquisition
     if acquisition.current == "mean":
@@ -164,10 +144,10 @@ def filter_sigma(cutoff_hz: float) -> float:
 def motion_band(telemetry: Telemetry) -> float:
     """Return the frequency below which 95 % of the power of the speed lies [Hz].
 
-    The noise of the position, as the upper quarter of its spectrum shows it, is subtracted.
-    Frequencies with less than twelve times its power, or an amplitude below the resolution of the
-    position, are not counted: white noise has them in one of 160,000 lines, and counting in steps
-    at a constant speed has strong lines.
+    The noise of the position, estimated from the upper quarter of its spectrum, is subtracted.
+    Frequencies with less than twelve times the noise power are ignored; white noise exceeds this
+    limit in one of 160,000 lines. Frequencies with an amplitude below the resolution of the
+    position are ignored as well, because quantisation at a constant speed has strong lines.
     """
     position = telemetry.position - np.mean(telemetry.position)
     n = len(position)
@@ -190,7 +170,7 @@ def motion_band(telemetry: Telemetry) -> float:
 
 
 def cutoff_of(band_hz: float, sample_period: float) -> float:
-    """Return the cut-off for a motion with this band [Hz]."""
+    """Return the cut-off frequency for a motion with this bandwidth [Hz]."""
     highest = HIGHEST_SHARE / sample_period
     return min(max(_OF_MOTION * band_hz, min(SLOWEST_CUTOFF_HZ, highest)), highest)
 
@@ -198,8 +178,8 @@ def cutoff_of(band_hz: float, sample_period: float) -> float:
 class Fine(NamedTuple):
     """Columns of a record as block means at a rate far above the cut-off, ``(n,)`` each.
 
-    ``speed`` and ``command`` are None where they are not measured. ``is_measured`` is False in a
-    gap that is longer than the standard deviation of the filter: a shorter one is bridged.
+    ``speed`` and ``command`` are None if they are not measured. ``is_measured`` is False in gaps
+    longer than the standard deviation of the filter; shorter gaps are interpolated.
     """
 
     step_s: float
@@ -211,7 +191,7 @@ class Fine(NamedTuple):
 
 
 def block_means(telemetry: Telemetry, description: ActuatorDescription, cutoff_hz: float) -> Fine:
-    """Return the columns of a record as means of blocks, many to a period of the cut-off."""
+    """Return the columns of a record as block means, at about 20 blocks per cut-off period."""
     m = max(1, int(1.0 / (telemetry.sample_period * _FINE * cutoff_hz)))
     n = len(telemetry) // m
 
@@ -230,7 +210,7 @@ def block_means(telemetry: Telemetry, description: ActuatorDescription, cutoff_h
 
 
 def _long_gaps(telemetry: Telemetry, cutoff_hz: float) -> Flags:
-    """Return which samples are in a gap that is too long for the filter, ``(n,)``."""
+    """Return the samples in gaps that are too long for the filter, ``(n,)``."""
     lost = telemetry.interpolated
     if not np.any(lost):
         return np.zeros(len(telemetry), dtype=bool)
@@ -246,9 +226,9 @@ def _long_gaps(telemetry: Telemetry, cutoff_hz: float) -> Flags:
 def filtered(fine: Fine, preparation: Preparation) -> Signals:
     """Return the rows of steady motion in a record.
 
-    Rows near a reversal, where the filter mixes both directions, and within three standard
-    deviations of the filter from the ends, or from a long gap, are left out; one row is kept for
-    1.5 of them.
+    Rows are excluded near a reversal, where the filter mixes both directions, and within three
+    standard deviations of the filter from the ends or a long gap. One row is kept per 1.5 standard
+    deviations.
     """
     step = fine.step_s
     sigma = _SIGMA_CUTOFF / preparation.cutoff_hz / step
@@ -317,7 +297,7 @@ def usual_speed(fine: Fine, cutoff_hz: float) -> float:
 
 
 def _strokes(way: Array, step_s: float) -> NDArray[np.intp]:
-    """Return the number of the stroke of each sample; long strokes are cut every 2 s."""
+    """Return the number of the stroke of each sample; long strokes are divided every 2 s."""
     begins = np.concatenate([[True], way[1:] != way[:-1]])
     first = np.flatnonzero(begins)
     within = np.arange(len(way)) - first[np.cumsum(begins) - 1]

@@ -1,4 +1,4 @@
-"""Comparing a single figure of a record with that of the healthy records."""
+"""Comparison of a single figure of a record with the healthy records."""
 
 import math
 from collections.abc import Sequence
@@ -9,24 +9,24 @@ import numpy as np
 from ema_monitor.joint.scatter import Prediction, Scatter
 
 BETWEEN_RECORDS: Final = 0.6
-"""Prior medians of standard deviations between records of a day, over those between days [-]."""
+"""Prior median of the standard deviation within a day, over the prior median between days [-]."""
 
 SIGNIFICANCE: Final = 1e-3
-"""Probability below which a healthy record differs in one quantity or figure."""
+"""Probability of a healthy record below which a quantity or figure has changed."""
 
 DOUBT: Final = 3e-3
-"""Probability below which a record is not called healthy: three standard deviations of a normal.
+"""Probability below which a record is not reported as healthy: three standard deviations.
 
-Few records predict with wider tails: there three standard deviations are not rare.
+It is a probability, because predictions from few records have wide tails.
 """
 
 POWER: Final = 0.9
-"""Probability with which the smallest detectable change is found."""
+"""Probability with which the smallest detectable change is detected."""
 
 INTERVAL: Final = (0.05, 0.95)
 
 Z90: Final = 1.645
-"""Standard deviations from the middle to either end of a 90 % interval."""
+"""Half-width of a 90 % interval in standard deviations."""
 
 
 class Observation(NamedTuple):
@@ -38,19 +38,19 @@ class Observation(NamedTuple):
 
 
 class SingleTest(NamedTuple):
-    """A figure of a record beside its prediction from the healthy records."""
+    """A figure of a record, and its prediction from the healthy records."""
 
     value: float
     prediction: Prediction
 
     @classmethod
     def of(cls, observation: Observation, scatter: Scatter) -> Self:
-        """Return the test of a figure with the scatter of the healthy records."""
+        """Return the test of an observation against the scatter of the healthy records."""
         return cls(observation.value, scatter.predict(observation.sigma**2, observation.day))
 
     @property
     def change(self) -> float:
-        """Value less the predicted one."""
+        """Value less the predicted value."""
         return self.value - self.prediction.mean
 
     @property
@@ -71,7 +71,7 @@ class SingleTest(NamedTuple):
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether the change is beyond usual variation, but not certain."""
+        """Whether the change exceeds usual variation, but is not significant."""
         return SIGNIFICANCE <= self.probability < DOUBT
 
     @property
@@ -80,12 +80,12 @@ class SingleTest(NamedTuple):
         return self.prediction.smallest_change(SIGNIFICANCE, POWER)
 
     def less(self, part: float) -> Self:
-        """Return the test without a part of the value that has another explanation."""
+        """Return the test without a part of the value that is explained otherwise."""
         return self._replace(value=self.value - part)
 
 
 def scatter_of(healthy: Sequence[Observation], between_days: float) -> Scatter:
-    """Return the scatter of healthy records; ``between_days`` is its prior median between days."""
+    """Return the scatter of healthy records, with the prior median ``between_days``."""
     return Scatter(
         np.array([observation.value for observation in healthy]),
         np.array([observation.sigma**2 for observation in healthy]),
@@ -95,6 +95,6 @@ def scatter_of(healthy: Sequence[Observation], between_days: float) -> Scatter:
     )
 
 
-def is_known(*values: float) -> bool:
+def are_finite(*values: float) -> bool:
     """Return whether all values are finite."""
     return all(map(math.isfinite, values))

@@ -10,12 +10,12 @@ _REACH: Final = 4.0
 
 
 def smoothed(columns: Array, sigma: float) -> Array:
-    """Return columns smoothed by a Gaussian that is cut off at four standard deviations.
+    """Return columns smoothed by a Gaussian that is truncated at four standard deviations.
 
     Parameters
     ----------
     columns
-        ``(n,)``, or several as rows, ``(k, n)``. Beyond its ends a column keeps its last value.
+        ``(n,)``, or several as rows, ``(k, n)``. Each is padded with its end values.
     sigma
         Standard deviation of the Gaussian [samples].
     """

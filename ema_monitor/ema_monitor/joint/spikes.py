@@ -1,4 +1,4 @@
-"""Spikes of the effort: samples far outside of its range, as of a disturbed sensor or bus."""
+"""Removal of spikes of the effort: samples far outside its range, from sensor or bus errors."""
 
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -10,20 +10,21 @@ from ema_core.arrays import Array
 from ema_core.telemetry import Telemetry
 
 _AROUND: Final = 5
-"""Samples of the running median: a spike has at most two."""
-_BEYOND: Final = 0.5
-"""Least excess of a spike over the range of the running median, as a share of that range [-]."""
-_OF_NOISE: Final = 8.0
+"""Number of samples of the running median: a spike has at most two."""
+_LEAST_EXCESS: Final = 0.5
+"""Least excess of a spike over the range of the running median, as a share of the range [-]."""
+_LEAST_DEPARTURE: Final = 8.0
 """Least departure of a spike from the running median, in standard deviations of the noise [-]."""
 _COARSEST: Final = 0.1
-"""Largest cut-off of the motion, as a share of the sample rate: above, peaks last a sample [-]."""
+"""Largest cut-off of the motion as a share of the sample rate, so that its peaks are no spikes
+[-]."""
 _NEAR: Final = 25
 """Samples before and after a spike that show the noise."""
 _NORMAL: Final = 1.4826
 
 
 class Despiked(NamedTuple):
-    """Telemetry without spikes of the effort, and number of samples replaced."""
+    """Telemetry without spikes of the effort, and the number of replaced samples."""
 
     telemetry: Telemetry
     spikes: int
@@ -33,27 +34,26 @@ def despiked(telemetry: Telemetry, cutoff_hz: float) -> Despiked:
     """Return the telemetry with the running median in place of each spike of the effort.
 
     A reversal of friction, a stroke and quantisation are within the range of the running median.
-    Telemetry without a spike is returned as it is, as is one whose rate is so low that the motion
-    has peaks of a sample.
+    Telemetry is returned unchanged if it has no spikes, or if its rate is so low that peaks of the
+    motion last one sample.
 
     Parameters
     ----------
     telemetry
         The record.
     cutoff_hz
-        Cut-off frequency that the motion needs [Hz].
+        Cut-off frequency of the motion [Hz].
 
     Notes
     -----
-    The test against median and median absolute deviation of the neighbours is that of Hampel
-    (1974).
+    Test against the median and the median absolute deviation of the neighbours (Hampel, 1974).
     """
     effort = telemetry.current
     if len(effort) < _AROUND or telemetry.sample_period * cutoff_hz > _COARSEST:
         return Despiked(telemetry, 0)
     median = _running_median(effort)
     lowest, highest = float(np.min(median)), float(np.max(median))
-    excess = _BEYOND * (highest - lowest)
+    excess = _LEAST_EXCESS * (highest - lowest)
     far = np.flatnonzero((effort < lowest - excess) | (effort > highest + excess))
     departure = effort - median
     spikes = [at for at in far.tolist() if _is_spike(departure, at)]
@@ -65,7 +65,7 @@ def despiked(telemetry: Telemetry, cutoff_hz: float) -> Despiked:
 
 
 def _running_median(values: Array) -> Array:
-    """Return the median of each sample and its neighbours; ends are continued."""
+    """Return the running median; ends are padded with the end values."""
     sides = _AROUND // 2
     around = sliding_window_view(np.pad(values, sides, mode="edge"), _AROUND)
     return np.sort(around, axis=1)[:, sides]
@@ -75,4 +75,4 @@ def _is_spike(departure: Array, at: int) -> bool:
     """Return whether a sample departs from the running median by more than the noise near it."""
     near = departure[max(0, at - _NEAR) : at + _NEAR + 1]
     noise = _NORMAL * float(np.median(np.abs(near)))
-    return bool(abs(departure[at]) > _OF_NOISE * noise)
+    return bool(abs(departure[at]) > _LEAST_DEPARTURE * noise)

@@ -1,4 +1,4 @@
-"""Standstill of a joint whose command moves: a failure, or a joint that is not driven."""
+"""Standstill of a joint although its command moves: a failure, or a drive that is off."""
 
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -10,9 +10,9 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
 
 _LARGE_EFFORT: Final = 0.9
-"""Quantile of the size of the effort that a joint at rest is judged by [-]."""
+"""Quantile of the magnitude of the effort, by which a joint at rest is judged [-]."""
 _ACTING: Final = 0.5
-"""Effort that moves a healthy joint, over its dry friction, at least [-]."""
+"""Least effort that moves a healthy joint, over its dry friction [-]."""
 _FAR: Final = 0.5
 """Least travel of the command over the travel of the healthy records [-]."""
 
@@ -21,7 +21,7 @@ class StandstillCause(Enum):
     """Why a joint does not follow its command."""
 
     NO_EFFORT = auto()
-    """The effort is far below the friction: the drive is off, or a brake on."""
+    """The effort is far below the friction: the drive is off, or a brake is on."""
     SHORT_COMMAND = auto()
     """The command travels less than in healthy records: the joint may not have to move."""
     FAILURE = auto()
@@ -30,27 +30,22 @@ class StandstillCause(Enum):
 
 @dataclass(frozen=True)
 class Standstill:
-    """A joint that stands still although its command moves.
-
-    Attributes
-    ----------
-    cause
-        Why it does not follow.
-    travel, least_travel
-        Travel of the command, and the least travel by which a failure is told [rad].
-    effort, friction
-        Effort that acts, and healthy friction, in the unit of the baseline.
-    """
+    """Standstill of a joint although its command moves."""
 
     cause: StandstillCause
+    """Why the joint does not follow its command."""
     travel: float
+    """Travel of the command [rad]."""
     least_travel: float
+    """Least travel of a command at which a standstill is a failure [rad]."""
     effort: float
+    """Acting effort, in the unit of the baseline."""
     friction: float
+    """Healthy dry friction, in the unit of the baseline."""
 
 
 def standstill_of(telemetry: Telemetry, baseline: Baseline) -> Standstill:
-    """Return why the joint of a record stands still, by effort and command of healthy records."""
+    """Return the standstill of a record, classified by its effort and the travel of its command."""
     travel = float(np.ptp(telemetry.command))
     least_travel = _FAR * min(record.travel for record in baseline.records)
     effort = float(np.quantile(np.abs(telemetry.current), _LARGE_EFFORT))

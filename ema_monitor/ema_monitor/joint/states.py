@@ -1,4 +1,4 @@
-"""States that the owner has labelled: which of them a test or record looks like, or none."""
+"""Classification of a test or record by labelled states."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
@@ -28,29 +28,22 @@ _OF_RECORDS: Final = {
 
 
 class Example(NamedTuple):
-    """A test or record in a known state.
-
-    Attributes
-    ----------
-    state
-        The state.
-    test
-        Its figures, and its day.
-    stretches
-        Figures of each of its stretches by name; of a record, of each of its parts.
-    """
+    """A test or record in a healthy or labelled state."""
 
     state: str
+    """The state."""
     test: DatedFigures
+    """Its mean figures, and its day."""
     stretches: Sequence[Mapping[str, float]]
+    """Figures by name of each stretch of a test, or of each part of a record."""
 
 
-def known_states(examples: Iterable[Example]) -> dict[str, list[Example]]:
-    """Return the examples of each state that has enough of them."""
+def examples_by_state(examples: Iterable[Example]) -> dict[str, list[Example]]:
+    """Return the examples of each state with at least ``FEWEST`` examples."""
     by_state: dict[str, list[Example]] = {}
     for example in examples:
         by_state.setdefault(example.state, []).append(example)
-    return {state: some for state, some in by_state.items() if len(some) >= FEWEST}
+    return {state: group for state, group in by_state.items() if len(group) >= FEWEST}
 
 
 def probabilities(
@@ -58,13 +51,13 @@ def probabilities(
     tested: DatedFigures,
     figures: Mapping[str, JudgedFigure],
 ) -> Mapping[str, float]:
-    """Return the probability of each known state, the largest first; empty if nothing is compared.
+    """Return the probability of each state, the largest first; empty if nothing is compared.
 
-    States are told apart by linear discriminants with shrinkage, with equal priors: how often a
-    state was labelled does not show how often it occurs. A test that departs from each of them is
-    none of these.
+    States are classified by linear discriminants with shrinkage. Their priors are equal, because
+    the number of labels of a state does not show how often the state occurs. If the test departs
+    from every state, ``NONE_OF_THESE`` is the most probable.
     """
-    stretches = [row for some in examples.values() for example in some for row in example.stretches]
+    stretches = [row for group in examples.values() for item in group for row in item.stretches]
     names = [
         name for name in figures if name in tested.values and all(name in row for row in stretches)
     ]
@@ -74,9 +67,7 @@ def probabilities(
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    labels = [
-        state for state, some in examples.items() for example in some for _ in example.stretches
-    ]
+    labels = [state for state, group in examples.items() for item in group for _ in item.stretches]
     discriminants = LinearDiscriminantAnalysis(
         solver="lsqr", shrinkage=_SHRINKAGE, priors=np.full(len(examples), 1.0 / len(examples))
     )
@@ -85,8 +76,8 @@ def probabilities(
     shares = model.predict_proba(_values([tested.values], names))[0]
     chosen = {name: figures[name] for name in names}
     nearest = max(
-        departure_of(tested, [example.test for example in some], chosen).probability
-        for some in examples.values()
+        departure_of(tested, [example.test for example in group], chosen).probability
+        for group in examples.values()
     )
     strange = _STRANGE / (_STRANGE + nearest)
     probability = {
@@ -105,7 +96,7 @@ def state_probabilities(baseline: Baseline, record: JointRecord) -> Mapping[str,
         *baseline.labelled,
     ]
     # A record without steady motion in both directions has no parts.
-    by_state = known_states(
+    by_state = examples_by_state(
         _example(example.state, example.record) for example in examples if example.record.parts
     )
     tested = DatedFigures(record.day_to_predict, mean_of(record.parts))

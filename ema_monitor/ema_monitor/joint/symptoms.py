@@ -1,4 +1,4 @@
-"""What changes of a joint show beside its coefficients: play, tracking and model-free figures."""
+"""Comparison of play, tracking lag and model-free figures with the healthy records."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from ema_monitor.joint.figures import FIGURES, OF_EFFORT
 from ema_monitor.joint.record import JointRecord
 from ema_monitor.joint.scatter import Scatter
 from ema_monitor.joint.shape import DRY
-from ema_monitor.joint.single import Observation, SingleTest, is_known, scatter_of
+from ema_monitor.joint.single import Observation, SingleTest, are_finite, scatter_of
 
 _PLAY_BETWEEN: Final = 0.05
 _LAG_BETWEEN: Final = 0.03
@@ -32,21 +32,21 @@ _NO_PLAY: Final = (
 
 
 class _Healthy(NamedTuple):
-    """Mean and scatter of a figure of the healthy records."""
+    """Mean and scatter of a figure in the healthy records."""
 
     mean: float
     scatter: Scatter
 
 
 class Symptom(NamedTuple):
-    """Change of a quantity, and the probability that a healthy record shows as much."""
+    """Change of a quantity, and the probability that a healthy record differs as much."""
 
     change: QuantityChange
     probability: float = 1.0
 
 
 class Symptoms(NamedTuple):
-    """Model-free figures that depart, the most significant first, and the least probability."""
+    """Model-free figures that differ, the most significant first, and the smallest probability."""
 
     figures: tuple[FigureChange, ...]
     probability: float
@@ -54,21 +54,22 @@ class Symptoms(NamedTuple):
 
 @dataclass(frozen=True)
 class SymptomComparer:
-    """Compares play, tracking and model-free figures with those of healthy records."""
+    """Compares play, tracking lag and model-free figures with the healthy records."""
 
     baseline: Baseline
 
     def play(self, record: JointRecord) -> Symptom:
         """Return the change of the play.
 
-        Lost motion grows with friction by the wind-up of the gear: play has changed only beyond
-        twice what the friction ratio explains. A load on one side closes the play.
+        Friction increases the lost motion by the wind-up of the gear. Play has changed only if the
+        lost motion exceeds twice the wind-up that the friction ratio explains. A load on one side
+        closes the play.
         """
         healthy = self._play
         reason = ""
         if isinstance(healthy, str):
             reason = healthy
-        elif not is_known(record.lost_motion, record.lost_motion_sigma):
+        elif not are_finite(record.lost_motion, record.lost_motion_sigma):
             reason = "too few reversals, or no measured speed"
         if reason or isinstance(healthy, str):
             return Symptom(QuantityChange(PLAY, Judgement.NOT_JUDGED, reason=reason))
@@ -95,7 +96,7 @@ class SymptomComparer:
     def tracking(self, record: JointRecord) -> Symptom:
         """Return the change of the tracking lag."""
         healthy = self._tracking
-        if healthy is None or not is_known(record.lag_s, record.lag_sigma):
+        if healthy is None or not are_finite(record.lag_s, record.lag_sigma):
             reason = self._no_tracking(record)
             return Symptom(QuantityChange(TRACKING, Judgement.NOT_JUDGED, reason=reason))
         test = SingleTest.of(
@@ -117,25 +118,25 @@ class SymptomComparer:
         """Return why the tracking lag of a record is not judged."""
         if math.isinf(record.lag_sigma):
             return "the position command does not move enough"
-        if not is_known(record.lag_s):
+        if not are_finite(record.lag_s):
             return "there is no position command"
         if any(math.isinf(healthy.lag_sigma) for healthy in self.baseline.records):
             return "the position command of the healthy records does not move enough"
         return "the healthy records have no position command"
 
     def figures(self, record: JointRecord, grown: float) -> Symptoms:
-        """Return the model-free figures that depart.
+        """Return the model-free figures that differ.
 
-        They depend on the motion: a record of another motion is not compared, and records whose
-        motion does not repeat scatter more.
+        The figures depend on the motion: a record of a different motion is not compared, and
+        records of varying motions scatter more.
 
         Parameters
         ----------
         record
             The record.
         grown
-            Logarithm of the growth of the effort by changes that are known: it scatters more in
-            proportion.
+            Logarithm of the growth of the effort by detected changes; the scatter of the effort
+            grows in proportion.
         """
         distance = self.baseline.distance(record)
         if distance > _LIKE_MOTION:
@@ -145,7 +146,7 @@ class SymptomComparer:
         for name, scatter in self._figures.items():
             if name not in record.figures:
                 continue
-            error = math.hypot(_error(name, record), _of_motion(name) * distance)
+            error = math.hypot(_error(name, record), _motion_sensitivity(name) * distance)
             observed = Observation(record.figures[name], error, record.day_to_predict)
             test = SingleTest.of(observed, scatter)
             if name in OF_EFFORT:
@@ -161,7 +162,7 @@ class SymptomComparer:
         observed = [
             Observation(record.lost_motion, record.lost_motion_sigma, record.day)
             for record in self.baseline.records
-            if is_known(record.lost_motion, record.lost_motion_sigma)
+            if are_finite(record.lost_motion, record.lost_motion_sigma)
         ]
         if not observed:
             return _NO_MOTOR_SIDE
@@ -178,7 +179,7 @@ class SymptomComparer:
         observed = [
             Observation(record.lag_s, record.lag_sigma, record.day)
             for record in self.baseline.records
-            if is_known(record.lag_s, record.lag_sigma)
+            if are_finite(record.lag_s, record.lag_sigma)
         ]
         if not observed:
             return None
@@ -188,7 +189,7 @@ class SymptomComparer:
 
     @property
     def _lag_floor(self) -> float:
-        """Change of the lag that means nothing at the bandwidth of the motion [s]."""
+        """Change of the lag that is irrelevant at the bandwidth of the motion [s]."""
         return _LAG_FLOOR / self.baseline.preparation.cutoff_hz
 
     @cached_property
@@ -203,20 +204,20 @@ class SymptomComparer:
                 if name in record.figures
             ]
             if healthy and between is not None:
-                # The scatters considered end at some times the prior median.
+                # The grid of scatters ends at a few times the prior median.
                 shown = float(np.std([observation.value for observation in healthy]))
                 scatters[name] = scatter_of(healthy, max(between, SHARE_OF_SHOWN * shown))
         return scatters
 
 
-def _of_motion(name: str) -> float:
-    """Return how much a figure may change with the motion, for a change of 1 of its logarithm."""
+def _motion_sensitivity(name: str) -> float:
+    """Return the sensitivity of a figure to ``Baseline.distance`` [-]."""
     return 1.0 if name in OF_EFFORT else _ERROR_OF_MOTION
 
 
 def _error(name: str, record: JointRecord) -> float:
     """Return the standard deviation of the error of a figure [-].
 
-    The scatter of the effort is that of its rows, of which about every second is independent.
+    About every second row of the effort is independent.
     """
     return 1.0 / math.sqrt(max(record.rows, 1)) if name == "effort_scatter" else 0.0

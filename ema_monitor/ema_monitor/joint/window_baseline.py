@@ -1,4 +1,4 @@
-"""Windows in known states, and which later windows depart from the healthy windows (M47)."""
+"""Healthy and labelled windows of a unit, and the departure of later windows from them (M47)."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,7 +13,7 @@ from ema_core.telemetry import Telemetry
 from ema_core.wording import unknown_name
 from ema_monitor.joint.departure import FEWEST, HEALTHY, DatedFigures, Departure, departure_of
 from ema_monitor.joint.record import NS_A_DAY
-from ema_monitor.joint.states import Example, known_states, probabilities
+from ema_monitor.joint.states import Example, examples_by_state, probabilities
 from ema_monitor.joint.window_figures import (
     WINDOW_FIGURES,
     Motion,
@@ -30,10 +30,10 @@ _LARGE_LOAD: Final = 0.1
 _BOTH_WAYS: Final = ("current_forward", "current_backward")
 
 
-class KnownWindow(NamedTuple):
-    """Figures of a window in a known state, its stamp [ns], and the number of its test.
+class ReferenceWindow(NamedTuple):
+    """Figures of a healthy or labelled window, its time stamp [ns], and the number of its test.
 
-    Each healthy window is a test of its own, with number 0.
+    Windows of a labelled test share a number. Healthy windows have the number 0.
     """
 
     state: str
@@ -44,29 +44,29 @@ class KnownWindow(NamedTuple):
 
 @dataclass(frozen=True)
 class WindowBaseline:
-    """Windows of a unit whose state is known: healthy and labelled."""
+    """Healthy and labelled windows of a unit."""
 
-    windows: tuple[KnownWindow, ...] = ()
+    windows: tuple[ReferenceWindow, ...] = ()
 
     @classmethod
     def of(cls, windows: Iterable[Telemetry]) -> Self:
-        """Return the baseline of the healthy windows that have a stroke in each direction."""
+        """Return the baseline of healthy windows; windows without two directions are ignored."""
         return cls(
             tuple(
-                KnownWindow(HEALTHY, window.stamp_ns, figures)
+                ReferenceWindow(HEALTHY, window.stamp_ns, figures)
                 for window in windows
                 for figures in figures_of(window)
             )
         )
 
     def with_test(self, state: str, stamp_ns: int, windows: Sequence[WindowFigures]) -> Self:
-        """Return the baseline with the windows of a test in a state; it replaces earlier labels.
+        """Return the baseline with a labelled test; it replaces earlier labels of its windows.
 
         Raises
         ------
         ValueError
-            When there is no window, a window is healthy by the calibration, or no healthy window
-            has its motion and load.
+            When there is no window, a window is one of the healthy windows, or no healthy window
+            has the motion and load of a window.
         """
         if not windows:
             raise ValueError("it has no stretch in each direction with a measured current")
@@ -78,7 +78,7 @@ class WindowBaseline:
         ]
         number = 1 + max((window.test for window in self.windows), default=0)
         return type(self)(
-            (*kept, *(KnownWindow(state, stamp_ns, window, number) for window in windows))
+            (*kept, *(ReferenceWindow(state, stamp_ns, window, number) for window in windows))
         )
 
     def _require_comparable(self, windows: Sequence[WindowFigures]) -> None:
@@ -88,15 +88,15 @@ class WindowBaseline:
             away = _distance(healthy, _load(window.values))
             if away > _LARGE_LOAD * _running(healthy):
                 raise ValueError(
-                    f"its load is {away:.2g} A away from the healthy windows: `ema "
-                    "calibrate` needs healthy bags of that load, too"
+                    f"its load differs by {away:.2g} A from the healthy windows: "
+                    "calibrate with healthy bags of this load, too (`ema calibrate`)"
                 )
 
-    def with_labels_of(self, other: Self) -> Self:
-        """Return the baseline with the labelled tests of another whose motion it has."""
-        mine = [window.figures for window in self.healthy]
+    def with_labels_of(self, source: Self) -> Self:
+        """Return the baseline with the labelled tests of ``source`` that have a healthy motion."""
+        healthy = [window.figures for window in self.healthy]
         labelled = [
-            window for window in other.windows if window.test and window.figures not in mine
+            window for window in source.windows if window.test and window.figures not in healthy
         ]
         kept = (window for window in labelled if self._like(window.figures.motion))
         return type(self)((*self.healthy, *kept))
@@ -108,18 +108,18 @@ class WindowBaseline:
             raise ValueError(unknown_name("state", state, self.states().keys() - {HEALTHY}))
         return type(self)(kept)
 
-    def _like(self, motion: Motion, *, labelled: bool = False) -> list[KnownWindow]:
+    def _like(self, motion: Motion, *, labelled: bool = False) -> list[ReferenceWindow]:
         windows = (window for window in self.windows if bool(window.test) == labelled)
         return [window for window in windows if window.figures.motion.is_like(motion)]
 
     @cached_property
     def _repeats_motions(self) -> bool:
-        """Whether half of the healthy windows repeat a motion; by chance, only a few are alike."""
+        """Whether half of the healthy windows repeat a motion; by chance, only a few do."""
         alike = [len(self._like(window.figures.motion)) >= FEWEST for window in self.healthy]
         return sum(alike) >= _REPEATED * len(alike)
 
     @property
-    def healthy(self) -> tuple[KnownWindow, ...]:
+    def healthy(self) -> tuple[ReferenceWindow, ...]:
         """The healthy windows."""
         return tuple(window for window in self.windows if not window.test)
 
@@ -128,13 +128,15 @@ class WindowBaseline:
         return Counter(window.state for window in _tests(self.windows, 1))
 
     def departure(self, stamp_ns: int, windows: Sequence[WindowFigures]) -> Departure | None:
-        """Return how unlikely a test is for the healthy unit.
+        """Return the departure of a test from the healthy windows.
 
-        Windows of each motion and load are compared with healthy windows of both, or of the
-        nearest load: with the means of as many in a row, so that like scatters are compared; of
-        fewer, if there would be fewer than ``FEWEST`` means. None if nothing can be compared and
-        no state is labelled: there is no window, no motion or load has ``FEWEST`` healthy windows,
-        or the healthy windows do not repeat motions.
+        Windows of each motion and load are compared with healthy windows of the same motion and the
+        nearest load. The mean of the tested windows is compared with means over equally many
+        consecutive healthy windows, so that their scatters agree; over fewer windows, if fewer than
+        ``FEWEST`` means would result.
+
+        Returns None if nothing can be compared and no state is labelled: there is no window, no
+        motion or load has ``FEWEST`` healthy windows, or the healthy windows do not repeat motions.
         """
         if not self._repeats_motions:
             return None
@@ -143,25 +145,26 @@ class WindowBaseline:
             motion = alike[0].motion
             healthy = self._like(motion)
             if len(healthy) < FEWEST:
-                judgements.append(f"no healthy window has the motion, {motion}")
+                judgements.append(f"no healthy window has the motion {motion}")
                 continue
             loads = _by_load(healthy, _SAME_LOAD * _running(healthy))
             under: dict[int, list[WindowFigures]] = {}
             for window in alike:
                 under.setdefault(_nearest(loads, _load(window.values)), []).append(window)
-            # A labelled test is not judged by itself.
+            # A labelled test is not compared with itself.
             labelled = [
                 window
                 for window in self._like(motion, labelled=True)
                 if window.figures not in windows
             ]
             for near, loaded in under.items():
-                beside = [
+                examples = [
                     window
                     for window in labelled
                     if _nearest(loads, _load(window.figures.values)) == near
                 ]
-                judgements.append(_judged(stamp_ns, loaded, loads[near], beside, _running(healthy)))
+                running = _running(healthy)
+                judgements.append(_judged(stamp_ns, loaded, loads[near], examples, running))
         has_labels = len(self.healthy) < len(self.windows)
         departures = [item for item in judgements if isinstance(item, Departure)]
         if not departures:
@@ -174,7 +177,7 @@ class WindowBaseline:
         return replace(worst, probability=min(1.0, len(departures) * worst.probability))
 
     def as_mapping(self) -> dict[str, Any]:
-        """Return plain values: names, and a row for each window; NaN for a missing figure."""
+        """Return plain values: names of figures, and a row per window, NaN for missing figures."""
         rows = [
             [window.state, window.test, window.stamp_ns, *row_of(window.figures)]
             for window in self.windows
@@ -183,9 +186,9 @@ class WindowBaseline:
 
     @classmethod
     def of_mapping(cls, content: dict[str, Any]) -> Self:
-        """Return the baseline of ``as_mapping``."""
+        """Return the baseline from a mapping as ``as_mapping`` returns it."""
         windows = (
-            KnownWindow(
+            ReferenceWindow(
                 str(state), int(stamp_ns), figures_of_row(row, content["figures"]), int(test)
             )
             for state, test, stamp_ns, *row in content["windows"]
@@ -196,11 +199,11 @@ class WindowBaseline:
 def _judged(
     stamp_ns: int,
     windows: Sequence[WindowFigures],
-    healthy: Sequence[KnownWindow],
-    labelled: Sequence[KnownWindow],
+    healthy: Sequence[ReferenceWindow],
+    labelled: Sequence[ReferenceWindow],
     running: float,
 ) -> Departure | str:
-    """Return how unlikely windows are beside healthy ones like them, or why that is unknown."""
+    """Return the departure of windows from comparable healthy windows, or why it is unknown."""
     if len(healthy) < FEWEST:
         return f"the load has fewer than {FEWEST} healthy windows"
     tested = DatedFigures(stamp_ns // NS_A_DAY, mean_of(windows))
@@ -211,17 +214,17 @@ def _judged(
     is_of_levels = all(not change.figure.is_logarithm for change in departure.changes)
     enough = running * (_SAME_LOAD if is_of_levels else _LARGE_LOAD)
     departure = replace(departure, load_explains=_distance(healthy, load) > enough)
-    known = known_states([*tests, *_tests(labelled, size)])
-    if len(known) < 2:
+    by_state = examples_by_state([*tests, *_tests(labelled, size)])
+    if len(by_state) < 2:
         return departure
     if (away := _distance([*healthy, *labelled], load)) > _SAME_LOAD * running:
-        words = f"the load is new, {away:.2g} A from the known windows"
+        words = f"the load is new, {away:.2g} A from the healthy and labelled windows"
         return replace(departure, unnamed=f"no state is named: {words}")
-    return replace(departure, states=probabilities(known, tested, WINDOW_FIGURES))
+    return replace(departure, states=probabilities(by_state, tested, WINDOW_FIGURES))
 
 
-def _tests(windows: Sequence[KnownWindow], size: int) -> Iterator[Example]:
-    """Yield tests: so many healthy windows in a row, and all windows of each labelled test."""
+def _tests(windows: Sequence[ReferenceWindow], size: int) -> Iterator[Example]:
+    """Yield tests: ``size`` consecutive healthy windows, and all windows of each labelled test."""
     healthy = [window for window in windows if not window.test]
     rows = [healthy[at : at + size] for at in range(0, len(healthy) - size + 1, size)]
     labelled = groupby((window for window in windows if window.test), key=lambda row: row.test)
@@ -232,7 +235,7 @@ def _tests(windows: Sequence[KnownWindow], size: int) -> Iterator[Example]:
 
 
 def _by_motion(windows: Iterable[WindowFigures]) -> list[list[WindowFigures]]:
-    """Return windows in groups of like motion."""
+    """Return windows in groups of similar motion."""
     groups: list[list[WindowFigures]] = []
     for window in windows:
         alike = next((group for group in groups if group[0].motion.is_like(window.motion)), None)
@@ -242,29 +245,29 @@ def _by_motion(windows: Iterable[WindowFigures]) -> list[list[WindowFigures]]:
     return groups
 
 
-def _running(windows: Sequence[KnownWindow]) -> float:
+def _running(windows: Sequence[ReferenceWindow]) -> float:
     """Return the larger mean current of both directions [A]."""
     figures = mean_of([window.figures for window in windows])
     return max(abs(figures[name]) for name in _BOTH_WAYS)
 
 
 def _load(figures: Mapping[str, float]) -> float:
-    """Return the current that does not follow the direction [A]."""
+    """Return the current that does not depend on the direction [A]."""
     forward, backward = (figures[name] for name in _BOTH_WAYS)
     return 0.5 * (forward - backward)
 
 
-def _by_load(windows: Sequence[KnownWindow], gap: float) -> list[list[KnownWindow]]:
-    """Return windows in groups between which the load [A] has a gap, each in their order."""
+def _by_load(windows: Sequence[ReferenceWindow], gap: float) -> list[list[ReferenceWindow]]:
+    """Return windows in groups separated by a ``gap`` of the load [A], each in order."""
     order = sorted(range(len(windows)), key=lambda at: _load(windows[at].figures.values))
     steps = np.diff([_load(windows[at].figures.values) for at in order])
     groups = np.split(order, np.flatnonzero(steps > gap) + 1)
     return [[windows[at] for at in sorted(group)] for group in groups]
 
 
-def _nearest(groups: Sequence[Sequence[KnownWindow]], load: float) -> int:
+def _nearest(groups: Sequence[Sequence[ReferenceWindow]], load: float) -> int:
     return int(np.argmin([_distance(group, load) for group in groups]))
 
 
-def _distance(group: Sequence[KnownWindow], load: float) -> float:
+def _distance(group: Sequence[ReferenceWindow], load: float) -> float:
     return min(abs(_load(window.figures.values) - load) for window in group)

@@ -1,4 +1,4 @@
-"""Model-free figures of a test window: levels, scatter and roughness by commanded stroke (M47)."""
+"""Model-free figures of a test window: levels, scatter and roughness of each stroke (M47)."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -12,7 +12,7 @@ from ema_core.arrays import Array, Flags
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.departure import JudgedFigure
 
-# Relative difference of travel, speed and sample period up to which motions are alike [-].
+# Largest relative difference of travel, speed and sample period of similar motions [-].
 _TOLERANCE: Final = 0.05
 _MOVING: Final = 0.5
 _RESTING: Final = 0.02
@@ -52,28 +52,21 @@ WINDOW_FIGURES: Final = {
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion that a window commands; only windows of like motion are compared.
-
-    Attributes
-    ----------
-    sample_period
-        Period of the samples [s].
-    travel
-        Travel of the command at the user shaft [rad].
-    speed
-        99 % quantile of the commanded speed [rad/s].
-    """
+    """Commanded motion of a window; only windows of similar motion are compared."""
 
     sample_period: float
+    """Period of the samples [s]."""
     travel: float
+    """Travel of the command at the user shaft [rad]."""
     speed: float
+    """99 % quantile of the commanded speed [rad/s]."""
 
     def __str__(self) -> str:
         return f"{self.travel:.3g} rad at {self.speed:.3g} rad/s, {1.0 / self.sample_period:g} Hz"
 
-    def is_like(self, other: "Motion") -> bool:
+    def is_like(self, motion: "Motion") -> bool:
         """Return whether windows of both motions can be compared."""
-        ratios = np.divide(astuple(self), np.maximum(astuple(other), _TINY))
+        ratios = np.divide(astuple(self), np.maximum(astuple(motion), _TINY))
         return bool(np.all(np.abs(np.log(np.maximum(ratios, _TINY))) <= math.log1p(_TOLERANCE)))
 
 
@@ -86,10 +79,11 @@ class WindowFigures(NamedTuple):
 
 
 def figures_of(window: Telemetry) -> list[WindowFigures]:
-    """Return the figures of a window; none without a current, or without a stroke each way.
+    """Return the figures of a window in a list; empty without a current or a stroke each way.
 
-    They have six digits, as files and histories do. A current without sign is used as it is: its
-    magnitude is what friction and load need in each direction.
+    The figures are rounded to six digits, the precision of files and histories. An unsigned current
+    is used without a change of sign: its magnitude is the effort of friction and load in each
+    direction.
     """
     if not len(window.current) or len(window) < 2:
         return []
@@ -114,12 +108,12 @@ def row_of(window: WindowFigures) -> list[float]:
 def figures_of_row(
     row: Sequence[float | None], names: Iterable[str] = WINDOW_FIGURES
 ) -> WindowFigures:
-    """Return the figures in a row of ``row_of``, by their names; None is NaN.
+    """Return the window figures from a row as ``row_of`` returns it; None stands for NaN.
 
     Raises
     ------
     ValueError
-        When the row has no motion, or another number of figures.
+        When the row has no motion, or a wrong number of figures.
     """
     samples, period, travel, speed, *values = np.array(row, dtype=np.float64).tolist()
     if not (0.0 < period < math.inf and 0.0 < travel * speed < math.inf):
@@ -131,11 +125,11 @@ def figures_of_row(
 
 def mean_of(windows: Sequence[WindowFigures]) -> dict[str, float]:
     """Return the means of the figures that all windows have, weighted by their samples."""
-    weights = [one.samples for one in windows]
+    weights = [window.samples for window in windows]
     return {
-        name: float(np.average([one.values[name] for one in windows], weights=weights))
+        name: float(np.average([window.values[name] for window in windows], weights=weights))
         for name in WINDOW_FIGURES
-        if all(name in one.values for one in windows)
+        if all(name in window.values for window in windows)
     }
 
 
@@ -149,10 +143,11 @@ def _figures(
         values["rest_current"] = float(np.median(np.abs(window.current[at_rest])))
     for way, sign in (("forward", 1.0), ("backward", -1.0)):
         current = sign * window.current if is_signed else window.current
-        values[f"current_{way}"] = float(np.mean([np.mean(current[one]) for one in strokes[way]]))
+        means = [np.mean(current[stroke]) for stroke in strokes[way]]
+        values[f"current_{way}"] = float(np.mean(means))
         for name, column in (("current", current), ("error", error)):
-            scatter = [_detrended(column[one]) for one in strokes[way]]
-            rough = [np.diff(column[one]) for one in strokes[way]]
+            scatter = [_detrended(column[stroke]) for stroke in strokes[way]]
+            rough = [np.diff(column[stroke]) for stroke in strokes[way]]
             values[f"{name}_scatter_{way}"] = _log_rms(scatter)
             values[f"{name}_roughness_{way}"] = _log_rms(rough)
     values["friction_current"] = 0.5 * (values["current_forward"] + values["current_backward"])
@@ -170,7 +165,7 @@ def _speeds(window: Telemetry) -> tuple[Array, float]:
 
 
 def _strokes(moving: Flags) -> list[NDArray[np.intp]]:
-    """Return the indices of each stroke, without the first sixth, in which it settles."""
+    """Return the indices of each stroke, without the settling time, its first sixth."""
     places = np.flatnonzero(moving)
     runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
     settled = [run[len(run) // _SETTLING :] for run in runs]

@@ -1,4 +1,4 @@
-"""A record and its comparison in words: reasons, the summary, and the rows of a table."""
+"""Texts about a record and its comparison: summary, reasons, and rows of a table."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -25,24 +25,24 @@ HEADINGS: Final = ("quantity", "change", "90 % interval", "judgement")
 """Headings of ``rows``."""
 
 OTHER_SIGN: Final = (
-    "the effort has the other sign than in the healthy records, or follows another joint: compare "
-    "the mapping with that of the healthy records"
+    "the effort has the opposite sign of the healthy records, or belongs to another joint: compare "
+    "the mapping with the mapping of the healthy records"
 )
 """Why a record whose torque per unit of effort is negative is refused."""
 
 _SHORTCOMINGS: Final = {
     Shortcoming.NO_DATES: (
-        "healthy records have no date, and count as records of one day: how much the joint changes "
+        "healthy records have no date, and count as records of one day: the change of the joint "
         "between days is assumed; give the time with its date"
     ),
     Shortcoming.ONE_DAY: (
-        "all healthy records are of one day: how much the joint changes between days is assumed; "
-        "add healthy records of two further days"
+        "all healthy records are of one day: the change of the joint between days is assumed; add "
+        "healthy records of two further days"
     ),
     Shortcoming.FEW_RECORDS: "there are fewer than 5 healthy records: add healthy records",
     Shortcoming.ONE_SPEED: (
-        "the healthy records have nearly one speed, so that Coulomb and viscous friction are not "
-        "told apart: add moves at half the speed"
+        "the healthy records have nearly one speed, so that Coulomb and viscous friction cannot be "
+        "distinguished: add moves at half the speed"
     ),
     Shortcoming.UNEXPLAINED_EFFORT: (
         "the motion does not explain a large part of the effort in the healthy records: check that "
@@ -57,14 +57,14 @@ _WHOLE_SIGNED_PERCENT: Final = 100.0
 
 
 def summary(comparison: Comparison) -> str:
-    """Return the finding, and what is not judged, in sentences without the final full stop."""
+    """Return the finding, and the quantities that are not judged, without the final full stop."""
     return ". ".join([finding(comparison), *map(_capital, _not_judged(comparison))])
 
 
 def finding(comparison: Comparison) -> str:
-    """Return what has changed, in sentences without the final full stop.
+    """Return the changes as sentences, without the final full stop.
 
-    If nothing has changed, it states the change of friction that would show.
+    If nothing has changed, the text states the smallest detectable change of friction.
     """
     if not comparison.judged and not comparison.figures:
         reasons = dict.fromkeys(item.reason for item in comparison.quantities if item.reason)
@@ -72,12 +72,12 @@ def finding(comparison: Comparison) -> str:
     departed = [*_changes(comparison), *_figures(comparison.figures)]
     parts = [*departed, *map(_doubt_sentence, comparison.doubtful)]
     if not parts:
-        parts = [f"no quantity has changed{_friction_that_would_show(comparison)}"]
+        parts = [f"no quantity has changed{_friction_limit(comparison)}"]
     return ". ".join(map(_capital, [*parts, *_state(comparison)]))
 
 
 def rows(comparison: Comparison) -> list[tuple[str, str, str, str]]:
-    """Return a row for each quantity and each departed figure, in the columns of ``HEADINGS``."""
+    """Return a row for each quantity and each changed figure, in the columns of ``HEADINGS``."""
     table = [
         (_row_label(item.name), change_text(item), interval_text(item), judgement_text(item))
         for item in comparison.quantities
@@ -100,15 +100,15 @@ def table_text(comparison: Comparison) -> str:
 def why_no_level(comparison: Comparison, warn_limit: float) -> str:
     """Return why a comparison without a departure does not show that a unit is healthy.
 
-    It does, and the text is "", if friction is judged, its smallest detectable change is below the
-    change at which a warning is given, and no quantity differs beyond usual variation.
+    The text is "" if the unit is healthy: friction is judged, its smallest detectable change is
+    below the warning limit, and no quantity differs by more than usual variation.
 
     Parameters
     ----------
     comparison
         Comparison of a record.
     warn_limit
-        Relative change of friction at which a warning is given [-].
+        Relative change of friction at the warning limit [-].
     """
     friction, label = comparison[FRICTION], label_of(FRICTION)
     doubts = [_doubt_sentence(item) for item in comparison.doubtful]
@@ -149,32 +149,33 @@ def interval_text(quantity: QuantityChange) -> str:
 
 
 def smallest_text(quantity: QuantityChange) -> str:
-    """Return the smallest detectable change with its unit, as "6 %"; "" if it is not known."""
+    """Return the smallest detectable change with its unit, as "6 %"; "" if it is unknown."""
     if not math.isfinite(quantity.smallest_change):
         return ""
     return f"{_plain(quantity.smallest_change, quantity)} {unit_of(quantity)}"
 
 
 def judgement_text(quantity: QuantityChange) -> str:
-    """Return the judgement of a quantity with what it depends on."""
+    """Return the judgement of a quantity with its reason, rivals or detection limit."""
     if not quantity.is_judged:
         return f"not judged ({quantity.reason})" if quantity.reason else "not judged"
     if quantity.judgement is Judgement.CHANGED:
         if not quantity.rivals:
             return "changed"
-        return f"changed (not told apart from {_joined(map(label_of, quantity.rivals), 'or')})"
+        rivals = _joined(map(label_of, quantity.rivals), "or")
+        return f"changed (not distinguishable from {rivals})"
     smallest = smallest_text(quantity)
     return f"unchanged (changes above {smallest} would show)" if smallest else "unchanged"
 
 
 def brief(quantity: QuantityChange) -> str:
-    """Return label, change and judgement of a quantity in a few words."""
+    """Return label, change and judgement of a quantity as a phrase."""
     words = change_text(quantity), judgement_text(quantity)
     return f"{label_of(quantity.name)} {', '.join(filter(None, words))}"
 
 
 def improvement_sentences(comparison: Comparison) -> list[str]:
-    """Return which further healthy records would lower the smallest detectable changes."""
+    """Return sentences about healthy records that would lower the smallest detectable changes."""
     sentences = []
     for item in comparison.improvements:
         quantity = comparison[item.name]
@@ -195,10 +196,10 @@ def unit_of(quantity: QuantityChange) -> str:
 
 
 def _changes(comparison: Comparison) -> list[str]:
-    """Return a sentence for each change, and which quantities are not told apart."""
+    """Return a sentence for each change, and for quantities that cannot be distinguished."""
     changed = {item.name: item for item in comparison.changed}
     if FRICTION in changed or INERTIA in changed:
-        # Their ratio repeats what they say.
+        # The ratio adds no information.
         changed.pop(FRICTION_OVER_INERTIA, None)
     sentences, described = [], set[str]()
     for item in changed.values():
@@ -215,11 +216,11 @@ def _changes(comparison: Comparison) -> list[str]:
 
 
 def _rivalry_sentence(named: Sequence[str], rivals: Sequence[str]) -> str:
-    labels, others = map(label_of, named), map(label_of, rivals)
+    labels, rival_labels = map(label_of, named), map(label_of, rivals)
     if len(named) == 1:
-        return f"{_joined([*labels, *others], 'and')} cannot be told apart in this motion"
-    what = f"{_joined(labels, 'and')} cannot be told apart from {_joined(others, 'or')}"
-    return f"{what} in this motion"
+        return f"{_joined([*labels, *rival_labels], 'and')} cannot be distinguished in this motion"
+    pair = f"{_joined(labels, 'and')} cannot be distinguished from {_joined(rival_labels, 'or')}"
+    return f"{pair} in this motion"
 
 
 def _change_sentence(item: QuantityChange) -> str:
@@ -256,13 +257,13 @@ def _moved(change: float, low: float, high: float, share: str = "") -> str:
 
 
 def _figures(figures: Sequence[FigureChange]) -> list[str]:
-    """Return the departed figures as one sentence, if there are any."""
+    """Return one sentence about all changed figures; empty without one."""
     if not figures:
         return []
     ratios = [f"{label_of(item.name)} {item.ratio:.3g} times" for item in figures]
-    first, *others = ratios
+    first, *rest = ratios
     first = first.replace(label_of(figures[0].name), f"{label_of(figures[0].name)} is", 1)
-    return [f"{_joined([first, *others], 'and')} that of the healthy records"]
+    return [f"{_joined([first, *rest], 'and')} the healthy value"]
 
 
 def _state(comparison: Comparison) -> list[str]:
@@ -272,7 +273,7 @@ def _state(comparison: Comparison) -> list[str]:
     return [f"the most probable labelled state is {name} ({100.0 * share:.0f} %)"]
 
 
-def _friction_that_would_show(comparison: Comparison) -> str:
+def _friction_limit(comparison: Comparison) -> str:
     smallest = smallest_text(comparison[FRICTION])
     if not comparison[FRICTION].is_judged or not smallest:
         return ""
@@ -280,10 +281,7 @@ def _friction_that_would_show(comparison: Comparison) -> str:
 
 
 def _not_judged(comparison: Comparison) -> list[str]:
-    """Return the quantities that are not judged, those with the same reason together.
-
-    Rivals of a change are named with it.
-    """
+    """Return the quantities that are not judged, grouped by reason, without rivals of a change."""
     by_reason: dict[str, list[str]] = {}
     for item in comparison.quantities:
         if not item.is_judged and not item.rivals:
@@ -291,7 +289,8 @@ def _not_judged(comparison: Comparison) -> list[str]:
     if not by_reason or not comparison.judged:
         return []
     groups = [(reason, _joined(labels, "and")) for reason, labels in by_reason.items()]
-    return [f"not judged: {', '.join(f'{what} ({why})' if why else what for why, what in groups)}"]
+    texts = [f"{labels} ({reason})" if reason else labels for reason, labels in groups]
+    return [f"not judged: {', '.join(texts)}"]
 
 
 def _capital(sentence: str) -> str:
@@ -303,9 +302,9 @@ def _signed(value: float, quantity: QuantityChange) -> str:
         text = _decimals(100.0 * value)
     else:
         smallest = quantity.smallest_change
-        is_known = math.isfinite(smallest) and smallest > 0.0
+        is_positive = math.isfinite(smallest) and smallest > 0.0
         # Two digits of the smallest change.
-        decimals = max(0, 1 - math.floor(math.log10(smallest))) if is_known else 3
+        decimals = max(0, 1 - math.floor(math.log10(smallest))) if is_positive else 3
         text = f"{value:z.{decimals}f}"
     return text if text.startswith("-") else f"+{text}"
 
@@ -331,7 +330,7 @@ def _joined(words: Iterable[str], conjunction: str) -> str:
 
 
 def baseline_sentences(comparer: Comparer) -> list[str]:
-    """Return what a baseline can show, and which healthy records would make it show more."""
+    """Return sentences about the detection limits of a baseline, and how to lower them."""
     another_day, same_day = (
         _percent(smallest[FRICTION])
         for smallest in (comparer.smallest_changes, comparer.smallest_changes_of_a_day)
@@ -354,7 +353,7 @@ def baseline_sentences(comparer: Comparer) -> list[str]:
 
 
 def _lag_sentences(lag_s: float) -> list[str]:
-    """Return the remark on a large lag of the effort that its acquisition does not explain [s]."""
+    """Return a remark on a large lag of the effort that its acquisition does not explain."""
     if abs(lag_s) < _LARGE_LAG_S:
         return []
     way = "later" if lag_s > 0.0 else "earlier"
@@ -369,39 +368,31 @@ def _percent(share: float) -> str:
 
 
 class Samples(NamedTuple):
-    """Samples of a record, and how they were prepared.
-
-    Attributes
-    ----------
-    total
-        Number of samples.
-    interpolated
-        Number of lost samples that were interpolated.
-    spikes
-        Number of samples of the effort that were left out as spikes.
-    effort_shift_s
-        By how much the effort is later than in the healthy records, which is corrected [s].
-    """
+    """Counts of corrected samples of a record."""
 
     total: int
+    """Number of samples."""
     interpolated: int
+    """Number of lost samples that were interpolated."""
     spikes: int
+    """Number of samples of the effort that were replaced as spikes."""
     effort_shift_s: float
+    """Delay of the effort against the healthy records, which is corrected [s]."""
 
 
 def sample_sentences(samples: Samples) -> list[str]:
-    """Return what qualifies the samples of a record, without final full stops."""
+    """Return sentences about the corrections of a record, without final full stops."""
     sentences = []
     if shift_s := samples.effort_shift_s:
         sentences.append(
             f"The effort is {1e3 * abs(shift_s):.0f} ms {'later' if shift_s > 0.0 else 'earlier'} "
-            "than in the healthy records, which is corrected: look for another filter, driver or "
-            "clock of the effort"
+            "than in the healthy records, which is corrected: check whether filter, driver or "
+            "clock of the effort were changed"
         )
     if samples.spikes:
         sentences.append(
             f"The effort has {counted(samples.spikes, 'spike')} in {samples.total} samples, which "
-            f"{'is' if samples.spikes == 1 else 'are'} left out: look for a disturbed sensor or bus"
+            f"{'is' if samples.spikes == 1 else 'are'} ignored: check sensor and bus"
         )
     if samples.interpolated:
         count = counted(samples.interpolated, "lost sample")
@@ -410,16 +401,16 @@ def sample_sentences(samples: Samples) -> list[str]:
 
 
 def zero_sentence(shift: float) -> str:
-    """Return that the position counts from another zero, by an angle [rad]."""
+    """Return that the zero of the position may be shifted, by an angle [rad]."""
     return (
-        "Or the position counts from another zero: the record agrees better if it is "
+        "Or the zero of the position has moved: the record agrees better if the position is "
         f"{abs(shift):.2f} rad {'more' if shift > 0.0 else 'less'} than in the healthy records: "
         "check the homing"
     )
 
 
 def standstill_text(standstill: Standstill, effort: DisplayUnit, angle: DisplayUnit) -> str:
-    """Return why a joint stands still, in the units in which effort and position are shown."""
+    """Return why a joint stands still, in the displayed units of effort and position."""
     travel, least = (
         f"{angle.scale * value:.2g} {angle.unit}"
         for value in (standstill.travel, standstill.least_travel)
@@ -440,18 +431,18 @@ def standstill_text(standstill: Standstill, effort: DisplayUnit, angle: DisplayU
 
 
 def scaled_effort_text(factor: float, mistake: str) -> str:
-    """Return that an effort is a multiple of the healthy one; ``mistake`` may name the unit."""
+    """Return that an effort is a multiple of the healthy effort; ``mistake`` may name the unit."""
     return (
-        f"the effort is {factor:.3g} times that of the healthy records: "
-        f"{mistake or 'another unit or sign, or a failed sensor'}; compare the mapping with that "
-        "of the healthy records"
+        f"the effort is {factor:.3g} times the healthy effort: "
+        f"{mistake or 'a wrong unit or sign, or a failed sensor'}; compare the mapping with the "
+        "mapping of the healthy records"
     )
 
 
 def negative_text(name: str, ratio: float) -> str:
     """Return that friction or inertia of a record is below 0."""
     return (
-        f"the {name} is {ratio:.2g} times that of the healthy records, expected above 0: is the "
-        "effort late by more than 0.1 s, of another sign, or of another joint? Compare the mapping "
-        "and the clocks with those of the healthy records"
+        f"the {name} is {ratio:.2g} times the healthy {name}, expected above 0: is the effort "
+        "delayed by more than 0.1 s, of opposite sign, or of another joint? Compare mapping and "
+        "clocks with the healthy records"
     )

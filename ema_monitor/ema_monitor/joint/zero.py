@@ -1,4 +1,4 @@
-"""Zero of the position: gravity shows by what angle it differs from that of the healthy records."""
+"""Shift of the position's zero between a record and the healthy records, shown by gravity."""
 
 import math
 from typing import Final, NamedTuple
@@ -13,24 +13,16 @@ _TINY: Final = 1e-300
 
 
 class ZeroShift(NamedTuple):
-    """By how much the position of a record exceeds that of the healthy records.
-
-    Attributes
-    ----------
-    angle
-        Angle by which the healthy gravity is turned in the record, within half a turn [rad].
-    gain
-        Residual of the effort without the angle, over that with it [-].
-    """
+    """Shift of the position of a record against the healthy records."""
 
     angle: float
+    """Angle by which the position exceeds the healthy position, within half a turn [rad]."""
     gain: float
+    """Residual of the effort without the shift, over the residual with the shift [-]."""
 
 
 def zero_shift(shape: Shape, signals: Signals) -> ZeroShift:
-    """Return by how much the position of a record exceeds that of the healthy records.
-
-    The payload is free.
+    """Return the shift of the position of a record, for an unknown payload.
 
     Parameters
     ----------
@@ -46,8 +38,8 @@ def zero_shift(shape: Shape, signals: Signals) -> ZeroShift:
     design = np.column_stack([plain, turned])
     values = np.linalg.lstsq(design, signals.effort, rcond=None)[0]
     gravity = float(values[np.flatnonzero(used == GRAVITY)[0]])
-    left, without = signals.effort - design @ values, _residual(plain, signals.effort)
-    gain = math.sqrt(float(without @ without) / max(float(left @ left), _TINY))
+    shifted, unshifted = signals.effort - design @ values, _residual(plain, signals.effort)
+    gain = math.sqrt(float(unshifted @ unshifted) / max(float(shifted @ shifted), _TINY))
     return ZeroShift(math.atan2(-float(values[-1]), gravity), gain)
 
 

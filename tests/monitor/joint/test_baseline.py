@@ -59,7 +59,7 @@ def test_more_days_beyond_several_lower_the_smallest_change_as_predicted(days, s
         baseline = baseline_of(seed, days=days, scatter=scatter)
         more = baseline_of(seed, days=days + 2, scatter=scatter)
         known = Comparer(baseline).correlations
-        extended = Comparer(baseline.extended(6, 2), known_correlations=known)
+        extended = Comparer(baseline.extended(6, 2), assumed_correlations=known)
         predicted.append(extended.smallest_changes[FRICTION])
         reached.append(Comparer(more).smallest_changes[FRICTION])
     # What two days show varies by half, a mean of 12 by 15 %.

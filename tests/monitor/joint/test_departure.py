@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ema_monitor.joint.departure import NONE_OF_THESE, DatedFigures, JudgedFigure, departure_of
-from ema_monitor.joint.states import Example, known_states, probabilities
+from ema_monitor.joint.states import Example, examples_by_state, probabilities
 
 FIGURES = {
     "level": JudgedFigure("level", 0.01, is_logarithm=False),
@@ -47,7 +47,7 @@ def test_departure_names_what_changed_and_by_how_much():
     assert [one.name for one in found.changes] == ["level"]
     assert "level is 1.12 A, healthy 1 A (+11 %)" in str(found)
     louder = later._replace(values={**later.values, "level": 1.0, "scatter3": np.log(1.5)})
-    assert "scatter 3 is 1.5 times the healthy one" in str(departure_of(louder, healthy, FIGURES))
+    assert "scatter 3 is 1.5 times the healthy value" in str(departure_of(louder, healthy, FIGURES))
 
 
 def test_equal_healthy_tests_do_not_claim_that_there_is_no_scatter():
@@ -127,14 +127,14 @@ def clusters(rng, centres, count=6, rows=3):
 def test_states_are_named_and_what_is_none_of_them():
     rng = np.random.default_rng(0)
     centres = {"healthy": (0.0, 0.0), "dry 1": (1.0, 0.0), "dry 2": (2.0, 0.0), "play": (0.0, 2.0)}
-    known = known_states(clusters(rng, centres))
+    examples = examples_by_state(clusters(rng, centres))
     for state, centre in centres.items():
-        found = probabilities(known, at(*centre), PLANE)
+        found = probabilities(examples, at(*centre), PLANE)
         assert next(iter(found)) == state
         assert sum(found.values()) == pytest.approx(1.0)
-    assert next(iter(probabilities(known, at(30.0, 30.0), PLANE))) == NONE_OF_THESE
+    assert next(iter(probabilities(examples, at(30.0, 30.0), PLANE))) == NONE_OF_THESE
     # A figure that is missing does not count.
-    found = probabilities(known, DatedFigures(0, {"b": 2.0}), PLANE)
+    found = probabilities(examples, DatedFigures(0, {"b": 2.0}), PLANE)
     assert next(iter(found)) == "play"
-    assert probabilities(known, DatedFigures(0, {}), PLANE) == {}
-    assert not known_states(clusters(rng, {"healthy": (0.0, 0.0)})[:2])
+    assert probabilities(examples, DatedFigures(0, {}), PLANE) == {}
+    assert not examples_by_state(clusters(rng, {"healthy": (0.0, 0.0)})[:2])

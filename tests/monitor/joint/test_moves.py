@@ -39,7 +39,7 @@ def test_life_holds_the_crossing(law):
         verdicts = followed(1.0 + rise, seed=seed)
         assert [one.level for one in verdicts[:4]] == ["STALE"] * 4
         assert verdicts[crossing + 3].level == "ERROR"
-        assert "limit of 1.5 is passed" in verdicts[crossing + 3].reason
+        assert "limit of 1.5 is exceeded" in verdicts[crossing + 3].reason
         for day in range(14, crossing - 1):
             if life := verdicts[day].life_days:
                 told += 1

@@ -156,7 +156,7 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
         (later(50, load=0.3), "no state is named: the load is new, 0.2 A from"),
         (
             replace(faster, command=2.0 * faster.command),
-            "no healthy window has the motion, 6 rad at 2 rad/s, 25 Hz",
+            "no healthy window has the motion 6 rad at 2 rad/s, 25 Hz",
         ),
     ):
         found = known.departure(50, figures_of(strange))
@@ -185,7 +185,7 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
     [
         (0.0, 0.0, "it has no stretch in each direction"),
         (1.2, 0.0, "no healthy window has its motion"),
-        (1.0, 0.5, "its load is 0.4 A away from the healthy windows"),
+        (1.0, 0.5, "its load differs by 0.4 A from the healthy windows"),
     ],
 )
 def test_test_that_later_ones_cannot_be_compared_with_is_not_labelled(

@@ -24,7 +24,7 @@ from .plant import (
 )
 
 JOINT = Joint(gravity=2.0)
-HINT = "Or the position counts from another zero"
+HINT = "Or the zero of the position has moved"
 MOTIONS = {"tones": tones(), "small": tones(size=0.5), "places": places()}
 
 

@@ -51,7 +51,7 @@ export function rowsOf(quantities: readonly QuantityChange[] | undefined): Quant
 function judgementOf(one: QuantityChange): string {
   if (one.judgement === CHANGED) {
     const rivals = one.rivals.map(labelOf).join(" or ");
-    return rivals ? `changed (not told apart from ${rivals})` : "changed";
+    return rivals ? `changed (not distinguishable from ${rivals})` : "changed";
   }
   if (one.judgement !== UNCHANGED) return `not judged${one.reason && ` (${one.reason})`}`;
   if (!Number.isFinite(one.smallest_change)) return "unchanged";

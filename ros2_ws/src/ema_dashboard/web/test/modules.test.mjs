@@ -43,7 +43,7 @@ test("a record is a row for each quantity, in the words of the commands", () => 
   const doubtful = of({ judgement: 2, change: 0.152, reason: "not certain" });
   assert.deepEqual([doubtful.change, doubtful.interval], ["+15.2 %", "+11.2 to +19.2 %"]);
   assert.equal(of({ rivals: ["torque_per_ampere"] }).judgement,
-    "changed (not told apart from torque per unit of effort)");
+    "changed (not distinguishable from torque per unit of effort)");
   assert.equal(of({ name: "load", unit: "N.m", change: -0.5, smallest_change: 0.1 }).change, "−0.50 N.m");
   assert.equal(of({ name: "viscous_friction" }).label,
     "viscous friction (of all friction at the usual speed)");
