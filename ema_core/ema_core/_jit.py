@@ -1,8 +1,9 @@
 """Compilation options of all kernels, and their cache on disk.
 
-numba's file cache of a function goes stale when a function that it calls changes in another file:
-the name of the cache folder has a digest of all modules of ours that the kernel's imports. A
-damaged file of the cache would abort the process: each has a checksum of its content.
+numba's file cache of a function becomes stale if a called function changes in another file.
+Therefore the name of the cache folder contains a digest of all ``ema_*`` modules that the module of
+the kernel imports. A damaged cache file would abort the process; therefore each file has a
+checksum.
 """
 
 import hashlib
@@ -29,26 +30,26 @@ def kernel(*, nogil: bool = True) -> Callable[[Callable[..., Any]], Any]:
     """Return the decorator that compiles a kernel.
 
     Kernels divide by zero according to IEEE 754, release the interpreter lock, never raise and are
-    cached on disk where that is possible. A kernel of a few microseconds keeps the lock (``nogil``
-    is False): to get the lock back it would wait for a thread that works for milliseconds.
+    cached on disk if possible. A kernel of a few microseconds keeps the lock (``nogil`` is False):
+    to reacquire it, the kernel might wait for milliseconds.
     """
 
     def compile_kernel(function: Callable[..., Any]) -> Any:
         folder = _cache_folder(function.__module__)
-        # pyright does not see the options, which numba sets from the environment.
+        # numba sets these options from the environment, which pyright cannot know.
         shared_folder = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
         config.CACHE_DIR = folder  # pyright: ignore[reportAttributeAccessIssue]
         compiled = numba.njit(error_model="numpy", nogil=nogil)(function)
         try:
             cache = _KernelCache(function)
             if not Path(cache.cache_path).is_relative_to(folder):
-                # Elsewhere it would go stale when a kernel changes that this one calls.
+                # In another folder the cache would become stale when a called kernel changes.
                 raise RuntimeError(cache.cache_path)
-            # numba has no other way to a cache of one's own.
+            # numba has no public interface for a custom cache.
             cast(Any, compiled)._cache = cache
         except RuntimeError:
             root = Path(folder).parent
-            _log_once(f"{root} cannot be written: kernels are compiled at each start")
+            _log_once(f"{root} is not writable: kernels are compiled at each start")
         finally:
             config.CACHE_DIR = shared_folder  # pyright: ignore[reportAttributeAccessIssue]
         return compiled
@@ -70,7 +71,7 @@ def _log_once(text: str) -> None:
 
 
 class _CheckedFiles(IndexDataCacheFile):
-    """Index and data files of a kernel; a damaged one is removed, and counts as missing."""
+    """Index and data files of a kernel; a damaged file is removed and counts as missing."""
 
     def _load_index(self) -> dict[Any, str]:
         version, stamp, overloads = self._read(Path(self._index_path)) or (None, None, {})
@@ -83,7 +84,7 @@ class _CheckedFiles(IndexDataCacheFile):
     def _load_data(self, name: str) -> Any:
         content = self._read(Path(self._data_path(name)))
         if content is None:
-            raise FileNotFoundError(name)  # numba compiles then
+            raise FileNotFoundError(name)  # numba then compiles the kernel
         return content
 
     def _save_data(self, name: str, data: Any) -> None:
@@ -95,21 +96,21 @@ class _CheckedFiles(IndexDataCacheFile):
             file.write(hashlib.sha256(text).digest() + text)
 
     def _read(self, path: Path) -> Any:
-        """Return the content of a file; None when there is none, or it is damaged."""
+        """Return the content of a file; None if it is missing or damaged."""
         try:
             stored = path.read_bytes()
         except FileNotFoundError:
             return None
         digest, text = stored[:_DIGEST_BYTES], stored[_DIGEST_BYTES:]
         if hashlib.sha256(text).digest() != digest:
-            _log.warning("%s is damaged: the kernel is compiled anew", path)
+            _log.warning("%s is damaged: the kernel is recompiled", path)
             path.unlink(missing_ok=True)
             return None
         return pickle.loads(text)
 
 
 class _KernelCache(FunctionCache):
-    """Cache of one kernel; where nothing can be written the kernel is compiled for this process."""
+    """Cache of one kernel; if it is not writable, the kernel is compiled for this process."""
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
@@ -120,7 +121,7 @@ class _KernelCache(FunctionCache):
         )
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Save a compiled kernel."""
+        """Store a compiled kernel."""
         try:
             super().save_overload(sig, data)
         except OSError as error:

@@ -1,4 +1,4 @@
-"""How the columns of telemetry are acquired: what a sample of the current stands for."""
+"""Acquisition of telemetry: meaning of a current sample, and measured columns."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -7,23 +7,23 @@ from typing import Final
 from ema_core.quantity import Checked, flag, quantity, text
 
 CURRENT_SAMPLINGS: Final = ("mean", "filtered", "instantaneous", "none")
-"""What a sample of the current stands for: its mean over the sample period, its value at the end
-of it behind a first-order low-pass filter, that value itself, or nothing: it is not measured."""
+"""Meaning of a sample of the current: mean over the sample period, low-pass filtered value
+(first order) at its end, value at its end, or not measured."""
 
 EFFORT_UNITS: Final = ("A", "N.m", "N")
-"""Units in which an effort is recorded: as a current, a torque of the joint or a force of the rod.
-Telemetry has the equivalent current in any case."""
+"""Units of a recorded effort: current, torque of a joint, or force of a rod. Telemetry always holds
+the equivalent current."""
 
 
 @dataclass(frozen=True)
 class Acquisition(Checked):
-    """How telemetry is acquired.
+    """Acquisition of the columns of telemetry.
 
     Raises
     ------
     ValueError
-        When the sampling is unknown, or the time constant is missing, impossible or given for a
-        current that is not filtered.
+        When the sampling is unknown, the time constant is missing or out of range, or a time
+        constant is given for an unfiltered current.
     """
 
     current: str = text("mean", "what a sample of the current stands for", CURRENT_SAMPLINGS)
@@ -39,7 +39,7 @@ class Acquisition(Checked):
         if (self.current == "filtered") != (self.current_filter > 0.0):
             raise ValueError(
                 f"current_filter = {self.current_filter:g} s with current = {self.current}: "
-                "a filtered current needs a time constant above 0, any other 0"
+                "expected a time constant above 0 for a filtered current, else 0"
             )
 
     def __str__(self) -> str:
@@ -50,7 +50,7 @@ class Acquisition(Checked):
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Names of the columns of telemetry that are not measured, and so are empty."""
+        """Names of the telemetry columns that are empty because they are not measured."""
         absent = {
             "command": not self.command,
             "current": self.current == "none",
@@ -59,7 +59,7 @@ class Acquisition(Checked):
         return tuple(name for name, is_absent in absent.items() if is_absent)
 
     def contradiction(self, missing: Collection[str]) -> str:
-        """Return how telemetry with these empty columns contradicts the acquisition."""
+        """Return how telemetry with these empty columns contradicts the acquisition; "" if not."""
         reasons = [
             f"the {name} is declared as measured ({self}), but its column is empty"
             if name in missing
@@ -71,4 +71,4 @@ class Acquisition(Checked):
 
 
 USUAL: Final = Acquisition()
-"""The current's mean over a sample, and all measured."""
+"""Default acquisition: all columns are measured, the current is the mean over a sample."""

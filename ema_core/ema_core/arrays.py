@@ -1,4 +1,4 @@
-"""Short names of the types of arrays, of any shape."""
+"""Type aliases for arrays of any shape."""
 
 from typing import TypeAlias
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
-"""Numbers."""
+"""Array of floats."""
 
 Flags: TypeAlias = NDArray[np.bool_]
-"""True or false."""
+"""Array of booleans."""

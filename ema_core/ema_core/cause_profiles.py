@@ -1,4 +1,4 @@
-"""Hidden causes over time: constant, a step, or a ramp, and their textual form."""
+"""Time profiles of hidden causes (constant, step or ramp), and their text form."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -13,29 +13,24 @@ from ema_core.quantity import is_finite_number
 from ema_core.wording import as_identifier, unknown_name
 
 GRAMMAR: Final = "NAME=VALUE[@START[..END]]"
-"""Text of a cause: its value, from a time on [s], or reached by a ramp between two times [s]."""
+"""Text form of a cause: its value, with the time of a step, or start and end of a ramp [s]."""
 
 _TEXT: Final = re.compile(r"\s*([^=]+?)\s*=\s*([^@=\s]+?)(?:@([^@=\s]+?)(?:\.\.([^@=\s]+))?)?\s*")
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Course of a cause in time: 0 until ``start_s``, ``value`` from ``end_s`` on, linear between.
-
-    Attributes
-    ----------
-    value
-        Final value, in the unit of the cause.
-    start_s, end_s
-        Start and end of the ramp [s] since the cause was set; a step where they are equal.
-    """
+    """Time profile of a cause: 0 until ``start_s``, ``value`` from ``end_s`` on, linear between."""
 
     value: float
+    """Final value, in the unit of the cause."""
     start_s: float = 0.0
+    """Start of the ramp, from the time at which the cause is set [s]."""
     end_s: float = 0.0
+    """End of the ramp [s]; equal to ``start_s`` for a step."""
 
     def at(self, time_s: ArrayLike) -> NDArray[np.float64]:
-        """Return the value of the cause at some times [s], in the shape of these."""
+        """Return the value of the cause at times [s], in their shape."""
         t = np.asarray(time_s, dtype=np.float64)
         if self.end_s == self.start_s:
             return np.where(t >= self.start_s, self.value, 0.0)
@@ -54,25 +49,28 @@ Causes = Mapping[str, Profile | float] | Iterable[str]
 def cause_profiles(causes: Causes) -> dict[str, Profile]:
     """Return hidden causes as profiles by name.
 
-    They are values or profiles by name, or texts such as ``"current_offset=0.1@3.0"`` (`GRAMMAR`).
+    Parameters
+    ----------
+    causes
+        Values or profiles by name, or texts such as ``"current_offset=0.1@3.0"`` (`GRAMMAR`).
 
     Raises
     ------
     ValueError
-        When a name is unknown or given twice, a value is not a number in its range, or a time is
-        impossible; the message names the cause, its value, unit and range.
+        When a name is unknown or repeated, a value is not a number in its range, or a time is
+        negative or not finite; the message names the cause, its value, unit and range.
     """
     if isinstance(causes, str):
         raise ValueError(f"causes = {causes!r}: expected a list of texts {GRAMMAR}")
     if isinstance(causes, Mapping):
-        given = [
+        pairs = [
             (name, item if isinstance(item, Profile) else Profile(item))
             for name, item in causes.items()
         ]
     else:
-        given = [_parsed(text) for text in causes]
+        pairs = [_parsed(text) for text in causes]
     profiles: dict[str, Profile] = {}
-    for name, profile in given:
+    for name, profile in pairs:
         cause = _cause(name)
         if cause.name in profiles:
             raise ValueError(f"hidden cause {cause.name} is given more than once")
@@ -114,7 +112,7 @@ def _cause(name: str) -> Cause:
 
 
 def _checked(cause: Cause, profile: Profile) -> Profile:
-    """Return a profile of floats, if it is possible for its cause."""
+    """Return a profile of floats; ValueError unless it is valid for its cause."""
     value, unit = profile.value, cause.unit
     expected = f"[{cause.lowest:g}, {cause.highest:g}] {unit} ({cause.label}: {cause.meaning})"
     if not is_finite_number(value):

@@ -1,7 +1,7 @@
-"""The registry of hidden causes, which change a window of telemetry and are not faults.
+"""Registry of hidden causes: conditions that change telemetry and are not faults.
 
-The simulator applies them (equations in docs/model.md), the monitor takes some of them for
-competing explanations. A cause that is absent has the value 0.
+The simulator applies them (equations in docs/model.md). The monitor considers some of them as
+competing explanations. An absent cause has the value 0.
 """
 
 from dataclasses import dataclass
@@ -18,36 +18,29 @@ class Place(StrEnum):
     PLANT = "plant"
     """Motor, supply, mechanics or load: it changes the motion."""
     SENSOR = "sensor"
-    """A published column alone; the drive's own loops use the true value."""
+    """Only a published column; the loops of the drive use the true value."""
     DEFECT = "defect"
     """A failed part: faults cannot be estimated while it is present."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """One hidden cause.
-
-    Attributes
-    ----------
-    name, label
-        Name in code, messages and on the command line, and in words.
-    unit
-        Unit of its value; "-" for a relative change or a switch.
-    lowest, highest
-        Range that can be simulated.
-    place
-        Where it acts.
-    meaning
-        What its value is.
-    """
+    """One hidden cause."""
 
     name: str
+    """Name in code, messages and on the command line."""
     label: str
+    """Displayed name."""
     unit: str
+    """Unit of the value; "-" for a relative change or a switch."""
     lowest: float
+    """Lowest value that can be simulated."""
     highest: float
+    """Highest value that can be simulated."""
     place: Place
+    """Where the cause acts."""
     meaning: str
+    """Meaning of the value."""
 
 
 _PLANT = (
@@ -129,7 +122,7 @@ CAUSE_BY_NAME: Final = {cause.name: cause for cause in CAUSES}
 
 
 class CauseEstimate(NamedTuple):
-    """A hidden cause as a window shows it, or as it was measured: value and sigma in its unit."""
+    """Estimate or measurement of a hidden cause: value and standard deviation in its unit."""
 
     name: str
     value: float

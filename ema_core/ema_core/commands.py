@@ -1,7 +1,7 @@
-"""Position commands as sampled arrays, and the test cycle around them.
+"""Position commands as sampled arrays, and the test cycle around a command.
 
-A command of ``n`` samples at period ``h`` holds the user-shaft angle [rad] at h, 2 h, ... n h; at
-time 0 it is zero. Models interpolate it linearly between samples.
+A command of ``n`` samples at period ``h`` holds the user-shaft angle [rad] at h, 2 h, ... n h; the
+angle at time 0 is zero. Models interpolate linearly between samples.
 """
 
 import math
@@ -27,7 +27,7 @@ _APPROACH_SPEED = 5e-3
 _RETREAT_S = 0.1
 _HOLD_S = 0.1
 _RETURN_S = 0.3
-_ARRAYS = 2  # arrays of the command's length at a time, without those of its computation
+_ARRAYS = 2  # simultaneous arrays of the length of the command, without temporaries
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +35,8 @@ class Command(Checked):
     """A command, defined by its shape and parameters.
 
     A swing has the frequencies and the envelope of a chirp, but begins at rest: its first half
-    period leads from the start to the amplitude, those that follow from turning point to turning
-    point. Over a whole number of them it ends at rest, too.
-
-    Attributes
-    ----------
-    samples
-        Samples of a custom command [rad].
+    period leads from the start to the amplitude, each further half period from one turning point to
+    the next. After a whole number of half periods it ends at rest.
     """
 
     shape: str = text("chirp", "shape of the command", COMMAND_SHAPES)
@@ -66,6 +61,7 @@ class Command(Checked):
     )
     seed: int = quantity(0, "-", 0, 2**62, "seed of the moves")
     samples: ArrayLike = field(default=(), repr=False)
+    """Samples of a custom command [rad]."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -77,10 +73,10 @@ class Command(Checked):
             )
 
     def travel_warning(self, parameters: ActuatorParameters) -> str:
-        """Return a warning when the command leads beyond the end stops, else an empty text.
+        """Return a warning if the command exceeds the end stops, else an empty text.
 
-        An actuator can be run against its stops on purpose, so this is no error; more often the
-        angle is given in another unit.
+        It is not an error, because a test may run an actuator against its stops on purpose. Usually
+        the angle has a wrong unit.
         """
         stop = parameters.theta_stop
         is_custom = self.shape == "custom"
@@ -94,12 +90,12 @@ class Command(Checked):
         )
 
     def sample(self, sample_period: float) -> NDArray[np.float64]:
-        """Return the command's samples at a period [s], ``(n,)`` [rad].
+        """Return the samples of the command at a period [s], ``(n,)`` [rad].
 
         Raises
         ------
         ValueError
-            When the period is not positive or longer than 10 ms, or there were too many samples.
+            When the period is not positive or longer than 10 ms, or there are too many samples.
         """
         if not 0.0 < sample_period <= 0.01:
             raise ValueError(f"sample_period = {sample_period!r} s is outside (0, 0.01] s")
@@ -131,7 +127,7 @@ class Command(Checked):
         return self.amplitude * envelope * np.sin(phase)
 
     def _moves(self, n: int, h: float) -> NDArray[np.float64]:
-        """Return smooth moves between random angles, with dwells: ordinary motion, ``(n,)``."""
+        """Return smooth moves between random angles, with dwells, ``(n,)``."""
         rng = np.random.default_rng(self.seed)
         reach, parts, at, done = abs(self.amplitude), [], 0.0, 0
         while done < n:
@@ -145,14 +141,14 @@ class Command(Checked):
 
 
 THESIS_CHIRP: Final = Command()
-"""The thesis's test command: 5 mrad from 0 to 15 Hz in 0.5 s (its table 7)."""
+"""Test command of the thesis: 5 mrad from 0 to 15 Hz in 0.5 s (table 7)."""
 
 
 class Cycle(NamedTuple):
     """Samples of a whole test cycle [rad] and the position of the test command in it.
 
-    ``start`` is the index of the last sample at rest before the command, ``stop`` that after its
-    last sample.
+    ``start`` is the index of the last sample at rest before the command, ``stop`` the index after
+    the last sample of the command.
     """
 
     samples: NDArray[np.float64]
@@ -163,20 +159,17 @@ class Cycle(NamedTuple):
 def _smooth_move(
     start: float, stop: float, duration: float, h: float, most: float = math.inf
 ) -> NDArray[np.float64]:
-    """Return the samples of a move between two angles with zero speed at both ends.
-
-    Only the first ``most`` of them, where there are more.
-    """
+    """Return the samples of a move with zero speed at both ends, at most ``most`` samples."""
     n = max(1.0, round(duration / h) if duration / h < most else duration / h)
     u = np.arange(1, int(min(n, most)) + 1) / n
     return start + (stop - start) * (1.0 - np.cos(math.pi * u)) / 2.0
 
 
 def approach_travel(parameters: ActuatorParameters) -> float:
-    """Return the one-way travel of the command after which the motor has crossed its play [rad].
+    """Return the travel of the command in one direction that closes the play [rad].
 
-    It is the widest backlash plus the position error that the highest friction holds at the lowest
-    gain, both at the user shaft.
+    It is the sum of the widest backlash, and the position error that the highest friction holds at
+    the lowest gain, both at the user shaft.
     """
     control, _, mechanics = constants(parameters)
     friction, backlash, gain = (FAULTS[i] for i in (FRICTION, BACKLASH, GAIN))
@@ -190,7 +183,7 @@ def approach_travel(parameters: ActuatorParameters) -> float:
 def approach_depth(parameters: ActuatorParameters) -> float:
     """Return the distance over which a cycle approaches its start from below [rad].
 
-    It is 2 mrad, or more where the actuator's play requires it.
+    It is 2 mrad, or more if the play of the actuator requires it.
     """
     return max(APPROACH_DEPTH, min(1.2 * approach_travel(parameters), parameters.theta_stop / 2.0))
 
@@ -198,13 +191,13 @@ def approach_depth(parameters: ActuatorParameters) -> float:
 def build_cycle(command: Command, sample_period: float, depth: float = APPROACH_DEPTH) -> Cycle:
     """Return a test cycle: hold, approach from below, command, return, rest.
 
-    The position of the user shaft does not show where in its play the motor is. After the slow
-    approach from ``depth`` below [rad] it is always in contact on the same side.
+    The position of the user shaft does not show the position of the motor within its play. After
+    the slow approach from ``depth`` [rad] below, the contact is always on the same side.
 
     Raises
     ------
     ValueError
-        When the period is not positive or longer than 10 ms, or the cycle is too long for it.
+        When the period is not positive or longer than 10 ms, or the cycle has too many samples.
     """
     h = sample_period
     check_length(

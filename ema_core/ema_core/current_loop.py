@@ -1,4 +1,4 @@
-"""Gains of the current loops of a field-oriented drive, which its makers set by nominal data."""
+"""Gains of the current loops of a field-oriented drive, set from nominal data."""
 
 import math
 from typing import Final, NamedTuple
@@ -12,8 +12,8 @@ LINEAR_RANGE: Final = 1.0 / math.sqrt(3.0)
 class CurrentLoop(NamedTuple):
     """Constants of both current loops per phase, for kernels (equation M33).
 
-    ``K_p`` [ohm] and ``K_i`` [ohm/s] are their gains, ``L`` [H] and ``k`` [V.s/rad] inductance and
-    back-EMF constant by which the axes are decoupled, ``P`` the pole pairs [-].
+    ``K_p`` [ohm] and ``K_i`` [ohm/s] are the gains, ``L`` [H] and ``k`` [V.s/rad] inductance and
+    back-EMF constant of the decoupling, ``P`` the pole pairs [-].
     """
 
     K_p: float
@@ -24,7 +24,7 @@ class CurrentLoop(NamedTuple):
 
 
 def current_loop(parameters: ActuatorParameters) -> CurrentLoop:
-    """Return the loops whose response has the bandwidth of the description (M33)."""
+    """Return the constants of loops with the bandwidth ``omega_c`` (M33)."""
     p = parameters
     R, L = 0.5 * p.R_s, 0.5 * p.L_s
     return CurrentLoop(p.omega_c * L, p.omega_c * R, L, p.k_e / math.sqrt(3.0), float(p.P))

@@ -10,11 +10,11 @@ from ema_core.telemetry import check_period
 from ema_core.wording import unknown_name
 
 DRIVES: Final = ("six_step", "field_oriented", "unknown")
-"""How a motor is driven: six-step commutation with current hysteresis, field-oriented control of a
+"""Types of drive: six-step commutation with current hysteresis, field-oriented control of a
 sinusoidal motor, or an unknown controller."""
 
 LONGEST_NAME: Final = 100
-"""Most characters of an id or a serial number."""
+"""Largest number of characters of an id or a serial number."""
 
 SAMPLE_PERIOD = 1e-4
 """Default period of the telemetry [s]."""
@@ -27,21 +27,6 @@ UnitKey = tuple[str, str]
 class ActuatorDescription:
     """Identity and nominal data of an actuator; the default is the built-in example.
 
-    Attributes
-    ----------
-    actuator_id
-        Name of the actuator in its system.
-    serial_number
-        Serial number of the unit fitted.
-    model
-        The manufacturer's type designation.
-    sample_period
-        Period of its telemetry [s].
-    drive
-        One of ``DRIVES``.
-    acquisition
-        How its telemetry is acquired.
-
     Raises
     ------
     ValueError
@@ -51,16 +36,22 @@ class ActuatorDescription:
     """
 
     actuator_id: str = "flap"
+    """Name of the actuator in its system."""
     serial_number: str = "SIM-0001"
+    """Serial number of the installed unit."""
     model: str = "bldc-flap-actuator"
+    """The manufacturer's type designation."""
     sample_period: float = SAMPLE_PERIOD
+    """Sample period of the telemetry [s]."""
     parameters: ActuatorParameters = field(default_factory=ActuatorParameters)
     drive: str = "six_step"
+    """One of ``DRIVES``."""
     acquisition: Acquisition = field(default_factory=Acquisition)
+    """Acquisition of the telemetry."""
 
     @property
     def unit_key(self) -> UnitKey:
-        """Place and serial number, by which all that is kept of a unit is found."""
+        """Actuator id and serial number, the key under which data of a unit are stored."""
         return self.actuator_id, self.serial_number
 
     def __post_init__(self) -> None:
@@ -82,14 +73,14 @@ class ActuatorDescription:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Which coupled parameters contradict each other, a sentence each."""
+        """Sentences about coupled parameters that contradict each other."""
         return remarks(self)
 
 
 def check_name(what: str, name: object) -> None:
-    """Raise ``ValueError`` unless something can name an actuator or unit in files and messages.
+    """Raise ``ValueError`` unless a name is valid for an actuator or unit in files and messages.
 
-    It is a text of 1 to 100 printable characters, without blanks at its ends.
+    A valid name has 1 to 100 printable characters, without blanks at its ends.
     """
     if not isinstance(name, str) or not name:
         raise ValueError(f"{what} = {name!r}: expected a name (text)")

@@ -1,6 +1,6 @@
-"""Kernels that the reference and the monitor model share: controller, mechanics, filter.
+"""Kernels shared by reference and monitor model: controller, mechanics, filter.
 
-They accept single floats and lanes of `ema_core.simd`, except where a docstring says otherwise.
+They accept single floats and lanes of `ema_core.simd`, except where a docstring states otherwise.
 """
 
 import math
@@ -18,14 +18,14 @@ LAG_TIME_CONSTANT: Final = 1e-5
 def lag_factor(dt: float) -> float:
     """Return the relative approach of a first-order lag to its input in one step ``dt`` [s].
 
-    It is exact for an input that is constant over the step, so that models with different steps
-    delay the current by the same time.
+    The factor is exact for an input that is constant over the step, so that models with different
+    steps delay the current by the same time.
     """
     return -math.expm1(-dt / LAG_TIME_CONSTANT)
 
 
 class CurrentSampling(NamedTuple):
-    """How samples of the current are made of its values in the steps (M6), for kernels.
+    """Constants by which samples of the current are computed from its values in the steps (M6).
 
     A sample starts from ``carry`` times the final state of the previous sample. Each step updates
     the state to ``keep`` times the state plus ``gain`` times the value. The sample is the final
@@ -39,7 +39,7 @@ class CurrentSampling(NamedTuple):
 
 
 def current_sampling(acquisition: Acquisition, steps: int, dt: float) -> CurrentSampling:
-    """Return how samples of the current are made of ``steps`` steps of ``dt`` [s].
+    """Return the constants for samples of ``steps`` steps of ``dt`` [s].
 
     A current that is not measured is averaged.
     """
@@ -95,8 +95,8 @@ def next_speed_of_lanes(m: MechanicalConstants, omega, torque, load, breakaway, 
     """Motor speed after one step, as `next_speed`, with selections in place of branches (M7).
 
     ``friction`` is the dynamic friction, ``load`` opposes the ``torque`` of the motor [N.m]. Lanes
-    cannot branch; the reference actuator, a single float, is 6 % faster with branches. The torque
-    is the last to be known: all else is ready by then.
+    cannot branch; the reference actuator, a single float, is 6 % faster with branches. The
+    expressions are ordered for the torque, which is computed last.
     """
     drag = load + m.C * omega + math.copysign(friction, omega)
     moved = omega + dt / m.J * (torque - drag)

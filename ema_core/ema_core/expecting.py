@@ -1,19 +1,19 @@
-"""Arguments of public functions, checked for their types."""
+"""Type checks of arguments of public functions."""
 
 from typing import Any
 
 
 def require_type(name: str, value: Any, expected: type | tuple[type, ...], hint: str = "") -> None:
-    """Raise ``ValueError`` if an argument is not of an expected type.
+    """Raise ``ValueError`` if an argument has the wrong type.
 
     Parameters
     ----------
     name, value
-        The argument.
+        Name and value of the argument.
     expected
-        Its type, or a tuple of permitted types.
+        Permitted type, or a tuple of permitted types.
     hint
-        How to get a value of that type; "" for none.
+        Advice for the message, such as a function that returns this type; "" for none.
     """
     types = expected if isinstance(expected, tuple) else (expected,)
     if not isinstance(value, types):

@@ -1,4 +1,4 @@
-"""The registry of faults: definition, range, limit, typical growth and effect of each.
+"""Registry of faults: definition, range, limit, typical growth and effect of each fault.
 
 Bounds, health limits, parameters, approach travel, prior laws, uncertainty and documents derive
 from ``FAULTS``. To add a fault, add an entry here, its physics in ``degrade``, a field of
@@ -20,47 +20,37 @@ from ema_core.wording import unknown_name
 
 @dataclass(frozen=True)
 class Fault:
-    """One component of the fault vector.
-
-    Attributes
-    ----------
-    name, label
-        Name in code, messages and parameters, and in words.
-    kind
-        Kind of fault, which determines limit and law; the short circuits of all phases are one.
-    healthy, highest
-        Healthy value of the normalised k, and the largest that can be simulated [-].
-    quantity, base, slope, unit
-        What k means: ``quantity`` is ``base`` + ``slope`` k, in ``unit``.
-    mismatch
-        Least standard deviation that the mismatch of the monitor model adds to an estimate [-]; of
-        eccentricity and its phase, in the plane of the two.
-    limit
-        Default distance from healthy at which life ends [-]; None for a direction, which is not a
-        fault in itself and is neither assessed nor tracked.
-    growth
-        Typical growth; None where there is no limit.
-    shown_by
-        Motion that shows it, in words; "" where there is no limit.
-    """
+    """One component of the fault vector."""
 
     name: str
+    """Name in code, messages and parameters."""
     label: str
+    """Displayed name."""
     kind: str
+    """Kind of fault, which determines limit and law; short circuits of all phases are one kind."""
     healthy: float
+    """Healthy value of the normalised k [-]."""
     highest: float
+    """Largest k that can be simulated [-]."""
     quantity: str
+    """Physical quantity: ``base`` + ``slope`` k, in ``unit``."""
     base: float
     slope: float
     unit: str
     mismatch: float
+    """Least standard deviation that the mismatch of the monitor model adds to an estimate [-]. For
+    eccentricity and its phase it applies in their plane."""
     limit: float | None = None
+    """Default distance from healthy at which life ends [-]; None for a direction, which is not a
+    fault and is neither assessed nor tracked."""
     growth: TypicalGrowth | None = None
+    """Typical growth; None without a limit."""
     shown_by: str = ""
+    """Motion that shows the fault, as a phrase; "" without a limit."""
 
     @property
     def is_two_sided(self) -> bool:
-        """Whether it can differ from its healthy value in either direction."""
+        """Whether the fault can differ from its healthy value in both directions."""
         return 0.0 < self.healthy < self.highest
 
     @property
@@ -72,11 +62,11 @@ class Fault:
         return f"{self.quantity} = ({formula}) {self.unit}".strip()
 
     def at(self, k: Any) -> Any:
-        """Return the physical value of a normalised one, of any shape, in ``unit``."""
+        """Return the physical values of normalised values of any shape, in ``unit``."""
         return self.base + self.slope * k
 
     def physical(self, k: float) -> str:
-        """Return the physical value of a normalised one as a text."""
+        """Return the physical value of a normalised value as a text."""
         return f"{self.quantity} {self.at(k):.3f} {self.unit}".strip()
 
 
@@ -94,7 +84,7 @@ def _short_circuit(phase: str) -> Fault:
         mismatch=1e-3,
         limit=0.25,
         growth=TypicalGrowth("self_heating", 1.5e-4, 6.0, latest_onset=400.0),
-        shown_by="quick motion to and fro, such as a test cycle",
+        shown_by="quick back-and-forth motion, such as a test cycle",
     )
 
 
@@ -112,7 +102,7 @@ FAULTS: Final = (
         mismatch=7e-4,
         limit=0.5,
         growth=TypicalGrowth("exponential", 2e-3, 0.05),
-        shown_by="quick motion to and fro, such as a test cycle",
+        shown_by="quick back-and-forth motion, such as a test cycle",
     ),
     Fault(
         name="backlash",
@@ -186,9 +176,9 @@ FAULT_BY_NAME: Final = {fault.name: fault for fault in FAULTS}
 
 
 class FaultVector(NamedTuple):
-    """Figures of the components by name, in the order of ``FAULTS`` [-].
+    """Values of the components by name, in the order of ``FAULTS`` [-].
 
-    Where an array is wanted it is one of shape ``(8,)``.
+    It converts to an array of shape ``(8,)``.
     """
 
     friction: float
@@ -202,7 +192,7 @@ class FaultVector(NamedTuple):
 
     @classmethod
     def of(cls, values: ArrayLike) -> Self:
-        """Return the eight values of an array by name, unchecked."""
+        """Return the vector of eight values, ``(8,)``, without checks."""
         return cls(*np.asarray(values, dtype=np.float64).tolist())
 
 
@@ -219,10 +209,10 @@ ECCENTRICITY_PHASE: Final = FAULT_NAMES.index("eccentricity_phase")
 GAIN: Final = FAULT_NAMES.index("gain")
 
 COMPONENTS: Final = tuple(fault.name for fault in FAULTS if fault.limit is not None)
-"""Components that are assessed and tracked: all but the direction of eccentricity."""
+"""Components that are assessed and tracked: all except the direction of eccentricity."""
 
 INDICES: Final = [FAULT_NAMES.index(name) for name in COMPONENTS]
-"""Where these are in a fault vector."""
+"""Indices of ``COMPONENTS`` in a fault vector."""
 
 KINDS: Final[Mapping[str, tuple[Fault, ...]]] = MappingProxyType(
     {
@@ -249,7 +239,7 @@ def kind_of(component: str) -> str:
 
 
 def settings_by_kind(name: str, annotation: type, make: Callable[[str], Any]) -> Any:
-    """Return a frozen dataclass with a field for each kind of fault, a base class of settings."""
+    """Return a frozen dataclass with a field for each kind of fault, as a base of settings."""
     rows = [(kind, annotation, make(kind)) for kind in KINDS]
     return make_dataclass(name, rows, frozen=True)
 
@@ -260,18 +250,18 @@ def healthy_faults() -> NDArray[np.float64]:
 
 
 def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]:
-    """Return a validated fault vector, or many.
+    """Return validated fault vectors.
 
     Parameters
     ----------
     values
-        Names and values, the components not named being healthy; or all eight values of one
-        vector, ``(8,)``, or of many, ``(..., 8)``.
+        Values by name, with healthy values for missing names; or all eight values of one vector,
+        ``(8,)``, or of several, ``(..., 8)``.
 
     Returns
     -------
     numpy.ndarray
-        A copy of the vector or vectors, ``(..., 8)``.
+        Copy of the vectors, ``(..., 8)``.
 
     Raises
     ------
@@ -303,7 +293,7 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
 
 
 def eccentricity_angle(phase: Any) -> Any:
-    """Return the direction phi of an eccentricity [rad] from its phase; of any shape."""
+    """Return the directions phi of eccentricities [rad] from their phases, of any shape."""
     return (2.0 * phase - 1.0) * np.pi
 
 
@@ -313,7 +303,7 @@ def eccentricity_vector(faults: NDArray[np.float64]) -> NDArray[np.float64]:
     Parameters
     ----------
     faults
-        One fault vector, ``(8,)``, or many, ``(m, 8)``.
+        One fault vector, ``(8,)``, or several, ``(m, 8)``.
 
     Returns
     -------
@@ -327,7 +317,7 @@ def eccentricity_vector(faults: NDArray[np.float64]) -> NDArray[np.float64]:
 def with_eccentricity(
     faults: NDArray[np.float64], vector: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return fault vectors, ``(m, 8)``, with another eccentricity, one beyond 1 reduced to 1.
+    """Return fault vectors, ``(m, 8)``, with new eccentricities, limited to 1.
 
     Parameters
     ----------
@@ -349,7 +339,7 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
     Parameters
     ----------
     faults
-        One fault vector, ``(8,)``, or many, ``(n, 8)``: then the constants that faults act on
+        One fault vector, ``(8,)``, or several, ``(n, 8)``: the constants that faults change then
         have shape ``(n,)``.
 
     Raises
@@ -371,7 +361,7 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
             N_b=plant.motor.N_b * turns_b,
             N_c=plant.motor.N_c * turns_c,
             zeta=plant.motor.zeta + zeta,
-            # In this form the healthy direction leaves phi exactly unchanged.
+            # The sum keeps phi exactly for the healthy direction.
             phi=plant.motor.phi + eccentricity_angle(k[..., ECCENTRICITY_PHASE]),
         ),
         plant.mechanics._replace(
@@ -383,9 +373,9 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
 
 
 def random_faults(rng: "np.random.Generator") -> NDArray[np.float64]:
-    """Draw a random multiple fault by the thesis's law, ``(8,)`` (its section 7.2).
+    """Draw a random multiple fault from the distribution of the thesis, ``(8,)`` (section 7.2).
 
-    Most components are small, the phase is uniform, the gain about its healthy value.
+    Most components are small, the phase is uniform, the gain is near its healthy value.
     """
     r = rng.random(N_FAULTS)
     k = r**7
@@ -395,10 +385,10 @@ def random_faults(rng: "np.random.Generator") -> NDArray[np.float64]:
 
 
 def estimation_error(estimate: ArrayLike, truth: ArrayLike) -> float:
-    """Return the error of an estimate, a fault vector, in percent of the range.
+    """Return the error of an estimated fault vector, in percent of the range.
 
-    The form that reproduces the thesis's printed errors (equation M14): the phase counts by the
-    estimated eccentricity. The phase difference is wrapped to half a turn.
+    This form reproduces the printed errors of the thesis (equation M14): the phase is weighted with
+    the estimated eccentricity. The phase difference is wrapped to half a turn.
     """
     k, k_true = np.asarray(estimate, dtype=float), np.asarray(truth, dtype=float)
     difference = k - k_true

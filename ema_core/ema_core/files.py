@@ -1,4 +1,4 @@
-"""Files that are written completely or not at all, and read when they can be."""
+"""Atomic writing of files, and safe reading of regular files."""
 
 import os
 import stat
@@ -10,37 +10,38 @@ from typing import BinaryIO
 
 @contextmanager
 def complete_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary name to write to; the file is renamed when the block ends.
+    """Yield a temporary path to write to; the file is renamed to ``path`` when the block ends.
 
     Parameters
     ----------
     path
-        File to write; an existing one is replaced once the new one is complete.
+        File to write; an existing file is replaced once the new file is complete.
 
     Raises
     ------
     OSError
-        When it cannot be written; the error names the file, and no part of it is left. It says so
-        where only the new name is not certain: the new file is there, and may be lost with power.
+        When the file cannot be written; the error names the file, and no partial file remains. If
+        only the directory cannot be synchronised, the new file exists, and the message says that a
+        power failure may remove it.
     """
     partial = path.with_name(f"{path.name}.partial")
     try:
         yield partial
-        _synchronise(partial)  # else a loss of power may leave the new name with nothing
+        _synchronise(partial)  # a power failure might leave an empty file otherwise
         partial.replace(path)
     except OSError as error:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     finally:
         partial.unlink(missing_ok=True)
     try:
-        _synchronise(path.parent)  # else the old file may reappear after a loss of power
+        _synchronise(path.parent)  # the old file might reappear after a power failure otherwise
     except OSError as error:
-        words = f"{error.strerror or error}: it is stored, and lost if the power is lost soon"
+        words = f"{error.strerror or error}: stored, but a power failure may remove it"
         raise OSError(error.errno, words, str(path)) from error
 
 
 def _synchronise(path: Path) -> None:
-    """Wait until a file, or the names in a directory, are on the disk."""
+    """Wait until a file, or the entries of a directory, are on disk."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
@@ -50,14 +51,14 @@ def _synchronise(path: Path) -> None:
 
 @contextmanager
 def open_regular_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a file to be read; neither a pipe nor a device is waited for.
+    """Open a regular file for reading; pipes and devices are refused without waiting.
 
     Raises
     ------
     ValueError
-        When it is not a regular file.
+        When the path is not a regular file.
     OSError
-        When it cannot be read.
+        When the file cannot be read.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
@@ -70,20 +71,20 @@ def open_regular_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def require_regular_file(path: Path) -> None:
-    """Raise ``ValueError`` if a file is a pipe or a device, which may never end."""
+    """Raise ``ValueError`` unless a path is a regular file: pipes and devices may never end."""
     with open_regular_file(path):
         pass
 
 
 def read_regular_file(path: Path, most_bytes: int) -> bytes:
-    """Return the content of a file that is opened as by `open_regular_file`.
+    """Return the content of a regular file.
 
     Raises
     ------
     ValueError
-        When it is not a regular file, or larger than ``most_bytes``.
+        When the path is not a regular file, or the file is larger than ``most_bytes``.
     OSError
-        When it cannot be read.
+        When the file cannot be read.
     """
     with open_regular_file(path) as file:
         content = file.read(most_bytes + 1)

@@ -1,7 +1,7 @@
-"""The laws by which faults grow with service life, solved exactly, for arrays of any shape.
+"""Laws of fault growth with service life, solved exactly, for arrays of any shape.
 
 u is service hours, x >= 0 the distance of a component from its healthy value. ``rate`` is a [1/h],
-of the power law its time scale c [h]; ``shape`` is the second parameter b, x_0 or p [-] (P3).
+for the power law its time scale c [h]; ``shape`` is the second parameter b, x_0 or p [-] (P3).
 """
 
 from dataclasses import dataclass
@@ -18,30 +18,20 @@ _LARGEST: Final = 700.0
 
 @dataclass(frozen=True)
 class TypicalGrowth:
-    """Growth of a fault in actuators of one type.
-
-    Attributes
-    ----------
-    law
-        One of ``LAWS``.
-    rate
-        Median of the rate a [1/h], of ``power`` of the time scale c [h].
-    shape
-        Second parameter of the law [-].
-    rate_sigma
-        Standard deviation of the rate's logarithm [-].
-    diffusion
-        Of ``drift`` its s [1/sqrt(h)].
-    latest_onset
-        Growth begins at an hour drawn uniformly from 0 to this [h].
-    """
+    """Growth of a fault in actuators of one type."""
 
     law: str
+    """One of ``LAWS``."""
     rate: float
+    """Median of the rate a [1/h]; for ``power``, of the time scale c [h]."""
     shape: float = 0.0
+    """Second parameter of the law [-]."""
     rate_sigma: float = 0.3
+    """Standard deviation of the logarithm of the rate [-]."""
     diffusion: float = 0.0
+    """Diffusion s of ``drift`` [1/sqrt(h)]."""
     latest_onset: float = 0.0
+    """Upper limit of the start of growth, which is uniformly distributed from 0 [h]."""
 
 
 def increment(
@@ -56,9 +46,9 @@ def increment(
     x
         Distance from healthy at the start [-].
     rate
-        Rate a [1/h], of ``power`` its time scale c [h].
+        Rate a [1/h]; for ``power``, time scale c [h].
     shape
-        Second parameter of the law [-]; ignored where there is none.
+        Second parameter of the law [-]; ignored by laws without one.
     hours
         Hours in service, at least 0 [h].
 
@@ -84,7 +74,7 @@ def increment(
             grown = (1.0 / shape + x) * np.expm1(np.minimum(rate * shape * u, _LARGEST))
             return np.where(shape == 0.0, rate * u, grown)
         if law == "self_heating":
-            # It reaches infinity within the time 1 / (a b exp(b x)).
+            # The solution diverges after the time 1 / (a b exp(b x)).
             spent = rate * shape * u * np.exp(np.minimum(shape * x, _LARGEST))
             grown = np.where(spent < 1.0, -np.log1p(-spent) / shape, np.inf)
             return np.where(shape == 0.0, rate * u, grown)
@@ -101,16 +91,21 @@ def hours_until(
 
     Parameters
     ----------
-    law, x, rate, shape
-        As of ``increment``.
+    law
+        One of ``LAWS``.
+    x
+        Distance from healthy at the start [-].
+    rate
+        Rate a [1/h]; for ``power``, time scale c [h].
+    shape
+        Second parameter of the law [-]; ignored by laws without one.
     limit
         Distance from healthy at which life ends [-].
 
     Returns
     -------
     numpy.ndarray
-        Hours [h], in the common shape; 0 where the limit is already passed, infinite where it is
-        never reached.
+        Hours [h], in the common shape; 0 above the limit, infinite if it is never reached.
 
     Raises
     ------

@@ -6,15 +6,15 @@ from typing import Any
 
 
 def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return ``__getattr__`` and ``__dir__`` of a package that offers ``__all__`` of its ``api``.
+    """Return ``__getattr__`` and ``__dir__`` of a package that exports ``__all__`` of its ``api``.
 
-    A node or a command imports modules one by one and must not pay for the whole library.
+    A node or a command imports single modules, and shall not import the whole library.
     """
 
     def get(name: str) -> Any:
-        if name == "__all__":  # of `from package import *`
+        if name == "__all__":  # requested by `from package import *`
             return import_module(f"{package}.api").__all__
-        # Inspecting a module requests Python's special names, which does not mean that it is used.
+        # Tools that inspect a module request special names; this shall not import the library.
         if not name.startswith("_"):
             api = import_module(f"{package}.api")
             if name in api.__all__:

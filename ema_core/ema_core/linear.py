@@ -17,14 +17,14 @@ _IN_SI: Final = {
     "N.s/m": ("N.m.s/rad", 1.0, 2),
     "kg": ("kg.m^2", 1.0, 2),
 }
-"""By unit: the parameter's SI unit, the size, and the power of the travel per radian."""
+"""By unit: SI unit of the parameter, conversion factor, and exponent of the travel per radian."""
 
 _WITH_UNIT: Final = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(mm/s|mm|N\.s/m|N|kg)")
 _NEEDED: Final = {"lead": "the travel [m] for one turn of the user shaft", "tau": "the gear ratio"}
 
 
 class DisplayUnit(NamedTuple):
-    """Unit in which a figure is shown, and its number per SI unit."""
+    """Displayed unit of a quantity, and its scale: displayed units per SI unit."""
 
     unit: str
     scale: float
@@ -35,54 +35,46 @@ class DisplayUnit(NamedTuple):
 
 
 def travel_shown(parameters: ActuatorParameters) -> DisplayUnit:
-    """Return the unit in which an angle of the user shaft is shown: mrad, or mm with a lead."""
-    return (
-        DisplayUnit("mm", 1e3 * _way(parameters.lead))
-        if parameters.lead
-        else DisplayUnit("mrad", 1e3)
-    )
+    """Return the displayed unit of an angle of the user shaft: mrad, or mm with a lead."""
+    return DisplayUnit("mm", 1e3 * _travel(parameters.lead)) if parameters.lead else DisplayUnit("mrad", 1e3)
 
 
 def angle_shown(parameters: ActuatorParameters) -> DisplayUnit:
-    """Return the unit of a large angle of the user shaft: rad, or mm with a lead."""
-    return (
-        DisplayUnit("mm", 1e3 * _way(parameters.lead))
-        if parameters.lead
-        else DisplayUnit("rad", 1.0)
-    )
+    """Return the displayed unit of a large angle of the user shaft: rad, or mm with a lead."""
+    return DisplayUnit("mm", 1e3 * _travel(parameters.lead)) if parameters.lead else DisplayUnit("rad", 1.0)
 
 
 def motor_shown(parameters: ActuatorParameters) -> DisplayUnit:
-    """Return the unit of an angle of the motor: rad, or mm at the rod with a lead."""
+    """Return the displayed unit of an angle of the motor: rad, or mm at the rod with a lead."""
     if not parameters.lead:
         return DisplayUnit("rad", 1.0)
-    return DisplayUnit("mm", 1e3 * _way(parameters.lead) * parameters.tau)
+    return DisplayUnit("mm", 1e3 * _travel(parameters.lead) * parameters.tau)
 
 
 def physical(name: str, k: float, description: ActuatorDescription) -> str:
-    """Return the physical meaning of a fault, for a linear actuator also its growth in N or mm.
+    """Return the physical value of a fault; for a linear actuator also its growth in N or mm.
 
-    The friction that grows is the nominal one, as a force at the rod; of an unknown drive nobody
-    knows it. Empty for no fault.
+    The growth of friction is stated as a force at the rod, from the nominal friction. An unknown
+    drive has no nominal friction. The text is empty if ``name`` is not a fault.
     """
     fault, p = FAULT_BY_NAME.get(name), description.parameters
     if fault is None:
         return ""
     words, growth = fault.physical(k), fault.slope * (k - fault.healthy)
     if p.lead and name == "friction" and description.drive != "unknown":
-        words += f", {growth * (p.f_sm + p.f_su) / (_way(p.lead) * p.tau):+.3g} N"
+        words += f", {growth * (p.f_sm + p.f_su) / (_travel(p.lead) * p.tau):+.3g} N"
     elif p.lead and name == "backlash":
         words += f", {motor_shown(p).scale * growth * p.BLK:+.3g} mm"
     return words
 
 
 def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters of a file in SI units: "60 mm" and the like by ``lead`` and ``tau``.
+    """Return parameters of a file in SI units; ``lead`` and ``tau`` convert texts such as "60 mm".
 
     Raises
     ------
     ValueError
-        When a unit is not of the parameter, or lead or gear ratio is missing.
+        When a unit does not fit its parameter, or lead or gear ratio is missing.
     """
     converted = dict(values)
     texts = {
@@ -93,18 +85,18 @@ def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
     if texts.get("lead", ("", ""))[1] == "mm":
         converted["lead"] = 1e-3 * float(texts.pop("lead")[0])
     for name, (number, unit) in texts.items():
-        for needed, what in _NEEDED.items():
-            given = converted.get(needed, "")
-            if not is_finite_number(given) or not given > 0.0:
-                raise ValueError(f"{name} = {values[name]} needs {what}: {needed} = {given}")
-        wanted, size, power = _IN_SI[unit]
-        if unit_of(name) != wanted:
+        for needed, meaning in _NEEDED.items():
+            present = converted.get(needed, "")
+            if not is_finite_number(present) or not present > 0.0:
+                raise ValueError(f"{name} = {values[name]} needs {meaning}: {needed} = {present}")
+        si_unit, size, power = _IN_SI[unit]
+        if unit_of(name) != si_unit:
             raise ValueError(f"{name} = {values[name]}: expected a value in {unit_of(name)}")
-        way = _way(converted["lead"]) * (1.0 if name == "theta_stop" else converted["tau"])
-        converted[name] = float(number) * size * way**power
+        travel = _travel(converted["lead"]) * (1.0 if name == "theta_stop" else converted["tau"])
+        converted[name] = float(number) * size * travel**power
     return converted
 
 
-def _way(lead: float) -> float:
-    """Return the way for one radian of the user shaft [m]."""
+def _travel(lead: float) -> float:
+    """Return the travel per radian of the user shaft [m]."""
     return lead / (2.0 * math.pi)

@@ -1,4 +1,4 @@
-"""Fields of settings as parameters, by name, unit and scale: of nodes and of commands."""
+"""Fields of settings as parameters of nodes and commands, with name, unit and scale."""
 
 from contextlib import suppress
 from dataclasses import Field, fields
@@ -6,14 +6,14 @@ from typing import Any
 
 
 class SettingsParameter:
-    """A field of a dataclass, made by ``quantity``, ``text``, ``texts`` or ``flag``.
+    """Parameter for a dataclass field created by ``quantity``, ``text``, ``texts`` or ``flag``.
 
     Attributes
     ----------
     name, unit
         Name with its prefix, and unit of the parameter.
     scale
-        Units of the parameter in one of the field; None where they are the same.
+        Number of parameter units per field unit; None if the units are equal.
     """
 
     def __init__(self, item: Field[Any], prefix: str) -> None:
@@ -23,23 +23,23 @@ class SettingsParameter:
         self.name = prefix + name
 
     def to_node(self, value: Any) -> Any:
-        """Return a value of the field as one of the parameter."""
+        """Return the value of the parameter for a value of the field."""
         if "texts" in self.field.metadata:
             # An empty list has no type in a parameter file.
             return list(value) or [""]
         return value if self.scale is None else float(f"{value * self.scale:.12g}")
 
     def from_node(self, value: Any) -> Any:
-        """Return a value of the parameter as one of the field."""
+        """Return the value of the field for a value of the parameter."""
         if "texts" in self.field.metadata and isinstance(value, list | tuple):
             return tuple(item for item in value if item != "")
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         return value / self.scale if self.scale is not None and is_number else value
 
     def number_of(self, value: Any) -> Any:
-        """Return a number as the type of the field, also of a text; any other value as it is.
+        """Return a number, or the text of a number, in the type of the field.
 
-        YAML 1.1 reads 1e-06 as a text, and 4 as a whole number.
+        Other values are returned unchanged. YAML 1.1 reads 1e-06 as a text, and 4 as an integer.
         """
         if "range" in self.field.metadata and type(value) in (str, int):
             with suppress(ValueError):
@@ -48,7 +48,7 @@ class SettingsParameter:
 
 
 def parameters_of(definition: Any, prefix: str = "") -> list[SettingsParameter]:
-    """Return the parameters of a dataclass or an instance of one; other fields are left out."""
+    """Return the parameters of a dataclass or its instance: its fields with a description."""
     return [
         SettingsParameter(item, prefix)
         for item in fields(definition)

@@ -1,7 +1,7 @@
-"""Parameters of an actuator: definitions, validation and the flat tuples for kernels.
+"""Parameters of an actuator: definitions, validation and flat tuples for kernels.
 
-The default values are from table 2 of the thesis (Politecnico di Torino, 2018); the gear ratio
-is not printed there and is chosen so that its figures are reproduced.
+The default values are from table 2 of the thesis (Politecnico di Torino, 2018). The gear ratio is
+not printed there; it is chosen to reproduce the figures of the thesis.
 """
 
 import dataclasses
@@ -114,17 +114,17 @@ class ActuatorParameters(Checked):
         return max(self.omega_max, self.V_max / self.k_e)
 
     def replace(self, values: Mapping[str, Any]) -> "ActuatorParameters":
-        """Return these parameters with some values changed.
+        """Return the parameters with some values changed.
 
         Raises
         ------
         ValueError
-            When a name is unknown or a value is impossible.
+            When a name is unknown or a value is out of range.
         """
-        known = [item.name for item in fields(self)]
+        names = [item.name for item in fields(self)]
         for name in values:
-            if name not in known:
-                raise ValueError(unknown_name("actuator parameter", name, known))
+            if name not in names:
+                raise ValueError(unknown_name("actuator parameter", name, names))
         return dataclasses.replace(self, **values)
 
     def as_mapping(self) -> dict[str, float]:
@@ -133,7 +133,7 @@ class ActuatorParameters(Checked):
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a parameter; empty where there is no such parameter."""
+    """Return the unit of a parameter; empty for an unknown name."""
     units = {item.name: item.metadata["unit"] for item in fields(ActuatorParameters)}
     return units.get(name, "")
 
@@ -141,18 +141,15 @@ def unit_of(name: str) -> str:
 NEUTRAL: Mapping[str, float] = MappingProxyType(
     {"tau": 1.0, "k_t": 1.0, "k_e": 1.0, "BLK": 0.0, "theta_stop": 1e6, "omega_max": 5e3}
 )
-"""Parameters of a machine known by its data alone: nothing is converted or limited."""
+"""Parameters of a machine without a description: nothing is converted or limited."""
 
 
 class FieldOrientedParameters(ActuatorParameters):
-    """Parameters whose type marks the drive as field-oriented.
-
-    For functions that receive the parameters of an actuator without its description.
-    """
+    """Parameters of a field-oriented drive, for functions that receive no description."""
 
 
 class PlantConstants(NamedTuple):
-    """The three tuples of constants that together describe a plant."""
+    """Constants of a plant, for kernels."""
 
     control: ControlConstants
     motor: MotorConstants

@@ -1,4 +1,4 @@
-"""Fields of settings with metadata that validate, document and declare them."""
+"""Fields of settings with metadata, for validation, documents and parameters of nodes."""
 
 import math
 from dataclasses import field, fields
@@ -17,7 +17,7 @@ _MISTAKEN_UNITS: Final = {
     "V.s/rad": (("mV.s/rad", 1e-3),),
     "kg.m^2": (("kg.cm^2", 1e-4), ("g.cm^2", 1e-7)),
 }
-"""By unit, those in which its values are given by mistake, each with its size in that unit."""
+"""Units that are often confused with a unit, each with its size in the right unit."""
 
 
 def quantity(
@@ -29,24 +29,24 @@ def quantity(
     usual: tuple[float, float] | None = None,
     shown: tuple[str, str, float] | None = None,
 ) -> Any:
-    """Return a dataclass field of a number with its unit and range.
+    """Return a dataclass field for a number with unit and range.
 
     Parameters
     ----------
     default
-        Its default; a whole one makes it a field of whole numbers.
+        Default value; an int makes a field of integers.
     unit
-        Its unit, "-" where it has none.
+        Unit, "-" for a dimensionless number.
     lowest, highest
-        Its range, both included.
+        Range, ends included.
     description
-        What it is.
+        Description for messages and documents.
     usual
-        Its usual range, by which the message for a value outside the range suggests the unit that
-        was probably meant.
+        Usual range. The message for a value outside ``lowest`` to ``highest`` uses it to suggest
+        the unit that was probably meant.
     shown
-        Name, unit, and how many of these are one ``unit``, as a parameter of a node: a figure that
-        is written with an exponent in ``unit`` is read as a text by some tools.
+        Name, unit, and number of these units per ``unit``, of the parameter of a node. Some tools
+        read a number with an exponent as a text; another unit avoids the exponent.
     """
     of_number = {"unit": unit, "range": (lowest, highest), "usual": usual, "shown": shown}
     return field(default=default, metadata={"description": description, **of_number})
@@ -55,34 +55,34 @@ def quantity(
 def text(
     default: str, description: str, choices: tuple[str, ...] = (), *, compare: bool = True
 ) -> Any:
-    """Return a dataclass field of a text, one of the choices where there are some.
+    """Return a dataclass field for a text, restricted to ``choices`` if there are any.
 
-    A field that is not compared does not count for equality.
+    With ``compare=False``, equality ignores the field.
     """
     metadata = {"choices": choices, "description": description}
     return field(default=default, compare=compare, metadata=metadata)
 
 
 def flag(default: bool, description: str) -> Any:
-    """Return a dataclass field that is true or false; the description explains true."""
+    """Return a dataclass field that is true or false; ``description`` explains true."""
     return field(default=default, metadata={"flag": True, "description": description})
 
 
 def texts(description: str, default: tuple[str, ...] = ()) -> Any:
-    """Return a dataclass field of any number of texts."""
+    """Return a dataclass field for any number of texts."""
     return field(default=default, metadata={"texts": True, "description": description})
 
 
 class Checked:
-    """Base of frozen dataclasses: validates fields, and gives each number the type of its default.
+    """Base of frozen dataclasses that validates fields and converts numbers to their type.
 
-    Fields that ``quantity``, ``text``, ``texts`` or ``flag`` has not made are not checked.
+    Only fields created by ``quantity``, ``text``, ``texts`` or ``flag`` are checked.
 
     Raises
     ------
     ValueError
         When a value is not a finite number within its range, or not one of the choices; the
-        message names it, its value, unit and range.
+        message states name, value, unit and range.
     """
 
     def __post_init__(self) -> None:
@@ -91,14 +91,14 @@ class Checked:
             if "range" in item.metadata:
                 whole = isinstance(item.default, int)
                 _check_number(item.name, value, whole, item.metadata)
-                # A kernel compiles anew for an int in a float field: every value has its type here.
+                # An int in a float field would compile a second version of a kernel.
                 object.__setattr__(self, item.name, int(value) if whole else float(value))
             elif "choices" in item.metadata:
                 _check_text(item.name, value, item.metadata["choices"])
             elif "flag" in item.metadata and not isinstance(value, bool):
                 raise ValueError(f"{item.name} = {value!r}: expected true or false")
             elif "texts" in item.metadata and not (
-                isinstance(value, tuple) and all(isinstance(one, str) for one in value)
+                isinstance(value, tuple) and all(isinstance(item, str) for item in value)
             ):
                 raise ValueError(f"{item.name} = {value!r}: expected a list of texts")
 
@@ -106,8 +106,8 @@ class Checked:
 def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> str:
     """Return the usual range of a refused value, and the unit that was probably meant.
 
-    It is the end of an error message, from its semicolon on; empty without a usual range. Of a
-    ratio, "-", the inverse is tried.
+    The text ends an error message and begins with a semicolon; it is empty without a usual range.
+    For a ratio, unit "-", the inverse is tried.
     """
     if usual is None:
         return ""
@@ -127,13 +127,13 @@ def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> 
 
 
 MOST_BYTES: Final = 1 << 28
-"""Largest memory of an array whose length follows from external settings [B]."""
+"""Largest memory of an array whose length depends on settings [B]."""
 
 
 def check_length(count: float, what: str, columns: int = 1) -> None:
     """Raise ``ValueError`` unless ``columns`` of ``count`` samples fit into ``MOST_BYTES``.
 
-    ``count`` is not rounded, and infinite where it overflows; ``what`` names its reason in errors.
+    ``count`` may be fractional or infinite; ``what`` names its origin in errors.
     """
     size = 8.0 * columns * count
     if not size <= MOST_BYTES:
@@ -143,7 +143,7 @@ def check_length(count: float, what: str, columns: int = 1) -> None:
 
 
 def is_finite_number(value: Any) -> bool:
-    """Return whether a value is a finite number; True and False are not."""
+    """Return whether a value is a finite number; False for booleans."""
     try:
         return not isinstance(value, bool | np.bool_) and math.isfinite(value)
     except (TypeError, OverflowError):
@@ -151,12 +151,12 @@ def is_finite_number(value: Any) -> bool:
 
 
 def finite_samples(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Return a copy of a row of samples, ``(n,)``.
+    """Return a copy of samples, ``(n,)``.
 
     Raises
     ------
     ValueError
-        When it is empty, not a row or not finite; the message begins with ``name``.
+        When they are empty, of another shape or not finite; the message begins with ``name``.
     """
     samples = np.array(values, dtype=np.float64)
     if samples.ndim != 1 or not samples.size:

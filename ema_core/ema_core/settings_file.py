@@ -20,21 +20,33 @@ def load_settings(
     prepare: Mapping[str, Callable[[dict[str, Any]], dict[str, Any]]] | None = None,
     complete: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
 ) -> _Settings:
-    """Read a dataclass from a YAML file; ``what`` names the kind of file in errors.
+    """Read a dataclass from a YAML file.
 
-    ``complete`` adds to the content of the file. After that, ``prepare`` changes sections of it.
+    Parameters
+    ----------
+    path
+        The file.
+    what
+        Kind of file, for errors.
+    kind
+        The dataclass.
+    prepare
+        Functions that convert sections of the content, by name of the section.
+    complete
+        Function that completes the content before its sections are converted.
 
     Raises
     ------
     ValueError
-        When the file cannot be read or does not hold one; the message names the file.
+        When the file cannot be read, or a value is missing, unknown or out of range; the message
+        names the file.
     """
     try:
         content = load_yaml(path.expanduser(), _MOST_BYTES)
     except (OSError, RuntimeError) as error:
-        # RuntimeError: a home folder of nobody
-        why = getattr(error, "strerror", None) or error
-        raise ValueError(f"{what} {path} cannot be read: {why}") from error
+        # RuntimeError: ~ of an unknown user.
+        reason = getattr(error, "strerror", None) or error
+        raise ValueError(f"{what} {path} cannot be read: {reason}") from error
     try:
         if complete is not None and isinstance(content, dict):
             content = complete(content)
@@ -47,42 +59,43 @@ def load_settings(
 
 
 def settings_from(kind: type[_Settings], content: Any, section: str = "") -> _Settings:
-    """Return the dataclass of plain values, as a YAML file holds them.
+    """Return a dataclass from plain values as a YAML file holds them.
 
-    A dataclass in it is a section, which may be empty; a text stands for the ``source`` of one.
+    A field that is a dataclass is a section, which may be empty. A text in place of a section is
+    its ``source``.
 
     Raises
     ------
     ValueError
-        When a name is unknown, one is missing or a value impossible; the message begins with the
+        When a name is unknown or missing, or a value is out of range; the message begins with the
         section.
     """
-    known = {item.name: item for item in fields(cast(Any, kind))}
+    definitions = {item.name: item for item in fields(cast(Any, kind))}
     hints = get_type_hints(kind)
     place = f"{section}: " if section else ""
-    if isinstance(content, str) and "source" in known:
+    if isinstance(content, str) and "source" in definitions:
         content = {"source": content}
     if not isinstance(content, dict):
-        given = f"{section} = {content!r}: " if section else f"it holds {content!r}, "
-        given = "it is empty, " if content is None and not section else given
-        raise ValueError(f"{given}expected a mapping with {', '.join(known)}")
+        actual = f"{section} = {content!r}: " if section else f"it holds {content!r}, "
+        actual = "it is empty, " if content is None and not section else actual
+        raise ValueError(f"{actual}expected a mapping with {', '.join(definitions)}")
     values = {}
     for name, value in content.items():
-        if name not in known:
-            raise ValueError(f"{place}{unknown_name('entry', name, known)}")
+        if name not in definitions:
+            raise ValueError(f"{place}{unknown_name('entry', name, definitions)}")
         part = next(filter(is_dataclass, (hints[name], *get_args(hints[name]))), None)
         if part is not None and value is None:
             continue
         values[name] = tuple(value) if isinstance(value, list) else value
         if part is not None:
             values[name] = settings_from(cast(Any, part), value, name)
-        elif isinstance(known[name].default, int | float) and isinstance(value, str):
+        elif isinstance(definitions[name].default, int | float) and isinstance(value, str):
             # YAML 1.1 reads 1e5 as a text.
             with suppress(ValueError):
                 number = float(value)
-                is_whole = isinstance(known[name].default, int) and number.is_integer()
+                is_whole = isinstance(definitions[name].default, int) and number.is_integer()
                 values[name] = int(number) if is_whole else number
-    for name, item in known.items():
+    for name, item in definitions.items():
         if item.default is item.default_factory is MISSING and name not in values:
             raise ValueError(f"{place}{name} is missing")
     try:

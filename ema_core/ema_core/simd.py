@@ -1,13 +1,14 @@
-"""Vectors of lanes inside kernels: written as for one float, computed for all lanes.
+"""Vectors of lanes in kernels: code for one float computes all lanes.
 
-A kernel loads a `Vector` from an array and calculates with it as with a float; `select` takes the
-place of a branch. LLVM maps the vectors to the registers of the processor. ``+ - * /``, unary
+A kernel loads a `Vector` from an array and uses it like a float; `select` replaces branches. LLVM
+maps the vectors to the registers of the processor. ``+ - * /``, unary
 minus, ``abs``, ``min``, ``max``, ``math.floor``, ``math.copysign``, the comparisons and (slowly)
 ``math.cos`` and ``math.sin`` act lane by lane; a number has the same value in all lanes.
 Comparisons return a `Mask`, which supports ``& | ~``. Lanes are independent of each other.
 
-numba documents neither how a number becomes another type (``Conversion``) nor the contexts that
-generate code. Both are used here alone; tests/core/test_simd.py fails where a version differs.
+numba documents neither the conversion of a number to another type (``Conversion``) nor the contexts
+that generate code. Only this module uses them; tests/core/test_simd.py fails if a version of numba
+changes them.
 """
 
 import math
@@ -28,19 +29,19 @@ from numba.extending import (
     type_callable,
 )
 
-# To type checkers the typing context, which a call does not pass, is a parameter.
+# Untyped: type checkers would require the typing context, which calls do not pass.
 _kernel_function: Final[Any] = intrinsic
 _TUPLE: Final[Any] = types.BaseTuple
 
 LANES: Final = 16 if get_host_cpu_features().get("avx512f") else 8
-"""Lanes of a vector. The operations of a step wait for one another: 16 lanes take 1.3 times as long
-as 8 in registers of 512 bits, 1.7 times in registers of 256.
+"""Lanes of a vector. Operations of a step depend on each other, so that 16 lanes take 1.3 times as
+long as 8 lanes in registers of 512 bits, and 1.7 times in registers of 256 bits.
 """
 
 _DOUBLES: Final = ir.VectorType(ir.DoubleType(), LANES)
 _BITS: Final = ir.VectorType(ir.IntType(1), LANES)
 _INDEX: Final = ir.IntType(32)
-# A product and a sum may be rounded once, a division may become a product with the reciprocal.
+# Permit fused multiply-add, and division by multiplication with the reciprocal.
 _FLAGS: Final = ("arcp", "contract")
 _FLOAT64_BYTES: Final = 8
 
@@ -51,9 +52,9 @@ class Vector(types.Type):
     def __init__(self) -> None:
         super().__init__(name=f"Vector({LANES})")
 
-    def can_convert_from(self, typingctx, other):
+    def can_convert_from(self, typingctx, source):
         """Convert any number to a vector."""
-        return Conversion.safe if isinstance(other, types.Number) else None
+        return Conversion.safe if isinstance(source, types.Number) else None
 
 
 class Mask(types.Type):
@@ -96,13 +97,13 @@ def _register(
 
     @type_callable(function)
     def type_function(context):
-        def one(a):
+        def unary(a):
             return result(operand) if a == operand else None
 
-        def two(a, b):
+        def binary(a, b):
             return result(operand, operand) if operand in (a, b) else None
 
-        return one if operands == 1 else two
+        return unary if operands == 1 else binary
 
     @lower_builtin(function, *[type(operand)] * operands)
     def lower(context, builder, sig, args):
@@ -124,7 +125,7 @@ def _arithmetic(name: str) -> Callable[..., Any]:
 
 
 def _compare(symbol: str) -> Callable[..., Any]:
-    # As for floats, only "not equal" is true for NaN.
+    # Like floats: for NaN only "not equal" is true.
     unordered = symbol == "!="
     return lambda builder, a, b: (
         builder.fcmp_unordered(symbol, a, b) if unordered else builder.fcmp_ordered(symbol, a, b)
@@ -132,7 +133,7 @@ def _compare(symbol: str) -> Callable[..., Any]:
 
 
 def _extreme(symbol: str) -> Callable[..., Any]:
-    # Where one is NaN the result is the first, as for floats.
+    # Like floats: if an operand is NaN, the result is the first operand.
     return lambda builder, a, b: builder.select(builder.fcmp_ordered(symbol, b, a), b, a)
 
 
@@ -171,7 +172,7 @@ _register(max, 2, VECTOR, VECTOR, _extreme(">"))
 
 @_kernel_function
 def select(typingctx, condition, a, b):
-    """Return ``a`` in the lanes where ``condition`` is true and ``b`` in the others.
+    """Return ``a`` in the lanes where ``condition`` is true, else ``b``.
 
     A single condition selects between single floats.
     """
@@ -185,7 +186,7 @@ def select(typingctx, condition, a, b):
 
 @_kernel_function
 def any_lane(typingctx, condition):
-    """Return whether a condition is true in a lane, for a branch that all lanes take together."""
+    """Return whether a condition is true in any lane, for a branch that all lanes take together."""
 
     def lower(context, builder, sig, args):
         bits = builder.bitcast(args[0], ir.IntType(LANES))
@@ -196,7 +197,7 @@ def any_lane(typingctx, condition):
 
 @_kernel_function
 def broadcast(typingctx, number):
-    """Return the number in all lanes."""
+    """Return a vector with the number in all lanes."""
 
     def lower(context, builder, sig, args):
         return args[0]
@@ -206,10 +207,10 @@ def broadcast(typingctx, number):
 
 @_kernel_function
 def load(typingctx, values, start):
-    """Return arrays as vectors: their `LANES` values from ``start`` on.
+    """Return arrays as vectors of their `LANES` values from ``start`` on.
 
-    Arrays are contiguous, ``(n,)``, with at least ``start + LANES`` values; this is not checked. In
-    a tuple, named or nested, every array becomes a vector; numbers remain numbers.
+    Arrays must be contiguous, ``(n,)``, with at least ``start + LANES`` values; this is not
+    checked. In a tuple, named or nested, arrays become vectors and numbers remain numbers.
     """
 
     def lower(context, builder, sig, args):

@@ -1,4 +1,4 @@
-"""A digest of the sources that a result follows from, by which an older one is known."""
+"""Digest of the source code that a result depends on, to detect outdated results."""
 
 import hashlib
 import importlib.util
@@ -14,15 +14,15 @@ _IMPORT = re.compile(r"^ *(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?
 
 
 def source_digest(names: Iterable[str]) -> str:
-    """Return a digest of modules, of all modules of ours that they import, and of the libraries."""
+    """Return a digest of modules, the ``ema_*`` modules that they import, numpy and numba."""
     waiting, sources = list(names), dict[str, str]()
     while waiting:
         name = waiting.pop()
         if name not in sources and (source := _source(name)):
             sources[name] = source
             for module, imported in _IMPORT.findall(source):
-                # What is imported from a package may be a module.
-                waiting += [module, *(f"{module}.{one}" for one in re.findall(r"\w+", imported))]
+                # A name imported from a package may be a module.
+                waiting += [module, *(f"{module}.{part}" for part in re.findall(r"\w+", imported))]
     digest = hashlib.sha256(f"{np.__version__} {numba.__version__}".encode())
     for name in sorted(sources):
         digest.update(sources[name].encode())
@@ -31,7 +31,7 @@ def source_digest(names: Iterable[str]) -> str:
 
 @cache
 def _source(module: str) -> str:
-    """Return the source of a module of ours; empty of any other."""
+    """Return the source of an ``ema_*`` module; empty for other modules."""
     package, *path = module.split(".")
     if not package.startswith("ema_"):
         return ""

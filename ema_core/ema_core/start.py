@@ -1,4 +1,4 @@
-"""The start of a program: SIGINT ends its imports without a traceback; arrays have one thread."""
+"""Start of a program: imports end at SIGINT without traceback, linear algebra has one thread."""
 
 import io
 import os
@@ -15,23 +15,23 @@ from ema_core.linear_algebra import array_environment
 
 @contextmanager
 def quiet_imports() -> Iterator[None]:
-    """Let SIGINT end the process at once, where Python would raise KeyboardInterrupt."""
+    """Let SIGINT end the process at once, in place of KeyboardInterrupt."""
     before = signal.getsignal(signal.SIGINT)
     is_main = threading.current_thread() is threading.main_thread()
-    if is_own := is_main and before is signal.default_int_handler:
+    if is_default := is_main and before is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         yield
     finally:
-        if is_own:
+        if is_default:
             signal.signal(signal.SIGINT, before)
 
 
 def write_any_text() -> None:
-    """Let standard output and error take any text, whatever the locale is.
+    """Let standard output and error accept any text under any locale.
 
-    Files and pipes get UTF-8, a terminal its own encoding. A byte of a file name that is not
-    text is written as an escape.
+    Files and pipes use UTF-8, a terminal its encoding. A byte of a file name that is not text is
+    written as an escape sequence.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -40,7 +40,7 @@ def write_any_text() -> None:
 
 
 def program(module: str) -> Callable[[], Any]:
-    """Return the program whose ``main`` is in a module that takes long to import."""
+    """Return a function that imports a module, which may take long, and calls its ``main``."""
 
     def main() -> Any:
         os.environ.update(array_environment())  # before numpy is imported

@@ -1,4 +1,4 @@
-"""A thread that is restarted and reported when it ends unexpectedly."""
+"""Thread that is restarted and reported when its work ends unexpectedly."""
 
 import threading
 import time
@@ -14,19 +14,18 @@ _SETTLED_S: Final = 10.0
 
 
 class SteadyThread:
-    """Does work in a thread until it is ended; work that ends before is begun again.
+    """Runs work in a thread until ``end`` is called, and restarts work that ends before.
 
-    The first time it is begun again after 1 s, then after twice as long each time, at most 60 s;
-    work that went on for longer than the wait before it counts as begun for the first time. Each
-    time it has ended by itself, ``on_failure`` is called in the thread, with a line that says why
-    and the traceback.
+    The first restart is after 1 s, each further restart after twice the time, at most 60 s. If the
+    work ran for longer than the last wait, the wait is 1 s again. After each unexpected end,
+    ``on_failure`` is called in the thread with the reason, one line, and the traceback.
 
     Attributes
     ----------
     ending
-        Set when the thread is to end.
+        Event that is set when the thread shall end.
     ends
-        How many times the work has ended by itself.
+        Number of unexpected ends of the work.
     """
 
     def __init__(
@@ -44,25 +43,22 @@ class SteadyThread:
 
     @property
     def is_alive(self) -> bool:
-        """Whether the thread has begun and not ended."""
+        """Whether the thread has started and not ended."""
         return self._thread.is_alive()
 
     @property
     def failure(self) -> str:
-        """Why the work has ended by itself; empty when it did not, or has gone on for 10 s since.
-
-        The number of ends is part of it.
-        """
+        """Reason and number of unexpected ends; empty without one, or 10 s after a restart."""
         if self._is_working and time.monotonic() - self._begun_s >= _SETTLED_S:
             return ""
         return self._failure
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
 
     def end(self, join_s: float | None = None) -> None:
-        """Have the thread end, and wait for it, for so long at most [s]."""
+        """End the thread, and wait for its end, at most ``join_s`` [s]."""
         self.ending.set()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(join_s)
@@ -71,7 +67,7 @@ class SteadyThread:
         wait_s = _FIRST_WAIT_S
         while not self.ending.is_set():
             self._begun_s, self._is_working = time.monotonic(), True
-            # Whatever ends it, SystemExit too: nobody else would notice.
+            # SystemExit included: nothing else would report it.
             try:
                 self._work()
                 reason, trace = "it returned", ""
@@ -84,7 +80,7 @@ class SteadyThread:
                 wait_s = _FIRST_WAIT_S
             self.ends += 1
             self._failure = (
-                f"the {self._name} thread has ended: {reason}; begun again after {wait_s:g} s "
+                f"the {self._name} thread has ended: {reason}; restarted after {wait_s:g} s "
                 f"({counted(self.ends, 'end')} so far)"
             )
             try:

@@ -1,4 +1,4 @@
-"""Tasks on processes or threads of this machine, or on a Dask cluster, by one interface."""
+"""One interface for tasks on local processes, local threads, or a Dask cluster."""
 
 import multiprocessing
 import os
@@ -22,7 +22,7 @@ from itertools import islice
 from typing import Any, Final
 
 EXECUTORS: Final = ("processes", "threads", "dask")
-"""Where tasks can run."""
+"""Kinds of workers."""
 
 _MOST_DEATHS: Final = 3
 _CONNECT_S: Final = 10.0
@@ -31,18 +31,18 @@ _MOST_SILENCES: Final = 30
 
 
 class WorkerLostError(RuntimeError):
-    """A task ended each of the workers that it was given to."""
+    """A task ended every worker that ran it."""
 
 
 class ClusterLostError(RuntimeError):
-    """The scheduler of a cluster is out of reach."""
+    """The scheduler of a cluster is unreachable."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a task: its argument, and what the function returned or raised.
+    """Result of a task: its item, and the value or the error of the function.
 
-    The error is ``WorkerLostError`` where the task ended its workers.
+    The error is ``WorkerLostError`` if the task ended its workers.
     """
 
     item: Any
@@ -57,25 +57,25 @@ class Outcome:
 
 
 class Workers(AbstractContextManager["Workers", None]):
-    """Workers that call a function with many items; to be used under ``with``.
+    """Workers that call a function with many items; use them under ``with``.
 
-    Where the block ends by an exception, tasks that have not begun are dropped, and processes end
-    at once. A task whose worker process ends is repeated by itself, three times at most.
+    If the block raises an exception, tasks that have not started are dropped, and processes end at
+    once. A task whose worker process ends is repeated alone, up to three runs in total.
 
     Parameters
     ----------
     kind
         One of ``EXECUTORS``.
     number
-        How many tasks run at once on this machine; the scheduler knows its own workers.
+        Number of parallel tasks on this machine; a scheduler has a fixed number of workers.
     scheduler
         Address of a Dask scheduler; empty for a cluster of local processes.
 
     Raises
     ------
     ValueError
-        When the kind is unknown, there are no workers, a scheduler is given to another kind, or
-        ``distributed`` is not installed.
+        When the kind is unknown, there are no workers, a scheduler is given for another kind than
+        ``dask``, or ``distributed`` is not installed.
     ClusterLostError
         When the scheduler does not answer.
     """
@@ -97,15 +97,15 @@ class Workers(AbstractContextManager["Workers", None]):
     def run(
         self, function: Callable[[Any], Any], items: Iterable[Any]
     ) -> Generator[Outcome, None, None]:
-        """Call a function with each item and yield the outcomes as they come.
+        """Call a function with each item and yield the outcomes in order of completion.
 
-        Items are taken as workers become free. Where the iterator is closed before its end, tasks
-        that have not begun are dropped.
+        Items are consumed as workers become free. If the iterator is closed early, tasks that have
+        not started are dropped.
 
         Raises
         ------
         ClusterLostError
-            When the scheduler is out of reach.
+            When the scheduler is unreachable.
         """
         waiting, suspects = iter(items), deque[tuple[Any, int]]()
         pending: dict[Future[Any], tuple[Any, int]] = {}
@@ -131,14 +131,14 @@ class Workers(AbstractContextManager["Workers", None]):
                     try:
                         error = future.exception()
                     except CancelledError as cancelled:
-                        # Its scheduler has ended: another one there knows nothing of it.
+                        # The scheduler has ended; a new scheduler would not know the task.
                         raise self._lost() from cancelled
-                    # Dask's own error is known by its name: `distributed` is an extra.
+                    # By name, because `distributed` is an optional dependency.
                     is_death = isinstance(error, BrokenProcessPool)
                     if not is_death and type(error).__name__ != "KilledWorker":
                         yield Outcome(item, None if error else future.result(), error)
                     elif deaths + 1 < _MOST_DEATHS:
-                        # All tasks of the pool end with one worker: each shows by itself.
+                        # One dead worker fails all tasks of the pool: repeat each of them alone.
                         suspects.append((item, deaths + 1))
                     else:
                         words = f"{deaths + 1} worker processes ended while they worked on it"
@@ -149,7 +149,7 @@ class Workers(AbstractContextManager["Workers", None]):
 
     def __exit__(self, kind: object, *_: object) -> None:
         is_failed = kind is not None
-        # A pool whose workers end fails its remaining tasks: remove the cancelled ones first.
+        # A pool whose workers end fails its remaining tasks: remove the cancelled tasks first.
         drop: Any = {"cancel_futures": is_failed} if self._client is None else {}
         with suppress(OSError, RuntimeError, TimeoutError):
             self._executor.shutdown(wait=not is_failed, **drop)
@@ -180,7 +180,7 @@ class Workers(AbstractContextManager["Workers", None]):
             future = self._executor.submit(function, item)
         except (OSError, RuntimeError) as error:
             raise (self._lost() if self._client is not None else error) from error
-        # A pool that is collected first does not drop its waiting tasks.
+        # A pool that is garbage-collected before its futures does not drop its waiting tasks.
         vars(future)["pool"] = self._executor
         return future
 
@@ -190,9 +190,9 @@ class Workers(AbstractContextManager["Workers", None]):
         return max(1, sum(self._client.nthreads().values())) if self._is_there() else 1
 
     def _replace_workers(self) -> None:
-        """Start the local workers of Dask that are missing.
+        """Start missing local workers of Dask.
 
-        Dask restarts a worker that is killed, unless it is killed before its start is confirmed.
+        Dask restarts a killed worker, unless it is killed before its start is confirmed.
         """
         if self._client is not None and self._client.cluster is not None:
             self._client.cluster.scale(self._number)
@@ -203,7 +203,7 @@ class Workers(AbstractContextManager["Workers", None]):
     def _lost(self) -> ClusterLostError:
         address = self._client.scheduler.address
         return ClusterLostError(
-            f"the Dask scheduler {address} is out of reach; what is done is kept"
+            f"the Dask scheduler {address} is unreachable; finished tasks are kept"
         )
 
 
@@ -226,9 +226,9 @@ def _dask_client(number: int, scheduler: str) -> Any:
 
 
 def _begin_worker(parent: Any) -> None:
-    """Leave interrupts of the terminal to the parent, and end when its end of the pipe is closed.
+    """Ignore interrupts of the terminal, and end when the parent closes its end of the pipe.
 
-    A process has no other way to notice that its parent was killed.
+    The pipe is the only way to notice that the parent was killed.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

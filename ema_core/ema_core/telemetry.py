@@ -15,13 +15,13 @@ COLUMNS = ("command", "current", "position", "speed")
 """Columns of telemetry, in the order of the messages."""
 
 OPTIONAL = ("command", "current", "speed")
-"""Columns that may be empty, where they are not measured."""
+"""Columns that may be empty, if they are not measured."""
 
 PERIODS = (1e-9, 1.0)
 """Shortest and longest permitted sample period [s]."""
 
 PAUSE_S: Final = 1.0
-"""A longer time without samples is a pause: nothing is lost in it [s]."""
+"""Longest gap in which samples count as lost [s]; a longer gap is a pause."""
 
 _NO_SAMPLES: Final = np.zeros(0, dtype=bool)
 
@@ -31,29 +31,9 @@ class Telemetry:
     """Consecutive samples at a fixed period.
 
     Sample i covers ((i-1) h, i h]: current is its mean over that interval, unless the description
-    of the actuator defines another acquisition (`ema_core.acquisition`); the other columns are the
-    values at its end. The column of a quantity that is not measured is empty. Only the position is
+    of the actuator defines another acquisition (`ema_core.acquisition`); the remaining columns are
+    values at its end. The column of a quantity that is not measured is empty. The position is
     always present.
-
-    Attributes
-    ----------
-    stamp_ns
-        Time of the END of the first sample [ns].
-    sample_period
-        Period h [s].
-    first_index
-        Running index of the first sample.
-    command
-        Commanded angle of the user shaft, ``(n,)`` [rad], or ``(0,)`` without a position command.
-    position
-        Angle of the user shaft, measured after the backlash, ``(n,)`` [rad].
-    current
-        Equivalent current, ``(n,)`` [A], or ``(0,)`` where it is not measured.
-    speed
-        Speed of the motor shaft, ``(n,)`` [rad/s], or ``(0,)`` where it is not measured.
-    interpolated
-        Whether a sample was lost and interpolated (`bridged`), ``(n,)``, or ``(0,)`` where all
-        samples were measured.
 
     Raises
     ------
@@ -63,13 +43,22 @@ class Telemetry:
     """
 
     stamp_ns: int
+    """Time of the END of the first sample [ns]."""
     sample_period: float
+    """Period h [s]."""
     first_index: int
+    """Running index of the first sample."""
     command: NDArray[np.float64]
+    """Commanded angle of the user shaft, ``(n,)`` [rad], or ``(0,)`` without a position command."""
     current: NDArray[np.float64]
+    """Equivalent current, ``(n,)`` [A], or ``(0,)`` if it is not measured."""
     position: NDArray[np.float64]
+    """Angle of the user shaft, measured after the backlash, ``(n,)`` [rad]."""
     speed: NDArray[np.float64]
+    """Speed of the motor shaft, ``(n,)`` [rad/s], or ``(0,)`` if it is not measured."""
     interpolated: NDArray[Any] = field(default_factory=_NO_SAMPLES.copy)
+    """Whether a sample was lost and interpolated (`bridged`), ``(n,)``, or ``(0,)`` if all samples
+    were measured."""
 
     def __post_init__(self) -> None:
         check_period(self.sample_period)
@@ -79,7 +68,7 @@ class Telemetry:
             listed = ", ".join(f"{name} {len(getattr(self, name))}" for name in COLUMNS)
             raise ValueError(
                 f"telemetry columns must have one length of at least 1, not {listed}; only "
-                f"{', '.join(OPTIONAL)} may be empty, where they are not measured"
+                f"{', '.join(OPTIONAL)} may be empty, if they are not measured"
             )
 
     def __len__(self) -> int:
@@ -92,7 +81,7 @@ class Telemetry:
 
     @property
     def has_command(self) -> bool:
-        """Whether there is a position command: drives by velocity or torque have none."""
+        """Whether there is a position command; drives commanded by speed or torque have none."""
         return len(self.command) > 0
 
     @property
@@ -102,11 +91,11 @@ class Telemetry:
         return self.stamp_ns + elapsed_ns(self.sample_period, self.first_index, steps)
 
     def stamp_at(self, sample: int) -> int:
-        """Return the time of the end of one sample, counted from 0 [ns]."""
+        """Return the time of the end of a sample, numbered from 0 [ns]."""
         return self.stamp_ns + elapsed_ns(self.sample_period, self.first_index, sample)
 
     def part(self, start: int, stop: int) -> "Telemetry":
-        """Return samples ``start`` to ``stop`` (exclusive) with their own stamp and index.
+        """Return samples ``start`` to ``stop`` (exclusive) as telemetry.
 
         Raises
         ------
@@ -134,12 +123,19 @@ def check_period(sample_period: float) -> None:
 
 
 def elapsed_ns(sample_period: float, first_index: int, samples: Any) -> Any:
-    """Return the time from the end of one sample to that of others [ns].
+    """Return the time from the end of a sample to the ends of later samples [ns].
 
-    The end of the sample of running index i is i periods after a common origin, rounded to the
-    nearest nanosecond, in integers throughout: a sample has the same stamp in every part of the
-    telemetry. The time counts from the sample ``first_index``; ``samples`` are the numbers of
-    samples from there, an integer or an array of integers.
+    The sample with running index i ends i periods after a common origin, rounded to the nearest
+    nanosecond. Integers throughout give a sample the same stamp in every part of the telemetry.
+
+    Parameters
+    ----------
+    sample_period
+        Sample period [s].
+    first_index
+        Running index of the sample from which the time is counted.
+    samples
+        Numbers of samples after ``first_index``: an integer or an array of integers.
     """
     whole, over, per = _period_ns(sample_period)
     before = (first_index * over + per // 2) % per
@@ -150,8 +146,8 @@ def elapsed_ns(sample_period: float, first_index: int, samples: Any) -> Any:
 def _period_ns(sample_period: float) -> tuple[int, int, int]:
     """Return a period as whole nanoseconds and a fraction: ``whole + over / per`` [ns].
 
-    It is exact for a rate of whole hertz up to 1 MHz, where the float period is not: at 48 kHz
-    that would be off by a nanosecond within days.
+    The result is exact for rates of whole hertz up to 1 MHz. The float period is not: at 48 kHz its
+    error would reach a nanosecond within days.
     """
     period = (Fraction(sample_period) * 1_000_000_000).limit_denominator(1_000_000)
     whole, over = divmod(period.numerator, period.denominator)
@@ -159,7 +155,7 @@ def _period_ns(sample_period: float) -> tuple[int, int, int]:
 
 
 def join(blocks: list[Telemetry]) -> Telemetry:
-    """Return blocks, each beginning where the one before ends, as one."""
+    """Return contiguous blocks as one block."""
     first = blocks[0]
     interpolated = _NO_SAMPLES
     if any(len(block.interpolated) for block in blocks):
@@ -179,9 +175,9 @@ def join(blocks: list[Telemetry]) -> Telemetry:
 
 
 def lost_between(last: Telemetry, block: Telemetry) -> Telemetry | None:
-    """Return the samples lost between two blocks, on the line between their neighbours.
+    """Return the samples lost between two blocks, interpolated linearly.
 
-    None if nothing is missing, or if it cannot be interpolated: more than ``PAUSE_S`` is missing,
+    None if nothing is missing, or if interpolation is impossible: more than ``PAUSE_S`` is missing,
     the period or the measured columns differ, or the stamps contradict the number of samples.
     """
     h, begin = last.sample_period, last.first_index + len(last)
@@ -201,7 +197,7 @@ def lost_between(last: Telemetry, block: Telemetry) -> Telemetry | None:
 
 
 def bridged(blocks: Sequence[Telemetry]) -> list[Telemetry]:
-    """Return blocks with the samples that are lost between them (`lost_between`)."""
+    """Return blocks with the lost samples between them interpolated (`lost_between`)."""
     joined = [blocks[0]]
     for block in blocks[1:]:
         lost = lost_between(joined[-1], block)

@@ -11,7 +11,7 @@ def counted(number: int, noun: str) -> str:
 
 
 def beside_limit(value: float, limit: float, digits: int = 3) -> tuple[str, str]:
-    """Return a value and its limit as texts that differ, with more digits if needed."""
+    """Return a value and its limit as texts, with enough digits to differ."""
     texts = f"{value:.{digits}g}", f"{limit:.{digits}g}"
     if texts[0] == texts[1] and value != limit and digits < 17:
         return beside_limit(value, limit, digits + 1)
@@ -27,7 +27,7 @@ def one_line(name: str, text: str, most: int) -> str:
 
 
 def time_in_words(seconds: float) -> str:
-    """Return a length of time [s] in the unit that suits it."""
+    """Return a duration [s] as a text in a suitable unit: s, min, h or d."""
     if not math.isfinite(seconds):
         return "-"
     for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
@@ -36,21 +36,21 @@ def time_in_words(seconds: float) -> str:
     return f"{seconds:.0f} s"
 
 
-def unknown_name(kind: str, name: object, known: Iterable[str]) -> str:
-    """Return the message for an unknown name of a kind, with the closest and all known names."""
-    by_lower_case = {item.lower(): item for item in known}
+def unknown_name(kind: str, name: object, names: Iterable[str]) -> str:
+    """Return the message for an unknown name of a kind, with the closest and all valid names."""
+    by_lower_case = {item.lower(): item for item in names}
     close = get_close_matches(as_identifier(str(name)), by_lower_case, n=1)
     hint = f"did you mean {by_lower_case[close[0]]!r}? " if close else ""
     return f"unknown {kind} {name!r}; {hint}known: {', '.join(by_lower_case.values())}"
 
 
 def as_identifier(label: str) -> str:
-    """Return the form of a label in files and commands: "short circuit A" is short_circuit_a."""
+    """Return a label as an identifier: "short circuit A" becomes short_circuit_a."""
     return "_".join(label.lower().replace("-", " ").split())
 
 
 def text_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table as plain text: figures to the right, words to the left."""
+    """Return a table as plain text: numbers right-aligned, words left-aligned."""
     columns = list(zip(headings, *rows, strict=True))
     padded = []
     for column in columns:

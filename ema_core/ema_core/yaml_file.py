@@ -1,4 +1,4 @@
-"""YAML files of bounded size, without hidden traps such as duplicate keys or huge numbers."""
+"""Reading of YAML files with bounded size; duplicate keys and huge numbers are refused."""
 
 import re
 from itertools import chain
@@ -10,7 +10,7 @@ import yaml
 from ema_core.files import read_regular_file
 
 MOST_BYTES: Final = 64_000_000
-"""Size of a file that is read."""
+"""Largest size of a file that is read [bytes]."""
 
 _MOST_VALUES: Final = 5_000_000
 _LARGEST: Final = 2**63
@@ -19,7 +19,7 @@ _Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _Loader(_Base):
-    """Refuses a key that is given twice, and whole numbers beyond 64 bits."""
+    """YAML loader that refuses duplicate keys, and integers of more than 64 bits."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
         seen = set()
@@ -34,7 +34,7 @@ class _Loader(_Base):
         return super().construct_mapping(node, deep)
 
     def construct_bounded(self, node: Any) -> int:
-        """Return a whole number."""
+        """Return an integer."""
         digits = len(node.value)
         value = self.construct_yaml_int(node) if digits < 100 else _LARGEST
         if not -_LARGEST <= value < _LARGEST:
@@ -54,14 +54,14 @@ def load_yaml(path: Path, most_bytes: int | None = None) -> Any:
     Parameters
     ----------
     most_bytes
-        Largest size of the file, which is read at about 1 MB/s; None: ``MOST_BYTES``.
+        Largest size of the file [bytes], which is read at about 1 MB/s; None for ``MOST_BYTES``.
 
     Raises
     ------
     ValueError
-        When it is not a regular file, too large or not YAML; the message names file and defect.
+        When the file is not regular, too large or not YAML; the message names file and defect.
     OSError
-        When it cannot be read.
+        When the file cannot be read.
     """
     try:
         return parse_yaml(read_regular_file(path, MOST_BYTES if most_bytes is None else most_bytes))
@@ -70,7 +70,7 @@ def load_yaml(path: Path, most_bytes: int | None = None) -> Any:
 
 
 class YamlError(ValueError):
-    """A text is not YAML, or uses YAML that is not accepted."""
+    """The text is not YAML, or uses YAML that is not accepted."""
 
 
 def parse_yaml(content: bytes) -> Any:
@@ -79,14 +79,14 @@ def parse_yaml(content: bytes) -> Any:
     Raises
     ------
     YamlError
-        When it is not YAML, nested too deeply or expands to too much data.
+        When the text is not YAML, nested too deeply, or expands to too many values.
     """
     try:
         if _is_nested_deeply(content):
             raise ValueError("it is nested too deeply")
         loaded = yaml.load(content.decode(), Loader=_Loader)
         if _holds_too_much(loaded):
-            raise ValueError(f"it stands for more than {_MOST_VALUES:,} values")
+            raise ValueError(f"it expands to more than {_MOST_VALUES:,} values")
     except (yaml.YAMLError, ValueError) as error:
         raise YamlError(str(error).replace('in "<unicode string>", ', "at ")) from error
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
@@ -95,7 +95,7 @@ def parse_yaml(content: bytes) -> Any:
 
 
 def _is_nested_deeply(content: bytes) -> bool:
-    """Return whether the loader, which calls itself, might use up its stack, and the process."""
+    """Return whether the recursive loader might exhaust the stack, which ends the process."""
     depth = deepest = 0
     for bracket in re.finditer(rb"[\[\]{}]", content):
         depth += 1 if bracket[0] in b"[{" else -1
@@ -106,7 +106,7 @@ def _is_nested_deeply(content: bytes) -> bool:
 
 
 def _holds_too_much(content: Any) -> bool:
-    """Return whether there are too many values; a value counts wherever it is referred to."""
+    """Return whether there are too many values; each reference to a value counts."""
     count, level = 0, [content]
     while level:
         parts = [

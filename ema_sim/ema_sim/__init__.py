@@ -1,6 +1,6 @@
 """Reference model of an electromechanical actuator, its sensors, test bench and service life.
 
-``import ema_sim`` offers the names of ``ema_sim.api``; docs/python.md shows how to use them.
+``import ema_sim`` exports the names of ``ema_sim.api``; docs/python.md shows their use.
 """
 
 from typing import TYPE_CHECKING

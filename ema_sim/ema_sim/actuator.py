@@ -1,4 +1,4 @@
-"""The simulated actuator: the reference kernels and their state, advanced block by block."""
+"""Simulated actuator: state and parameters of the reference kernels, advanced block by block."""
 
 import math
 from collections.abc import Mapping
@@ -44,15 +44,16 @@ class SimulatedActuator:
     sample_period
         Period of the telemetry [s], a whole multiple of 1 us.
     acquisition
-        How its telemetry is acquired; by default the current is averaged and all is measured.
+        Acquisition of the telemetry; by default the current is averaged and all columns are
+        measured.
     noise_gain
         K_noise, power of the white noise on the reference current: its variance is
         ``K_noise`` 1e-6 / ``noise_hold_s`` [A^2].
     noise_hold_s
-        Time t_n for which a value of that noise is held [s], a whole multiple of 1 us that
-        divides the sample period.
+        Time t_n for which a value of the noise is held [s], a whole multiple of 1 us that divides
+        the sample period.
     rng
-        Random numbers of that noise; only used where ``noise_gain`` is not 0.
+        Random numbers of the noise; only used if ``noise_gain`` is not 0.
     stamp_ns
         Time of the start [ns].
     drive
@@ -79,7 +80,7 @@ class SimulatedActuator:
     ) -> None:
         if drive not in SIMULATED_DRIVES:
             raise ValueError(
-                f"drive {drive!r} cannot be simulated, {' and '.join(SIMULATED_DRIVES)} can"
+                f"drive {drive!r} cannot be simulated, expected {' or '.join(SIMULATED_DRIVES)}"
             )
         self.drive = drive
         self.parameters = parameters or ActuatorParameters()
@@ -118,7 +119,7 @@ class SimulatedActuator:
         Raises
         ------
         ValueError
-            When it is not a fault vector, or leaves a phase with so little inductance that the
+            When it is not a fault vector, or reduces the inductance of a phase so much that the
             step of 1 us is too long.
         """
         return self._faults.copy()
@@ -136,7 +137,7 @@ class SimulatedActuator:
     def causes(self) -> dict[str, Profile]:
         """Hidden causes by name; an assignment takes effect with the next sample.
 
-        Their times count from the assignment. Those of sensors have no effect here.
+        Times count from the assignment. Causes of sensors have no effect on the actuator.
 
         Raises
         ------
@@ -211,7 +212,7 @@ class SimulatedActuator:
         return block
 
     def _check(self, motor: MotorConstants, causes: Mapping[str, Profile]) -> None:
-        """Raise ``ValueError`` if this drive cannot be simulated with such a motor and causes."""
+        """Raise ``ValueError`` if the drive cannot be simulated with this motor and causes."""
         if self.drive == "six_step":
             _check_decay(motor, causes)
         elif reason := unlike_causes(causes):
@@ -231,7 +232,7 @@ def at_rest(theta_m: float = 0.0, theta_b: float = 0.0) -> State:
 
 
 def _check_decay(motor: MotorConstants, causes: Mapping[str, Profile]) -> None:
-    """Raise ``ValueError`` if a phase is so fast that the step is too long for it."""
+    """Raise ``ValueError`` if the time constant of a phase is shorter than the step."""
     warmth = causes["winding_temperature"].value if "winding_temperature" in causes else 0.0
     R_s = motor.R_s * (1.0 + COPPER * max(warmth, 0.0))
     decay = DT * R_s / (motor.L_s * min(motor.N_a, motor.N_b, motor.N_c))

@@ -1,4 +1,4 @@
-"""Node of the simulated actuator: runs test cycles and publishes a real actuator's topics."""
+"""Node of the simulated actuator: runs test cycles and publishes the topics of an actuator."""
 
 import time
 from collections.abc import Iterable
@@ -46,7 +46,7 @@ class ActuatorNode(ManagedNode):
     Raises
     ------
     ValueError
-        When the description of the actuator cannot be read, or a parameter is impossible.
+        When the description of the actuator cannot be read, or a parameter is out of range.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -58,8 +58,8 @@ class ActuatorNode(ManagedNode):
             load_description(Path(file), is_simulated=True) if file else ActuatorDescription()
         )
         identity = {name: getattr(run_settings, name) for name in ("actuator_id", "serial_number")}
-        given = {name: value for name, value in identity.items() if value}
-        self._description = replace(description, **given)
+        overrides = {name: value for name, value in identity.items() if value}
+        self._description = replace(description, **overrides)
         declare(self, BenchSettings(pause_s=_PAUSE_S))
         declare(self, Command, "command.")
         declare(self, ResolutionSettings, "resolution.")
@@ -82,7 +82,7 @@ class ActuatorNode(ManagedNode):
         return hardware_name(self.unit_namespace, unit.actuator_id, unit.serial_number)
 
     def configure(self) -> None:
-        """Set up the bench, the publishers and the services."""
+        """Create the bench, the publishers and the services."""
         self._rate = read(self, RunSettings).rate
         self._bench = ActuatorBench(
             self._description,
@@ -120,7 +120,7 @@ class ActuatorNode(ManagedNode):
             self.create_service(kind, f"~/{name}", callback, callback_group=group)
 
     def activate(self) -> None:
-        """Start to run cycles in their own thread."""
+        """Publish the description, and start the thread that runs cycles."""
         message = description_to_message(self._description, time.time_ns())
         self._publish(topics.DESCRIPTION, message)
         self._reported_behind = False
@@ -131,7 +131,7 @@ class ActuatorNode(ManagedNode):
         self._runner.stop()
 
     def tasks(self) -> list[Task]:
-        """Return whether the simulation keeps up."""
+        """Return the status of the simulation: rate, lag and failures of its thread."""
         runner, pace = self._runner, self._runner.pace
         values = {
             "cycle": runner.cycle,

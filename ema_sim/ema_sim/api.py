@@ -50,9 +50,9 @@ def simulate(
     cycles
         Number of test cycles, each with an approach to its start, the command and a return.
     description
-        The actuator; the built-in one when None.
+        The actuator; None for the built-in actuator.
     parameters
-        True parameters where they differ from the nominal ones of the description.
+        True parameters, if they differ from the nominal parameters of the description.
     command
         Command of a test cycle.
     current_noise
@@ -61,14 +61,14 @@ def simulate(
         Resolution of the sensors by column of the telemetry [rad, A, rad/s].
     causes
         Hidden causes, such as ``{"load_torque": 0.01}`` or ``["current_offset=0.1@3.0"]``
-        (docs/faults.md); their times count from the start of the telemetry [s].
+        (docs/faults.md). Times count from the start of the telemetry [s].
     seed
         Seed of the noise.
 
     Raises
     ------
     ValueError
-        When a figure is impossible; the message names it.
+        When a value is out of range; the message names it.
     """
     if cycles < 1:
         raise ValueError(f"cycles = {cycles!r}: expected a whole number of at least 1")

@@ -1,4 +1,4 @@
-"""The test bench: an actuator, its sensors and its faults, run through test cycles."""
+"""Test bench: runs an actuator with sensors, faults and hidden causes through test cycles."""
 
 import threading
 from collections.abc import Iterator, Mapping
@@ -21,7 +21,7 @@ from ema_sim.sensors import Sensors
 
 @dataclass(frozen=True)
 class BenchSettings(Checked):
-    """Settings of a test bench; ValueError where one is impossible."""
+    """Settings of a test bench; ValueError if a value is out of range."""
 
     block_s: float = quantity(0.01, "s", 1e-6, 1.0, "length of a block of telemetry")
     pause_s: float = quantity(0.0, "s", 0.0, 3600.0, "pause between two test cycles")
@@ -40,19 +40,20 @@ class BenchSettings(Checked):
 
 @dataclass(frozen=True, eq=False)
 class RunningCycle:
-    """A test cycle that has begun, with its running number from 0.
-
-    It has the service hours at its start [h], the true faults, ``(8,)``, the number of its samples,
-    the pause included, and its measured blocks, each with the motor torque at its end [N.m],
-    computed on demand.
-    """
+    """A test cycle in progress."""
 
     number: int
+    """Running number, from 0."""
     start_ns: int
+    """Time of its start [ns]."""
     hours: float
+    """Service hours at its start [h]."""
     faults: NDArray[np.float64]
+    """True fault vector, ``(8,)``."""
     samples: int
+    """Number of samples, the pause included."""
     blocks: Iterator[tuple[Telemetry, float]]
+    """Measured blocks, each with the motor torque at its end [N.m], computed on demand."""
 
 
 class ActuatorBench:
@@ -64,9 +65,10 @@ class ActuatorBench:
     Parameters
     ----------
     parameters
-        True parameters of the plant; the description's when None.
+        True parameters of the plant; None for the parameters of the description.
     resolutions
-        Resolution of the sensors by telemetry column [rad, A, rad/s]; other columns are exact.
+        Resolution of the sensors by telemetry column [rad, A, rad/s]; columns without an entry are
+        exact.
     causes
         Hidden causes by name, in any form that ``ema_core.cause_profiles.cause_profiles`` accepts.
 
@@ -78,7 +80,7 @@ class ActuatorBench:
     Raises
     ------
     ValueError
-        When a value is impossible, or the sample period is longer than 10 ms or not a whole
+        When a value is out of range, or the sample period is longer than 10 ms or not a whole
         multiple of the step of the simulation.
     """
 
@@ -121,7 +123,7 @@ class ActuatorBench:
         Raises
         ------
         ValueError
-            When it cannot be sampled at the telemetry's period.
+            When the command cannot be sampled at the period of the telemetry.
         """
         h = self.description.sample_period
         check_length(
@@ -140,22 +142,22 @@ class ActuatorBench:
         growths: Mapping[str, Growth] | None = None,
         hours_per_cycle: float | None = None,
     ) -> None:
-        """Set the faults of the next cycle and how they grow from then on.
+        """Set the faults of the next cycle, and their further growth.
 
         Parameters
         ----------
         faults
             Fault vector, in any form that ``ema_core.faults.fault_vector`` accepts.
         growths
-            Growth by component; the other components stay constant.
+            Growth by component; components without an entry stay constant.
         hours_per_cycle
-            Service hours per test cycle [h]; from the settings when None.
+            Service hours per test cycle [h]; None for the value of the settings.
 
         Raises
         ------
         ValueError
-            When they are impossible or lead to a motor that cannot be simulated; the faults and
-            growth set before stay in force.
+            When a value is out of range, or the motor cannot be simulated; present faults and
+            growth remain in force.
         """
         k = fault_vector(faults)
         growths = check_growths(growths or {})
@@ -168,12 +170,12 @@ class ActuatorBench:
             self._hours = 0.0
 
     def set_causes(self, causes: Causes) -> None:
-        """Set the hidden causes, from the next cycle on, at whose start their times begin.
+        """Set the hidden causes from the next cycle on; times count from its start.
 
         Raises
         ------
         ValueError
-            When they are impossible; those set before stay in force.
+            When a cause is invalid; the present causes remain in force.
         """
         profiles = self.check_causes(causes)
         with self._lock:
@@ -181,12 +183,12 @@ class ActuatorBench:
             self._causes_are_new = True
 
     def check_causes(self, causes: Causes) -> dict[str, Profile]:
-        """Return hidden causes as profiles by name, and change nothing.
+        """Return hidden causes as profiles by name, without setting them.
 
         Raises
         ------
         ValueError
-            As for `set_causes`.
+            When a cause is invalid, or the motor cannot be simulated with it.
         """
         profiles = cause_profiles(causes)
         with self._lock:
@@ -211,7 +213,7 @@ class ActuatorBench:
         trial.advance([0.0])
 
     def _trial(self, causes: Causes) -> SimulatedActuator:
-        """Return a healthy actuator like the bench's."""
+        """Return a healthy actuator with the parameters of the bench."""
         h = self.description.sample_period
         trial = SimulatedActuator(self._actuator.parameters, sample_period=h, drive=self._drive)
         trial.causes = causes
@@ -260,7 +262,7 @@ class ActuatorBench:
         growths: Mapping[str, Growth],
         causes: Mapping[str, Profile],
     ) -> None:
-        """Raise ``ValueError`` if the faults, now or when grown, are beyond the simulation."""
+        """Raise ``ValueError`` if the faults, present or fully grown, cannot be simulated."""
         trial = self._trial(causes)
         trial.faults = faults
         worst = faults.copy()

@@ -1,8 +1,8 @@
-"""Hidden causes in the kernels of the reference actuator: the effect of each in a step.
+"""Effects of hidden causes in a step of the reference actuator.
 
-The kernels come in pairs, without and with causes, and numba selects one by the type of
-``effects`` when it compiles: an actuator without causes runs the steps that it always ran. The
-numbers (M20) to (M25) refer to equations in ``docs/model.md``.
+The kernels come in pairs, without and with causes. numba selects a kernel by the type of
+``effects`` at compilation, so that causes do not slow down an actuator without causes. The numbers
+(M20) to (M25) refer to equations in ``docs/model.md``.
 """
 
 import math
@@ -25,11 +25,11 @@ STRIBECK_SPEED: Final = 10.0
 """Motor speed at which the Stribeck friction has fallen to 1/e [rad/s]."""
 
 RIPPLE_FREQUENCY: Final = 2400.0
-"""Of the supply: six pulses in a period of 400 Hz, behind a three-phase rectifier [Hz]."""
+"""Frequency of the supply ripple: six pulses per period of a rectified 400 Hz supply [Hz]."""
 
 
 OPEN: Final = 1e7
-"""Resistance of an open phase, where the step is implicit and no current is set to zero [ohm]."""
+"""Resistance of an open phase in the implicit step, which cannot set a current to zero [ohm]."""
 
 
 class NoEffects(NamedTuple):
@@ -39,7 +39,7 @@ class NoEffects(NamedTuple):
 class Effects(NamedTuple):
     """Hidden causes of a sample, with the names and units of their registry.
 
-    ``time`` is that at which the sample begins [s].
+    ``time`` is the start of the sample [s].
     """
 
     time: float
@@ -63,14 +63,14 @@ class Effects(NamedTuple):
 
 
 class Courses(NamedTuple):
-    """Hidden causes of a block: a row a sample, with a column for each field of `Effects`."""
+    """Hidden causes of a block: a row per sample, with a column for each field of `Effects`."""
 
     rows: NDArray[np.float64]
 
 
 NO_EFFECTS: Final = NoEffects()
 NO_PAUSES: Final = (0.0, 0.0, 0.0)
-"""Remaining dead times of the legs [steps] of an inverter that has not switched for long."""
+"""Remaining dead times of the legs [steps], if no leg has switched recently."""
 
 _FIELDS: Final = len(Effects._fields)
 
@@ -78,11 +78,22 @@ _FIELDS: Final = len(Effects._fields)
 def courses(
     profiles: Mapping[str, Profile], sample_period: float, first: int, origin: int, n: int
 ) -> Courses | NoEffects:
-    """Return the causes that act inside of the actuator in a block.
+    """Return the hidden causes of a block, without causes of sensors.
 
-    A cause is held over a sample at its value in the middle of it; sensor causes are left out.
-    ``first`` and ``origin`` are the numbers of samples before the block of ``n``, and before the
-    profiles' time 0.
+    A cause is constant over a sample, with its value in the middle of the sample.
+
+    Parameters
+    ----------
+    profiles
+        Hidden causes by name.
+    sample_period
+        Sample period [s].
+    first
+        Number of samples before the block.
+    origin
+        Number of samples before time 0 of the profiles.
+    n
+        Number of samples of the block.
     """
     inside = {name: profile for name, profile in profiles.items() if name in Effects._fields}
     if not inside:
@@ -118,7 +129,7 @@ def _still_none(effects: NoEffects, k):
 @kernel()
 def effects_of_sample(effects: Courses, k):
     """Causes of a sample."""
-    # pyright sees the first argument, which numba gives itself.
+    # pyright requires the first argument, which numba adds.
     return Effects(*to_fixed_tuple(effects.rows[k], _FIELDS))  # pyright: ignore[reportCallIssue]
 
 
@@ -204,7 +215,7 @@ def _no_pauses(effects: NoEffects, pauses, switches, dt):
 @kernel()
 def pauses_after(effects: Effects, pauses, switches, dt):
     """Remaining dead times of the legs [steps], after some were commanded to switch (M24)."""
-    # To a thousandth, so that whole steps are whole numbers.
+    # Rounding to a thousandth makes whole steps integers.
     pause = round(1e3 * effects.dead_time / dt) / 1e3
     return (
         pause if switches[0] else pauses[0],
@@ -217,7 +228,7 @@ def pauses_after(effects: Effects, pauses, switches, dt):
 def leg_voltage(q, i, half_V, off):
     """Voltage of a leg whose switches are both open for the share ``off`` of the step (M24) [V].
 
-    Then the current flows through the diode that it finds.
+    During this share the current flows through a diode, which its sign determines.
     """
     diode = (half_V if i < 0.0 else 0.0) - (half_V if i > 0.0 else 0.0)
     return off * diode + (1.0 - off) * half_V * q
@@ -225,7 +236,7 @@ def leg_voltage(q, i, half_V, off):
 
 @kernel()
 def undisturbed_currents(effects: Effects | NoEffects, phases, pauses, half_V, omega, dt, q, i, k):
-    """Phase currents [A] and remaining dead times [steps] after a step without either (M4)."""
+    """Phase currents [A] and remaining dead times [steps] after an undisturbed step (M4)."""
     v_a = half_V * q[0] - phases.R_a * i[0] - k[0] * omega
     v_b = half_V * q[1] - phases.R_b * i[1] - k[1] * omega
     v_c = half_V * q[2] - phases.R_c * i[2] - k[2] * omega
@@ -236,7 +247,7 @@ def undisturbed_currents(effects: Effects | NoEffects, phases, pauses, half_V, o
 def disturbed_currents(effects: Effects, phases, pauses, half_V, omega, dt, q, i, k):
     """Phase currents [A] and remaining dead times [steps] after a step (M24, M25).
 
-    What is rare has a function of its own, which keeps this one short enough to be inlined.
+    Rare cases have a separate function, so that this function is short enough to be inlined.
     """
     opens = effects.open_phase_a + effects.open_phase_b + effects.open_phase_c
     if opens + effects.dead_switch + pauses[0] + pauses[1] + pauses[2] == 0.0:
@@ -244,18 +255,18 @@ def disturbed_currents(effects: Effects, phases, pauses, half_V, omega, dt, q, i
     off_a = 1.0 if effects.dead_switch != 0.0 and q[0] > 0.0 else min(pauses[0], 1.0)
     offs = off_a, min(pauses[1], 1.0), min(pauses[2], 1.0)
     pauses = max(pauses[0] - 1.0, 0.0), max(pauses[1] - 1.0, 0.0), max(pauses[2] - 1.0, 0.0)
-    opens_of = effects.open_phase_a, effects.open_phase_b, effects.open_phase_c
+    open_phases = effects.open_phase_a, effects.open_phase_b, effects.open_phase_c
     emf = k[0] * omega, k[1] * omega, k[2] * omega
-    return interrupted_currents(opens_of, offs, phases, half_V, dt, q, i, emf), pauses
+    return interrupted_currents(open_phases, offs, phases, half_V, dt, q, i, emf), pauses
 
 
 @kernel()
 def interrupted_currents(opens, offs, phases: Windings, half_V, dt, q, i, emf):
     """Phase currents [A] after a step in which legs or phases are interrupted (M24, M25).
 
-    ``opens`` are not 0 for a phase that is open, ``offs`` the shares of the step in which both
-    switches of a leg are; ``q``, ``i`` and ``emf`` are switching states, currents [A] and
-    voltages that the phases induce [V].
+    ``opens`` is not 0 for an open phase, ``offs`` is the share of the step in which both switches
+    of a leg are open; ``q``, ``i`` and ``emf`` are switching states, currents [A] and induced
+    voltages of the phases [V].
     """
     (i_a, i_b, i_c), (off_a, off_b, off_c) = i, offs
     open_a, open_b, open_c = opens[0] != 0.0, opens[1] != 0.0, opens[2] != 0.0
@@ -272,7 +283,7 @@ def interrupted_currents(opens, offs, phases: Windings, half_V, dt, q, i, emf):
     g_b = 0.0 if open_b or floats_b else dt / phases.L_b
     g_c = 0.0 if open_c or floats_c else dt / phases.L_c
     v_n = _star_voltage(g_a, g_b, g_c, v_a, v_b, v_c)
-    # A leg without current is driven by a diode where its terminal would lie beyond the supply.
+    # A diode drives a leg without current if its terminal would exceed the supply voltage.
     if floats_a and not open_a and abs(v_n + emf[0]) > half_V:
         u_a = math.copysign(half_V, v_n + emf[0])
         v_a, g_a = v_a + u_a, dt / phases.L_a
@@ -286,7 +297,7 @@ def interrupted_currents(opens, offs, phases: Windings, half_V, dt, q, i, emf):
     i_a += g_a * (v_a - v_n)
     i_b += g_b * (v_b - v_n)
     i_c += g_c * (v_c - v_n)
-    # A diode blocks current against its direction, a break all current of its phase.
+    # A diode blocks reverse current; a break blocks all current of its phase.
     if open_a or (off_a == 1.0 and i_a * u_a > 0.0):
         i_a = g_a = 0.0
     if open_b or (off_b == 1.0 and i_b * u_b > 0.0):
@@ -300,7 +311,7 @@ def interrupted_currents(opens, offs, phases: Windings, half_V, dt, q, i, emf):
 
 @kernel()
 def _star_voltage(g_a, g_b, g_c, v_a, v_b, v_c):
-    """Voltage of the star point of the phases with weights ``g`` that are not 0 (M24)."""
+    """Voltage of the star point, weighted over the phases with ``g`` above 0 (M24)."""
     total = g_a + g_b + g_c
     return (g_a * v_a + g_b * v_b + g_c * v_c) / total if total > 0.0 else 0.0
 

@@ -2,8 +2,9 @@
 
 The three phases are as in the six-step motor, with sinusoidal back-EMF; the inverter is averaged
 over its modulation. Two stationary axes describe the three phases of a star without neutral
-conductor exactly, whatever their turns. One step is an Euler step of 1 us, implicit in the current,
-because few turns make a phase fast. The numbers (M33) and (M34) refer to ``docs/model.md``.
+conductor exactly, for any numbers of turns. One step is an Euler step of 1 us, implicit in the
+current, because few turns make a phase fast. The numbers (M33) and (M34) refer to
+``docs/model.md``.
 """
 
 import math
@@ -46,7 +47,7 @@ class FieldOrientedState(NamedTuple):
 
 
 class Symmetric(NamedTuple):
-    """A symmetric matrix on the stationary axes."""
+    """Symmetric matrix on the stationary axes."""
 
     aa: float
     ab: float
@@ -55,7 +56,7 @@ class Symmetric(NamedTuple):
 
 @kernel()
 def on_axes(a, b, c):
-    """Matrix that three phases of a star have on the stationary axes, from their values (M34)."""
+    """Matrix on the stationary axes from the values of three phases of a star (M34)."""
     return Symmetric((4.0 * a + b + c) / 6.0, (c - b) / (4.0 * _HALF_ROOT), 0.5 * (b + c))
 
 
@@ -75,7 +76,7 @@ def times(m: Symmetric, a, b):
 
 @kernel()
 def turned(cosine, sine, angle):
-    """Cosine and sine of an angle increased by up to 0.01 rad: their series, to 1e-14."""
+    """Cosine and sine of an angle increased by up to 0.01 rad, by series accurate to 1e-14."""
     square = angle * angle
     c = 1.0 - square * (0.5 - square * (1.0 / 24.0))
     s = angle * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)))
@@ -103,7 +104,7 @@ def advance_sample(
     """Advance the state by the steps of a sample.
 
     The arguments are as in `ema_sim.reference.advance_sample`. Returns the new state and the final
-    state of the current's sample.
+    state of the sample of the current.
     """
     steps, hold, dt, lag, sampling = stepping
     theta_m, omega, theta_b, i_alpha, i_beta, z_d, z_q = x[:7]
@@ -123,7 +124,7 @@ def advance_sample(
         integral += dt * error
         last_error = error
 
-        # Of each phase the torque per ampere, which is its voltage per speed as well (M34).
+        # Torque per ampere of each phase, equal to its voltage per speed (M34).
         sine_b, sine_c = -0.5 * sine - _HALF_ROOT * cosine, -0.5 * sine + _HALF_ROOT * cosine
         k_a, k_b, k_c = k * motor.N_a * sine, k * motor.N_b * sine_b, k * motor.N_c * sine_c
         if motor.zeta != 0.0:
@@ -149,10 +150,10 @@ def advance_sample(
         )
         v_alpha, v_beta = u_alpha - loop.K_p * i_alpha, u_beta - loop.K_p * i_beta
         most = 2.0 * LINEAR_RANGE * half_voltage(effects, 0.5 * motor.V_max, j * dt)
-        wanted = math.hypot(v_alpha, v_beta)
+        magnitude = math.hypot(v_alpha, v_beta)
         share = 1.0
-        if wanted > most:
-            share = most / wanted
+        if magnitude > most:
+            share = most / magnitude
             i_alpha, i_beta = times(
                 saturated,
                 flux_alpha + dt * (share * v_alpha - e_alpha),
@@ -160,7 +161,7 @@ def advance_sample(
             )
         i_d = -cosine * i_alpha - sine * i_beta
         i_q = sine * i_alpha - cosine * i_beta
-        # What the inverter does not give is taken off the integrals, so that they do not wind up.
+        # Anti-windup: the voltage that the inverter cannot supply reduces the integrals.
         lost = (share - 1.0) / loop.K_p
         z_d += dt * loop.K_i * (-i_d - lost * (cosine * v_alpha + sine * v_beta))
         z_q += dt * loop.K_i * (I_ref - i_q + lost * (sine * v_alpha - cosine * v_beta))
@@ -206,8 +207,8 @@ def advance_field_oriented(
 ):
     """Advance the state by ``n`` samples and fill the telemetry columns.
 
-    The arguments are as in `ema_sim.reference.advance`; the current is the one of axis q. Returns
-    the new state, as a plain tuple, and the final state of the current's last sample.
+    The arguments are as in `ema_sim.reference.advance`; the current is i_q. Returns the new state,
+    as a plain tuple, and the final state of the last sample of the current.
     """
     steps = stepping.steps
     current, position, speed = columns
@@ -237,21 +238,27 @@ def advance_field_oriented(
         current[k] = sample / stepping.sampling.divisor
         position[k] = x.theta_b * mech.tau
         speed[k] = x.omega
-    # A plain tuple, as in the reference with six steps: see there.
+    # A plain tuple, as in `ema_sim.reference.advance`: an interrupt would crash a NamedTuple.
     return x[:], sample
 
 
 def field_oriented_at_rest(theta_m: float = 0.0, theta_b: float = 0.0) -> FieldOrientedState:
-    """Return the state of an actuator at rest without current, as `ema_sim.actuator.at_rest`."""
+    """Return the state of an actuator at rest without current.
+
+    Parameters
+    ----------
+    theta_m, theta_b
+        Angle of the motor, and of the fast shaft on the user side of the backlash [rad].
+    """
     return FieldOrientedState(float(theta_m), 0.0, float(theta_b), *(0.0,) * 10)
 
 
 def unlike_causes(names: Container[str]) -> str:
-    """Return why causes of a switching inverter cannot be simulated; empty if there are none."""
+    """Return why some of these causes cannot be simulated; empty if all can."""
     wrong = [name for name in _NOT_AVERAGED if name in names]
     if not wrong:
         return ""
     return (
         f"{', '.join(wrong)}: the inverter of a field_oriented drive is averaged over its "
-        "modulation and has no switches; such a cause can be simulated with drive six_step"
+        "modulation and has no switches; simulate this cause with drive six_step"
     )

@@ -1,7 +1,7 @@
 """Growth of simulated faults with service hours: one law with its parameters per component.
 
 u is service hours, x the distance of a component from its healthy value. Laws are evaluated by
-their exact solution over any number of hours, so that the result does not depend on the steps.
+their exact solution, so that the result does not depend on the number of steps.
 """
 
 import math
@@ -24,18 +24,9 @@ class Growth(Checked):
     ``self_heating`` dx/du = a exp(b x), ``power`` x = (u / c)^p and ``drift`` dk = a du + s dW; a
     and c are ``rate``, x_0, b and p are ``shape``, s is ``noise``.
 
-    A component whose healthy value lies inside its range can grow in either direction. It
-    continues on the side on which it is; from the healthy value itself the sign of ``rate`` gives
-    the direction, and its magnitude is the parameter of the law. Only a drift is signed throughout
-    and may cross the healthy value.
-
-    Attributes
-    ----------
-    noise
-        Process noise: each increment is multiplied by a lognormal factor of mean 1 and this
-        sigma [-]; of ``drift`` its diffusion s [1/sqrt(h)].
-    onset
-        Service hour, counted from when the growth was set, at which it begins [h].
+    A component whose healthy value lies inside its range can grow in both directions. It stays on
+    its side of the healthy value. From the healthy value, the sign of ``rate`` determines the side;
+    its magnitude is the parameter of the law. A drift is signed and may cross the healthy value.
     """
 
     law: str = text("constant", "law by which the fault grows", LAWS)
@@ -44,7 +35,10 @@ class Growth(Checked):
     noise: float = quantity(
         0.0, "-", 0.0, 3.0, "sigma of the lognormal factor; of law drift its s, in 1/sqrt(h)"
     )
+    """Process noise: standard deviation of the logarithm of a factor with mean 1 on each increment
+    [-]; for ``drift``, diffusion s [1/sqrt(h)]."""
     onset: float = quantity(0.0, "h", 0.0, 1e9, "service hour at which growth begins")
+    """Start of growth, in service hours after the growth was set [h]."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -68,15 +62,15 @@ def check_growths(growths: Mapping[str, Growth]) -> dict[str, Growth]:
     Raises
     ------
     ValueError
-        When a component is unknown, or a negative rate would lead below a healthy value of 0.
+        When a component is unknown, or a rate is negative although the healthy value is 0.
     """
     for name, growth in growths.items():
         if name not in FAULT_NAMES:
             raise ValueError(f"growth of unknown fault {name!r}; known: {', '.join(FAULT_NAMES)}")
         if growth.rate < 0.0 and FAULTS[FAULT_NAMES.index(name)].healthy == 0.0:
             raise ValueError(
-                f"growth of {name}: rate = {growth.rate:g}: expected at least 0, as its healthy "
-                "value is its lowest"
+                f"growth of {name}: rate = {growth.rate:g}: expected at least 0, because the "
+                "healthy value is the lowest value"
             )
     return dict(growths)
 
@@ -95,27 +89,27 @@ def grow(
     faults
         Fault vector before, in any form that ``ema_core.faults.fault_vector`` accepts.
     growths
-        Growth by component; the other components stay constant.
+        Growth by component; components without an entry stay constant.
     hours_before
         Service hours since the growths were set [h].
     hours_step
-        Service hours to advance by [h].
+        Further service hours [h].
 
     Returns
     -------
     numpy.ndarray
-        Fault vector after, ``(8,)``, within its range.
+        Fault vector after the step, ``(8,)``, within its range.
 
     Raises
     ------
     ValueError
-        When the vector or the growths are impossible, or ``hours_step`` is below 0.
+        When the vector or the growths are invalid, or ``hours_step`` is below 0.
     """
     if not 0.0 <= hours_step < math.inf:
         raise ValueError(f"hours_step = {hours_step:g} h: expected a number of at least 0")
     k = fault_vector(faults)
     growths = check_growths(growths)
-    # In the order of the components, so that a seed gives the same life for any order of growths.
+    # The order of the components makes the result of a seed independent of the order of growths.
     for i, fault in enumerate(FAULTS):
         growth = growths.get(fault.name)
         if growth is None or growth.is_constant:
@@ -135,6 +129,6 @@ def _grown(fault: Fault, growth: Growth, k: float, hours: float, rng: np.random.
         increment(growth.law, abs(k - fault.healthy), abs(growth.rate), growth.shape, hours)
     )
     if growth.noise > 0.0:
-        # Mean 1, not median 1: noise does not change the mean rate of growth.
+        # A mean of 1: noise shall not change the mean rate of growth.
         step *= math.exp(growth.noise * rng.standard_normal() - growth.noise**2 / 2.0)
     return min(max(k + side * step, 0.0), fault.highest)

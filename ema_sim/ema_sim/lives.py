@@ -1,7 +1,7 @@
 """Simulated lives: faults grow in a new actuator until one of them reaches its limit.
 
-One fault dominates: it follows its law at a rate drawn for this actuator around the type's rate.
-The others grow at a fifth of their rates. Tests have a fixed interval; some are missing, and some
+One fault dominates: it follows its law at a rate drawn around the typical rate. The remaining
+faults grow at a fifth of their rates. Tests have a fixed interval; some are missing, and some
 windows are disturbed by noise of the current sensor or by a gap.
 """
 
@@ -28,7 +28,7 @@ from ema_core.quantity import Checked, quantity
 from ema_sim.growth import Growth, grow
 
 WindowKind = Literal["good", "noisy", "gap", "missing"]
-"""Quality of a test's window."""
+"""Quality of the window of a test."""
 
 NOISE_OF_DISTURBED: Final = 1.0
 """Standard deviation of the current sensor's noise in a noisy window [A]."""
@@ -40,13 +40,13 @@ _MOST_DRAWS: Final = 1000
 class LifeSettings(Checked):
     """Settings of drawn lives.
 
-    A life that is shorter or longer than the settings allow is drawn again. The life of a repaired
-    actuator counts from its repair.
+    A life whose length is not permitted is drawn again. The life of a repaired actuator counts from
+    its repair.
 
     Raises
     ------
     ValueError
-        When a figure is outside its range, or no length is allowed.
+        When a value is out of range, or no length is permitted.
     """
 
     interval_hours: float = quantity(10.0, "h", 0.01, 1e4, "service hours from test to test")
@@ -69,29 +69,20 @@ class LifeSettings(Checked):
 
 @dataclass(frozen=True, eq=False)
 class SimulatedLife:
-    """A life, test by test.
-
-    Attributes
-    ----------
-    dominant
-        Component that reaches its limit first; empty in a life without growth.
-    hours
-        Service hours of the tests, the missing ones included, ``(n,)`` [h].
-    faults
-        True fault vectors at them, ``(n, 8)``.
-    end_hours
-        Service hour at which a fault reaches its limit [h]; infinite in a life without growth.
-    repair_hours
-        Service hour of the first test after the repair [h]; NaN without one.
-    """
+    """A life, test by test."""
 
     dominant: str
+    """Component that reaches its limit first; empty in a life without growth."""
     growths: Mapping[str, Growth]
     hours: NDArray[np.float64]
+    """Service hours of all tests, including missing tests, ``(n,)`` [h]."""
     faults: NDArray[np.float64]
+    """True fault vectors of the tests, ``(n, 8)``."""
     windows: tuple[WindowKind, ...]
     end_hours: float
+    """Service hour at which a fault reaches its limit [h]; infinite in a life without growth."""
     repair_hours: float = math.nan
+    """Service hour of the first test after the repair [h]; NaN without one."""
 
 
 def run_to_failure(
@@ -110,17 +101,17 @@ def run_to_failure(
     limits
         Distance from healthy at which life ends, by component [-].
     kind
-        Dominant fault, of ``typical``; drawn when None.
+        Dominant fault, a key of ``typical``; None to draw it.
     with_repair
         Whether the dominant fault is reset to healthy once, after 20 to 50 % of the largest number
         of tests.
     typical
-        Growth in actuators of the type, by kind of fault.
+        Typical growth by kind of fault.
 
     Raises
     ------
     ValueError
-        When a limit is missing, the kind is unknown, or no drawn life has an allowed length.
+        When a limit is missing, the kind is unknown, or no drawn life has a permitted length.
     """
     settings = settings or LifeSettings()
     _check(limits, kind, typical)
@@ -142,8 +133,8 @@ def constant_life(
 
     Parameters
     ----------
-    limits, rng, settings
-        As of ``run_to_failure``.
+    limits
+        Distance from healthy at which life ends, by component [-].
 
     Raises
     ------
@@ -152,8 +143,8 @@ def constant_life(
 
     Notes
     -----
-    Each component is healthy with probability one half, else constant at up to 60 % of its limit;
-    at most one phase has a short circuit.
+    Each component is healthy with a probability of 0.5, else constant at up to 60 % of its limit.
+    At most one phase has a short circuit.
     """
     settings = settings or LifeSettings()
     _check(limits)
@@ -208,7 +199,7 @@ def _windows(n: int, rng: np.random.Generator, settings: LifeSettings) -> tuple[
 def _drawn_growth(
     typical: TypicalGrowth, rng: np.random.Generator, share: float, settings: LifeSettings
 ) -> Growth:
-    """Return the growth of one actuator, at a share of its rate."""
+    """Draw the growth of a component, at a share of its rate."""
     rate = typical.rate * math.exp(typical.rate_sigma * rng.standard_normal())
     onset = typical.latest_onset * rng.random()
     side = float(rng.choice([-1.0, 1.0]))
@@ -217,7 +208,7 @@ def _drawn_growth(
     if typical.law == "drift":
         diffusion = typical.diffusion * math.sqrt(share)
         return Growth("drift", side * rate * share, noise=diffusion, onset=onset)
-    # The rate of the power law is a time: its growth slows as that becomes longer.
+    # The rate of the power law is a time scale: a longer time scale means slower growth.
     rate = rate / share if typical.law == "power" else rate * share
     return Growth(typical.law, rate, typical.shape, noise=settings.process_noise, onset=onset)
 
@@ -231,7 +222,7 @@ def _draw_life(
     *,
     with_repair: bool,
 ) -> SimulatedLife | None:
-    """Return a life, or None when it is too short or too long."""
+    """Return a life, or None if it is too short or too long."""
     names = {
         kind: KINDS[kind][int(rng.integers(len(KINDS[kind]))) if len(KINDS[kind]) > 1 else 0].name
         for kind in typical
@@ -275,7 +266,7 @@ def _draw_life(
 def _first_passage(
     before: NDArray[np.float64], after: NDArray[np.float64], reach: NDArray[np.float64]
 ) -> tuple[int, float]:
-    """Return the component that passes its limit first and the share of the step until then."""
+    """Return the first component that reaches its limit, and the share of the step until then."""
     was, distance = np.abs(before - healthy_faults()), np.abs(after - healthy_faults())
     share = np.full(reach.shape, np.inf)
     passing = distance >= reach

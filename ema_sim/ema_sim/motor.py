@@ -14,15 +14,14 @@ _THIRD = 2.0 * math.pi / 3.0
 _SIN_THIRD = math.sin(_THIRD)
 
 GAP_REACH: Final = 5e-3
-"""Largest angle at which the series of the eccentric gap are used [rad]; their relative error is
-3e-14 there."""
+"""Largest angle for the series of the eccentric gap [rad], with a relative error of 3e-14."""
 
 
 class Sector(NamedTuple):
     """Range of motor angles between two commutations, in which (M2) is linear.
 
-    It extends from ``start`` to ``end``, at most to the end stops, around ``middle`` [rad]. A
-    phase is driven with the sign ``s`` (+1, 0 or -1) of the reference current; its back-EMF
+    The sector extends from ``start`` to ``end`` around ``middle`` [rad], limited by the end stops.
+    A phase is driven with the sign ``s`` (+1, 0 or -1) of the reference current. Its back-EMF
     constant without eccentricity is ``k`` [V.s/rad] in the middle, with the slope ``dk``
     [V.s/rad^2].
     """
@@ -65,7 +64,7 @@ class AirGap(NamedTuple):
 
 @kernel()
 def trapezoid(theta_e):
-    """Unclipped back-EMF shape of a phase at its electrical angle; driven beyond +-1 (M2)."""
+    """Unclipped back-EMF shape of a phase at its electrical angle; driven outside +-1 (M2)."""
     turn = theta_e / (2.0 * math.pi) + 0.25
     turn -= math.floor(turn)
     return 12.0 * (0.25 - abs(turn - 0.5))
@@ -101,7 +100,7 @@ def sector_at(motor: MotorConstants, mech: MechanicalConstants, theta_m):
 
 @kernel()
 def windings(motor: MotorConstants):
-    """Phases of a motor, each half of the value measured between two terminals."""
+    """Windings of a motor; a phase has half the value measured between two terminals."""
     R, L = 0.5 * motor.R_s, 0.5 * motor.L_s
     L_a, L_b, L_c = L * motor.N_a**2, L * motor.N_b**2, L * motor.N_c**2
     parallel = 1.0 / (1.0 / L_a + 1.0 / L_b + 1.0 / L_c)
@@ -118,9 +117,9 @@ def gap_at(motor: MotorConstants, theta_m):
 
 @kernel()
 def modulation(gap: AirGap, delta):
-    """Relative change of the three back-EMF constants ``delta`` rad beyond the angle of a gap (M5).
+    """Relative change of the back-EMF constants at ``delta`` rad from the angle of a gap (M5).
 
-    They lie a third of a turn apart. The Taylor series leave out delta^5 / 120.
+    The three phases are a third of a turn apart. The Taylor series omit delta^5 / 120.
     """
     square = delta * delta
     cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0))
@@ -138,9 +137,9 @@ def overshoot(switch, current, target):
 
 @kernel()
 def star_currents(phases: Windings, dt, v, i):
-    """Phase currents after a step [A], under the voltages ``v`` that are left for them (M4).
+    """Phase currents after a step [A], under the voltages ``v`` across the inductances (M4).
 
-    Floating star point: its voltage keeps the sum of the currents constant.
+    The voltage of the floating star point keeps the sum of the currents constant.
     """
     v_n = phases.w_a * v[0] + phases.w_b * v[1] + phases.w_c * v[2]
     return (

@@ -1,7 +1,7 @@
 """Kernels of the reference actuator: three-phase BLDC motor, inverter, control and mechanics.
 
 One step is an explicit Euler step of 1 us, section 3.1 of the thesis; the numbers (M1) to (M8)
-refer to ``docs/model.md``. Rare events are behind branches that the processor predicts well.
+refer to ``docs/model.md``. Branches for rare events are cheap, as the processor predicts them well.
 """
 
 import math
@@ -25,10 +25,10 @@ DT: Final = 1e-6
 
 
 class Stepping(NamedTuple):
-    """How samples are made of steps, for kernels.
+    """Steps of a sample, for kernels.
 
-    A sample has ``steps`` steps of ``dt`` [s]; noise is held for ``hold`` of them. ``lag`` is
-    ``lag_factor(dt)``; ``sampling`` makes the sample of the current.
+    A sample has ``steps`` steps of ``dt`` [s]; noise is held for ``hold`` steps. ``lag`` is
+    ``lag_factor(dt)``; ``sampling`` has the constants for samples of the current.
     """
 
     steps: int
@@ -87,8 +87,8 @@ def advance_sample(
 
     ``command`` is the angle at the start [rad], ``load`` the external torque against positive
     motion [N.m]; both grow by their slope in each step. ``disturbances`` is the noise on the
-    reference current [A]; the sample starts at their step ``first``. ``sample`` is the final state
-    of the current's previous sample. ``effects`` are the effects of hidden causes, or
+    reference current [A]; the sample starts at step ``first`` of the noise. ``sample`` is the final
+    state of the previous sample of the current. ``effects`` are the effects of hidden causes, or
     ``NoEffects``, and ``pauses`` the remaining dead times of the legs [steps]. Returns the new
     state, the final state of the sample and the new ``pauses``.
     """
@@ -153,7 +153,7 @@ def advance_sample(
             sector = sector_at(motor, mech, theta_m)
         theta_b = follow_in_play(theta_b, theta_m, mech.half_backlash)
     loops = lag_1, lag_2, lag_3, integral, last_error, torque
-    # To pyright a part of a tuple may have any length.
+    # pyright does not know the length of a slice of a tuple.
     state = State(theta_m, omega, theta_b, *i, *q, *loops)  # pyright: ignore[reportCallIssue]
     return state, sample, pauses
 
@@ -180,7 +180,7 @@ def advance(
     Command and load are interpolated linearly from the sample before (``last_command``,
     ``last_load``). ``columns`` are current, position and speed, all ``(n,)``. ``effects`` are the
     ``Courses`` of hidden causes, or ``NoEffects``. Returns the new state, as a plain tuple,
-    ``pauses`` and the final state of the current's last sample.
+    ``pauses`` and the final state of the last sample of the current.
     """
     steps = stepping.steps
     current, position, speed = columns
@@ -207,6 +207,6 @@ def advance(
         current[k] = sample / stepping.sampling.divisor
         position[k] = x.theta_b * mech.tau
         speed[k] = x.omega
-    # Not the NamedTuple itself: to return one, numba runs Python code, and an interrupt during it
-    # (Ctrl-C) crashes the process.
+    # A plain tuple: numba runs Python code to return a NamedTuple, and an interrupt (Ctrl-C) during
+    # this code crashes the process.
     return x[:], pauses, sample

@@ -1,4 +1,4 @@
-"""Runs a test bench cycle by cycle, synchronised with the wall clock, in its own thread."""
+"""Execution of a test bench in a thread, cycle by cycle, synchronised with the wall clock."""
 
 import math
 import threading
@@ -11,25 +11,23 @@ from ema_core.telemetry import Telemetry
 from ema_sim.bench import ActuatorBench, RunningCycle
 
 TOLERANCE_S: Final = 0.1
-"""Largest delay that is caught up [s]; after a longer one the schedule is shifted."""
+"""Largest delay that is made up for [s]; a longer delay shifts the schedule."""
 
 _MEASURED_S: Final = 1.0
 _JOIN_TIMEOUT_S: Final = 0.5
 
 
 class Pace(NamedTuple):
-    """Lag and rate of the simulation.
-
-    ``behind`` is whether it was late by more than ``TOLERANCE_S`` in this or the previous cycle,
-    ``lag_s`` the largest lag in them [s]. ``achieved_rate`` is simulated over wall time and
-    ``busy_share`` the share of wall time that was not spent waiting, both of the last one to two
-    seconds.
-    """
+    """Lag and rate of the simulation."""
 
     behind: bool
+    """Whether a block of this or the previous cycle was late by more than ``TOLERANCE_S``."""
     lag_s: float
+    """Largest lag in this and the previous cycle [s]."""
     achieved_rate: float
+    """Simulated over wall time of the last one to two seconds [-]."""
     busy_share: float
+    """Share of wall time that was not spent waiting, in the last one to two seconds [-]."""
 
 
 class _Mark(NamedTuple):
@@ -41,8 +39,9 @@ class _Mark(NamedTuple):
 class Pacer:
     """Waits until a block is due.
 
-    Delays of up to ``TOLERANCE_S`` are caught up. After a longer one the schedule continues from
-    the present, so that a suspended process does not publish all missed blocks in a burst.
+    Delays of up to ``TOLERANCE_S`` are made up for. After a longer delay the schedule continues
+    from the present time, so that a suspended process does not publish the missed blocks in a
+    burst.
 
     Parameters
     ----------
@@ -61,13 +60,21 @@ class Pacer:
         self._marks = (self._mark(self._due),) * 2
 
     def begin_cycle(self, *, from_now: bool) -> None:
-        """Begin a cycle, whose schedule starts now or at the end of the previous cycle's."""
+        """Begin a cycle; its schedule starts now, or at the end of the previous cycle."""
         self._lag_before_s, self._lag_s, self._skipped_s = self._lag_s, 0.0, 0.0
         if from_now:
             self._due = self._clock()
 
     def wait(self, simulated_s: float, stop: threading.Event) -> bool:
-        """Wait until the next block, of some length [s], is due; False when ``stop`` ended it."""
+        """Wait until the next block is due; return False if ``stop`` is set.
+
+        Parameters
+        ----------
+        simulated_s
+            Length of the block [s].
+        stop
+            Event that ends the wait.
+        """
         self._due += simulated_s / self._rate
         before = now = self._clock()
         while now < self._due:
@@ -103,8 +110,8 @@ class Pacer:
 class BenchRunner:
     """Runs the cycles of a bench from start to stop.
 
-    At rate 1 the stamps follow the wall clock: a cycle starts at the end of the previous one, or at
-    the present time where that differs by more than the tolerance. At other rates simulated time
+    At rate 1 the stamps follow the wall clock: a cycle starts at the end of the previous cycle, or
+    at the present time if the two differ by more than the tolerance. At other rates simulated time
     continues without a gap from the first start.
 
     Parameters
@@ -114,18 +121,18 @@ class BenchRunner:
     on_cycle
         Called when a cycle starts.
     on_block
-        Called with each block when its last sample is due, and the torque of the motor at its
-        end [N.m].
+        Called with each block when its last sample is due, and the torque of the motor at the end
+        of the block [N.m].
     on_failure
-        Called as by ``SteadyThread`` when the run has ended by itself: it is begun again, with a
-        new cycle.
+        Called with reason and traceback when the run has ended unexpectedly; it is restarted with
+        a new cycle.
 
     Attributes
     ----------
     activity
-        What it is doing, in words.
+        Present activity, as a phrase.
     thread
-        The thread of the run, which says whether it has ended by itself.
+        Thread of the run.
     """
 
     def __init__(
@@ -153,13 +160,13 @@ class BenchRunner:
         return self._pacer.pace()
 
     def start(self) -> None:
-        """Start to run, with a new cycle."""
+        """Start the thread with a new cycle."""
         self._prepare()
         self.thread.start()
 
     def stop(self) -> None:
-        """Stop at the next block, for which ``on_block`` is no longer called."""
-        # A compilation cannot be interrupted; its thread ends by itself afterwards.
+        """Stop before the next call of ``on_block``."""
+        # A compilation cannot be interrupted; its thread ends afterwards.
         self.thread.end(_JOIN_TIMEOUT_S)
         self.activity = "idle"
 
@@ -192,7 +199,7 @@ class BenchRunner:
         return True
 
     def _start_ns(self) -> int | None:
-        """Return the start of the next cycle [ns]; None for the end of the previous one."""
+        """Return the start of the next cycle [ns]; None for the end of the previous cycle."""
         now_ns, end_ns = time.time_ns(), self._bench.end_ns
         if self._rate != 1.0:
             return None if end_ns else now_ns

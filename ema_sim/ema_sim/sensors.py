@@ -44,7 +44,7 @@ class Sensors:
         self._misreading: Misreading | None = None
 
     def set_causes(self, causes: Mapping[str, Profile]) -> None:
-        """Set the hidden causes of the columns, by name; their times count from the next block."""
+        """Set the hidden causes of the columns by name; times count from the next block."""
         self._misreading = Misreading(causes) if causes else None
 
     def measure(self, block: Telemetry) -> Telemetry:
@@ -64,7 +64,7 @@ class Sensors:
 class Misreading:
     """Gain, offset and delay of the columns (M26); times of causes count from the first block.
 
-    Samples do not depend on the length of the blocks, as it keeps those that are still read late.
+    Samples do not depend on the length of the blocks: past samples are kept for the delays.
     """
 
     def __init__(self, causes: Mapping[str, Profile]) -> None:
@@ -73,7 +73,7 @@ class Misreading:
         self._past: dict[str, NDArray[np.float64]] = {}
 
     def read(self, block: Telemetry) -> Telemetry:
-        """Return a block as it is read; it must follow the one before."""
+        """Return a block with the errors of the sensors; blocks must be contiguous."""
         h = block.sample_period
         if self._first is None:
             self._first = block.first_index
@@ -94,11 +94,14 @@ class Misreading:
     def _delayed(
         self, name: str, column: NDArray[np.float64], delays: NDArray[np.float64], longest: int
     ) -> NDArray[np.float64]:
-        """Return a column so many samples late, interpolated; it was constant before the first."""
+        """Return a column delayed by ``delays`` samples, interpolated linearly.
+
+        The column is constant before its first sample.
+        """
         past = self._past.get(name, column[:1])
-        known = np.concatenate([past, column])
+        extended = np.concatenate([past, column])
         whole = np.floor(delays).astype(int)
-        later = np.maximum(np.arange(len(past), len(known)) - whole, 0)
+        later = np.maximum(np.arange(len(past), len(extended)) - whole, 0)
         earlier = np.maximum(later - 1, 0)
-        self._past[name] = known[-longest:]
-        return known[later] + (delays - whole) * (known[earlier] - known[later])
+        self._past[name] = extended[-longest:]
+        return extended[later] + (delays - whole) * (extended[earlier] - extended[later])

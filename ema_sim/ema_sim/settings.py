@@ -10,7 +10,7 @@ from ema_core.quantity import Checked, quantity, text, texts
 
 @dataclass(frozen=True)
 class RunSettings(Checked):
-    """Simulated actuator and rate of the simulation; ValueError where a value is impossible."""
+    """Simulated actuator and rate of the simulation; ValueError if a value is out of range."""
 
     actuator_file: str = text("", "YAML file that describes the actuator; empty: the built-in one")
     actuator_id: str = text("", "name of the actuator; empty: from its description")
@@ -20,7 +20,7 @@ class RunSettings(Checked):
 
 @dataclass(frozen=True)
 class ResolutionSettings(Checked):
-    """Resolution of the sensors; 0 where it is perfect. ValueError where one is impossible."""
+    """Resolution of the sensors, 0 for perfect sensors; ValueError if a value is out of range."""
 
     command: float = quantity(0.0, "rad", 0.0, 1.0, "resolution of the command; 0: perfect")
     current: float = quantity(0.0, "A", 0.0, 1e3, "resolution of the current; 0: perfect")
@@ -34,7 +34,7 @@ class ResolutionSettings(Checked):
 
 @dataclass(frozen=True)
 class CauseSettings(Checked):
-    """Hidden causes of the simulated actuator; ValueError where one is impossible."""
+    """Hidden causes of the simulated actuator; ValueError if a cause is invalid."""
 
     causes: tuple[str, ...] = texts(
         f"hidden causes that are none of the faults, {GRAMMAR} (docs/faults.md)"
@@ -58,4 +58,4 @@ FaultSettings: Final[Any] = make_dataclass(
     frozen=True,
     bases=(Checked,),
 )
-"""The fault vector by component, of the table of faults."""
+"""Fault vector of the simulated actuator, with a field for each fault."""

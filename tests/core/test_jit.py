@@ -106,7 +106,7 @@ def test_kernel_is_compiled_anew_when_its_callee_changes_or_a_file_of_the_cache_
         path.write_bytes(damaged)
         result, log = kernels.run()
         assert result == [2.0, 0.0]
-        assert f"{path} is damaged: the kernel is compiled anew" in log
+        assert f"{path} is damaged: the kernel is recompiled" in log
     assert kernels.run() == ([2.0, 1.0], "")  # unchanged: not compiled again
     assert kernels.run(3.0) == ([3.0, 0.0], "")
 
@@ -116,4 +116,4 @@ def test_kernels_are_compiled_where_nothing_can_be_cached(kernels):
     kernels.cache.write_text("no folder")
     result, log = kernels.run()
     assert result == [2.0, 0.0]
-    assert log.count("cannot be written: kernels are compiled at each start") == 1
+    assert log.count("is not writable: kernels are compiled at each start") == 1

@@ -223,7 +223,7 @@ except tasks.ClusterLostError as error:
 """
     said = run_script(folder, body, free_port())
     assert "does not answer within 1 s" in said
-    assert "is out of reach; what is done is kept" in said
+    assert "is unreachable; finished tasks are kept" in said
 
 
 # Large enough for several threads below numpy, where there are several processors.
