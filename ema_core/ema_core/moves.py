@@ -1,14 +1,13 @@
-"""Figures of whole moves, of drives that log no samples."""
+"""Figures of whole moves, for drives that log no samples."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 
 class Move(NamedTuple):
-    """Figures of one move, or the medians of several alike, by name; all are positive.
-
-    The stamp is that of the first of them [ns].
-    """
+    """Figures of one move, or their medians over several equal moves."""
 
     stamp_ns: int
+    """Stamp of the first move [ns]."""
     figures: Mapping[str, float]
+    """Figures by name; all are positive."""

@@ -52,9 +52,9 @@ class Vector(types.Type):
     def __init__(self) -> None:
         super().__init__(name=f"Vector({LANES})")
 
-    def can_convert_from(self, typingctx, source):
+    def can_convert_from(self, typingctx, other):
         """Convert any number to a vector."""
-        return Conversion.safe if isinstance(source, types.Number) else None
+        return Conversion.safe if isinstance(other, types.Number) else None
 
 
 class Mask(types.Type):

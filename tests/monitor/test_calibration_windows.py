@@ -11,7 +11,7 @@ from ema_monitor.api import find_windows
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES
-from ema_monitor.model.measured import measured_causes, taken_for_known
+from ema_monitor.model.measured import measured_causes, measured_ranges
 from ema_monitor.windows.window import Window
 from ema_sim.api import simulate
 
@@ -50,11 +50,11 @@ def test_a_measured_load_is_none_of_the_unit_but_for_what_the_sensor_may_be_wron
     assert np.sqrt(variance) == pytest.approx(0.008, rel=0.15)
 
 
-def test_what_was_taken_for_known_is_said_with_its_range(loaded):
+def test_measured_causes_of_a_calibration_are_reported_with_their_ranges(loaded):
     windows = [*measured(loaded, 0.3), *measured(loaded, 0.1)]
     expected = "load torque +0.1 ± 0.01 N.m to load torque +0.3 ± 0.01 N.m in 4 windows"
-    assert taken_for_known(one.measured for one in windows) == expected
-    assert taken_for_known(one.measured for one in loaded) == ""
+    assert measured_ranges(one.measured for one in windows) == expected
+    assert measured_ranges(one.measured for one in loaded) == ""
 
 
 def test_calibration_says_what_its_windows_did_not_show():

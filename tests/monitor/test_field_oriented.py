@@ -189,8 +189,12 @@ def test_window_of_another_drive_is_refused_by_name(calibration, healthy_windows
     ("drive", "form", "named"),
     [
         ("unknown", None, "no monitor model for drive 'unknown'"),
-        ("field_oriented", "source", "form 'source' is none of drive 'field_oriented'"),
-        ("six_step", "field_oriented", "form 'field_oriented' is none of drive 'six_step'"),
+        ("field_oriented", "source", "form 'source' is not available for drive 'field_oriented'"),
+        (
+            "six_step",
+            "field_oriented",
+            "form 'field_oriented' is not available for drive 'six_step'",
+        ),
     ],
 )
 def test_drive_without_such_a_model_is_refused_by_name(healthy_windows, drive, form, named):

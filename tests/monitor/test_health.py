@@ -115,7 +115,9 @@ def test_fault_that_no_test_has_shown_leaves_the_level_open():
     assert health.level == STALE
     assert np.isnan(health.health_index)
     assert health.confidence == pytest.approx(5 / 7)
-    assert "no recent test has shown friction (shown by quick back-and-forth motion" in health.reason
+    assert (
+        "no recent test has shown friction (shown by quick back-and-forth motion" in health.reason
+    )
     assert "backlash (shown by motion that reverses)" in health.reason
     assert "not observable in this window: friction, backlash" in health.reason
     levels = {item.name: item.level for item in health.faults}

@@ -138,7 +138,7 @@ def test_wrong_measurement_in_ordinary_motion_is_not_used(calibration, descripti
         ({"load_torque": (11.0, 0.01)}, r"load_torque = 11.0: expected .*\[-10, 10\] N.m"),
         ({"load_torque": (0.1, 0.0)}, "load_torque: sigma = 0.0: expected a positive"),
         ({"load_torque": (0.1, math.inf)}, "load_torque: sigma = inf: expected a positive"),
-        ({"load_torque": 0.1}, "load_torque = 0.1: expected its value and its standard deviation"),
+        ({"load_torque": 0.1}, "load_torque = 0.1: expected a value and its standard deviation"),
     ],
 )
 def test_impossible_measurement_is_refused_by_name_and_value(given, said):

@@ -31,9 +31,9 @@ def spoiled(telemetry, name, rows, change):
     ("name", "change", "words"),
     [
         ("position", lambda value: value + 2.0 * np.pi, "the position jumps 2 times"),
-        ("position", lambda value: value - 0.01, "the position jumps 2 times, at most by 0.01"),
-        ("speed", lambda value: value + 1000.0, "the speed is off for one sample 1 time"),
-        ("speed", lambda value: 0.0 * value - 3e3, "the speed is off for one sample 1 time"),
+        ("position", lambda value: value - 0.01, "the position jumps 2 times, by up to 0.01"),
+        ("speed", lambda value: value + 1000.0, "the speed is wrong for one sample 1 time"),
+        ("speed", lambda value: 0.0 * value - 3e3, "the speed is wrong for one sample 1 time"),
     ],
 )
 @pytest.mark.parametrize("size", [50, 100_000])

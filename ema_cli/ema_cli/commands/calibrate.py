@@ -20,7 +20,7 @@ from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.identification.joint_estimate import comparable_record
 from ema_monitor.joint.wording import baseline_sentences
-from ema_monitor.model.measured import taken_for_known
+from ema_monitor.model.measured import measured_ranges
 from ema_monitor.recordings.windows import RecordedWindow, WindowsOnDemand
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -81,7 +81,7 @@ def calibrate(
     calibration = _with_labels(calibration, output)
     calibration.save(output)
     used = [one.measured for one in windows if not isinstance(one.place, Refusal)]
-    if known := taken_for_known(used):
+    if known := measured_ranges(used):
         click.echo(f"taken for known: {known}")
     click.echo(f"{output}: {calibration}")
     if isinstance(calibration, JointCalibration):

@@ -1,4 +1,4 @@
-"""Information of a command about the faults, from the model alone (M31)."""
+"""Information of a command about the faults, predicted by the model (M31)."""
 
 from dataclasses import replace
 from typing import Final
@@ -28,12 +28,12 @@ _PLAY: Final = 1.0
 
 
 class Information:
-    """Predicts standard deviations by the model, for actuators with several faults.
+    """Predicts standard deviations with the model, for actuators with several faults.
 
     Parameters
     ----------
     calibration
-        Calibration of the unit, under any command; its scatter comes from healthy windows.
+        Calibration of the unit under any command, with the scatter of healthy windows.
     """
 
     def __init__(self, calibration: Calibration) -> None:
@@ -41,7 +41,7 @@ class Information:
         self._states = [combined_faults(number) for number in range(N_COMBINED)]
 
     def windows(self, command: Command) -> list[Window]:
-        """Return the modelled windows of a command: the healthy actuator, then the faulty."""
+        """Return the modelled windows of a command: healthy actuator first, then faulty ones."""
         h = self._calibration.sample_period
         samples = np.concatenate([[0.0], command.sample(h)])
         still = np.zeros_like(samples)
@@ -54,7 +54,7 @@ class Information:
                 telemetry=replace(
                     at_rest.telemetry,
                     current=np.concatenate([[0.0], current]),
-                    # Of the motor over the gear: the play does not matter for its angle.
+                    # Motor angle times gear ratio: the play has no effect on the information.
                     position=self._calibration.parameters.tau
                     * h
                     * np.concatenate([[0.0], np.cumsum(speed)]),
@@ -80,7 +80,7 @@ class Information:
         """Return the standard deviation of each fault, the largest over actuators, ``(8,)``."""
         first = windows[0]
         still = np.zeros(len(first))
-        # As after a calibration under this command.
+        # The state after a calibration under this command.
         calibration = replace(
             self._calibration, command=first.command, correction=still, speed_correction=still
         )
@@ -90,14 +90,14 @@ class Information:
             at = objective.linearise(objective.encode(faults, _PLAY))
             effects = objective.unit_effects(at.point) / MISMATCH_FACTOR
             white = np.full(len(at.residuals), np.sqrt(objective.noise))
-            known = sandwich_covariance(at.jacobian, white, lags=0)
+            covariance = sandwich_covariance(at.jacobian, white, lags=0)
             shifts = shifts_of(at.jacobian, effects)
-            known += shifts @ shifts.T
-            known = with_mismatch(known * np.outer(SPANS, SPANS), MISMATCH_SIGMA)
-            variance = np.diag(known).copy()
-            # Of the eccentricity along its own direction; the direction is no fault.
+            covariance += shifts @ shifts.T
+            covariance = with_mismatch(covariance * np.outer(SPANS, SPANS), MISMATCH_SIGMA)
+            variance = np.diag(covariance).copy()
+            # Variance of the eccentricity along its direction; the direction is not a fault.
             phi = eccentricity_angle(faults[ECCENTRICITY_PHASE])
             along = np.array([np.cos(phi), np.sin(phi)])
-            variance[PLANE] = along @ known[np.ix_(PLANE, PLANE)] @ along, 0.0
+            variance[PLANE] = along @ covariance[np.ix_(PLANE, PLANE)] @ along, 0.0
             rows.append(np.where(present(faults), variance, 0.0))
         return np.sqrt(np.max(rows, axis=0))

@@ -10,7 +10,7 @@ SHORTEST_S: Final = 0.05
 """Shortest test [s]."""
 
 SMALLEST_TRAVEL: Final = 1.5 * MIN_TRAVEL
-"""Smallest travel of a test, somewhat more than a window needs [rad]."""
+"""Smallest travel of a test [rad], above the least travel of a window."""
 
 UNITS: Final = {"travel": "rad", "current": "A", "torque": "N.m", "speed": "rad/s", "longest": "s"}
 """Unit of each limit."""
@@ -20,41 +20,32 @@ _SHARE: Final = 0.9
 
 @dataclass(frozen=True)
 class Demands:
-    """What a test demands at most; current and torque without the ripple of the inverter.
-
-    Attributes
-    ----------
-    travel
-        Of the command, from one end to the other [rad].
-    current
-        Equivalent current, magnitude [A].
-    torque
-        Of the motor, magnitude [N.m].
-    speed
-        Of the motor shaft, magnitude [rad/s].
-    longest
-        Duration of the command [s].
-    """
+    """Largest demands of a test; current and torque without the ripple of the inverter."""
 
     travel: float
+    """Travel of the command, from end to end [rad]."""
     current: float
+    """Magnitude of the equivalent current [A]."""
     torque: float
+    """Magnitude of the motor torque [N.m]."""
     speed: float
+    """Magnitude of the motor speed [rad/s]."""
     longest: float
+    """Duration of the command [s]."""
 
-    def shares(self, of: "Demands") -> dict[str, float]:
-        """Return which share of others each is, by name."""
-        return {name: value / getattr(of, name) for name, value in asdict(self).items()}
+    def shares(self, limits: "Demands") -> dict[str, float]:
+        """Return the demands divided by limits, by name [-]."""
+        return {name: value / getattr(limits, name) for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True)
 class MotionLimits(Demands):
-    """What a test may demand at most.
+    """Limits of the demands of a test.
 
     Raises
     ------
     ValueError
-        When a limit is not above 0, or travel or duration are too small for any test.
+        When a limit is not above 0, or travel or duration are too small for a test.
     """
 
     def __post_init__(self) -> None:
@@ -63,12 +54,10 @@ class MotionLimits(Demands):
                 raise ValueError(f"{name} = {value:g} {UNITS[name]}: expected above 0")
         if self.travel < SMALLEST_TRAVEL:
             raise ValueError(
-                f"travel = {self.travel:g} rad: a test travels at least {SMALLEST_TRAVEL:g} rad"
+                f"travel = {self.travel:g} rad: expected at least {SMALLEST_TRAVEL:g} rad"
             )
         if self.longest < SHORTEST_S:
-            raise ValueError(
-                f"longest = {self.longest:g} s: a test takes at least {SHORTEST_S:g} s"
-            )
+            raise ValueError(f"longest = {self.longest:g} s: expected at least {SHORTEST_S:g} s")
 
     @classmethod
     def within(
@@ -81,26 +70,26 @@ class MotionLimits(Demands):
         speed: float | None = None,
         longest: float = 0.5,
     ) -> Self:
-        """Return limits, where none is given nine tenths of the actuator's own.
+        """Return limits; a limit that is None is 90 % of the limit of the actuator.
 
         Raises
         ------
         ValueError
-            When a limit is impossible, or beyond the actuator's capability.
+            When a limit is out of range, or above the limit of the actuator.
         """
-        own = {
+        capability = {
             "travel": parameters.theta_stop,
             "current": parameters.I_max,
             "torque": parameters.T_max,
             "speed": parameters.omega_max,
         }
-        given = {"travel": travel, "current": current, "torque": torque, "speed": speed}
+        requested = {"travel": travel, "current": current, "torque": torque, "speed": speed}
         chosen = {}
-        for name, value in given.items():
-            if value is not None and value > own[name]:
+        for name, value in requested.items():
+            if value is not None and value > capability[name]:
                 raise ValueError(
-                    f"{name} = {value:g} {UNITS[name]} is beyond the actuator's own limit "
-                    f"{own[name]:g} {UNITS[name]}"
+                    f"{name} = {value:g} {UNITS[name]} exceeds the limit of the actuator, "
+                    f"{capability[name]:g} {UNITS[name]}"
                 )
-            chosen[name] = _SHARE * own[name] if value is None else value
+            chosen[name] = _SHARE * capability[name] if value is None else value
         return cls(**chosen, longest=longest)

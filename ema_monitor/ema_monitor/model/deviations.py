@@ -1,7 +1,7 @@
-"""Deviations of a unit, or of a single window, from the nominal model that are not faults.
+"""Deviations of a unit or a window from the nominal model that are not faults.
 
-A calibration fits the deviations of a unit on healthy windows. Some may come and go between two
-windows: these are the hidden causes that compete with faults to explain a window.
+A calibration fits the deviations of a unit on healthy windows. Deviations that may change between
+two windows are hidden causes, which compete with faults to explain a window.
 """
 
 import math
@@ -20,11 +20,12 @@ from ema_core.parameters import ActuatorParameters, PlantConstants
 class Deviations(NamedTuple):
     """Deviations by name; each is 0 for the nominal model.
 
-    The first seven, and the last six, are hidden causes (`ema_core.causes`). ``lift`` is the lift
-    of the idle phase [A] and ``loop_delay`` the delay of the current loop [s] (M12);
-    ``stribeck_speed`` [rad/s] belongs to the friction (M12a); ``friction``, ``backlash``,
+    The first seven and the last six are hidden causes (`ema_core.causes`). ``lift`` is the lift of
+    the idle phase [A] and ``loop_delay`` the delay of the current loop [s] (M12);
+    ``stribeck_speed`` [rad/s] belongs to the friction (M12a). ``friction``, ``backlash``,
     ``loop_gain`` and ``speed_loop`` are relative to the dry friction, the play, ``G_prop`` and
-    ``GAP``, and ``turns`` to the phases' turns; the eccentricity is a vector.
+    ``GAP``; ``turns_a`` to ``turns_c`` are relative to the turns of the phases. The eccentricity is
+    a vector.
     """
 
     load_torque: float = 0.0
@@ -55,26 +56,26 @@ class Deviations(NamedTuple):
 
     @classmethod
     def of(cls, values: ArrayLike) -> Self:
-        """Return the deviations of an array, ``(25,)``."""
+        """Return the deviations from an array, ``(25,)``."""
         return cls(*np.asarray(values, dtype=np.float64).tolist())
 
 
 NAMES: Final = Deviations._fields
 N_DEVIATIONS: Final = len(NAMES)
 N_SENSOR: Final = 6
-"""Number of sensor deviations, which come last: they do not change the motion."""
+"""Number of sensor deviations, which are last: they do not change the motion."""
 
 SENSOR_ERRORS: Final = ("offset", "gain", "delay")
-"""What the sensor of a column may have, after the name of the column."""
+"""Errors of the sensor of a column, appended to the name of the column."""
 
 READINGS: Final = ("command_delay", "position_offset", "position_gain")
-"""Hidden causes of the model's input columns: the command and the initial position."""
+"""Hidden causes in the inputs of the model: command and initial position."""
 
 COLUMNS: Final = (*NAMES, *READINGS)
 """Deviations of a window: the deviations of a unit, and the readings."""
 
 HIDDEN_CAUSES: Final = (*NAMES[:7], *NAMES[-N_SENSOR:], *READINGS)
-"""Deviations that may come and go between two windows."""
+"""Deviations that may change between two windows."""
 
 
 USUAL_SIGMA: Final = {
@@ -84,46 +85,55 @@ USUAL_SIGMA: Final = {
     "speed_gain": 0.01,
     "position_gain": 0.01,
 }
-"""Usual change between two tests of causes that a healthy unit has within narrow bounds [-]."""
+"""Usual change between two tests, for causes with narrow bounds in a healthy unit [-]."""
 
 _NEVER_NEGATIVE: Final = ("loop_delay", "stribeck_speed")
-# Of sensors: one that has failed may read anything. Narrower, offsets take the place of loads.
+# Tail of sensor errors: a failed sensor may read anything. With a narrower tail, offsets of sensors
+# would explain loads.
 _TAIL: Final = 2.5
 
 
 class Prior(NamedTuple):
-    """A deviation as a parameter of a fit.
+    """Prior of a deviation, in the unit of the deviation.
 
-    What is ``expected`` of it, with which standard deviation ``sigma``, and the bounds ``lowest``
-    and ``reach``, in its unit. It is normal up to ``tail`` sigma. Beyond, its density falls as a
-    power of the distance: a value that is far from the expected one may occur.
+    The density is normal up to ``tail`` standard deviations. Farther from the expected value it
+    falls as a power of the distance, so that outliers are possible.
     """
 
     name: str
     expected: float
+    """Expected value."""
     sigma: float
+    """Standard deviation."""
     reach: float
+    """Upper bound."""
     lowest: float
+    """Lower bound."""
     tail: float = math.inf
+    """Number of standard deviations at which the tail begins [-]."""
 
     @property
     def cause(self) -> Cause:
-        """The hidden cause that it is."""
+        """Hidden cause of this name."""
         return CAUSE_BY_NAME[self.name]
 
 
 def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior, ...]:
-    """Return all hidden causes that the model knows, with their priors.
+    """Return the priors of all hidden causes of the model.
 
-    Load and current scale with the limits of the actuator. A load that follows the position is
-    judged by the torque that it reaches in the travel of the command [rad].
+    Parameters
+    ----------
+    parameters
+        Nominal parameters; priors of load and current scale with the limits of the actuator.
+    travel
+        Travel of the command, at which the prior of a load stiffness applies [rad].
 
     Notes
     -----
-    The priors cover healthy units between two tests: loads up to a third of the
-    torque limit, magnets and inertia within some 5 %, a winding 100 K warmer, a viscous friction
-    that doubles in the cold, sensors within their data sheets; a command that is published a cycle
-    of its bus late, some 0.5 ms; a position within 0.02 % of the full stroke.
+    The priors cover healthy units between two tests: loads up to a third of the torque limit,
+    magnets and inertia within about 5 %, a winding 100 K warmer, viscous friction doubled by cold,
+    sensors within their data sheets, a command published one bus cycle late (about 0.5 ms), and a
+    position within 0.02 % of the full stroke.
     """
     T, I, omega = parameters.T_max, parameters.I_max, parameters.omega_max
     stroke = parameters.theta_stop
@@ -145,24 +155,25 @@ def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior,
         "position_offset": (2e-4 * stroke, 8e-3 * stroke),
         "position_gain": (USUAL_SIGMA["position_gain"], 0.3),
     }
-    expected = (_prior(name, *priors[name]) for name in HIDDEN_CAUSES)
+    normal = (_prior(name, *priors[name]) for name in HIDDEN_CAUSES)
     return tuple(
-        one._replace(tail=_TAIL) if one.cause.place == Place.SENSOR else one for one in expected
+        prior._replace(tail=_TAIL) if prior.cause.place == Place.SENSOR else prior
+        for prior in normal
     )
 
 
 def unit_priors(
     parameters: ActuatorParameters, travel: float, form: str = "fast"
 ) -> tuple[Prior, ...]:
-    """Return the deviations that a calibration fits, with their priors.
+    """Return the priors of the deviations that a calibration fits.
 
     Only the fast form of the model has idle phases, whose ripple is the lift.
 
     Notes
     -----
-    Of torque constant, friction, inertia and current sensor only the ratios show in the motion; the
-    first and the last are kept. Resistance and supply show where the voltage limits the current,
-    which no healthy test does.
+    The motion shows only ratios of torque constant, friction, inertia and gain of the current
+    sensor; torque constant and gain are therefore not fitted. Resistance and supply voltage have an
+    effect only if the voltage limits the current, which does not occur in healthy tests.
     """
     T, I, omega = parameters.T_max, parameters.I_max, parameters.omega_max
     lift = parameters.h_b / 4.0
@@ -199,13 +210,13 @@ def _prior(name: str, sigma: float, reach: float) -> Prior:
     lowest = max(-reach, cause.lowest) if cause and cause.unit == "-" else -reach
     if name in _NEVER_NEGATIVE:
         lowest = 0.0
-    # The ripple of the idle phase fills the hysteresis band, its mean magnitude is half of that,
-    # and the equivalent current counts the half of it.
+    # The ripple of the idle phase fills the hysteresis band. Its mean magnitude is half of the
+    # band, and half of the magnitude is part of the equivalent current.
     return Prior(name, 3.0 * sigma if name == "lift" else 0.0, sigma, reach, lowest)
 
 
 def deviating(plant: PlantConstants, deviations: Array) -> PlantConstants:
-    """Return the constants of plants that deviate, but for load, drive and Stribeck friction."""
+    """Return the constants of plants with deviations, except load, drive and Stribeck friction."""
     factors = Deviations(*(1.0 + deviations.T))  # pyright: ignore[reportArgumentType]
     warmer = deviations[:, NAMES.index("winding_temperature")]
     control, motor, mechanics = plant
@@ -232,17 +243,17 @@ def deviating(plant: PlantConstants, deviations: Array) -> PlantConstants:
     )
 
 
-def with_own_eccentricity(faults: Array, deviations: Array) -> Array:
-    """Return fault vectors, ``(m, 8)``, with the eccentricity of healthy units added."""
+def with_unit_eccentricity(faults: Array, deviations: Array) -> Array:
+    """Return fault vectors, ``(m, 8)``, with the eccentricity of the healthy units added."""
     d = Deviations(*deviations.T)  # pyright: ignore[reportArgumentType]
-    own = np.stack([d.eccentricity_cos, d.eccentricity_sin])
-    if not np.any(own):
+    healthy = np.stack([d.eccentricity_cos, d.eccentricity_sin])
+    if not np.any(healthy):
         return faults
-    return with_eccentricity(faults, eccentricity_vector(faults) + own)
+    return with_eccentricity(faults, eccentricity_vector(faults) + healthy)
 
 
 def sensed(rows: Sequence[Array], deviations: Array, h: float) -> list[Array]:
-    """Return current and speed as deviating sensors show them, ``(m, n)`` each.
+    """Return current and speed with sensor errors, ``(m, n)`` each.
 
     ``deviations`` are the sensor deviations, ``(m, 6)``; ``h`` is the sample period [s].
     """
@@ -250,19 +261,19 @@ def sensed(rows: Sequence[Array], deviations: Array, h: float) -> list[Array]:
     result = []
     for number, row in enumerate(rows):
         offset, gain, delay = (part[:, number, None] for part in (offsets, gains, delays))
-        seen = row * (1.0 + gain) + offset
-        # Most rows of a linearisation have none, and it takes long.
+        readings = row * (1.0 + gain) + offset
+        # Only rows with a delay, because the shift is slow and most rows have none.
         for number in np.flatnonzero(delay):
-            moved = _moved(row[number], float(delay[number, 0]) / h)
-            seen[number] = moved * (1.0 + gain[number]) + offset[number]
-        result.append(seen)
+            shifted = _shifted(row[number], float(delay[number, 0]) / h)
+            readings[number] = shifted * (1.0 + gain[number]) + offset[number]
+        result.append(readings)
     return result
 
 
-def _moved(row: Array, samples: float) -> Array:
-    """Return a row, ``(n,)``, so many samples late, interpolated; before its start it is constant.
+def _shifted(row: Array, samples: float) -> Array:
+    """Return a row, ``(n,)``, delayed by ``samples``, interpolated linearly.
 
-    Of a row that is early, the last values continue as it ends.
+    It is constant before its start, and extrapolated after its end.
     """
     at = np.maximum(np.arange(len(row)) - samples, 0.0)
     below = np.minimum(at.astype(int), len(row) - 2)

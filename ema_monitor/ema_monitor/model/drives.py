@@ -1,4 +1,4 @@
-"""The forms of the monitor's drive: from reference current to current and torque.
+"""Drives of the monitor model: from reference current to current and torque.
 
 The kernels accept lanes of `ema_core.simd` as well as single floats; the numbers (M10) to (M12)
 refer to ``docs/model.md``.
@@ -26,19 +26,19 @@ from ema_monitor.model.field_oriented import (
 )
 
 IDLE_CONTRAST: Final = 0.5
-"""Relative increase of the lift of the equivalent current per difference between the healthy
-fractions of turns of the driven pair and of the idle phase [-]."""
+"""Relative increase of the lift per difference between the fractions of healthy turns of the driven
+pair and the idle phase [-]."""
 
 _PHASE_ANGLES = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
-# Phases of the driven pairs, and the one that is idle.
+# Phases of the driven pairs, and the idle phase.
 _FIRST, _SECOND, _IDLE = [1, 0, 0], [2, 1, 2], [0, 2, 1]
 
 Pairs = tuple[PerLane, PerLane, PerLane]
-"""A constant of the driven pairs BC, AB and AC."""
+"""Values of a constant for the driven pairs BC, AB and AC."""
 
 
 class FastDrive(NamedTuple):
-    """Constants of the fast form; tuples hold the values of the driven pairs BC, AB and AC.
+    """Constants of the fast form; tuples hold the values for the driven pairs BC, AB and AC.
 
     The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)`` [N.m/A]; ``slew`` is
     dt / L [s/H], ``waves`` the number of periods of the eccentricity per turn of the shaft,
@@ -62,7 +62,7 @@ class FastDrive(NamedTuple):
 
 
 class SourceDrive(NamedTuple):
-    """Constants of the source form; ``f`` holds the values of the driven pairs BC, AB and AC.
+    """Constants of the source form; ``f`` holds the values for the driven pairs BC, AB and AC.
 
     The eccentricity is ``1 + e_cos cos(theta_e) + (e_sin + e_saw sawtooth) sin(theta_e)``, with
     ``waves`` periods per turn of the shaft; ``slew`` is dt / L [s/H].
@@ -87,14 +87,15 @@ def fast_constants(
 ) -> FastDrive:
     """Return the constants of the fast form for a step ``dt`` [s].
 
-    ``lift`` [A] is the healthy motor's, ``loop_delay`` [s] the delay of its current loop (M12).
+    ``lift`` [A] is the lift of the healthy motor, ``loop_delay`` [s] the delay of its current loop
+    (M12).
     """
     N = np.stack([motor.N_a, motor.N_b, motor.N_c])
     k, angle = 0.5 * motor.k_e * N, np.add.outer(_PHASE_ANGLES, motor.phi)
     wave, R_s, L_s = k * motor.zeta, 0.5 * motor.R_s * N, 0.5 * motor.L_s * N * N
-    of_phases = np.stack([N, R_s, L_s, k, wave * np.cos(angle), -wave * np.sin(angle)])
-    both, R, L, K, K_cos, K_sin = of_phases[:, _FIRST] + of_phases[:, _SECOND]
-    contrasts = both / 2.0 - N[_IDLE]
+    phases = np.stack([N, R_s, L_s, k, wave * np.cos(angle), -wave * np.sin(angle)])
+    turns, R, L, K, K_cos, K_sin = phases[:, _FIRST] + phases[:, _SECOND]
+    contrasts = turns / 2.0 - N[_IDLE]
     return FastDrive(
         V_max=motor.V_max,
         T_max=motor.T_max,
@@ -132,10 +133,10 @@ def source_constants(motor: MotorConstants, dt: float) -> SourceDrive:
 
 
 def lifts_of_pairs(parameters: ActuatorParameters, position: Array, current: Array) -> Array:
-    """Return the current added per ampere of the idle phase's lift, ``(3, n)`` [-].
+    """Return the current added per ampere of the lift of the idle phase, ``(3, n)`` [-].
 
-    The rows are for the time while the pairs BC, AB and AC are driven; ``position`` is the angle of
-    the user shaft, ``(n,)`` [rad].
+    The rows belong to the driven pairs BC, AB and AC, and are 0 while the pair is not driven;
+    ``position`` is the angle of the user shaft, ``(n,)`` [rad].
     """
     half_turns = position / parameters.tau * parameters.P / math.pi
     pair = np.floor(3.0 * ((half_turns + 1.0 / 6.0) % 1.0))
@@ -143,11 +144,12 @@ def lifts_of_pairs(parameters: ActuatorParameters, position: Array, current: Arr
 
 
 class DrivenPair(NamedTuple):
-    """Constants of the fast form's driven pair, which hold for angles of the motor [rad].
+    """Constants of the driven pair of the fast form.
 
-    They hold from ``lowest`` up to ``highest``. ``decay`` is ``slew R`` [-], ``rise`` the largest
-    rise of the current in a step that the supply permits [A], ``band`` half the width of the band
-    in which the current then stays [A]; the others are as in `FastDrive`.
+    They are valid for angles of the motor from ``lowest`` to ``highest`` [rad]. ``decay`` is ``slew
+    R`` [-], ``rise`` the largest rise of the current in a step that the supply permits [A],
+    ``band`` half the width of the band of the current [A]; the remaining fields are as in
+    `FastDrive`.
     """
 
     lowest: Any
@@ -175,14 +177,14 @@ def pair_position(half_turns):
 
 @kernel()
 def of_pair(position, constants):
-    """Return the constant of the driven pair, from the constants of BC, AB and AC."""
+    """Return the constant of the driven pair, selected from BC, AB and AC."""
     bc, ab, ac = constants
     return select(position < 1.0 / 3.0, bc, select(position < 2.0 / 3.0, ab, ac))
 
 
 @kernel()
 def pair_at(drive: FastDrive, theta_m):
-    """Return the pair that is driven at an angle of the motor."""
+    """Return the driven pair at an angle of the motor."""
     half_turns = drive.half_turns * theta_m
     position = pair_position(half_turns)
     start = half_turns - position + of_pair(position, (0.0, 1.0 / 3.0, 2.0 / 3.0))
@@ -205,9 +207,9 @@ def pair_at(drive: FastDrive, theta_m):
 
 @kernel()
 def pair_after(drive: FastDrive, pair, theta_m):
-    """Return the driven pairs of lanes, chosen anew where one has left the range of its pair.
+    """Return the driven pairs, selected again if any lane has left the range of its pair.
 
-    That takes as long as all else in a step, and happens in one of ten or less.
+    The selection takes as long as the rest of a step, and occurs in at most one of ten steps.
     """
     if any_lane((theta_m < pair.lowest) | (theta_m >= pair.highest)):
         return pair_at(drive, theta_m)
@@ -218,9 +220,9 @@ def pair_after(drive: FastDrive, pair, theta_m):
 def fast_drive(drive: FastDrive, pair: DrivenPair, cos, sin, I, I_ref, omega):
     """Return current [A], torque and torque ripple [N.m] after one step.
 
-    The current follows its reference at a rate limited by V_max, less its fall within the delay of
-    its loop. Resistance, inductance and torque constant belong to the driven pair (M10); ``cos``
-    and ``sin`` are of the angle theta_m.
+    The current follows its reference at a rate limited by V_max, less its decay within the delay of
+    the loop. Resistance, inductance and torque constant belong to the driven pair (M10); ``cos``
+    and ``sin`` belong to the angle theta_m.
     """
     K = pair.K + pair.K_cos * cos + pair.K_sin * sin
     fall = pair.decay * I + K * (pair.slew * omega)
@@ -233,7 +235,7 @@ def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
     """Return current [A], torque and torque ripple [N.m] after one step, as in the thesis.
 
     The full voltage has the sign of the current error. The eccentricity follows eq. 4.24 and 4.25
-    of the thesis, which do not describe the reference actuator (M11); ``cos`` and ``sin`` are of
+    of the thesis, which do not describe the reference actuator (M11); ``cos`` and ``sin`` belong to
     the angle theta_e.
     """
     f = of_pair(position, drive.f)
@@ -247,45 +249,45 @@ def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
 
 @kernel()
 def lifted_current(drive: FastDrive, pair: DrivenPair, I):
-    """Return the equivalent current: pair current plus the idle phase's ripple (M12) [A]."""
+    """Return the equivalent current: pair current plus ripple of the idle phase (M12) [A]."""
     return I + pair.lift * clip(drive.ripples * I, 1.0)
 
 
 @kernel()
 def place_in_cycle(drive: SourceDrive, theta_m):
-    """Return where in the cycle of driven pairs a motor angle lies."""
+    """Return the position of a motor angle in the cycle of driven pairs, 0 to 1."""
     return pair_position(drive.half_turns * theta_m)
 
 
 @kernel()
 def place_after(drive: SourceDrive, position, theta_m):
-    """Return where in the cycle of driven pairs a motor angle lies, whatever it was before."""
+    """Return the position of a motor angle in the cycle of driven pairs; the last is not used."""
     return place_in_cycle(drive, theta_m)
 
 
 @kernel()
 def only_current(drive: FastDrive | SourceDrive, I):
-    """Return a current whose loop has no memory."""
+    """Return the current: its loop has no memory."""
     return I
 
 
 @kernel()
 def bare_current(drive: FastDrive | SourceDrive, stage, I):
-    """Return the current of the pair, or of the single phase [A]."""
+    """Return the current of the driven pair, or of the single phase [A]."""
     return I
 
 
 @kernel()
 def available_pair_current(drive: FastDrive, pair: DrivenPair, cos, sin, omega, I):
-    """Return the largest current in the direction of ``I`` that voltage and torque limit allow."""
+    """Return the largest current in the direction of ``I`` within voltage and torque limit [A]."""
     K = pair.K + (pair.K_cos * cos + pair.K_sin * sin)
     voltage = drive.V_max - math.copysign(K, I) * omega
-    of_voltage = max(voltage / pair.R, 0.0)
-    return min(of_voltage, drive.T_max / abs(K))
+    by_voltage = max(voltage / pair.R, 0.0)
+    return min(by_voltage, drive.T_max / abs(K))
 
 
 def _by_form(fast: Any, source: Any, field_oriented: Any) -> Any:
-    """Return a function that calls one of the kernels, by the type of its first argument."""
+    """Return a function that selects a kernel by the type of its first argument."""
     forms = {FastDrive: fast, SourceDrive: source, FieldOrientedDrive: field_oriented}
 
     def dispatch(drive, *arguments):

@@ -1,4 +1,4 @@
-"""The monitor's drive with a sinusoidal motor under field-oriented control: its axis q.
+"""Axis q of a sinusoidal motor under field-oriented control, as a drive of the monitor model.
 
 The kernels accept lanes of `ema_core.simd` as well as single floats; the number (M35) refers to an
 equation in ``docs/model.md``.
@@ -16,10 +16,10 @@ from ema_core.dynamics import clip
 from ema_core.parameters import MotorConstants
 
 PerLane = Array | float
-"""A constant of several individuals, ``(n,)``, or of one."""
+"""A constant per individual, ``(n,)``, or common to all."""
 
 Harmonics = tuple[PerLane, PerLane, PerLane]
-"""Mean of a constant over an electrical turn, and its part with cosine and sine of two turns."""
+"""Mean of a constant over an electrical turn, and cosine and sine of its second harmonic."""
 
 _PHASE_ANGLES: Final = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
 
@@ -27,13 +27,13 @@ _PHASE_ANGLES: Final = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
 class FieldOrientedDrive(NamedTuple):
     """Constants of the axis q.
 
-    The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)`` [N.m/A], each of them
-    `Harmonics` of the electrical angle, as is the resistance ``R`` [ohm]. ``V_max`` is the largest
-    amplitude of the phase voltages [V] and ``halved`` half of its inverse; ``slew`` [s/H] is the
-    change of a controlled current per volt in a step. ``K_p`` [ohm], its inverse ``A_p`` [S],
-    ``K_i`` [ohm] (times the step), ``L`` [H] and ``k`` [V.s/rad] are constants of the current
-    loop. ``poles`` are the pole pairs, a whole number, and ``waves`` the periods of the
-    eccentricity per turn of the shaft.
+    The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)`` [N.m/A]. ``K``, ``K_cos``
+    and ``K_sin`` are `Harmonics` of the electrical angle, as is the resistance ``R`` [ohm].
+    ``V_max`` is the largest amplitude of the phase voltages [V] and ``halved`` half of its inverse;
+    ``slew`` [s/H] is the change of a controlled current per volt in a step. ``K_p`` [ohm], its
+    inverse ``A_p`` [S], ``K_i`` [ohm] (times the step), ``L`` [H] and ``k`` [V.s/rad] are constants
+    of the current loop. ``poles`` is the number of pole pairs, an integer, and ``waves`` the number
+    of periods of the eccentricity per turn of the shaft.
     """
 
     V_max: PerLane
@@ -58,18 +58,16 @@ def field_oriented_constants(
 ) -> FieldOrientedDrive:
     """Return the constants of a field-oriented drive for a step ``dt`` [s] (M35).
 
-    The loop is the nominal one; ``loop_delay`` is by how much later it responds than its bandwidth
-    says [s].
+    ``loop`` is the nominal loop; ``loop_delay`` is added to its time constant [s].
     """
-    # A loop whose time constant is longer by the delay.
     slower = 1.0 / (1.0 + loop.K_p / loop.L * loop_delay)
     R, L, k = 0.5 * motor.R_s, 0.5 * motor.L_s, motor.k_e / math.sqrt(3.0)
     turns = (motor.N_a, motor.N_b, motor.N_c)
-    ones = [(k * N, angle) for N, angle in zip(turns, _PHASE_ANGLES, strict=True)]
+    K = [(k * N, angle) for N, angle in zip(turns, _PHASE_ANGLES, strict=True)]
     zeta, phi = motor.zeta, motor.phi
-    K_cos = [(one * zeta * np.cos(phi + angle), angle) for one, angle in ones]
-    K_sin = [(-one * zeta * np.sin(phi + angle), angle) for one, angle in ones]
-    of_turns = [(R * N * 2.0 / 3.0, angle) for N, angle in zip(turns, _PHASE_ANGLES, strict=True)]
+    K_cos = [(constant * zeta * np.cos(phi + angle), angle) for constant, angle in K]
+    K_sin = [(-constant * zeta * np.sin(phi + angle), angle) for constant, angle in K]
+    R_q = [(R * N * 2.0 / 3.0, angle) for N, angle in zip(turns, _PHASE_ANGLES, strict=True)]
     K_p = loop.K_p * slower
     L_q = L * (motor.N_a**2 + motor.N_b**2 + motor.N_c**2) / 3.0
     decay = (K_p + R * (motor.N_a + motor.N_b + motor.N_c) / 3.0) / L_q
@@ -80,8 +78,8 @@ def field_oriented_constants(
         poles=round(float(motor.P)),
         waves=1.0,
         slew=-np.expm1(-dt * decay) / (decay * L_q),
-        R=_harmonics(of_turns),
-        K=_harmonics(ones),
+        R=_harmonics(R_q),
+        K=_harmonics(K),
         K_cos=_harmonics(K_cos),
         K_sin=_harmonics(K_sin),
         K_p=K_p,
@@ -93,17 +91,17 @@ def field_oriented_constants(
 
 
 def _harmonics(phases: list[tuple[Any, float]]) -> Harmonics:
-    """Return the sum over phases of the phase's value times ``sin(theta_e - angle)**2``."""
+    """Return the sum over phases (value, angle) of ``value * sin(theta_e - angle)**2``."""
     return (
-        sum(one for one, _ in phases) / 2.0,
-        -sum(one * math.cos(2.0 * angle) for one, angle in phases) / 2.0,
-        -sum(one * math.sin(2.0 * angle) for one, angle in phases) / 2.0,
+        sum(value for value, _ in phases) / 2.0,
+        -sum(value * math.cos(2.0 * angle) for value, angle in phases) / 2.0,
+        -sum(value * math.sin(2.0 * angle) for value, angle in phases) / 2.0,
     )
 
 
 @kernel()
 def times_angle(cos, sin, number):
-    """Cosine and sine of ``number`` times an angle, a whole number of at least 0."""
+    """Cosine and sine of ``number`` times an angle; ``number`` is an integer of at least 0."""
     c, s = 0.0 * cos + 1.0, 0.0 * sin
     while number > 0:
         if number % 2 == 1:
@@ -115,7 +113,7 @@ def times_angle(cos, sin, number):
 
 @kernel()
 def at_angle(harmonics, cos_2, sin_2):
-    """Value of a constant where twice the electrical angle has this cosine and sine."""
+    """Value of a constant at an electrical angle, from cosine and sine of twice the angle."""
     mean, of_cos, of_sin = harmonics
     return mean + of_cos * cos_2 + of_sin * sin_2
 
@@ -131,28 +129,28 @@ def torque_constant(drive: FieldOrientedDrive, cos, sin, cos_2, sin_2):
 
 @kernel()
 def field_oriented_drive(drive: FieldOrientedDrive, stage, cos, sin, currents, I_ref, omega):
-    """Return current and its loop's memory [A, V], torque and torque ripple [N.m] after one step.
+    """Return current and memory of its loop [A, V], torque and torque ripple [N.m] after a step.
 
-    ``currents`` are current and memory before it, ``cos`` and ``sin`` are of the angle theta_m. The
-    PWM is averaged and has no ripple (M35).
+    ``currents`` are current and memory before the step, ``cos`` and ``sin`` belong to the angle
+    theta_m. The PWM is averaged and has no ripple (M35).
     """
     I, z = currents
     cos_2, sin_2 = times_angle(cos, sin, 2 * drive.poles)
     K = torque_constant(drive, cos, sin, cos_2, sin_2)
     v_d = drive.poles * omega * (drive.L * I)
-    # The amplitude that axis d leaves to axis q, by the first terms of the root.
+    # Amplitude available to axis q, by the first terms of the series of the root.
     most = max(drive.V_max - drive.halved * (v_d * v_d), 0.0)
-    wanted = drive.K_p * (I_ref - I) + z + drive.k * omega
-    voltage = min(max(wanted, -most), most)
+    reference = drive.K_p * (I_ref - I) + z + drive.k * omega
+    voltage = min(max(reference, -most), most)
     induced = (2.0 / 3.0) * (K * omega)
-    z = z + drive.K_i * (I_ref - I + drive.A_p * (voltage - wanted))
+    z = z + drive.K_i * (I_ref - I + drive.A_p * (voltage - reference))
     I = I + drive.slew * (voltage - at_angle(drive.R, cos_2, sin_2) * I - induced)
     return (I, z), clip(K * I, drive.T_max), 0.0
 
 
 @kernel()
 def memory_of_current(drive: FieldOrientedDrive, I):
-    """Return a steady current with the memory of its loop [A, V]."""
+    """Return a steady current, and the memory of its loop [A, V]."""
     return I, I * drive.R[0]
 
 
@@ -164,15 +162,15 @@ def axis_current(drive: FieldOrientedDrive, stage, currents):
 
 @kernel()
 def available_axis_current(drive: FieldOrientedDrive, stage, cos, sin, omega, I):
-    """Return the largest current in the direction of ``I`` that voltage and torque limit allow."""
+    """Return the largest current in the direction of ``I`` within voltage and torque limit [A]."""
     cos_2, sin_2 = times_angle(cos, sin, 2 * drive.poles)
     K = torque_constant(drive, cos, sin, cos_2, sin_2)
     voltage = drive.V_max - math.copysign((2.0 / 3.0) * K, I) * omega
-    of_voltage = max(voltage / at_angle(drive.R, cos_2, sin_2), 0.0)
-    return min(of_voltage, drive.T_max / abs(K))
+    by_voltage = max(voltage / at_angle(drive.R, cos_2, sin_2), 0.0)
+    return min(by_voltage, drive.T_max / abs(K))
 
 
 @kernel()
 def no_stage(drive: FieldOrientedDrive, *angles):
-    """Return that no pair of phases is driven."""
+    """Return 0: no pair of phases is driven."""
     return 0.0

@@ -1,4 +1,4 @@
-"""Kernels of the monitor model: one equivalent phase, computed for many fault vectors at once.
+"""Kernels of the monitor model: one equivalent phase, for many fault vectors at once.
 
 Each fault vector occupies a lane of `ema_core.simd`; the equation numbers refer to
 ``docs/model.md``.
@@ -34,7 +34,7 @@ _RIPPLE_SPEED_SQUARE: Final = 0.1**2
 
 
 class ShaftConstants(NamedTuple):
-    """What acts on the motor shaft besides the nominal mechanics.
+    """Load and Stribeck friction at the motor shaft, in addition to the nominal mechanics.
 
     ``torque`` [N.m] and ``stiffness`` per user angle [N.m/rad] describe a load;
     ``stribeck_speed`` [rad/s] is the speed at which the excess of static over dynamic friction has
@@ -51,7 +51,7 @@ class ModelState(NamedTuple):
 
     ``theta_m`` [rad] and ``omega`` [rad/s] belong to the motor shaft, ``cos`` and ``sin`` to the
     angle of the eccentricity. ``theta_b`` [rad] is the fast-shaft angle on the user side of the
-    backlash, ``I`` the current [A], with the memory of its loop [V] where it has one; ``integral``
+    backlash, ``I`` the current [A], with the memory of its loop [V] if it has one; ``integral``
     [rad] and ``error`` [rad/s] belong to the speed loop.
     """
 
@@ -67,12 +67,12 @@ class ModelState(NamedTuple):
 
 @kernel()
 def rotate(cos, sin, angle):
-    """Return cosine and sine of an angle increased by up to 0.02 rad: their series, to 1e-13."""
-    square, of_cos, of_sin = angle * angle, angle * cos, angle * sin
+    """Return cosine and sine of an angle increased by up to 0.02 rad, by series, to 1e-13."""
+    square, d_cos, d_sin = angle * angle, angle * cos, angle * sin
     c = square * (0.5 - square * (1.0 / 24.0))
     s = square * (1.0 / 6.0 - square * (1.0 / 120.0))
-    # The next step waits for it: few operations follow one another.
-    return cos - of_sin - c * cos + s * of_sin, sin + of_cos - c * sin - s * of_cos
+    # A short chain of dependent operations, because the next step depends on the result.
+    return cos - d_sin - c * cos + s * d_sin, sin + d_cos - c * sin - s * d_cos
 
 
 @kernel()
@@ -92,8 +92,7 @@ def advance(
 
     ``stage`` is the stage of the commutation at the motor angle: the driven pair, or its index.
     ``opposing`` is the torque of the load against positive motion and ``friction`` the dry friction
-    in motion [N.m]. ``speed_loop`` is None where all gains of the speed loop are 0 but the
-    proportional one: it needs no memory.
+    in motion [N.m]. ``speed_loop`` is None for a proportional speed loop, which has no memory.
     """
     error = speed_error(c, command, x.theta_b * mech.tau, x.omega)
     integral = x.integral
@@ -103,7 +102,7 @@ def advance(
         I_ref = reference_current(c, error, integral, x.error, 0.0, dt)
         integral += dt * error
     I, torque, ripple = drive_current(drive, stage, x.cos, x.sin, x.I, I_ref, x.omega)
-    # The ripple of the PWM breaks the motor away below its static friction (M12).
+    # The ripple of the PWM reduces the breakaway torque below the static friction (M12).
     breakaway = max(mech.f_s - ripple, friction)
     omega = next_speed_of_lanes(mech, x.omega, torque, opposing, breakaway, friction, dt)
     theta_m, angle = x.theta_m + dt * omega, drive.waves * dt * omega
@@ -139,16 +138,16 @@ def run_lanes(
 ):
     """Run `LANES` individuals from row ``first`` on and fill their rows of the response.
 
-    Of the ``response``, current [A] and speed [rad/s] are ``(n_lanes, n)``; their ``corrections``,
-    ``(n,)``, are added. Constants that differ between individuals are arrays ``(n_lanes,)``, as are
-    the initial positions: ``play``, of the motor within the backlash in half-widths, and
-    ``position_0`` [rad], of the user shaft. ``command`` is ``(n + 1,)``, its first value that at
-    the start. The initial state of the motor is ``speed_0`` [rad/s] and ``current_0`` [A].
-    ``speed_loop`` is as in `advance`, ``sampling`` makes the samples of the current. With
-    ``of_shaft``, the speed is the mean one of the fast shaft behind the play over a sample, else
-    the motor speed at its end.
+    ``response`` is current [A] and speed [rad/s], ``(n_lanes, n)`` each; ``corrections``, ``(n,)``
+    each, are added. Constants that differ between individuals are arrays ``(n_lanes,)``, as are the
+    initial positions: ``play`` of the motor within the backlash [half-widths], and ``position_0``
+    of the user shaft [rad]. ``command`` is ``(n + 1,)``, with the command at the start first. The
+    initial state of the motor is ``speed_0`` [rad/s] and ``current_0`` [A]. ``speed_loop`` is None
+    for a proportional speed loop; ``sampling`` has the constants for samples of the current. With
+    ``of_shaft``, the speed is the mean speed of the fast shaft behind the play over a sample, else
+    the motor speed at the end of the sample.
     """
-    (of_current, of_speed), (current, speed) = corrections, response
+    (current_correction, speed_correction), (current, speed) = corrections, response
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     shaft = load(shaft_of_lanes, first)
     stiffness = shaft.stiffness * mech.tau
@@ -175,7 +174,7 @@ def run_lanes(
         slope = (command[k + 1] - command[k]) / steps
         for j in range(steps):
             stage = next_stage(drive, stage, x.theta_m)
-            # An Euler step responds half a step too early: the command is read half a step later.
+            # An Euler step responds half a step too early: delay the command by half a step.
             delayed = command[k] + (j - 0.5) * slope
             opposing = shaft.torque + stiffness * x.theta_b
             square = x.omega * x.omega + _RIPPLE_SPEED_SQUARE
@@ -186,6 +185,6 @@ def run_lanes(
             lag_2 += lag * (lag_1 - lag_2)
             lag_3 += lag * (lag_2 - lag_3)
             sample = sampling.keep * sample + sampling.gain * lag_3
-        store(current, first, k, sample / sampling.divisor + of_current[k])
+        store(current, first, k, sample / sampling.divisor + current_correction[k])
         omega = (x.theta_b - before) / (steps * dt) if of_shaft else x.omega
-        store(speed, first, k, omega + of_speed[k])
+        store(speed, first, k, omega + speed_correction[k])

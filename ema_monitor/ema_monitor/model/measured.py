@@ -15,69 +15,72 @@ from ema_monitor.model.deviations import COLUMNS, HIDDEN_CAUSES, SENSOR_ERRORS, 
 from ema_monitor.windows.window import Window
 
 GRAMMAR: Final = "NAME=VALUE:SIGMA"
-"""Text of a measured cause: value and standard deviation in its unit."""
+"""Text form of a measured cause: value and standard deviation in its unit."""
 
 
-def measured_causes(given: Mapping[str, tuple[float, float]]) -> tuple[CauseEstimate, ...]:
-    """Return measured causes, checked, in the order of `HIDDEN_CAUSES`.
+def measured_causes(values: Mapping[str, tuple[float, float]]) -> tuple[CauseEstimate, ...]:
+    """Return validated measured causes, in the order of `HIDDEN_CAUSES`.
 
     Parameters
     ----------
-    given
+    values
         Value and standard deviation by name, such as ``{"load_torque": (0.1, 0.005)}``, in the unit
-        of the registry (`ema_core.causes`). They count from the calibrated state of the unit.
+        of the registry (`ema_core.causes`), relative to the calibrated state of the unit.
 
     Raises
     ------
     ValueError
-        As of `checked_causes`.
+        When a cause is unknown to the model or repeated, its value is not a number in its range, or
+        its standard deviation is not positive; the message names the cause, its value and unit.
     """
-    return checked_causes([CauseEstimate(name, *_pair(name, item)) for name, item in given.items()])
+    return checked_causes(
+        [CauseEstimate(name, *_pair(name, item)) for name, item in values.items()]
+    )
 
 
-def checked_causes(given: Iterable[CauseEstimate]) -> tuple[CauseEstimate, ...]:
-    """Return causes that may have been measured, in the order of `HIDDEN_CAUSES`.
+def checked_causes(measured: Iterable[CauseEstimate]) -> tuple[CauseEstimate, ...]:
+    """Return validated measured causes, in the order of `HIDDEN_CAUSES`.
 
     Raises
     ------
     ValueError
-        When the model does not know a cause, it is given twice, its value is not a number in its
-        range, or its sigma is not positive; the message names the cause, its value and unit.
+        When a cause is unknown to the model or repeated, its value is not a number in its range, or
+        its standard deviation is not positive; the message names the cause, its value and unit.
     """
     causes: dict[str, CauseEstimate] = {}
-    for one in given:
-        name = as_identifier(one.name)
+    for cause in measured:
+        name = as_identifier(cause.name)
         if name not in HIDDEN_CAUSES:
-            raise ValueError(unknown_name("measured cause", one.name, HIDDEN_CAUSES))
+            raise ValueError(unknown_name("measured cause", cause.name, HIDDEN_CAUSES))
         if name in causes:
             raise ValueError(f"measured cause {name} is given more than once")
-        causes[name] = _checked(one._replace(name=name))
+        causes[name] = _checked(cause._replace(name=name))
     return tuple(causes[name] for name in HIDDEN_CAUSES if name in causes)
 
 
 def measured_causes_of(texts: Iterable[str]) -> tuple[CauseEstimate, ...]:
-    """Return the measured causes described by texts of the form `GRAMMAR`.
+    """Return the measured causes from texts of the form `GRAMMAR`.
 
     Raises
     ------
     ValueError
-        When a text does not have that form, and as in `checked_causes`.
+        When a text does not have this form, or a cause is invalid (`checked_causes`).
     """
     return checked_causes([_parsed(text) for text in texts])
 
 
 def expected_causes(parameters: ActuatorParameters, window: Window) -> tuple[Prior, ...]:
-    """Return all hidden causes that may show in a window, with their priors.
+    """Return the priors of all hidden causes that may affect a window.
 
-    A measurement replaces the prior of a healthy unit by the measured value and its sigma.
-    The sensor of a column that is not measured can have no error.
+    The prior of a measured cause is the measured value with its standard deviation. A column that
+    is not measured has no sensor errors.
     """
-    by_name = {one.name: one for one in window.measured}
+    by_name = {cause.name: cause for cause in window.measured}
     absent = [f"{column}_{error}" for column in window.telemetry.missing for error in SENSOR_ERRORS]
     return tuple(
-        _around(by_name[one.name], one) if one.name in by_name else one
-        for one in hidden_causes(parameters, window.excitation)
-        if one.name not in absent
+        _around(by_name[prior.name], prior) if prior.name in by_name else prior
+        for prior in hidden_causes(parameters, window.excitation)
+        if prior.name not in absent
     )
 
 
@@ -93,7 +96,7 @@ def _pair(name: str, item: tuple[float, float]) -> tuple[float, float]:
         value, sigma = item
     except (TypeError, ValueError):
         raise ValueError(
-            f"measured cause {name} = {item!r}: expected its value and its standard deviation"
+            f"measured cause {name} = {item!r}: expected a value and its standard deviation"
         ) from None
     return value, sigma
 
@@ -109,35 +112,36 @@ def _parsed(text: str) -> CauseEstimate:
         raise ValueError(f"measured cause {text!r}: expected {GRAMMAR}, two numbers") from None
 
 
-def _checked(one: CauseEstimate) -> CauseEstimate:
-    cause = CAUSE_BY_NAME[one.name]
-    if not (is_finite_number(one.value) and cause.lowest <= one.value <= cause.highest):
+def _checked(measured: CauseEstimate) -> CauseEstimate:
+    name, value, sigma = measured
+    cause = CAUSE_BY_NAME[name]
+    if not (is_finite_number(value) and cause.lowest <= value <= cause.highest):
         raise ValueError(
-            f"measured cause {one.name} = {one.value!r}: expected a number in [{cause.lowest:g}, "
+            f"measured cause {name} = {value!r}: expected a number in [{cause.lowest:g}, "
             f"{cause.highest:g}] {cause.unit}"
         )
-    if not (is_finite_number(one.sigma) and one.sigma > 0.0):
+    if not (is_finite_number(sigma) and sigma > 0.0):
         raise ValueError(
-            f"measured cause {one.name}: sigma = {one.sigma!r}: expected a positive, finite number "
-            f"in {cause.unit}"
+            f"measured cause {name}: sigma = {sigma!r}: expected a positive, finite number in "
+            f"{cause.unit}"
         )
-    return CauseEstimate(one.name, float(one.value), float(one.sigma))
+    return CauseEstimate(name, float(value), float(sigma))
 
 
 def measured_columns(measured: Iterable[CauseEstimate]) -> Array:
-    """Return the measured causes in the order of `COLUMNS`, ``(28,)``; 0 for all others."""
+    """Return the values of measured causes, ``(28,)``, as `COLUMNS`; 0 for all other columns."""
     values = np.zeros(len(COLUMNS))
-    for one in measured:
-        values[COLUMNS.index(one.name)] = one.value
+    for cause in measured:
+        values[COLUMNS.index(cause.name)] = cause.value
     return values
 
 
-def taken_for_known(measured: Iterable[Iterable[CauseEstimate]]) -> str:
-    """Return the causes measured in windows and their ranges, in words; "" if there are none."""
+def measured_ranges(measured: Iterable[Iterable[CauseEstimate]]) -> str:
+    """Return the causes measured in windows with their ranges, as a text; "" without any."""
     by_name: dict[str, list[CauseEstimate]] = {}
-    for of_window in measured:
-        for one in of_window:
-            by_name.setdefault(one.name, []).append(one)
+    for causes in measured:
+        for cause in causes:
+            by_name.setdefault(cause.name, []).append(cause)
     words = []
     for values in by_name.values():
         lowest, highest = min(values, key=_value), max(values, key=_value)
@@ -146,5 +150,5 @@ def taken_for_known(measured: Iterable[Iterable[CauseEstimate]]) -> str:
     return ", ".join(words)
 
 
-def _value(one: CauseEstimate) -> float:
-    return one.value
+def _value(cause: CauseEstimate) -> float:
+    return cause.value

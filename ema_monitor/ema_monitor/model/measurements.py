@@ -1,4 +1,4 @@
-"""Measurements of hidden causes by actuator, and which of them hold for a window."""
+"""Measurements of hidden causes by actuator, and their selection for a window."""
 
 from bisect import bisect_right, insort
 from collections.abc import Iterable
@@ -9,20 +9,21 @@ from ema_monitor.model.deviations import HIDDEN_CAUSES
 from ema_monitor.model.measured import checked_causes
 
 MAX_AGE_S: Final = 10.0
-"""Usual age at the start of a window up to which a measurement holds for it [s]."""
+"""Default of the largest age of a measurement at the start of a window [s]."""
 
 _MOST_ACTUATORS: Final = 1000
 
 
 class MeasurementLog:
-    """What was measured, by actuator and cause.
+    """Measurements of hidden causes, by actuator and cause.
 
-    What holds for a window depends on stamps alone: live, in a replay and offline it is the same.
+    The selection for a window depends on stamps only, so that live operation, replay and offline
+    evaluation agree.
 
     Parameters
     ----------
     most
-        How many measurements of a cause are kept, the latest ones; None for all.
+        Number of measurements of a cause that are kept, the latest; None for all.
     """
 
     def __init__(self, most: int | None = None) -> None:
@@ -30,7 +31,7 @@ class MeasurementLog:
         self._by_actuator: dict[str, dict[str, list[tuple[int, CauseEstimate]]]] = {}
 
     def clear(self) -> None:
-        """Forget all."""
+        """Discard all measurements."""
         self._by_actuator.clear()
 
     def forget(self, actuator_id: str) -> None:
@@ -38,18 +39,18 @@ class MeasurementLog:
         self._by_actuator.pop(actuator_id, None)
 
     def add(self, actuator_id: str, stamp_ns: int, measured: Iterable[CauseEstimate]) -> None:
-        """Store measurements with their stamp, of the latest thousand actuators at most.
+        """Store measurements with their stamp [ns], for the latest thousand actuators.
 
         Raises
         ------
         ValueError
-            As in `checked_causes`; then nothing is kept.
+            When a measurement is invalid (`checked_causes`); then none is stored.
         """
         measured = checked_causes(measured)
         by_name = self._by_actuator[actuator_id] = self._by_actuator.pop(actuator_id, {})
-        for one in measured:
-            course = by_name.setdefault(one.name, [])
-            insort(course, (stamp_ns, one), key=_stamp)
+        for cause in measured:
+            course = by_name.setdefault(cause.name, [])
+            insort(course, (stamp_ns, cause), key=_stamp)
             if self._most is not None and len(course) > self._most:
                 del course[0]
         if len(self._by_actuator) > _MOST_ACTUATORS:
@@ -60,16 +61,16 @@ class MeasurementLog:
     ) -> tuple[CauseEstimate, ...]:
         """Return the latest measurement of each cause at the start of a window.
 
-        One made during the window does not count: it might be received too late for it. Nor does
-        one that is older than ``max_age_s`` [s].
+        Measurements older than ``max_age_s`` [s] are ignored. Measurements during the window are
+        ignored as well, because they might be received too late.
         """
-        of_each = (self._latest(actuator_id, name, start_ns, max_age_s) for name in HIDDEN_CAUSES)
-        return tuple(one for one in of_each if one is not None)
+        latest = (self._latest(actuator_id, name, start_ns, max_age_s) for name in HIDDEN_CAUSES)
+        return tuple(cause for cause in latest if cause is not None)
 
     def winding_rise(
         self, actuator_id: str, stamp_ns: int, max_age_s: float = MAX_AGE_S
     ) -> float | None:
-        """Return the latest winding temperature rise [K] measured up to a stamp, or None."""
+        """Return the latest winding temperature rise [K] measured before a stamp, or None."""
         latest = self._latest(actuator_id, "winding_temperature", stamp_ns, max_age_s)
         return None if latest is None else latest.value
 

@@ -1,4 +1,4 @@
-"""The monitor model: the response of an actuator with given faults in a window."""
+"""Monitor model: response of an actuator with faults in a window."""
 
 from collections.abc import Iterable
 from typing import Final, NamedTuple
@@ -18,7 +18,7 @@ from ema_monitor.model.deviations import (
     Deviations,
     deviating,
     sensed,
-    with_own_eccentricity,
+    with_unit_eccentricity,
 )
 from ema_monitor.model.threads import run_in_threads
 from ema_monitor.windows.window import Window
@@ -26,22 +26,23 @@ from ema_monitor.windows.window import Window
 FORMS: Final = {"fast": 2e-5, "source": 1e-6, "field_oriented": 1e-5}
 """Forms of the model and their default integration step [s].
 
-Where there is no ripple that hides it, the error of the longer step is seen.
+The field-oriented form needs a shorter step than the fast form: it has no ripple of the PWM that
+exceeds the integration error.
 """
 
 FORMS_OF_DRIVES: Final = {"six_step": ("fast", "source"), "field_oriented": ("field_oriented",)}
 """Forms by drive of the actuator, the default first."""
 
 LEARNS_UNIT: Final = ("fast", "field_oriented")
-"""Forms that know deviations of a unit, and hidden causes; the other one is the thesis's own."""
+"""Forms with deviations of a unit and hidden causes; the remaining form is the thesis's model."""
 
 
 class Response(NamedTuple):
     """Samples of current and speed, ``(m, n)`` each [A, rad/s].
 
-    The current is sampled as in the telemetry. The speed is the motor speed at the end of a
-    sample; where it is not measured, it is the mean one over the sample of the fast shaft behind
-    the play, as the position gives it.
+    The current is sampled as in the telemetry. The speed is the motor speed at the end of a sample.
+    If the telemetry has no speed, it is the mean speed of the fast shaft behind the play over the
+    sample, as derived from the position.
     """
 
     current: Array
@@ -56,15 +57,16 @@ class MonitorModel:
     parameters
         Nominal parameters of the actuator.
     form
-        "fast", the slew-limited current of the driven pair (M10); "source", the thesis's own
-        sign-switched current with its eq. 4.24 (M11); or "field_oriented", the axis q of a
+        "fast", the slew-limited current of the driven pair (M10); "source", the sign-switched
+        current of the thesis with its eq. 4.24 (M11); or "field_oriented", the axis q of a
         sinusoidal motor (M35).
     dt
-        Integration step [s], by default the form's step.
+        Integration step [s]; None for the default step of the form.
     unit
-        Deviations of the unit from them; only the fast form has a lift.
+        Deviations of the unit from the parameters; only the fast form has a lift.
     acquisition
-        How the telemetry is acquired; by default the current is averaged and all is measured.
+        Acquisition of the telemetry; by default the current is averaged and all columns are
+        measured.
 
     Raises
     ------
@@ -89,7 +91,7 @@ class MonitorModel:
             raise ValueError(f"monitor step dt = {self.dt:g} s is outside (0, 0.001] s")
         self.unit = unit or Deviations()
         self.acquisition = acquisition or Acquisition()
-        self._own, self._plant = np.array(self.unit), constants(parameters)
+        self._deviations, self._plant = np.array(self.unit), constants(parameters)
         self._loop = current_loop(parameters)
 
     def respond(
@@ -117,16 +119,16 @@ class MonitorModel:
         deviations
             Deviations of each individual from the unit, ``(m, 25)``; None for no deviation.
         position
-            Initial position of the user shaft, ``(m,)`` or one value for all [rad]; the measured
-            one by default.
+            Initial position of the user shaft, ``(m,)`` or one value for all [rad]; None for the
+            measured position.
 
         Raises
         ------
         ValueError
-            When the window's sample period is not a whole multiple of the step, a fault vector is
-            impossible, or so many individuals take too much memory in a window of its length.
+            When the sample period of the window is not a whole multiple of the step, a fault vector
+            is out of range, or the response would take too much memory.
         """
-        # The compiler only where a response is computed: an unknown drive has none.
+        # Imported here, because an unknown drive needs no response, and so no compiler.
         from ema_core.dynamics import current_sampling, lag_factor
         from ema_core.simd import LANES
         from ema_monitor.model.drives import fast_constants, source_constants
@@ -143,10 +145,11 @@ class MonitorModel:
         )
         # Copies of the last individual fill the last group.
         lane_of = np.minimum(np.arange(groups * LANES), m - 1)
-        own = self._own + (np.zeros((m, 1)) if deviations is None else deviations)[lane_of]
-        d = Deviations(*own.T.copy())  # pyright: ignore[reportArgumentType]
-        plant = degrade(self._plant, with_own_eccentricity(faults[lane_of], own))
-        control, motor, mechanics = deviating(plant, own)
+        added = (np.zeros((m, 1)) if deviations is None else deviations)[lane_of]
+        rows = self._deviations + added
+        d = Deviations(*rows.T.copy())  # pyright: ignore[reportArgumentType]
+        plant = degrade(self._plant, with_unit_eccentricity(faults[lane_of], rows))
+        control, motor, mechanics = deviating(plant, rows)
         shaft = ShaftConstants(d.load_torque, d.load_stiffness, d.stribeck_speed)
         if self.form == "fast":
             drive = fast_constants(motor, self.dt, d.lift, d.loop_delay)
@@ -161,12 +164,12 @@ class MonitorModel:
         first = float(window.telemetry.position[0]) if position is None else position
         first_of_lane = np.full(m, first, dtype=np.float64)[lane_of]
         response = Response(*np.empty((2, len(lane_of), len(window))))
-        of_sensors = own[:m, -N_SENSOR:]
-        senses = bool(np.any(of_sensors))
+        sensor_errors = rows[:m, -N_SENSOR:]
+        has_sensor_errors = bool(np.any(sensor_errors))
         if corrections is None:
             corrections = Response(*np.zeros((2, len(window))))
-        # They correct the sensor readings.
-        of_motion = Response(*np.zeros((2, len(window)))) if senses else corrections
+        # Corrections apply to the sensor readings: after the sensor errors, if there are any.
+        early = Response(*np.zeros((2, len(window)))) if has_sensor_errors else corrections
 
         def run(group: int) -> None:
             run_lanes(
@@ -186,19 +189,19 @@ class MonitorModel:
                 lag,
                 sampling,
                 not self.acquisition.speed,
-                of_motion,
+                early,
                 response,
             )
 
         run_in_threads(run, groups)
-        rows = Response(response.current[:m], response.speed[:m])
-        if not senses:
-            return rows
-        seen = sensed(rows, of_sensors, window.sample_period)
-        return Response(*(row + added for row, added in zip(seen, corrections, strict=True)))
+        motion = Response(response.current[:m], response.speed[:m])
+        if not has_sensor_errors:
+            return motion
+        readings = sensed(motion, sensor_errors, window.sample_period)
+        return Response(*(row + late for row, late in zip(readings, corrections, strict=True)))
 
     def of_unit(self, unit: Deviations) -> "MonitorModel":
-        """Return the model of another unit of the same parameters."""
+        """Return the model with the deviations of another unit."""
         return MonitorModel(self.parameters, self.form, self.dt, unit, self.acquisition)
 
     def steps(self, sample_period: float) -> int:
@@ -207,7 +210,7 @@ class MonitorModel:
         Raises
         ------
         ValueError
-            When it is not a whole multiple of the step.
+            When the sample period is not a whole multiple of the step.
         """
         steps = round(sample_period / self.dt)
         if steps < 1 or abs(steps * self.dt - sample_period) > 1e-6 * sample_period:
@@ -219,27 +222,28 @@ class MonitorModel:
 
 
 def form_of(drive: str, form: str | None = None) -> str:
-    """Return the form of the model for a drive: that which is asked for, or its default.
+    """Return the form of the model for a drive: the requested form, or the default of the drive.
 
     Raises
     ------
     ValueError
-        When there is no model of such a drive, or it does not have the form.
+        When there is no model of the drive, or the form is not available for the drive.
     """
-    known = FORMS_OF_DRIVES.get(drive)
-    if known is None:
+    available = FORMS_OF_DRIVES.get(drive)
+    if available is None:
         raise ValueError(
-            f"there is no monitor model for drive {drive!r}, but for {', '.join(FORMS_OF_DRIVES)}"
+            f"no monitor model for drive {drive!r}; expected {' or '.join(FORMS_OF_DRIVES)}"
         )
-    if form is not None and form not in known:
+    if form is not None and form not in available:
         raise ValueError(
-            f"monitor form {form!r} is none of drive {drive!r}; it has {', '.join(known)}"
+            f"monitor form {form!r} is not available for drive {drive!r}; expected "
+            f"{' or '.join(available)}"
         )
-    return form or known[0]
+    return form or available[0]
 
 
 def compile_kernels(forms: Iterable[str] = FORMS) -> None:
-    """Compile the kernels of forms, or load them from the cache, ahead of their first use."""
+    """Compile the kernels of forms, or load them from the cache, before their first use."""
     zeros = np.zeros(2)
     at_rest = Telemetry(0, 1e-4, 1, command=zeros, current=zeros, position=zeros, speed=zeros)
     for form in FORMS.keys() & set(forms):

@@ -1,7 +1,7 @@
 """Effects of wrong readings of command and position on a window (M27).
 
-They change the input of the model, not the motion. If the command is read late, measured current
-and speed are early. If the position is wrong, the model starts at a wrong position.
+Wrong readings change the input of the model, not the motion. If the command is delayed, measured
+current and speed are early. If the position is wrong, the model starts at a wrong position.
 """
 
 from typing import Final
@@ -21,17 +21,27 @@ _POSITION_GAIN: Final = COLUMNS.index("position_gain")
 TRAVEL: Final = np.array(
     [{"position_gain": 1.0, "speed_gain": -1.0}.get(name, 0.0) for name in COLUMNS]
 )
-"""What readings change the travel by position over that by speed, in the order of `COLUMNS`."""
+"""Relative effect of deviations on the travel ratio of position to speed, as `COLUMNS`."""
 
 MOVES_START: Final = ("position_offset", "position_gain")
 """Readings that change the initial position of the model."""
 
 
 def read(columns: Array, window: Window) -> tuple[Array, Array]:
-    """Return the effect of deviations, ``(m, 28)`` in the order of `COLUMNS`, in a window.
+    """Return the model inputs that represent deviations in a window.
 
-    It is the deviations of the unit, ``(m, 25)``, and the position of the user shaft at the start,
-    ``(m,)`` [rad].
+    Parameters
+    ----------
+    columns
+        Deviations, ``(m, 28)``, in the order of `COLUMNS`.
+    window
+        The window.
+
+    Returns
+    -------
+    tuple
+        Deviations of the unit, ``(m, 25)``, and position of the user shaft at the start, ``(m,)``
+        [rad].
     """
     deviations = columns[:, :N_DEVIATIONS].copy()
     deviations[:, _EARLY] -= columns[:, [_COMMAND_DELAY]]
@@ -41,9 +51,9 @@ def read(columns: Array, window: Window) -> tuple[Array, Array]:
 
 
 def law_slopes(parameters: ActuatorParameters) -> Array:
-    """Return the change of the control law's offset per reading, in the order of `COLUMNS`.
+    """Return the change of the offset in the control law per deviation, as `COLUMNS`.
 
-    Each offset raises the measured position, speed or current in the law.
+    An offset of a sensor increases the measured position, speed or current in the control law.
     """
     by_speed = 1.0 / parameters.G_prop
     slopes = {

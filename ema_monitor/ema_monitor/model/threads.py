@@ -1,7 +1,7 @@
 """Threads that share the work of one call.
 
-numba's ``prange`` is not used: where OpenMP is missing it ends the process when two threads call
-it at once, and with GNU OpenMP it does not survive a fork.
+numba's ``prange`` is not used: without OpenMP it ends the process if two threads call it at once,
+and with GNU OpenMP it does not survive a fork.
 """
 
 import os
@@ -13,18 +13,18 @@ _limit: int | None = None
 
 
 def available_cpus() -> int:
-    """Return how many processors this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 def limit_threads(count: int | None) -> None:
-    """Set how many threads a call uses at most in this process.
+    """Set the largest number of threads per call in this process.
 
     Parameters
     ----------
     count
-        The limit, 1 where processes or threads already work side by side; None for one thread per
-        available processor, as at the start.
+        The limit: 1 if processes or threads work in parallel already; None, the default, for one
+        thread per available processor.
     """
     global _limit
     _limit = count
@@ -32,7 +32,7 @@ def limit_threads(count: int | None) -> None:
 
 @cache
 def _pool(process: int, count: int) -> ThreadPoolExecutor:
-    """Return threads of this process: a fork does not inherit its parent's threads."""
+    """Return the threads of a process: a fork does not inherit the threads of its parent."""
     return ThreadPoolExecutor(count, thread_name_prefix="model")
 
 
@@ -42,9 +42,10 @@ def run_in_threads(work: Callable[[int], None], tasks: int) -> None:
     Parameters
     ----------
     work
-        A call lasts 100 us or more and releases the interpreter lock; the order is arbitrary.
+        Function whose calls last 100 us or more and release the interpreter lock. The order of
+        calls is arbitrary.
     tasks
-        Number of calls. The calling thread works too; a single call starts no other thread.
+        Number of calls. The calling thread takes part; a single call starts no thread.
     """
     numbers = iter(range(tasks))
 
@@ -53,8 +54,8 @@ def run_in_threads(work: Callable[[int], None], tasks: int) -> None:
             work(number)
 
     most = _limit or available_cpus()
-    others = [_pool(os.getpid(), most - 1).submit(run_tasks) for _ in range(min(tasks, most) - 1)]
+    futures = [_pool(os.getpid(), most - 1).submit(run_tasks) for _ in range(min(tasks, most) - 1)]
     run_tasks()
-    for other in others:
-        if not other.cancel():
-            other.result()
+    for future in futures:
+        if not future.cancel():
+            future.result()

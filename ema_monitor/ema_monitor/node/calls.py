@@ -18,7 +18,7 @@ from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import calibrate
 from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.model.measured import taken_for_known
+from ema_monitor.model.measured import measured_ranges
 from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.messages import estimate_to_message, unknown_estimate
 from ema_monitor.windows.finder import Segment
@@ -95,7 +95,7 @@ class MonitorCalls:
             calibration = calibrate(windows, description, accepted_by=accepted_by)
             self._node.store.keep(description, calibration, path)
             message = f"made of {counted(len(windows), 'window')}"
-            if taken := taken_for_known(window.measured for window in windows):
+            if taken := measured_ranges(window.measured for window in windows):
                 message += f"; taken for known: {taken}"
             message += f" and stored in {path}"
             if not self._node.store.is_used_again(description, path):

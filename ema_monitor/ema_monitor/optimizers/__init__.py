@@ -1,6 +1,6 @@
-"""Optimizers by name. They know a unit box and a cost, nothing of actuators.
+"""Optimizers by name. They minimise a cost in the unit box, and do not depend on actuators.
 
-To add one, write it in a file of its own after ``interface.Optimizer`` and name it here.
+To add an optimizer, implement ``interface.Optimizer`` in a separate file, and register it here.
 """
 
 from typing import Final
@@ -26,4 +26,4 @@ ALGORITHMS: Final[dict[str, type[Optimizer]]] = {
     "de_thesis": ThesisDifferentialEvolution,
     "gwo_thesis": ThesisGreyWolf,
 }
-"""Optimizers by the name that command line, parameters and messages use."""
+"""Optimizers by the name used on the command line, in parameters and in messages."""

@@ -1,4 +1,4 @@
-"""The lowest point of a convex quadratic within the unit box."""
+"""Minimum of a convex quadratic within the unit box."""
 
 import math
 
@@ -10,7 +10,7 @@ from ema_core.arrays import Array
 
 @kernel()
 def room(x, move):
-    """Return how much of a move there is room for in the box [-]."""
+    """Return the share of a move that stays within the box [-]; above 1 if all of it does."""
     if move == 0.0:
         return math.inf
     return ((1.0 - x) if move > 0.0 else x) / abs(move)
@@ -28,25 +28,25 @@ def slope_at(x, hessian, gradient, start):
 
 @kernel()
 def step_of_free(hessian, slope, held):
-    """Return Newton's step of the components that are not held, by Cholesky's method, ``(d,)``."""
+    """Return the Newton step of the free components, by Cholesky decomposition, ``(d,)``."""
     d = len(slope)
     lower, step = np.zeros((d, d)), np.zeros(d)
     for i in range(d):
         if held[i]:
             continue
-        left = -slope[i]
+        value = -slope[i]
         for j in range(i):
             rest = hessian[i, j]
             for k in range(j):
                 rest -= lower[i, k] * lower[j, k]
             if not held[j]:
                 lower[i, j] = rest / lower[j, j]
-            left -= lower[i, j] * step[j]
+            value -= lower[i, j] * step[j]
         rest = hessian[i, i]
         for k in range(i):
             rest -= lower[i, k] * lower[i, k]
         lower[i, i] = math.sqrt(rest)
-        step[i] = left / lower[i, i]
+        step[i] = value / lower[i, i]
     for i in range(d - 1, -1, -1):
         if held[i]:
             continue
@@ -60,14 +60,15 @@ def step_of_free(hessian, slope, held):
 def lowest_in_box(hessian: Array, gradient: Array, start: Array) -> Array:
     """Minimise ``g (x - start) + (x - start) H (x - start) / 2`` over the unit box.
 
-    The Hessian, ``(d, d)``, is positive definite; the gradient, ``(d,)``, is taken at the start.
+    The Hessian, ``(d, d)``, is positive definite; ``gradient``, ``(d,)``, is the gradient at
+    ``start``.
     """
     return lowest_of(hessian, gradient, start, start, np.ones(len(start), dtype=np.bool_))
 
 
 @kernel(nogil=False)
 def lowest_of_each(hessian, gradient, at, starts, free):
-    """Minimise as `lowest_of` from many starts, ``(n, d)``, each with its free components."""
+    """Minimise from several starts, ``(n, d)``, each over its free components (`lowest_of`)."""
     best = starts.copy()
     for i in range(len(starts)):
         best[i] = lowest_of(hessian, gradient, at, starts[i], free[i])
@@ -76,11 +77,11 @@ def lowest_of_each(hessian, gradient, at, starts, free):
 
 @kernel(nogil=False)
 def lowest_of(hessian, gradient, at, start, free):
-    """Minimise as `lowest_in_box` by the ``free`` components, the others being as at the start.
+    """Minimise a quadratic over the ``free`` components; the rest remains as at the start.
 
     Primal active set: move towards the minimum over the free components up to the first bound, and
     fix the component there. At a minimum, free the fixed component with the steepest descent.
-    The gradient is taken ``at`` a point that may be another than the start.
+    ``gradient`` is the gradient at the point ``at``, which may differ from the start.
     """
     d = len(start)
     x, held, steepest_start = start.copy(), ~free, 0.0
@@ -88,7 +89,7 @@ def lowest_of(hessian, gradient, at, start, free):
     for i in range(d):
         if free[i]:
             steepest_start = max(steepest_start, abs(slope[i]))
-    # Each round settles a face of the box; far fewer are needed than this guard allows.
+    # Each round settles a face of the box; the limit is a guard, far fewer rounds are needed.
     for _ in range(10 * d):
         move = step_of_free(hessian, slope, held)
         reach = 1.0

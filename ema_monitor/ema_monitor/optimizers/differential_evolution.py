@@ -1,4 +1,4 @@
-"""Differential evolution about the best individual, as it is known and as the thesis has it."""
+"""Differential evolution about the best individual: standard form, and form of the thesis."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,16 +11,16 @@ from ema_monitor.optimizers.population import Population
 class DifferentialEvolution(Population):
     """DE/best/1/bin.
 
-    For each individual, the target, a donor is made: the best individual plus F times the
-    difference of two partners, which are neither the target nor the same. Where the donor is
-    outside the box it bounces back, to a random place between the best individual and the wall
-    that it passed. The trial takes each component from the donor with probability CR, one of them
-    in any case, and the others from the target. It replaces the target if it costs less.
+    The donor for each individual (the target) is the best individual plus F times the difference of
+    two partners, which differ from each other and from the target. A donor outside the box bounces
+    back to a random place between the best individual and the wall. The trial takes each component
+    from the donor with probability CR, at least one component, and the remaining components from
+    the target. The trial replaces the target if it costs less.
 
     Parameters
     ----------
     start, rng, hints, population
-        As of `Population`.
+        See `Population`.
     F
         Weight of the difference, above 0 [-].
     CR
@@ -62,14 +62,14 @@ class DifferentialEvolution(Population):
 
         n, d = self._x.shape
         best = self._x[np.argmin(self._costs)]
-        one, other = self._partners()
-        donors = self._into_box(best + self._F * (self._x[one] - self._x[other]), best)
+        first, second = self._partners()
+        donors = self._into_box(best + self._F * (self._x[first] - self._x[second]), best)
         from_donor = self._rng.random((n, d)) < self._CR
         from_donor[np.arange(n), self._rng.integers(d, size=n)] = True
         return np.where(from_donor, donors, self._x)
 
     def _partners(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Draw two partners for each target: three different individuals."""
+        """Draw two partners for each target; the three individuals are different."""
         n = len(self._x)
         ahead = self._rng.integers(1, n, size=n)
         further = self._rng.integers(1, n - 1, size=n)
@@ -84,17 +84,17 @@ class DifferentialEvolution(Population):
 
 
 class ThesisDifferentialEvolution(DifferentialEvolution):
-    """DE/best/1/bin as the thesis has it, appendix A.
+    """DE/best/1/bin as in the thesis, appendix A.
 
-    It differs in two things. The partners come from two permutations of the population that know
-    nothing of each other: a partner may be the target, and where both are the same the donor is
-    the best individual itself. And the donor is reflected at 0 and not bounded above; as a fault
-    above 1 has no meaning here, it is put on 1.
+    It differs from `DifferentialEvolution` in two ways. The partners come from two independent
+    permutations of the population: a partner may be the target, and if both partners are the same,
+    the donor is the best individual. The donor is reflected at 0 and not bounded above; here it is
+    clipped to 1, because a fault above 1 has no meaning.
 
     Parameters
     ----------
     start, rng, hints, population, F, CR
-        As of ``DifferentialEvolution``.
+        See `DifferentialEvolution`.
     """
 
     def _partners(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

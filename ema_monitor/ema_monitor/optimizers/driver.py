@@ -1,4 +1,4 @@
-"""The loop around an optimizer: evaluation, best so far, termination and progress."""
+"""Loop around an optimizer: evaluation, best point so far, termination and progress."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,38 +12,31 @@ from ema_monitor.optimizers.interface import Optimizer
 
 
 class StopRule(Protocol):
-    """When to stop."""
+    """Rule that ends a search."""
 
     @property
     def budget(self) -> int:
-        """Largest number of evaluations; a generation that would pass it is not begun."""
+        """Largest number of evaluations; a generation that would exceed it is not started."""
         ...
 
     def reached(self, best_costs: Sequence[float]) -> bool:
-        """Return whether to stop, by the best cost so far after each generation, at least one."""
+        """Return whether to stop, from the best cost after each generation, at least one."""
         ...
 
 
 @dataclass(frozen=True)
 class Termination:
-    """The stop rule by stall; nothing costs less than 0, either.
-
-    Attributes
-    ----------
-    budget
-        As of `StopRule`.
-    stall_generations
-        Stop after so many generations in a row ...
-    tolerance
-        ... in which the best cost fell by less than this share of itself.
-    """
+    """Stop rule for a stalled search; a cost of 0 ends the search as well."""
 
     budget: int = 10_000
+    """Largest number of evaluations; a generation that would exceed it is not started."""
     stall_generations: int = 30
+    """Number of consecutive generations with a small fall of the best cost that ends the search."""
     tolerance: float = 1e-6
+    """Fall of the best cost that counts as small, relative to the cost [-]."""
 
     def reached(self, best_costs: Sequence[float]) -> bool:
-        """Return whether to stop, see :meth:`StopRule.reached`."""
+        """Return whether to stop, from the best cost after each generation, at least one."""
         if best_costs[-1] <= 0.0:
             return True
         if len(best_costs) <= self.stall_generations:
@@ -52,28 +45,22 @@ class Termination:
         return not any(self._fell(before, after) for before, after in pairwise(recent))
 
     def _fell(self, before: float, after: float) -> bool:
-        # From no cost at all to the first finite one is a fall, too.
+        # A fall from an infinite to a finite cost counts.
         return after < before and not before - after <= self.tolerance * min(before, 1e300)
 
 
 @dataclass(frozen=True, eq=False)
 class Progress:
-    """Where a run stands after a generation.
-
-    Attributes
-    ----------
-    generation, evaluations
-        How many are done.
-    point
-        Best point so far, ``(d,)``.
-    cost
-        Its cost; inf as long as no point had one.
-    """
+    """State of a search after a generation."""
 
     generation: int
+    """Number of generations so far."""
     evaluations: int
+    """Number of evaluations so far."""
     point: Array
+    """Best point so far, ``(d,)``."""
     cost: float
+    """Cost of the best point; inf if no point has a finite cost."""
 
 
 def minimise(
@@ -83,24 +70,26 @@ def minimise(
     *,
     reserve: int = 0,
 ) -> Iterator[Progress]:
-    """Run an optimizer and yield its progress after every generation; to cancel, stop asking.
+    """Run an optimizer and yield its progress after every generation.
+
+    To cancel the search, stop iterating.
 
     Parameters
     ----------
     residuals_of
-        Maps points, ``(m, d)``, to residuals, ``(m, n)``; the cost is their sum of squares. A
-        point whose residuals are not finite costs inf.
+        Maps points, ``(m, d)``, to residuals, ``(m, n)``; the cost is their sum of squares. A point
+        with residuals that are not finite costs inf.
     optimizer
-        Where the points come from.
+        Source of the points.
     termination
-        When to stop.
+        Rule that ends the search.
     reserve
         Evaluations of the budget to reserve for later stages.
 
     Raises
     ------
     ValueError
-        When the budget does not allow even the first generation.
+        When the budget does not permit the first generation.
     """
     best = Progress(0, 0, np.empty(0), np.inf)
     history: list[float] = []

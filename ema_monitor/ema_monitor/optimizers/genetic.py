@@ -1,4 +1,4 @@
-"""Genetic algorithm with elites, scattered crossover and a mutation of adaptive step."""
+"""Genetic algorithm with elites, scattered crossover and mutations of adaptive step."""
 
 from typing import Final
 
@@ -17,18 +17,18 @@ _STEP_DECAY: Final = 1.0 / _STEP_GROWTH
 
 
 class GeneticAlgorithm(Population):
-    """Genetic algorithm after the documentation of Matlab's ``ga`` (R2018a), as it is with bounds.
+    """Genetic algorithm after the documentation of Matlab's ``ga`` with bounds (R2018a).
 
-    The best 5 % of a population survive unchanged and are not evaluated again. Of the other
-    places, 80 % go to children of two parents, each gene from one or the other with equal
-    probability (scattered crossover), the rest to mutants of one parent. Parents are drawn by
+    The best 5 % of a population survive unchanged and are not evaluated again. 80 % of the
+    remaining places are filled by children of two parents, with each gene from either parent with
+    equal probability (scattered crossover), the rest by mutants of one parent. Parents are drawn by
     stochastic uniform selection, in proportion to 1 / sqrt(rank).
 
-    A mutant lies a step away from its parent in a random direction, cut at the walls of the box
-    component by component. What Matlab's adaptive feasible mutation does to the step is not
-    published. Here it begins at half the width of the box; a generation that found a new best
-    point multiplies it by 1.5, one that did not divides it by 1.5, within 1e-6 and 1 width. This
-    is a success rule as Rechenberg's (1973), in balance when every other generation improves.
+    A mutant lies a step away from its parent in a random direction, clipped to the box in each
+    component. The step rule of Matlab's adaptive feasible mutation is not published. Here the step
+    begins at half the width of the box. A generation with a new best point multiplies it by 1.5, a
+    generation without one divides it by 1.5, within 1e-6 and 1 width. This is a success rule like
+    Rechenberg's (1973), in equilibrium if every other generation improves.
 
     Parameters and errors are as in `Population`.
 
@@ -72,9 +72,9 @@ class GeneticAlgorithm(Population):
 
 
 def expected_children(population: int, parents: int) -> Array:
-    """Return how often individuals are to be parents by their ranks, ``(population,)``.
+    """Return the expected number of selections of each individual as a parent, ``(population,)``.
 
-    That is as 1 / sqrt(rank), the best first, with ``parents`` for the sum.
+    It is proportional to 1 / sqrt(rank), the best individual first, with the sum ``parents``.
     """
     share = 1.0 / np.sqrt(np.arange(1, population + 1))
     return parents * share / np.sum(share)
@@ -83,12 +83,12 @@ def expected_children(population: int, parents: int) -> Array:
 def stochastic_uniform(expected: Array, rng: "np.random.Generator") -> NDArray[np.intp]:
     """Draw individuals, each as often as expected, rounded up or down.
 
-    The expectations are laid end to end; marks at a distance of 1, from a random place in the first
-    on, determine who is drawn (Baker 1987, "Reducing bias and inefficiency in the selection
-    algorithm"). The sum of the expectations is the number of draws, which are in ascending order.
+    The expectations are intervals laid end to end. Marks at a distance of 1, with a random offset,
+    select the individuals (Baker 1987, "Reducing bias and inefficiency in the selection
+    algorithm"). The number of draws is the sum of the expectations; they are in ascending order.
     """
     marks = rng.random() + np.arange(round(np.sum(expected)))
-    # The last expectation ends at the sum but for rounding.
+    # Without the last end, which may be below the last mark by rounding.
     return np.searchsorted(np.cumsum(expected[:-1]), marks, side="right")
 
 
@@ -98,7 +98,7 @@ def scattered(mothers: Array, fathers: Array, rng: "np.random.Generator") -> Arr
 
 
 def mutated(parents: Array, step: float, rng: "np.random.Generator") -> Array:
-    """Return points a step away from the parents, ``(m, d)``, cut at the walls of the unit box."""
+    """Return points a step away from the parents, ``(m, d)``, clipped to the unit box."""
     directions = rng.normal(size=parents.shape)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return np.clip(parents + step * directions, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Grey wolf optimization, with one pack and with the packs of one of the thesis."""
+"""Grey wolf optimization: standard form, and form of the thesis with leaders per wolf."""
 
 from typing import Final
 
@@ -13,12 +13,12 @@ _LEADERS: Final = 3
 class GreyWolf(Population):
     """Grey wolf optimizer with alpha, beta and delta, the three best points of the pack so far.
 
-    A wolf goes to the mean of three points, one about each leader: ``leader - A |C leader - x|``
-    with ``A`` uniform in [-a, a] and ``C`` uniform in [0, 2], drawn for each component; whatever
-    leaves the box is put on the wall. ``a`` falls linearly from 2 after the first generation to 0
-    when the budget is spent, and stays there.
+    A wolf moves to the mean of three points, one about each leader: ``leader - A |C leader - x|``
+    with ``A`` uniform in [-a, a] and ``C`` uniform in [0, 2], drawn for each component. Points are
+    clipped to the box. ``a`` falls linearly from 2 after the first generation to 0 at the end of
+    the budget.
 
-    Parameters and errors are as in `Population`; the fall of ``a`` is spread over the budget.
+    Parameters and errors are as in `Population`.
 
     References
     ----------
@@ -44,17 +44,17 @@ class GreyWolf(Population):
 
 
 class ThesisGreyWolf(Population):
-    """Grey wolf optimizer as the thesis has it, appendix B: each wolf follows itself.
+    """Grey wolf optimizer as in the thesis, appendix B: each wolf follows its own leaders.
 
-    A wolf has an alpha, a beta and a delta of its own, which begin at the zero vector with an
-    infinite cost. A point that costs less than its alpha replaces it, and the old alpha is
-    forgotten; one that costs more than alpha and less than beta replaces beta; one that costs more
-    than both and less than delta replaces delta. Beta and delta may so stay at zero, which draws
-    the wolves there; a component that is zero in a wolf and its leaders is zero ever after.
+    Each wolf has its alpha, beta and delta, which begin at the zero vector with an infinite cost. A
+    point that costs less than alpha replaces alpha, and the old alpha is discarded. A point that
+    costs more than alpha and less than beta replaces beta; a point that costs more than both and
+    less than delta replaces delta. Therefore beta and delta may remain at zero, which attracts the
+    wolves; a component that is zero in a wolf and its leaders remains zero.
 
-    ``a`` is lower than in ``GreyWolf`` by its fall in a generation. Appendix B as transcribed
-    has the digit 1 where the generation l must stand, which would keep ``a`` at 1.99; it is read
-    as the letter.
+    ``a`` is lower than in ``GreyWolf`` by its fall in one generation. Appendix B as transcribed has
+    the digit 1 in place of the generation l, which would keep ``a`` at 1.99; here it is the
+    generation.
 
     Parameters are as in ``GreyWolf``.
     """
@@ -81,15 +81,15 @@ class ThesisGreyWolf(Population):
 
 
 def shrinking(generation: int, generations: int) -> float:
-    """Return ``a`` of a generation, from 2 at number 0 to 0 after the last one."""
+    """Return ``a`` of a generation, from 2 at number 0 to 0 after the last generation."""
     return max(0.0, 2.0 * (1.0 - generation / generations))
 
 
 def encircled(points: Array, leaders: Array, a: float, rng: "np.random.Generator") -> Array:
-    """Return where wolves at ``points``, ``(m, d)``, go, within [0, 1].
+    """Return the next positions of wolves at ``points``, ``(m, d)``, within [0, 1].
 
-    ``leaders`` are common, ``(3, 1, d)``, or individual, ``(3, m, d)``; ``a`` is how far beyond
-    them a wolf may go, in distances from them [-].
+    ``leaders`` are common, ``(3, 1, d)``, or individual, ``(3, m, d)``; ``a`` limits the distance
+    of a target from a leader, relative to the distance of the wolf [-].
     """
     r_1, r_2 = rng.random((2, _LEADERS, *points.shape))
     A, C = 2.0 * a * r_1 - a, 2.0 * r_2

@@ -9,26 +9,19 @@ from ema_core.arrays import Array
 
 
 class Hints(NamedTuple):
-    """Prior knowledge of a problem, which an optimizer may use.
-
-    Attributes
-    ----------
-    good_cost
-        Highest cost at which an optimum can be accepted as the global one.
-    fair_cost
-        Returns the highest cost at which it can be accepted once a second search has found nothing
-        better.
-    budget
-        Largest number of evaluations, over which a schedule extends. The driver ends the search.
-    """
+    """Prior knowledge of a problem, which an optimizer may use."""
 
     good_cost: float = 0.0
+    """Highest cost at which an optimum is accepted as global."""
     fair_cost: Callable[[], float] = float
+    """Returns the highest cost at which an optimum is accepted after a second search without an
+    improvement."""
     budget: int = 10_000
+    """Largest number of evaluations, for schedules of an algorithm. The driver ends the search."""
 
 
 NO_HINTS: Final = Hints()
-"""No prior knowledge; the budget is the thesis's, 200 x 50."""
+"""No prior knowledge; the budget of the thesis, 200 x 50."""
 
 
 class Optimizer(Protocol):
@@ -39,24 +32,19 @@ class Optimizer(Protocol):
     Parameters
     ----------
     start
-        Starting point, ``(d,)``, d at least 1. In a population one individual starts here, the
-        others at random points; for an entirely random population, pass a random point.
+        Starting point, ``(d,)``, d at least 1. In a population one individual starts here, the rest
+        at random points; for an entirely random population, pass a random point.
     rng
-        Source of all its random numbers.
+        Source of all random numbers.
     hints
         Prior knowledge of the problem.
-
-    Attributes
-    ----------
-    uses_residuals
-        Whether it uses the residuals and not only the cost. It then requires coordinates in which
-        the residuals are smooth.
-    converged
-        Whether the search has converged, so that there are no more points to evaluate.
     """
 
     uses_residuals: bool
+    """Whether the algorithm uses residuals in addition to the cost. It then requires coordinates in
+    which the residuals are smooth."""
     converged: bool
+    """Whether the search has converged, so that there are no more points to evaluate."""
 
     def __init__(
         self, start: Array, rng: "np.random.Generator", hints: Hints = NO_HINTS
@@ -74,7 +62,7 @@ class Optimizer(Protocol):
         points
             The points, ``(m, d)``, as returned by ``ask``.
         costs
-            Sum of squares of the residuals of each point, ``(m,)``; inf where it has none.
+            Sum of squares of the residuals of each point, ``(m,)``; inf if it is not finite.
         residuals
             Residuals of each point, ``(m, n)``.
         """

@@ -18,18 +18,18 @@ _SOCIAL_ADJUSTMENT: Final = 1.49
 class ParticleSwarm(Population):
     """Particle swarm after the documentation of Matlab's ``particleswarm``, with its defaults.
 
-    Each particle is drawn to the best point it has seen and to the best that its neighbours have
-    seen. The neighbours are other particles, drawn anew for each particle in each iteration; at
-    first a quarter of the swarm. In each iteration in which the best cost does not fall they
-    become more by that quarter, up to all others; when it falls they are few again. A counter
-    goes up by 1 in the first case and down by 1, to 0 at the lowest, in the second. The inertia
-    begins at 1.1; it is doubled while the counter is below 2 and halved while it is above 5,
-    within [0.1, 1.1]. Particles that leave the box are put on the wall and lose their velocity
-    across it.
+    Each particle is attracted by the best point on its path, and by the best point on the paths of
+    its neighbours. The neighbours are drawn for each particle in each iteration; their number
+    begins at a quarter of the swarm. If the best cost does not fall in an iteration, the number
+    grows by a quarter of the swarm, up to all remaining particles, and a counter grows by 1. If the
+    best cost falls, the number is reset, and the counter falls by 1, at least to 0. The inertia
+    begins at 1.1; it is doubled while the counter is below 2 and halved while it is above 5, within
+    [0.1, 1.1]. Particles that leave the box are clipped to it, and lose the velocity across the
+    wall.
 
     The documentation lists the rule of the inertia under the iterations in which the best cost
-    falls. Here it holds in all of them: a swarm at 1.1 does not contract, hence seldom improves,
-    hence would stay at 1.1.
+    falls. Here it applies to all iterations: a swarm at 1.1 does not contract, seldom improves, and
+    would remain at 1.1.
 
     Parameters and errors are as in `Population`.
 
@@ -46,7 +46,7 @@ class ParticleSwarm(Population):
     FEWEST = 3
 
     def _begin(self, population: int, d: int) -> None:
-        # As far as the box is wide.
+        # Up to the width of the box.
         self._v = self._rng.uniform(-1.0, 1.0, self._asked.shape)
         self._best_x = self._asked.copy()
         self._best_costs = np.full(population, np.inf)
@@ -60,10 +60,10 @@ class ParticleSwarm(Population):
         better = costs < self._best_costs
         self._best_costs[better] = costs[better]
         self._best_x[better] = points[better]
-        to_own, to_leader = self._rng.random((2, *points.shape))
+        to_best, to_leader = self._rng.random((2, *points.shape))
         self._v = (
             self._inertia * self._v
-            + _SELF_ADJUSTMENT * to_own * (self._best_x - points)
+            + _SELF_ADJUSTMENT * to_best * (self._best_x - points)
             + _SOCIAL_ADJUSTMENT * to_leader * (self._best_x[self._leaders()] - points)
         )
         moved = points + self._v
@@ -72,7 +72,7 @@ class ParticleSwarm(Population):
         return asked
 
     def _adapt(self, *, improved: bool) -> None:
-        """Set neighbourhoods and inertia; a first generation changes nothing."""
+        """Set neighbourhoods and inertia; the first generation changes nothing."""
         if improved:
             self._stalls = max(0, self._stalls - 1)
             self._neighbours = self._fewest_neighbours
@@ -87,7 +87,7 @@ class ParticleSwarm(Population):
             self._inertia = max(0.5 * self._inertia, lowest)
 
     def _leaders(self) -> NDArray[np.intp]:
-        """Return which neighbour has seen the best point, for each particle."""
+        """Return the neighbour with the best point for each particle, ``(n,)``."""
         n = len(self._best_x)
         lots = self._rng.random((n, n))
         np.fill_diagonal(lots, np.inf)

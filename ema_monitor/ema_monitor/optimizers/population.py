@@ -1,4 +1,4 @@
-"""What optimizers with a population have in common."""
+"""Base class of optimizers with a population."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -10,12 +10,16 @@ from ema_monitor.optimizers.interface import NO_HINTS, Hints
 
 
 class Population(ABC):
-    """A population spread uniformly over the unit box, but for its first individual.
+    """Population of uniformly distributed points in the unit box; its first point is the start.
 
     Parameters
     ----------
-    start, rng, hints
-        As of ``interface.Optimizer``.
+    start
+        Starting point, ``(d,)``, the first individual.
+    rng
+        Source of all random numbers.
+    hints
+        Prior knowledge of the problem; schedules extend over its budget.
     population
         Number of individuals, at least `FEWEST`.
 
@@ -26,7 +30,7 @@ class Population(ABC):
     """
 
     FEWEST: ClassVar = 1
-    """Smallest number of individuals with which the algorithm works."""
+    """Smallest number of individuals of the algorithm."""
 
     uses_residuals = False
     converged = False
@@ -54,13 +58,13 @@ class Population(ABC):
         return self._asked.copy()
 
     def tell(self, points: Array, costs: Array, residuals: Array) -> None:
-        """Process the costs of the points, ``(m,)``, and make the next ones."""
+        """Process the costs of the points, ``(m,)``, and compute the next points."""
         self._asked = self._next(points, costs)
 
     @abstractmethod
     def _begin(self, population: int, d: int) -> None:
-        """Prepare for so many individuals in so many dimensions."""
+        """Initialise the state for ``population`` individuals in ``d`` dimensions."""
 
     @abstractmethod
     def _next(self, points: Array, costs: Array) -> Array:
-        """Return the points to evaluate next, ``(m, d)``, after the costs of these, ``(m,)``."""
+        """Return the next points, ``(m, d)``, from evaluated points and their costs, ``(m,)``."""

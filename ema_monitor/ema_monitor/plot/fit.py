@@ -49,9 +49,9 @@ def plot_fit(
     estimate
         The valid estimate in it.
     calibration
-        Calibration of the estimate; the built-in actuator's when None.
+        Calibration of the estimate; None for the built-in actuator.
     since_ns
-        Stamp from which the time axis counts [ns]; the start of the window when None.
+        Stamp at the zero of the time axis [ns]; None for the start of the window.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def plot_fit(
 def _draw_signal(
     panels: list[Axes], t: NDArray[np.floating], period: float, measured: Array, modelled: Array
 ) -> None:
-    """Draw a measured signal with the model's, and the residuals below, if it is measured."""
+    """Draw a measured signal with the model signals, and the residuals below, if measured."""
     both, rest = panels
     if len(measured):
         both.plot(t, measured, **_MEASURED)

@@ -1,4 +1,4 @@
-"""Colours, marks and panels that all pictures have in common."""
+"""Colours, markers and panels shared by all pictures."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -22,7 +22,7 @@ SKY: Final = "#56b4e9"
 BROWN: Final = "#8c510a"
 GREY: Final = "#7f7f7f"
 """Colours from the palette of Okabe and Ito, which is distinct for the colour-blind, plus brown and
-grey. A colour never stands alone: line style, marker or place distinguish as well."""
+grey. Line style, marker or place always support the colour."""
 
 INK: Final = "#1a1a1a"
 """Colour of true values and of text in a picture."""
@@ -30,7 +30,7 @@ INK: Final = "#1a1a1a"
 LEVEL_COLOURS: Final[Mapping[int, str]] = MappingProxyType(
     {WARN: ORANGE, ERROR: VERMILION, STALE: GREY}
 )
-"""Of each level of health but OK, which is not marked."""
+"""Colour of each level of health except OK, which is not marked."""
 
 TRUTH: Final[Mapping[str, Any]] = MappingProxyType(
     {"color": INK, "lw": 1.5, "ls": (0, (6, 2)), "label": "truth"}
@@ -45,12 +45,14 @@ ESTIMATES: Final[Mapping[str, Any]] = MappingProxyType(
 
 
 def stacked_panels(heights: list[float], height_scale: float) -> tuple[Figure, list[Axes]]:
-    """Return a figure and its panels, one below the other with a common abscissa.
+    """Return a figure and its panels, stacked with a common abscissa.
 
     Parameters
     ----------
+    heights
+        Relative heights of the panels.
     height_scale
-        Height of the figure for each unit of these [inch].
+        Height of the figure per unit of ``heights`` [inch].
     """
     figure = Figure(figsize=(10.5, 1.2 + height_scale * sum(heights)), layout="constrained")
     grid = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights, squeeze=False)
@@ -67,8 +69,10 @@ def draw_legend(
 
     Parameters
     ----------
+    figure, panels
+        The figure, and its panels.
     bands
-        By the label of a line: the label of the band around it, and the label of both together.
+        By label of a line: label of the band around the line, and common label of both.
     """
     marks: dict[str, Any] = {}
     for axes in panels:
@@ -82,7 +86,7 @@ def draw_legend(
 
 
 def tidy(axes: Axes, direction: Any = "both") -> None:
-    """Draw a faint grid, and the frame on the left and at the bottom only."""
+    """Draw a faint grid, and only the left and bottom spines."""
     axes.grid(axis=direction, color="0.5", alpha=0.2)
     axes.spines[["top", "right"]].set_visible(False)
 
@@ -90,11 +94,15 @@ def tidy(axes: Axes, direction: Any = "both") -> None:
 def draw_estimates(
     axes: Axes, place: ArrayLike, value: ArrayLike, sigma: ArrayLike, **style: Any
 ) -> ErrorbarContainer:
-    """Draw estimates with their 90 % intervals, which end at the one-sided 95 % bounds.
+    """Draw estimates with their 90 % intervals, between the one-sided 95 % bounds.
 
     Parameters
     ----------
+    axes
+        The panel.
+    place
+        Abscissae of the estimates.
     value, sigma
-        Estimates and their standard deviations; where sigma is NaN, there is no interval.
+        Estimates and their standard deviations; NaN draws no interval.
     """
     return axes.errorbar(place, value, ONE_SIDED_95 * np.nan_to_num(sigma), **style)

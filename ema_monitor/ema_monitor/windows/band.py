@@ -1,4 +1,4 @@
-"""The band of a residual that carries information."""
+"""Band limitation of residuals to the frequencies that carry information."""
 
 from functools import cache
 from typing import Final
@@ -9,37 +9,37 @@ from ema_core.arrays import Array
 from ema_core.parameters import ActuatorParameters
 
 BAND_S: Final = 2e-3
-"""Length of the smoothing window [s]; above some 1 kHz there is only the ripple of the PWM."""
+"""Length of the smoothing window [s]; above about 1 kHz residuals are ripple of the PWM."""
 
 
 BAND_CORRELATION: Final = 4.0
-"""How many values of a band-limited residual count as one that is independent [-]."""
+"""Number of values of a band-limited residual per independent value [-]."""
 
-# From this share of the smoothing window on, a sample itself is as good as its mean with the next.
+# Samples longer than this share of the smoothing window need no smoothing.
 _LONG_SAMPLE = 0.75
 
 
 def band_samples(n: int, sample_period: float) -> int:
-    """Return how many samples lie between two values of a band-limited row of ``n`` samples."""
+    """Return the number of samples per value of a band-limited row of ``n`` samples."""
     return max(1, min(round(BAND_S / sample_period / 2.0), n // 2))
 
 
 def band_limited(rows: Array, sample_period: float) -> Array:
-    """Return rows without the ripple that no model can match sample by sample.
+    """Return rows without the ripple of the PWM, which no model can predict per sample.
 
     Parameters
     ----------
     rows
         Samples, ``(..., n)``.
     sample_period
-        Their period [s].
+        Sample period [s].
 
     Returns
     -------
     numpy.ndarray
-        Means under Hann windows of ``BAND_S``, each begun where the one before is half over,
-        ``(..., n_band)``; samples at the end that fill no window are left out. Of samples longer
-        than three quarters of it, these themselves.
+        Means under Hann windows of ``BAND_S`` with an overlap of one half, ``(..., n_band)``.
+        Samples at the end that fill no window are omitted. If the sample period exceeds three
+        quarters of ``BAND_S``, the rows are returned unchanged.
     """
     if sample_period > _LONG_SAMPLE * BAND_S:
         return rows
@@ -59,7 +59,7 @@ def _hann(half: int) -> Array:
 def speed_weight(parameters: ActuatorParameters) -> float:
     """Return the weight that converts a speed residual to current [A.s/rad].
 
-    It is half the current that the speed loop makes of it (M15).
+    It is half the current with which the speed loop responds (M15).
     """
     return 0.5 * parameters.GAP / parameters.k_t
 

@@ -1,4 +1,4 @@
-"""The latest blocks of telemetry without a gap, of any number and size, in bounded memory."""
+"""Buffer for the latest contiguous blocks of telemetry, of any number and size."""
 
 from array import array
 from dataclasses import replace
@@ -33,9 +33,9 @@ class _Part(NamedTuple):
 
 
 class LatestBlocks:
-    """Keeps the latest blocks; small blocks are joined, so that each sample takes little memory.
+    """Keeps the latest blocks; small blocks are joined to reduce memory per sample.
 
-    The stamp of each block is kept: a cut has the same stamps as a cut of the blocks themselves.
+    The stamp of each block is kept, so that joining does not change the stamps of a cut.
 
     Attributes
     ----------
@@ -50,12 +50,12 @@ class LatestBlocks:
 
     @property
     def samples(self) -> int:
-        """Number of samples that are kept."""
+        """Number of samples in the buffer."""
         return sum(len(part.telemetry) for part in self._parts)
 
     @property
     def parts(self) -> int:
-        """Number of objects that hold them."""
+        """Number of joined parts in the buffer."""
         return len(self._parts)
 
     @property
@@ -69,7 +69,7 @@ class LatestBlocks:
         return self._parts[-1].end
 
     def add(self, block: Telemetry) -> None:
-        """Add the block that follows the last one."""
+        """Add the block that follows the latest block."""
         self.last = block
         self._parts.append(_Part(block, array("q", [0]), array("q", [block.stamp_ns])))
         self._loose += 1
@@ -83,7 +83,7 @@ class LatestBlocks:
             self._loose = 0
 
     def forget(self, index: int) -> None:
-        """Drop blocks whose samples all come before a running index; the last block is kept."""
+        """Drop blocks that end before a running index, except the latest block."""
         count = 0
         while count < len(self._parts) - 1 and self._parts[count].end <= index:
             count += 1
@@ -93,8 +93,8 @@ class LatestBlocks:
     def cut(self, start: int, stop: int) -> tuple[Telemetry, BlockStamp, BlockStamp]:
         """Return the samples ``start`` to ``stop`` (exclusive), and stamps to check their rate.
 
-        The stamps belong to the first and the last block that begin among the samples, or are twice
-        the stamp of the block that the samples begin in.
+        The stamps are of the first and the last block that begin within the samples. If no block
+        does, both are the stamp of the block that contains the first sample.
         """
         covering = [
             part for part in self._parts if part.end > start and part.telemetry.first_index < stop

@@ -1,6 +1,6 @@
-"""Finding windows: description and telemetry of one actuator in, numbered windows out.
+"""Search for windows in the telemetry of one actuator.
 
-It serves live telemetry, replays and bags alike: nothing depends on when a block is received.
+Live telemetry, replays and bags give the same windows: nothing depends on the time of reception.
 """
 
 from collections import deque
@@ -37,43 +37,36 @@ _LONGEST_WINDOW_S: Final = 100.0
 
 @dataclass(frozen=True)
 class Segment:
-    """A window, or one that was begun and cannot be used.
-
-    Attributes
-    ----------
-    number
-        Its running number, from 0.
-    description
-        The actuator, as it was described at the time.
-    window
-        The window, or why there is none.
-    is_stretch
-        Whether it is a stretch of ordinary motion, to be combined with others; a record is not.
-    """
+    """A window, or the refusal of a window that cannot be used."""
 
     number: int
+    """Running number, from 0."""
     description: ActuatorDescription
+    """Description of the actuator at the time of the window."""
     window: Window | Refusal
+    """The window, or its refusal."""
     is_stretch: bool = False
+    """Whether it is a stretch of ordinary motion, which is combined with further stretches; False
+    for a record."""
 
 
 class WindowFinder:
     """Finds the windows in the telemetry of one actuator.
 
-    If the drive is unknown, the windows are records (`RecordTrigger`), whatever the settings ask
-    for. Of telemetry before the description, the latest ten seconds are kept until it is known.
+    If the drive is unknown, the windows are records (`RecordTrigger`) under any settings. Telemetry
+    before the description is kept, at most the latest ten seconds.
 
     Parameters
     ----------
     settings
-        When a window begins and how long it is.
+        Begin and length of windows.
     description
-        The actuator, if that is known already.
+        The actuator; None if the description is still to be received.
 
     Attributes
     ----------
     description
-        The actuator as it was described last; None when it was not.
+        Latest description of the actuator; None before the first.
     blocks
         Number of blocks so far.
     lost_samples
@@ -94,26 +87,26 @@ class WindowFinder:
         self._sample_period: float | None = None
         self._lacks_command = False
         self._period_reported = False
-        # Since the settings were set: windows before, samples, and the longest run without a gap.
+        # Windows before the latest settings; samples and longest run without a gap since then.
         self._windows_before = self._samples = self._run = self._longest_run = 0
         if description is not None:
             self.describe(description)
 
     @property
     def finds_records(self) -> bool:
-        """Whether the windows are records, as the drive is unknown."""
+        """Whether the windows are records, because the drive is unknown."""
         return isinstance(self._trigger, RecordTrigger)
 
     @property
     def window_s(self) -> float:
-        """Length of a window [s]; the shortest one for records."""
+        """Length of a window [s]; for records, the shortest length."""
         if self.finds_records:
             return LEAST_MOTION_S
         return self._trigger.settings.window_s if self._trigger else _LONGEST_WINDOW_S
 
     @property
     def longest_s(self) -> float:
-        """Longest time from begin to end of a window [s]."""
+        """Largest length of a window [s]."""
         if self._trigger is not None and not self.finds_records:
             return self.window_s
         period = self._sample_period
@@ -125,14 +118,14 @@ class WindowFinder:
         return longest_s if self.finds_records else max(longest_s, self.window_s)
 
     def reach_s(self, sample_period: float) -> float:
-        """Return how long before the latest sample a window can begin that it completes [s]."""
+        """Return the longest time from the begin of a window to its completing sample [s]."""
         if self._trigger is not None and not self.finds_records:
             return self.window_s
         return self.longest_s + LONGEST_REST_S + BINS_AT_ONCE * max(BIN_S, sample_period)
 
     @property
     def longest_motion_s(self) -> float:
-        """Longest motion so far that made no window [s]."""
+        """Longest motion without a window so far [s]."""
         return self._trigger.longest_motion_s if self._trigger else 0.0
 
     @property
@@ -147,23 +140,23 @@ class WindowFinder:
 
     @property
     def interpolated_samples(self) -> int:
-        """Number of lost samples that records bridge."""
+        """Number of lost samples that records interpolate."""
         return self._trigger.interpolated if isinstance(self._trigger, RecordTrigger) else 0
 
     @property
     def has_rested(self) -> bool:
-        """Whether the command, or for records the position, was ever at rest."""
+        """Whether the command (the position for records) has been at rest."""
         return self._trigger is not None and self._trigger.has_rested
 
     @property
     def shortage(self) -> str:
-        """Why so far no window could be complete, whatever the command; empty when one could."""
+        """Why the telemetry does not permit any complete window so far; empty if it does."""
         if self._sample_period is None:
             return ""
         if self._trigger is not None and not self.finds_records and self._lacks_command:
             return (
                 "windows are cut by the position command, and the telemetry has no command: map "
-                "it, or describe the drive as unknown, which is judged without a command"
+                "it, or describe the drive as unknown, which needs no command"
             )
         samples = round(self.window_s / self._sample_period)
         if self._longest_run > samples:
@@ -180,7 +173,7 @@ class WindowFinder:
 
     @property
     def obstacle(self) -> str:
-        """Which setting the motion since it was set does not satisfy; empty when none is known."""
+        """Setting that the motion has not satisfied since it was set; empty if there is none."""
         trigger, settings = self._trigger, self._settings
         if trigger is None or self._sample_period is None or self.windows > self._windows_before:
             return ""
@@ -207,7 +200,7 @@ class WindowFinder:
         return ""
 
     def describe(self, description: ActuatorDescription) -> list[Segment | Defect]:
-        """Apply a description; another one than before ends a window that is open."""
+        """Apply a description; a changed description ends an open window."""
         if description == self.description:
             return []
         events = self.restart(self._settings, "the description of the actuator changed")
@@ -223,7 +216,7 @@ class WindowFinder:
         return events
 
     def restart(self, settings: TriggerSettings, reason: str) -> list[Segment | Defect]:
-        """Restart with other settings, for this reason; an open window ends."""
+        """Restart with new settings; an open window ends for this reason."""
         self._settings = settings
         self._windows_before, self._samples = self.windows, 0
         self._run = self._longest_run = 0
@@ -255,7 +248,7 @@ class WindowFinder:
         return self._scan(block, self._trigger, self.description)
 
     def reject(self, stamp_ns: int, reason: str) -> list[Segment | Defect]:
-        """Process a block with this stamp [ns] that is invalid telemetry for this reason."""
+        """Process an invalid block with this stamp [ns], for this reason."""
         self.blocks += 1
         if self._trigger is None:
             defect = Defect(stamp_ns, reason)
@@ -264,14 +257,15 @@ class WindowFinder:
         return self._number(self._trigger.end_piece(stamp_ns, reason))
 
     def split(self, block: Telemetry) -> list[Segment | Defect]:
-        """End the telemetry so far if a block does not continue it, as `feed` with the block does.
+        """End the present piece of telemetry if a block does not continue it.
 
-        Return the windows that this completes, and the defect.
+        Return the completed windows and the defect. ``feed`` does the same before it processes the
+        block.
         """
         return self._number(self._trigger.split(block)) if self._trigger else []
 
     def finish(self) -> list[Segment | Defect]:
-        """End the telemetry; return the record that ends there, or the refusal of a window."""
+        """End the telemetry; return the record that it completes, or the refusal of a window."""
         if self._trigger is None:
             return []
         events = self._number(self._trigger.finish())
@@ -280,11 +274,11 @@ class WindowFinder:
         return events
 
     def _keep(self, item: Telemetry | Defect) -> None:
-        """Keep an item until the description is known, and drop those that are too old."""
+        """Keep an item until the description is received, and drop items that are too old."""
         kept = self._undescribed
         kept.append(item)
         oldest_ns = item.stamp_ns - round(LOOKBACK_S * 1e9)
-        samples = sum(len(one) for one in kept if isinstance(one, Telemetry))
+        samples = sum(len(block) for block in kept if isinstance(block, Telemetry))
         while kept and (
             kept[0].stamp_ns < oldest_ns or samples > MOST_SAMPLES or len(kept) > MOST_BLOCKS
         ):
@@ -306,7 +300,7 @@ class WindowFinder:
         return events + self._number(trigger.feed(block))
 
     def _number(self, events: Iterable[Window | Refusal | Defect]) -> list[Segment | Defect]:
-        """Give windows their numbers."""
+        """Return the events with windows and refusals as numbered segments."""
         numbered: list[Segment | Defect] = []
         for event in events:
             if isinstance(event, Defect):

@@ -1,4 +1,4 @@
-"""Samples that no motor of a description can produce: the telemetry is wrong, not the actuator."""
+"""Detection of samples that the described motor cannot produce: errors of the telemetry."""
 
 from typing import Final
 
@@ -15,11 +15,11 @@ _USUAL_SHARE: Final = 98.0
 
 
 def impossible_motion(telemetry: Telemetry, parameters: ActuatorParameters) -> str:
-    """Return the samples that no motor of the description can produce; empty without any.
+    """Return a message about samples that the described motor cannot produce; empty if none.
 
-    These are a position that steps by more than twice the top speed allows and ten times its usual
-    step, and a speed that for one sample is off by more than 1.5 times what the largest torque
-    gives the inertia of the motor.
+    Such samples are steps of the position above ten times the usual step and twice the step at top
+    speed, and deviations of the speed during one sample above 1.5 times the change that the largest
+    torque causes.
     """
     h, top = telemetry.sample_period, parameters.top_speed
     parts: list[str] = []
@@ -29,8 +29,8 @@ def impossible_motion(telemetry: Telemetry, parameters: ActuatorParameters) -> s
         far = max(_TOP_SPEEDS * top * parameters.tau * h, _USUAL_STEPS * usual)
         if count := int(np.count_nonzero(steps > far)):
             parts.append(
-                f"the position jumps {counted(count, 'time')}, at most by {steps.max():.4g} rad in "
-                f"{h:g} s, and the motor turns it by {top * parameters.tau * h:.4g} rad"
+                f"the position jumps {counted(count, 'time')}, by up to {steps.max():.4g} rad in "
+                f"{h:g} s, and the motor can turn it by {top * parameters.tau * h:.4g} rad"
             )
     if len(telemetry.speed) > 2:
         changes = np.diff(telemetry.speed)
@@ -38,7 +38,8 @@ def impossible_motion(telemetry: Telemetry, parameters: ActuatorParameters) -> s
         limit = _TORQUES * parameters.T_max / parameters.J_m * h
         if count := int(np.count_nonzero((off > limit) & (changes[:-1] * changes[1:] < 0.0))):
             parts.append(
-                f"the speed is off for one sample {counted(count, 'time')}, by {off.max():.4g} "
-                f"rad/s at most, and the motor changes it by {limit / _TORQUES:.4g} rad/s"
+                f"the speed is wrong for one sample {counted(count, 'time')}, by up to "
+                f"{off.max():.4g} rad/s, and the motor can change it by "
+                f"{limit / _TORQUES:.4g} rad/s"
             )
     return f"impossible samples: {'; '.join(parts)}: repair the telemetry" if parts else ""

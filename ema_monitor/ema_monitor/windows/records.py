@@ -1,6 +1,6 @@
-"""Records in a stream of telemetry: any motion of seconds to minutes, for an unknown drive.
+"""Records in telemetry: any motion of seconds to minutes, for an unknown drive.
 
-A record begins and ends where the position says so: the drive may have no position command.
+The position determines begin and end of a record, because the drive may have no position command.
 """
 
 import math
@@ -25,16 +25,16 @@ from ema_monitor.windows.trigger import (
 from ema_monitor.windows.window import MIN_TRAVEL, Window
 
 LEAST_MOTION_S: Final = 2.0
-"""Motion that a record needs [s]."""
+"""Least motion of a record [s]."""
 
 LONGEST_REST_S: Final = 5.0
-"""Rest that ends a record [s]; a shorter one belongs to it."""
+"""Rest that ends a record [s]; a shorter rest is part of the record."""
 
 MARGIN_S: Final = 0.5
-"""Rest that a record keeps before and after its motion [s]."""
+"""Rest before and after the motion that a record includes [s]."""
 
 MOST_RECORD_SAMPLES: Final = 200_000
-"""Samples that a record has at most: 6.4 MB in four columns."""
+"""Largest number of samples of a record: 6.4 MB in four columns."""
 
 _REST_S: Final = 0.25
 _LEAST_REST_SAMPLES: Final = 3
@@ -46,11 +46,11 @@ _RATIO_OF_MOTION: Final = 1.0
 
 
 def stands_still(telemetry: Telemetry) -> bool:
-    """Return whether the command moves and the position does not follow it.
+    """Return whether the command moves and the position does not follow.
 
-    The position then travels less than 1 % of the travel of the command. Without a command the
-    answer is unknown, and False. White noise is no motion: the mean square of its differences is
-    twice its variance (von Neumann's ratio).
+    The position does not follow if it travels less than 1 % of the travel of the command. Without a
+    command the result is False. White noise does not count as motion: the mean square of its
+    differences is twice its variance (von Neumann's ratio).
     """
     if not telemetry.has_command:
         return False
@@ -62,7 +62,7 @@ def stands_still(telemetry: Telemetry) -> bool:
 
 
 class _Step(NamedTuple):
-    """A bin, and the change of the position at its end."""
+    """A bin, and the state of the position at its end."""
 
     item: PositionBin
     rest_begin: int
@@ -71,7 +71,7 @@ class _Step(NamedTuple):
 
 
 class _Cut(NamedTuple):
-    """The last sample of a record, the samples of motion up to there, and the steps since."""
+    """Last sample of a record, number of samples of motion before it, and steps after it."""
 
     end: int
     moved: int
@@ -81,24 +81,24 @@ class _Cut(NamedTuple):
 class RecordTrigger(WindowTrigger):
     """Cuts records out of continuous telemetry by the position.
 
-    The position rests while it stays within a threshold for 0.25 s. The threshold follows from
+    The position rests if it stays within a threshold for 0.25 s. The threshold follows from
     resolution and noise of the sensor (`PositionBins`); it is at least 0.2 % of the travel in the
     latest 5 s.
 
-    A record begins with a motion, and with up to 0.5 s of the rest before. It ends
+    A record begins with a motion, and includes up to 0.5 s of the rest before. It ends
 
     - at the first rest after ``record_s``, unless it ends for another reason within a quarter of
-      ``record_s`` from there: a short remainder belongs to the record,
-    - when the position has rested for 5 s; the record keeps 0.5 s of the rest,
-    - where the telemetry ends or breaks off; samples lost for 1 s at most are interpolated,
+      ``record_s`` after this rest: a short remainder is part of the record,
+    - when the position has rested for 5 s; the record includes 0.5 s of the rest,
+    - at the end or a break of the telemetry; gaps of at most 1 s are interpolated,
     - after twice ``record_s``, even in motion.
 
-    If ``MOST_RECORD_SAMPLES`` samples are shorter than twice ``record_s``, half of them replace it.
-    Pieces with less than 2 s of motion, or too little travel, are passed over.
+    ``record_s`` is limited to half of ``MOST_RECORD_SAMPLES`` samples. Pieces with less than 2 s of
+    motion, or too little travel, are skipped.
 
     A position that stands still although the command moves is a record as well. It begins with the
-    motion of the command, and with up to 0.5 s before. It ends after ``record_s``, or where the
-    telemetry ends.
+    motion of the command, and includes up to 0.5 s before. It ends after ``record_s``, or at the
+    end of the telemetry.
 
     Parameters are as in `WindowTrigger`.
 
@@ -118,7 +118,7 @@ class RecordTrigger(WindowTrigger):
         super().__init__(parameters, settings)
 
     def reset(self) -> None:
-        """Forget the telemetry so far; the counts remain."""
+        """Discard the telemetry so far; the counts remain."""
         super().reset()
         self._latest = LatestBlocks()
         self._bins: PositionBins | None = None
@@ -147,7 +147,7 @@ class RecordTrigger(WindowTrigger):
         return events + self._take(block)
 
     def _take(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """Follow the next samples; return the records that they complete."""
+        """Process the next samples; return the records that they complete."""
         assert self._bins is not None
         self._latest.add(block)
         bins = self._bins.add(block.position, block.interpolated)
@@ -177,12 +177,12 @@ class RecordTrigger(WindowTrigger):
         return events
 
     def finish(self) -> Sequence[Window | Refusal]:
-        """End the telemetry, and return the record that ends there, if there is one."""
+        """End the telemetry; return the record that it completes, if there is one."""
         last, bins = self._latest.last, self._bins
         if last is None or bins is None:
             return []
         events = self._follow(bins.finish(), last.sample_period)
-        # A record may begin after the last sample, where one of full length ended.
+        # After a record of full length, the next record may begin after the last sample.
         if self._start is not None and self._start < self._latest.end:
             end = self._latest.end - 1
             moved = self._moved_until(end)
@@ -195,7 +195,7 @@ class RecordTrigger(WindowTrigger):
         return events
 
     def _too_many(self, block: Telemetry) -> str:
-        """Return why a record would have too many samples; empty if it does not."""
+        """Return why a record would have too many samples; empty if it would not."""
         needed = round(LEAST_MOTION_S / block.sample_period)
         if needed <= MOST_RECORD_SAMPLES // 2:
             return ""
@@ -205,7 +205,7 @@ class RecordTrigger(WindowTrigger):
         )
 
     def _follow(self, bins: Sequence[PositionBin], h: float) -> list[Window | Refusal]:
-        """Follow the position through bins of samples with a period [s]."""
+        """Process bins of the position, at a sample period [s]."""
         rest_samples = max(_LEAST_REST_SAMPLES, round(_REST_S / h))
         longest = round(LONGEST_REST_S / h) + rest_samples
         events: list[Window | Refusal] = []
@@ -258,11 +258,11 @@ class RecordTrigger(WindowTrigger):
         return events
 
     def _full(self, h: float) -> int:
-        """Return the samples after which a rest ends a record."""
+        """Return the number of samples after which a rest ends a record."""
         return min(round(self.settings.record_s / h), MOST_RECORD_SAMPLES // 2)
 
     def _stand_still(self, least: int) -> list[Window | Refusal]:
-        """Return the record of a position that stands still, if it has at least so many samples."""
+        """Return the record of a standstill, if it has at least ``least`` samples."""
         last, bins = self._latest.last, self._bins
         if self._start is not None or last is None or bins is None or not last.has_command:
             self._still_begin = None
@@ -280,7 +280,7 @@ class RecordTrigger(WindowTrigger):
         return [self._checked(telemetry, first, latest)]
 
     def _moved_until(self, end: int) -> int:
-        """Return the samples of motion in the open record up to a sample."""
+        """Return the number of samples of motion in the open record up to a sample."""
         return self._moved + (0 if self._motion_begin is None else end + 1 - self._motion_begin)
 
     def _open(self, start: int, item: PositionBin) -> None:
@@ -288,9 +288,9 @@ class RecordTrigger(WindowTrigger):
         self._motion_begin = max(start, item.first)
 
     def _close(self, end: int, moved: int) -> list[Window | Refusal]:
-        """End the open record with a sample, after so many samples of motion.
+        """End the open record at the sample ``end``; return the record, unless it is skipped.
 
-        Return the record, unless it is passed over.
+        ``moved`` is the number of its samples of motion.
         """
         start, self._start, self._motion_begin, self._cut_at = self._start, None, None, None
         if start is None:
@@ -307,13 +307,13 @@ class RecordTrigger(WindowTrigger):
 
     @staticmethod
     def _checked(telemetry: Telemetry, first: BlockStamp, last: BlockStamp) -> Window | Refusal:
-        """Return the record of samples, or its refusal if their stamps contradict their period."""
+        """Return the record, or its refusal if the stamps contradict the sample period."""
         if reason := rate_defect(telemetry.sample_period, first, last):
             return Refusal(telemetry.stamp_ns, telemetry.stamp_at(len(telemetry) - 1), reason)
         return Window(telemetry)
 
     def _shortfall(self, moved_s: float, travel: float) -> str:
-        """Return why a piece of motion [s] with a travel [rad] is not a record; empty if it is."""
+        """Return why a piece with this motion [s] and travel [rad] is not a record; "" if it is."""
         if moved_s < LEAST_MOTION_S:
             return (
                 f"a record needs {LEAST_MOTION_S:g} s of motion, and the longest piece has "
@@ -328,7 +328,7 @@ class RecordTrigger(WindowTrigger):
         return ""
 
     def _forget(self) -> None:
-        """Drop blocks that no record can reach."""
+        """Drop blocks before the earliest possible begin of a record."""
         last, bins = self._latest.last, self._bins
         if last is None or bins is None:
             return
@@ -338,5 +338,5 @@ class RecordTrigger(WindowTrigger):
         self._latest.forget(oldest)
 
     def _oldest_at_rest(self, bins: PositionBins, h: float) -> int:
-        """Return the first sample that a record which begins with the next bin can have."""
+        """Return the earliest sample of a record that begins with the next bin."""
         return max(self._free_from, bins.next_index - round(MARGIN_S / h))

@@ -1,4 +1,4 @@
-"""Relations between the sensors of a window: the travel, and the law of the drive (M27)."""
+"""Relations between sensors in a window: travel ratio, and control law of the drive (M27)."""
 
 from typing import Final, NamedTuple
 
@@ -11,7 +11,7 @@ from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
 LEAST_SIGMA: Final = 3e-4
-"""What the ratio of two healthy sensors is known to at best [-]."""
+"""Smallest standard deviation of the ratio of two healthy sensors [-]."""
 
 _SPACING_S: Final = 1e-3
 _SLOW: Final = 0.2
@@ -23,7 +23,7 @@ _FEWEST: Final = 20
 
 
 class Relation(NamedTuple):
-    """A figure in which two sensors are related, and its sigma."""
+    """Measured relation of two sensors, and its standard deviation."""
 
     value: float
     sigma: float
@@ -32,9 +32,9 @@ class Relation(NamedTuple):
 def travel_ratio(window: Window, parameters: ActuatorParameters) -> Relation | None:
     """Return user-shaft travel divided by motor-shaft travel through the gear [-].
 
-    It is measured by the position and speed sensors in runs in one direction, in which motor and
-    shaft touch and the play does not count; an offset of the speed is fitted. It is None where the
-    window has too little motion, or the speed is not measured.
+    It is measured with the position and speed sensors during runs in one direction, in which play
+    has no effect; an offset of the speed is fitted. It is None if the window has too little motion,
+    or the speed is not measured.
     """
     if not len(window.telemetry.speed):
         return None
@@ -57,8 +57,8 @@ def travel_ratio(window: Window, parameters: ActuatorParameters) -> Relation | N
     if np.linalg.cond(normal) > 1e12:
         return None
     fitted = np.linalg.solve(normal, design.T @ excess)
-    left = excess - design @ fitted
-    variance = float(left @ left) / (len(runs) - 2)
+    residuals = excess - design @ fitted
+    variance = float(residuals @ residuals) / (len(runs) - 2)
     sigma = np.sqrt(variance * np.linalg.inv(normal)[0, 0])
     return Relation(1.0 + float(fitted[0]), float(np.hypot(sigma, LEAST_SIGMA)))
 
@@ -66,12 +66,12 @@ def travel_ratio(window: Window, parameters: ActuatorParameters) -> Relation | N
 def law_offset(window: Window, parameters: ActuatorParameters) -> Relation | None:
     """Return the position offset relative to the drive's control law [rad].
 
-    A speed loop in proportion has ``command - position = (k_t I / GAP + omega) / G_prop`` (M1),
-    whatever friction and load are. The offset is fitted with the gain of the loop, a delay of the
-    command and a gain of the position. Its best accuracy is 0.15 of the friction band: where
-    the drive's gains are not as described, a load can look like an offset of that size. It is None
-    where the drive has another law, too little of the window is within its limits, or current or
-    speed is not measured.
+    A proportional speed loop has ``command - position = (k_t I / GAP + omega) / G_prop`` (M1) under
+    any friction and load. The offset is fitted together with the gain of the loop, a delay of the
+    command and a gain of the position. Its standard deviation is at least 0.15 of the friction
+    band: if the gains of the drive differ from the description, a load can look like an offset of
+    this size. It is None if the drive has a different law, too little of the window is within its
+    limits, or current or speed is not measured.
     """
     if parameters.GAI != 0.0 or parameters.GAD != 0.0 or window.telemetry.missing:
         return None
@@ -79,12 +79,12 @@ def law_offset(window: Window, parameters: ActuatorParameters) -> Relation | Non
     rows = np.stack([telemetry.command, telemetry.position, telemetry.current, telemetry.speed])
     command, position, current, speed = band_limited(rows[:, 1:], h)
     torque = parameters.k_t * current
-    wanted = (torque / parameters.GAP + speed) / parameters.G_prop
+    lead = (torque / parameters.GAP + speed) / parameters.G_prop
     within = np.abs(current) < _FAR_FROM_LIMITS * parameters.I_max
-    within &= np.abs(wanted) < _FAR_FROM_LIMITS * parameters.omega_max / parameters.G_prop
+    within &= np.abs(lead) < _FAR_FROM_LIMITS * parameters.omega_max / parameters.G_prop
     if np.sum(within) < _FEWEST:
         return None
-    design = np.stack([np.ones_like(wanted), wanted, np.gradient(command), command])[:, within]
+    design = np.stack([np.ones_like(lead), lead, np.gradient(command), command])[:, within]
     scale = np.sqrt(np.mean(design**2, axis=1))
     if np.any(scale == 0.0):
         return None
@@ -101,7 +101,7 @@ def law_offset(window: Window, parameters: ActuatorParameters) -> Relation | Non
 
 
 def _runs(steps: Array) -> NDArray[np.int64]:
-    """Return first and last value of the runs one way, ``(k, 2)``, of steps, ``(n,)``."""
+    """Return indices of the first and last value of runs in one direction, ``(k, 2)``."""
     way = np.sign(steps) * (np.abs(steps) > _SLOW * np.sqrt(np.mean(steps**2)))
     changes = np.flatnonzero(np.diff(way)) + 1
     begins, ends = np.concatenate([[0], changes]), np.concatenate([changes, [len(way)]])

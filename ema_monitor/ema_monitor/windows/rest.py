@@ -1,4 +1,4 @@
-"""When a position rests, whatever the resolution and noise of its sensor."""
+"""Detection of rest of a position, for any resolution and noise of its sensor."""
 
 from collections import deque
 from typing import Final, NamedTuple
@@ -8,13 +8,13 @@ import numpy as np
 from ema_core.arrays import Array, Flags
 
 BINS_AT_ONCE: Final = 25
-"""Number of bins that are followed at once; a decision waits for so many."""
+"""Number of bins that are processed at once, which delays decisions."""
 
 BIN_S: Final = 0.04
-"""Length of a bin, if that is a sample at least [s]."""
+"""Length of a bin [s]; a longer sample period is the length of a bin."""
 
 _SMALLEST_THRESHOLD: Final = 2e-5
-# Positions differ by multiples of the resolution, or of a part of it: rounding decides nothing.
+# Not an integer: positions differ by multiples of the resolution, or of a simple fraction of it.
 _STEPS: Final = 4.29
 _SIGMAS: Final = 8.0
 _FOURTH_DIFFERENCE_GAIN: Final = 70.0**0.5
@@ -26,22 +26,16 @@ _RELATIVE_ROUNDING: Final = 1e-9
 
 
 class PositionBin(NamedTuple):
-    """Mean position of consecutive samples, and the threshold of rest there.
-
-    Attributes
-    ----------
-    first, last
-        Running indices of the first and the last sample.
-    position
-        Mean position [rad].
-    threshold
-        Travel up to which resolution and noise explain the motion [rad].
-    """
+    """Mean position of consecutive samples, and the threshold of rest."""
 
     first: int
+    """Running index of the first sample."""
     last: int
+    """Running index of the last sample."""
     position: float
+    """Mean position [rad]."""
     threshold: float
+    """Largest travel that resolution and noise explain [rad]."""
 
 
 class PositionBins:
@@ -50,13 +44,13 @@ class PositionBins:
     The bins are aligned to the running index, so the size of blocks does not matter.
 
     - The resolution is the smallest step between two samples so far.
-    - The noise is the lower quartile of the RMS fourth difference in the latest 64 quarter seconds.
-      Motion contributes little to a fourth difference, rest and constant speed nothing.
+    - The noise is the lower quartile of the RMS fourth difference in the latest 64 intervals of
+      0.25 s. Motion contributes little to a fourth difference, rest and constant speed nothing.
 
     Parameters
     ----------
     sample_period
-        Period of the samples [s].
+        Sample period [s].
     first_index
         Running index of the first sample.
 
@@ -65,7 +59,7 @@ class PositionBins:
     size
         Number of samples in a bin.
     next_index
-        Running index of the first sample that is in no bin yet.
+        Running index of the first sample after the last bin.
     """
 
     def __init__(self, sample_period: float, first_index: int) -> None:
@@ -89,8 +83,8 @@ class PositionBins:
         position
             Positions, ``(n,)`` [rad].
         interpolated
-            Whether each is interpolated, ``(n,)``, or ``(0,)`` if none is. Its distance to its
-            neighbours is no resolution.
+            Whether each is interpolated, ``(n,)``, or ``(0,)`` if none is. Steps to interpolated
+            positions are ignored for the resolution.
         """
         flags = interpolated if len(interpolated) else np.zeros(len(position), dtype=bool)
         self._pending.append((position, flags))
@@ -99,7 +93,7 @@ class PositionBins:
         return self._reduce(whole) if whole >= BINS_AT_ONCE * self.size else []
 
     def finish(self) -> list[PositionBin]:
-        """Return the bins of the remaining positions; the last one may be shorter."""
+        """Return the bins of the remaining positions; the last bin may be shorter."""
         return self._reduce(self._pending_count) if self._pending_count else []
 
     def _reduce(self, count: int) -> list[PositionBin]:
@@ -151,27 +145,27 @@ class PositionBins:
 
 
 class SteadyRun:
-    """The longest run of bins, up to the latest one, whose positions differ by a threshold at most.
+    """Longest run of the latest bins whose positions differ by at most a threshold.
 
     Attributes
     ----------
     begin
-        Running index of its first sample.
+        Running index of the first sample of the run.
     """
 
     def __init__(self, first_index: int) -> None:
         self.begin = first_index
-        # Index after a bin, and its position; the first is the lowest or highest of the run.
+        # Index after a bin, and its position; the first entry is the lowest or highest of the run.
         self._lows: deque[tuple[int, float]] = deque()
         self._highs: deque[tuple[int, float]] = deque()
 
     @property
     def travel(self) -> float:
-        """Difference between its highest and its lowest position [rad]."""
+        """Difference between highest and lowest position of the run [rad]."""
         return self._highs[0][1] - self._lows[0][1]
 
     def add(self, item: PositionBin, threshold: float, longest: int) -> None:
-        """Add the next bin; the run then has at most ``longest`` samples, which bounds memory."""
+        """Add the next bin, and limit the run to ``longest`` samples."""
         entry = item.last + 1, item.position
         while self._lows and self._lows[-1][1] >= item.position:
             self._lows.pop()
@@ -192,7 +186,7 @@ class SteadyRun:
 
 
 def _aligned(values: Array, count: int) -> Array:
-    """Return the last ``count`` values, with zeros before them where there are fewer."""
+    """Return the last ``count`` values, padded with leading zeros."""
     if len(values) >= count:
         return values[len(values) - count :]
     return np.concatenate([np.zeros(count - len(values)), values])

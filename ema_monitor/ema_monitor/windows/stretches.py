@@ -1,4 +1,4 @@
-"""Stretches of ordinary motion in a stream of telemetry: windows that need no test cycle (M28)."""
+"""Stretches of ordinary motion in telemetry: windows that need no test cycle (M28)."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -18,27 +18,27 @@ from ema_monitor.windows.trigger import (
 from ema_monitor.windows.window import MIN_TRAVEL, Window
 
 WAIT_S: Final = 0.1
-"""How long a stretch waits, in motion, for a start at which the place in the play is known [s]."""
+"""Longest wait, in motion, for a start with a known position of the motor in its play [s]."""
 
 _EVERY_S: Final = 1e-3
 _REACH_S: Final = 1.0
-# The shaft behind the play moves with the motor alone. A tenth of a milliradian is far above the
-# resolution and noise of a position sensor; the motor's return within it is negligible play.
+# Only the motor moves the shaft behind the play. 0.1 mrad is far above the resolution and noise of
+# a position sensor; play below this travel is negligible.
 _CONTACT: Final = 1e-4
 _TURNED_BACK: Final = 2e-6
 _LATEST_S: Final = 0.01
 
 
 class StretchTrigger(WindowTrigger):
-    """Cuts stretches out of continuous telemetry wherever the command moves.
+    """Cuts stretches out of continuous telemetry while the command moves.
 
-    A stretch begins at a sample in motion, or the last at rest, and is as long as a window; the
-    next one begins at its end at the earliest. One at which the motor's place in its play is known
-    is preferred: the motor has turned one way, and the shaft behind the play with it. When there is
-    none for ``WAIT_S`` of motion, a stretch begins with an unknown place. There is no stretch at
-    rest, and one with too little travel is passed over.
+    A stretch begins at a sample in motion, or at the last sample at rest, and has the length of a
+    window. Stretches do not overlap. A start at which the position of the motor in its play is
+    known is preferred: the motor has turned in one direction, and the shaft behind the play has
+    followed. After ``WAIT_S`` of motion without such a start, a stretch begins with an unknown
+    position in the play. Stretches with too little travel are skipped.
 
-    Other parameters, and attributes, are as in `WindowTrigger`.
+    Parameters and attributes are as in `WindowTrigger`.
     """
 
     def __init__(
@@ -48,23 +48,23 @@ class StretchTrigger(WindowTrigger):
         super().__init__(parameters, settings)
 
     def reset(self) -> None:
-        """Forget the telemetry so far; the counts remain."""
+        """Discard the telemetry so far; the counts remain."""
         super().reset()
         self._candidate: int | None = None
         self._waited = 0
         self._play: float | None = None
 
     def interrupt(self, stamp_ns: int, reason: str) -> Refusal | Defect:
-        """Drop the kept blocks; a stretch that is cut off is not a loss."""
+        """Drop the buffered blocks; an incomplete stretch is not reported as a loss."""
         self._start = None
         return super().interrupt(stamp_ns, reason)
 
     def finish(self) -> Sequence[Window | Refusal]:
-        """Return nothing: a stretch cut off by the end of the telemetry is not a loss."""
+        """Return nothing: an incomplete stretch is not reported as a loss."""
         return []
 
     def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """Follow the command through a block, sample by sample."""
+        """Process the commands of a block, sample by sample."""
         h = block.sample_period
         rest_samples = max(LEAST_REST, round(self.settings.rest_s / h))
         window_samples = max(1, round(self.settings.window_s / h))
@@ -87,7 +87,7 @@ class StretchTrigger(WindowTrigger):
                 self._candidate = None
                 continue
             if self._candidate is None:
-                # After a rest the last sample of it; else, and at first, this one.
+                # The last sample at rest, or else this sample.
                 self._candidate = index - 1 if was_at_rest else index
                 self._waited = 0
             elif index < self._candidate + every:
@@ -109,10 +109,10 @@ class StretchTrigger(WindowTrigger):
         return [refused or Window(telemetry, self._play)]
 
     def _play_at(self, index: int) -> float | None:
-        """Return the motor's place in its play at a sample, None when it is not known.
+        """Return the position of the motor in its play at a sample; None if it is unknown.
 
-        The motor drives the shaft behind its play: where both have moved one way last, they touch.
-        Where the speed is not measured, they do so while the shaft moves: it does not by itself.
+        Motor and shaft are in contact if both have last moved in the same direction. Without a
+        measured speed they are in contact while the shaft moves, because only the motor moves it.
         """
         h = self._blocks[-1].sample_period
         held = join(self._blocks_from(index - round(_REACH_S / h)))

@@ -1,7 +1,7 @@
-"""Where windows begin and end in a stream of telemetry, and the defects of the stream.
+"""Begin and end of windows in a stream of telemetry, and defects of the stream.
 
-All decisions rest on running indices and stamps, never on when a block is received, so that a
-replay finds the same windows.
+Decisions depend on running indices and stamps only, never on the time of reception, so that a
+replay gives the same windows.
 """
 
 from collections.abc import Sequence
@@ -21,25 +21,25 @@ from ema_monitor.windows.plausibility import impossible_motion
 from ema_monitor.windows.window import Window
 
 LOOKBACK_S: Final = 10.0
-"""How much telemetry is kept, to determine how a window was approached [s]."""
+"""Length of buffered telemetry, which shows the approach to a window [s]."""
 
 MOST_SAMPLES: Final = 2_000_000
-"""How many samples are kept at most, whatever their period."""
+"""Largest number of buffered samples, for any sample period."""
 
 MOST_BLOCKS: Final = 50_000
-"""How many blocks are kept at most, however few samples each has."""
+"""Largest number of buffered blocks, for any size of blocks."""
 
 TEST_CYCLE: Final = "test_cycle"
-"""Windows that begin when the command leaves its rest, each identified by itself."""
+"""Setting for windows that begin when the command leaves its rest, identified one by one."""
 
 ANY_MOTION: Final = "any_motion"
-"""Stretches of ordinary motion, which are combined."""
+"""Setting for stretches of ordinary motion, which are combined."""
 
 INDEX_WENT_BACK: Final = "the sample index went back"
 """Start of the reason for blocks out of order, for example from two publishers."""
 
 LEAST_REST: Final = 2
-"""Equal samples that make a rest at least, however slow they come."""
+"""Least number of equal samples of a rest, for any sample period."""
 
 _LARGEST: Final = 1e30
 _RATE_TOLERANCE: Final = 0.01
@@ -47,25 +47,18 @@ _RATE_TOLERANCE: Final = 0.01
 
 @dataclass(frozen=True)
 class Refusal:
-    """A window that was begun and cannot be used.
-
-    Attributes
-    ----------
-    start_ns, end_ns
-        Stamps of its first and last sample [ns].
-    reason
-        Why it cannot be used.
-    is_dropped
-        Whether the monitor dropped a usable window: its queue was full, or it was not active.
-    is_cut_off
-        Whether the telemetry ended before the window was complete.
-    """
+    """Refusal of a window that cannot be used."""
 
     start_ns: int
+    """Stamp of the first sample of the window [ns]."""
     end_ns: int
+    """Stamp of the last sample of the window [ns]."""
     reason: str
+    """Why the window cannot be used."""
     is_dropped: bool = False
+    """Whether the monitor dropped a usable window: its queue was full, or it was not active."""
     is_cut_off: bool = False
+    """Whether the telemetry ended before the window was complete."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +71,7 @@ class Defect:
 
 @dataclass(frozen=True)
 class TriggerSettings(Checked):
-    """When a window begins and how long it is."""
+    """Begin and length of windows."""
 
     windows: str = text(
         TEST_CYCLE,
@@ -107,24 +100,24 @@ class TriggerSettings(Checked):
 class WindowTrigger:
     """Cuts windows out of telemetry blocks.
 
-    A window begins at the last sample before the command leaves its rest value. If the command
-    comes to rest again before the window is full, or moves one way only, there is no window: so a
-    cycle's slow approach is skipped.
+    A window begins at the last sample before the command leaves its rest value. There is no window
+    if the command comes to rest again before the window is full, or moves in one direction only.
+    Therefore the slow approach of a test cycle is skipped.
 
     Parameters
     ----------
     parameters
-        Nominal parameters of the actuator: they determine how far an approach must go to
-        leave the motor on a known flank of its play.
+        Nominal parameters of the actuator. They determine the travel of an approach after which the
+        side of contact of the motor in its play is known.
     settings
-        When a window begins and how long it is.
+        Begin and length of windows.
 
     Attributes
     ----------
     longest_motion_s
-        Longest motion so far that made no window [s].
+        Longest motion without a window so far [s].
     has_rested
-        Whether the command was ever at rest.
+        Whether the command has been at rest.
     short_motions
         Number of motions that ended before a window was full.
     passed_over
@@ -143,7 +136,7 @@ class WindowTrigger:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the telemetry so far; the counts remain."""
+        """Discard the telemetry so far; the counts remain."""
         self._blocks: list[Telemetry] = []
         self._start: int | None = None
         self._rest_value = float("nan")
@@ -171,7 +164,7 @@ class WindowTrigger:
         return [self.interrupt(stamp_ns, reason)]
 
     def _too_many(self, block: Telemetry) -> str:
-        """Return why a window would take more memory than there may be; empty when it does not."""
+        """Return why a window would exceed the limits of memory; empty if it would not."""
         samples = round(self.settings.window_s / block.sample_period)
         if samples > MOST_SAMPLES // 2:
             return (
@@ -180,11 +173,11 @@ class WindowTrigger:
                 f"{MOST_SAMPLES // 2:,}"
             )
         if len(self._blocks) >= MOST_BLOCKS and self._is_needed(self._blocks[0]):
-            return f"the window is made of more than {MOST_BLOCKS:,} blocks"
+            return f"the window has more than {MOST_BLOCKS:,} blocks"
         return ""
 
     def finish(self) -> Sequence[Window | Refusal]:
-        """Return the refusal of a window that the end of the telemetry cut off, if there is one."""
+        """Return the refusal of a window that is incomplete at the end of the telemetry."""
         if self._start is None:
             return []
         first, last = self._blocks_from(self._start)[0], self._blocks[-1]
@@ -197,16 +190,16 @@ class WindowTrigger:
         return [Refusal(start_ns, end_ns, reason, is_cut_off=True)]
 
     def interrupt(self, stamp_ns: int, reason: str) -> Refusal | Defect:
-        """Drop the blocks kept because the stream broke at a time [ns], for a reason.
+        """Drop the buffered blocks, because the stream is interrupted at a time [ns], for a reason.
 
-        It is the refusal of the window that is open, or a defect where none is.
+        Return the refusal of the open window, or a defect if no window is open.
         """
         refused = [Refusal(cut.start_ns, cut.end_ns, reason) for cut in self.finish()]
         self.reset()
         return refused[0] if refused else Defect(stamp_ns, reason)
 
     def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """Follow the command through a block, sample by sample."""
+        """Process the commands of a block, sample by sample."""
         h = block.sample_period
         rest_samples = max(LEAST_REST, round(self.settings.rest_s / h))
         window_samples = max(1, round(self.settings.window_s / h))
@@ -217,7 +210,7 @@ class WindowTrigger:
                 self._rest_count += 1
                 if self._rest_count == rest_samples:
                     self.has_rested = True
-                    # The value that the rest began with may be a last step of the motion before.
+                    # The first value of the rest may be the last step of the motion.
                     self._rest_value = command
                 if self._start is not None and self._rest_count >= rest_samples:
                     moved_s = (index - self._rest_count + 1 - self._start) * h
@@ -246,9 +239,9 @@ class WindowTrigger:
         return [Window(telemetry, play)]
 
     def _cut(self, start: int, samples: int) -> tuple[Telemetry, Refusal | None]:
-        """Return the telemetry of a window, and its refusal where stamps or samples are wrong."""
-        # Stamped by the block that the window begins in: stamps counted on from the approach would
-        # carry along how far the clock has drifted since.
+        """Return the telemetry of a window, and its refusal if stamps or samples are wrong."""
+        # The stamp of the block in which the window begins: stamps counted from the approach would
+        # include the drift of the clock.
         held = self._blocks_from(start)
         offset = start - held[0].first_index
         telemetry = join(held).part(offset, offset + samples + 1)
@@ -264,11 +257,11 @@ class WindowTrigger:
         return telemetry, None
 
     def _blocks_from(self, index: int) -> list[Telemetry]:
-        """Return the blocks from that on which holds a sample."""
+        """Return the blocks from the block that contains a sample."""
         return [block for block in self._blocks if block.first_index + len(block) > index]
 
     def _forget(self) -> None:
-        """Drop blocks that are too old to matter."""
+        """Drop blocks that no window can need."""
         last = self._blocks[-1]
         kept = min(round(LOOKBACK_S / last.sample_period), MOST_SAMPLES // 2)
         oldest = (last.first_index if self._start is None else self._start) - kept
@@ -285,34 +278,34 @@ class WindowTrigger:
 
 
 def play_after(command: NDArray[np.float64], travel: float, tolerance: float) -> float | None:
-    """Return where in its play the motor stands after a command: 1 or -1, None when unknown.
+    """Return the position of the motor in its play after a command: 1, -1, or None if unknown.
 
-    The command, ``(n,)``, must have gone one way last by ``travel``, and back on the way by no more
-    than ``tolerance``, too little to move the motor [rad].
+    It is known if the command, ``(n,)`` [rad], has last moved by ``travel`` in one direction, with
+    reversals of at most ``tolerance``, too small to move the motor.
     """
     for direction in (1.0, -1.0):
         way = direction * command
         far = np.flatnonzero(way <= way[-1] - travel)
-        if far.size and _way_back(way[far[-1] :]) <= tolerance:
+        if far.size and _largest_fall(way[far[-1] :]) <= tolerance:
             return direction
     return None
 
 
 def is_one_way(command: NDArray[np.float64], tolerance: float) -> bool:
-    """Return whether a command, ``(n,)``, turns back by no more than a tolerance [rad].
+    """Return whether a command, ``(n,)``, reverses by at most a tolerance [rad].
 
-    Some faults only show when it does.
+    Some faults only show in motion that reverses.
     """
-    return min(_way_back(command), _way_back(-command)) <= tolerance
+    return min(_largest_fall(command), _largest_fall(-command)) <= tolerance
 
 
-def _way_back(command: NDArray[np.float64]) -> float:
-    """Return how far a command that should rise falls at most [rad]."""
+def _largest_fall(command: NDArray[np.float64]) -> float:
+    """Return the largest fall of a command below its maximum so far [rad]."""
     return float(np.max(np.maximum.accumulate(command) - command))
 
 
 def rate_defect(sample_period: float, first: BlockStamp, last: BlockStamp) -> str:
-    """Return how the stamps of two blocks contradict a sample period [s]; empty if they do not."""
+    """Return how the stamps of two blocks contradict a sample period [s]; empty if they agree."""
     if last.first_index <= first.first_index:
         return ""
     period = (last.stamp_ns - first.stamp_ns) * 1e-9 / (last.first_index - first.first_index)
@@ -322,7 +315,7 @@ def rate_defect(sample_period: float, first: BlockStamp, last: BlockStamp) -> st
 
 
 def break_between(last: Telemetry, block: Telemetry) -> str:
-    """Return the defect between two successive blocks; empty when they join."""
+    """Return the defect between two successive blocks; empty if they are contiguous."""
     if abs(block.sample_period / last.sample_period - 1.0) > 1e-6:
         return (
             f"the sample period changed from {last.sample_period:g} s to {block.sample_period:g} s"
@@ -353,7 +346,7 @@ def _columns(missing: tuple[str, ...]) -> str:
 
 
 def not_finite(block: Telemetry) -> str:
-    """Return which sample is not finite, or so large that computing with it is of no use."""
+    """Return which sample is not finite, or too large for computation; empty if none is."""
     columns = [getattr(block, name) for name in COLUMNS]
     if np.maximum.reduce(np.abs(np.concatenate(columns))) < _LARGEST:
         return ""

@@ -1,4 +1,4 @@
-"""A window of telemetry: the stretch of samples that one diagnosis rests on."""
+"""A window of telemetry: the samples of one diagnosis."""
 
 import math
 from dataclasses import dataclass, replace
@@ -17,10 +17,10 @@ MIN_TRAVEL: Final = 1e-3
 
 
 DWELL_S: Final = 0.02
-"""How long the command must be at rest to count as dwelling [s]."""
+"""Shortest rest of the command that counts as a dwell [s]."""
 
 SMOOTHED_S: Final = 4e-3
-"""Over how long the speed is averaged that weights samples [s]."""
+"""Averaging time of the speed in the weights of samples [s]."""
 
 _REST: Final = 2e-4
 _INITIAL_S: Final = 1e-3
@@ -28,34 +28,28 @@ _INITIAL_S: Final = 1e-3
 
 @dataclass(frozen=True, repr=False)
 class Window(Displayed):
-    """Telemetry from the last sample at rest, which gives the initial state, to the end.
+    """Telemetry from the last sample at rest, the initial state, to the end of a test.
 
     A window of an unknown drive is a record: motion of seconds to minutes, with a margin of rest.
-
-    Attributes
-    ----------
-    telemetry
-        ``n + 1`` samples without gap; the first belongs to the start.
-    play
-        Where in its play the motor stands at the start [half-widths, -1 to 1]; None when unknown.
-    measured
-        Hidden causes that were measured, as `measured_causes` returns them.
     """
 
     telemetry: Telemetry
+    """``n + 1`` samples without a gap; the first sample is the start."""
     play: float | None = None
+    """Position of the motor in its play at the start [half-widths, -1 to 1]; None if unknown."""
     measured: tuple[CauseEstimate, ...] = ()
+    """Measured hidden causes, as `measured_causes` returns them."""
 
     def __len__(self) -> int:
         return len(self.telemetry) - 1
 
     def without_date(self) -> "Window":
-        """Return the window with stamps from 0, like the window of a drive without a clock."""
+        """Return the window with stamps from 0, like a window of a drive without a clock."""
         return replace(self, telemetry=replace(self.telemetry, stamp_ns=0))
 
     @property
     def brief(self) -> str:
-        """Length, rate and travel in a few words."""
+        """Length, sample rate and travel as a phrase."""
         seconds = len(self) * self.sample_period
         return (
             f"{seconds:.4g} s, {len(self)} samples at {1.0 / self.sample_period:.6g} Hz, travel "
@@ -71,7 +65,7 @@ class Window(Displayed):
 
     @property
     def command(self) -> Array:
-        """Command including that at the start, ``(n + 1,)`` [rad]."""
+        """Command, with the command at the start, ``(n + 1,)`` [rad]."""
         return self.telemetry.command
 
     @property
@@ -81,21 +75,21 @@ class Window(Displayed):
 
     @property
     def initial_current(self) -> float:
-        """Measured current at the start [A]; 0 where it is not measured."""
+        """Measured current at the start [A]; 0 if it is not measured."""
         return float(self.telemetry.current[0]) if len(self.telemetry.current) else 0.0
 
     def speed(self, tau: float) -> Array:
         """Return the speed after the start, ``(n,)`` [rad/s].
 
-        It is the motor speed at the end of each sample. Where it is not measured, it is the mean
-        one over the sample of the fast shaft behind the play, by the position and the gear ratio.
+        It is the motor speed at the end of each sample. If the speed is not measured, it is the
+        mean speed of the fast shaft behind the play over the sample, from position and gear ratio.
         """
         if len(self.telemetry.speed):
             return self.telemetry.speed[1:]
         return np.diff(self.telemetry.position) / (tau * self.sample_period)
 
     def initial_speed(self, tau: float) -> float:
-        """Return the speed of the motor at the start [rad/s], as `speed`."""
+        """Return the speed of the motor at the start [rad/s], measured or from the position."""
         if len(self.telemetry.speed):
             return float(self.telemetry.speed[0])
         n = min(max(2, round(_INITIAL_S / self.sample_period)), len(self))
@@ -104,11 +98,11 @@ class Window(Displayed):
     def missed(self, current: Array, speed: Array, tau: float) -> Array:
         """Return the residuals of current and speed for a response, ``(2, ..., n)`` [A, rad/s].
 
-        The response is ``(..., n)`` for each, the gear ratio is ``tau``. Nothing is missed of a
-        current that is not measured.
+        The response is ``(..., n)`` for each, the gear ratio is ``tau``. The residuals of a current
+        that is not measured are 0.
         """
-        of_current = self.current - current if len(self.current) else np.zeros_like(current)
-        return np.stack([of_current, self.speed(tau) - speed])
+        residuals = self.current - current if len(self.current) else np.zeros_like(current)
+        return np.stack([residuals, self.speed(tau) - speed])
 
     @property
     def sample_period(self) -> float:
@@ -127,7 +121,7 @@ class Window(Displayed):
 
     @property
     def start_offset(self) -> float:
-        """Position less command at the start [rad]; at rest, friction allows for little of it."""
+        """Position less command at the start [rad]; at rest, friction explains a small offset."""
         return float(self.telemetry.position[0] - self.command[0])
 
     @property
@@ -138,10 +132,10 @@ class Window(Displayed):
 
     @property
     def moves(self) -> Flags:
-        """Where the command moves after the start, ``(n,)``.
+        """Whether the command moves at each sample after the start, ``(n,)``.
 
-        Where it dwells, the shaft sticks wherever it came to rest: no model predicts which current
-        holds it there.
+        While the command dwells, static friction holds the shaft, and no model can predict the
+        current.
         """
         n = min(max(1, round(DWELL_S / self.sample_period)), len(self))
         rests = np.ptp(sliding_window_view(self.command, n + 1), axis=1) <= _REST * self.excitation
@@ -149,12 +143,12 @@ class Window(Displayed):
 
     @property
     def weights(self) -> Array:
-        """What samples count where the motor is slow or the command dwells, ``(n,)`` [-].
+        """Weights of the samples, reduced at low speed and 0 in dwells, ``(n,)`` [-].
 
-        It is ``|omega| / hypot(|omega|, omega_rms / 2)`` with the speed averaged over some
-        milliseconds, 0 where the command dwells, scaled to a mean square of 1.
+        They are ``|omega| / hypot(|omega|, omega_rms / 2)`` with the speed averaged over some
+        milliseconds, 0 while the command dwells, scaled to a mean square of 1.
         """
-        speed = self.speed(1.0)  # of any scale
+        speed = self.speed(1.0)  # the scale has no effect
         n = max(1, round(SMOOTHED_S / self.sample_period))
         smooth = np.convolve(np.abs(speed), np.ones(n) / n, mode="same")
         slow = 0.5 * math.sqrt(float(np.mean(speed**2)))
@@ -162,12 +156,12 @@ class Window(Displayed):
         return weights / max(math.sqrt(float(np.mean(weights**2))), 1e-12)
 
     def excitation_defect(self) -> str:
-        """Return why the window does not excite the faults; empty when it does."""
+        """Return why the window does not excite the faults; empty if it does."""
         travel = self.excitation
         if travel < MIN_TRAVEL:
             return (
-                f"no excitation: the command travels {travel:.3g} rad, at least {MIN_TRAVEL:g} rad "
-                "is needed"
+                f"no excitation: the command travels {travel:.3g} rad, expected at least "
+                f"{MIN_TRAVEL:g} rad"
             )
         if not np.any(self.speed(1.0)):
             return "no excitation: the motor stands still although the command moves"
