@@ -17,7 +17,7 @@ help: ## this list
 setup: ## .venv, the ROS 2 workspace and activate.sh (PYTHON=python3.12 chooses the Python)
 	@PYTHON="$(PYTHON)" tools/setup.sh
 
-test: setup ## style, types, import contracts and the tests (ARGS="-k friction" goes to pytest)
+test: setup ## style, words, types, import contracts and the tests (ARGS="-k friction" goes to pytest)
 	@$(MAKE) style
 	@$(MAKE) -j 2 types tests
 
@@ -70,11 +70,12 @@ bench-web: setup $(web)/node_modules ## the page with 200 actuators for 10 minut
 screenshots: setup $(web)/node_modules ## pictures of every state of the page in docs/screens
 	$(activate) && cd $(web) && node test/screenshots.mjs ../../../../docs/screens
 
-lint: style types ## style, types and import contracts
+lint: style types ## style, words, types and import contracts
 
 style: setup
 	$(activate) && ruff check
 	$(activate) && lint-imports --no-logo
+	$(activate) && python tools/words.py
 
 types: setup
 	$(activate) && basedpyright
@@ -111,7 +112,7 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 campaign: setup ## attack the monitor for hours: kills, disturbed graphs, walks, fuzzing, a soak (docs/campaign.md)
 	$(activate) && EMA_ATTACKS=$${EMA_ATTACKS:-10} $(pytest) -n 1 -o faulthandler_timeout=0 tests/attacks $(ARGS)
 
-words: ## words in what users read that a reader stumbles over
+words: ## words in texts, docstrings and comments that a reader stumbles over
 	@python3 tools/words.py
 
 size: ## lines of code, packages, circles and the largest file, for information

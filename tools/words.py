@@ -1,21 +1,24 @@
 #!/usr/bin/env python3
-"""Find words in what users read that a reader of plain technical English stumbles over.
+"""Find words that a reader of plain technical English stumbles over.
 
-Read are README, the pages of docs, the comments of ROS messages, and texts in Python: messages,
-descriptions of parameters, and the help of commands; other docstrings are left out, and so is code
-in a page. Prints a line for each word, and fails where there is one.
+Checked are README, the pages of docs, the comments of ROS messages, and Python sources: messages,
+descriptions of parameters and the help of commands against ``IN_TEXTS``; docstrings, comments and
+names of local variables of treated packages also against ``IN_CODE`` and ``NAMES``. Code in a page
+or docstring is not checked. Prints a line for each word, and fails if there is one.
 """
 
 import ast
+import io
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+import tokenize
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 ROOT: Final = Path(__file__).resolve().parents[1]
-BETTER: Final = {
+IN_TEXTS: Final = {
     r"hears?|heard": "receive, subscribe",
     r"tells?|told": "report, show, separate, name",
     r"lets? go|gives? up": "drop, stop",
@@ -24,61 +27,159 @@ BETTER: Final = {
     r"that of|those of|of which": "the noun again",
     r"no longer(?! than)": "what holds now",
 }
-BANNED: Final = {re.compile(rf"\b(?:{words})\b", re.I): use for words, use in BETTER.items()}
+"""Better words, by pattern, for all texts."""
+
+IN_CODE: Final = {
+    r"says?|said": "state, report, show",
+    r"goes on|going on|gone on": "continue",
+    r"takes? for|taken for": "interpret as, mistake for",
+    r"looks? for|looked for": "search",
+    r"is there already|is there twice": "exists already, is repeated",
+    r"returns? what|by how much|what (?:is|was|are|were|has|have)": "a noun",
+    r"those that|that one|so many": "the noun again",
+    r"as of(?= `)": "the description itself: a docstring stands alone",
+    r"beside": "next to, together with, in addition to",
+    r"whatever": "for any",
+    r"in words": "as a text",
+    r"to and fro": "back and forth",
+    r"anew": "again",
+    r"thrice": "three times",
+    r"of ours": "the name of the package",
+    r"nobody|somebody": "the subject, or the passive",
+}
+"""Better words, by pattern, for docstrings and comments."""
+
+NAMES: Final = frozenset(
+    ("one", "found", "said", "told", "own", "other", "others", "known", "given", "heard")
+)
+"""Names of variables that are not nouns of the field."""
+
+UNTREATED: Final = (
+    *("ema_archive/", "ema_cli/", "ema_study/", "ros2_ws/"),
+    *("ema_core/ema_core/consistency.py", "ema_monitor/ema_monitor/optimizers/least_squares.py"),
+    *(
+        f"ema_monitor/ema_monitor/{name}"
+        for name in (
+            *("calibration", "design", "identification", "node", "prognosis", "recordings"),
+            *("api.py", "calibrations.py", "diagnosis.py", "health.py", "intake.py", "monitor.py"),
+            *("reports.py", "unit.py", "unusual_causes.py"),
+        )
+    ),
+)
+"""Paths whose docstrings, comments and names are still to be revised."""
+
+PATTERNS: Final = ("README.md", "docs/*.md", "ema_interfaces/*/*", "ema_*/*.py", "ros2_ws/src/*.py")
 COMMAND: Final = re.compile(r"\.(command|group)\b")
-CODE: Final = re.compile(r"^```.*?^```|`[^`\n]*`", re.DOTALL | re.MULTILINE)
+FENCE: Final = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
+CODE: Final = re.compile(r"``[^`]*``|`[^`\n]*`")
 
 
-def texts_of(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield what users read of a file, and the line at which it begins."""
-    content = path.read_text(encoding="utf-8")
-    if path.suffix == ".md":
-        # What is left out keeps its lines.
-        yield 1, CODE.sub(lambda code: "\n" * code[0].count("\n"), content)
-    elif path.suffix != ".py":
-        yield 1, content
-    else:
-        nodes = list(ast.walk(ast.parse(content)))
-        # A text that stands alone is a docstring; that of a command is its help.
-        alone = {node.value for node in nodes if isinstance(node, ast.Expr)}
-        alone -= {
-            text for node in nodes if isinstance(node, ast.FunctionDef) for text in _help(node)
-        }
-        for node in nodes:
-            match node:
-                case ast.Constant(value=str(text), lineno=line) if node not in alone:
-                    yield line, text
-                case _:
-                    pass
+class Finding(NamedTuple):
+    """A word at a line of a file, and better words."""
+
+    line: int
+    word: str
+    better: str
 
 
-def _help(function: ast.FunctionDef) -> list[ast.expr]:
-    """Return the docstring of a command."""
-    is_command = any(COMMAND.search(ast.unparse(one)) for one in function.decorator_list)
-    first = function.body[0]
-    return [first.value] if is_command and isinstance(first, ast.Expr) else []
+def findings(name: str, content: str) -> list[Finding]:
+    """Return the words to replace in a file, by line.
+
+    Parameters
+    ----------
+    name
+        Path of the file below the root of the repository.
+    content
+        Its text.
+    """
+    if not name.endswith(".py"):
+        text = _without_code(content) if name.endswith(".md") else content
+        return _matches(1, text, IN_TEXTS)
+    tree = ast.parse(content)
+    docstrings = _docstrings(tree)
+    replace = [
+        finding
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if node not in docstrings
+        for finding in _matches(node.lineno, node.value, IN_TEXTS)
+    ]
+    if not name.startswith(UNTREATED):
+        remarks = [(node.lineno, str(node.value)) for node in docstrings]
+        for line, text in (*remarks, *_comments(content)):
+            replace += _matches(line, _without_code(text), IN_TEXTS | IN_CODE)
+        replace += _variables(tree)
+    return sorted(replace)
+
+
+def _variables(tree: ast.Module) -> Iterator[Finding]:
+    """Yield the variables and arguments whose names are in ``NAMES``."""
+    for node in ast.walk(tree):
+        name = ""
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            name = node.id
+        elif isinstance(node, ast.arg) and node.arg != "other":
+            # Methods that override a method of Python or numba inherit "other".
+            name = node.arg
+        if name in NAMES:
+            yield Finding(node.lineno, name, "the noun of the field")
+
+
+def _matches(begin: int, text: str, better: Mapping[str, str]) -> list[Finding]:
+    """Return the findings in a text that begins at a line."""
+    return [
+        Finding(begin + text.count("\n", 0, match.start()), match[0], words)
+        for pattern, words in better.items()
+        for match in re.finditer(rf"\b(?:{pattern})\b", text, re.IGNORECASE)
+    ]
+
+
+def _without_code(text: str) -> str:
+    """Return a text with its code blanked; line numbers and backticks remain."""
+    text = FENCE.sub(lambda code: "\n" * code[0].count("\n"), text)
+    return CODE.sub(lambda code: "`" + "\n" * code[0].count("\n") + "`", text)
+
+
+def _docstrings(tree: ast.Module) -> set[ast.Constant]:
+    """Return the string literals that are statements, without the help of commands."""
+    nodes = list(ast.walk(tree))
+    helps = {
+        node.body[0]
+        for node in nodes
+        if isinstance(node, ast.FunctionDef)
+        if any(COMMAND.search(ast.unparse(item)) for item in node.decorator_list)
+    }
+    return {
+        node.value
+        for node in nodes
+        if isinstance(node, ast.Expr) and node not in helps
+        if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+    }
+
+
+def _comments(content: str) -> Iterator[tuple[int, str]]:
+    for token in tokenize.generate_tokens(io.StringIO(content).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.start[0], token.string
 
 
 def main() -> int:
-    """Print each word that is found; return 1 where there is one."""
-    patterns = ("README.md", "docs/*.md", "ema_interfaces/*/*", "ema_*/*.py", "ros2_ws/src/*.py")
+    """Print each word to replace; return 1 if there is one."""
     listed = subprocess.run(
-        ["git", "ls-files", *patterns],
+        ["git", "ls-files", *PATTERNS],
         cwd=ROOT,
         capture_output=True,
         text=True,
         check=True,
         encoding="utf-8",
     )
-    found = 0
-    for name in listed.stdout.split():
-        for begins, text in texts_of(ROOT / name):
-            for pattern, use in BANNED.items():
-                for match in pattern.finditer(text):
-                    line = begins + text.count("\n", 0, match.start())
-                    print(f"{name}:{line}: {match[0]!r}: write {use}")
-                    found += 1
-    return int(found > 0)
+    lines = [
+        f"{name}:{line}: {word!r}: write {better}"
+        for name in listed.stdout.split()
+        for line, word, better in findings(name, (ROOT / name).read_text(encoding="utf-8"))
+    ]
+    print(*lines, sep="\n", end="\n" * bool(lines))
+    return int(bool(lines))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ def complete_file(path: Path) -> Iterator[Path]:
     ------
     OSError
         When the file cannot be written; the error names the file, and no partial file remains. If
-        only the directory cannot be synchronised, the new file exists, and the message says that a
+        only the directory cannot be synchronised, the new file exists, and the message warns that a
         power failure may remove it.
     """
     partial = path.with_name(f"{path.name}.partial")

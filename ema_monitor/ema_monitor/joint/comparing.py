@@ -169,8 +169,8 @@ class Comparer:
 
         A varying payload changes gravity and inertia together, so that they are not independent
         evidence. Few records determine correlations poorly, and weights that rely on them overfit:
-        the correlations are shrunk, that of the payload half as much, because it is likely. Effects
-        of the temperature are removed first.
+        the correlations are shrunk. The shrinkage of the likely correlation between gravity and
+        inertia is halved. Effects of the temperature are removed first.
         """
         errors = np.mean(np.diagonal(self.errors, axis1=1, axis2=2), axis=0)
         spread = np.sqrt(self._sigmas**2 + errors)

@@ -52,7 +52,7 @@ _FEWEST_TURNS: Final = 4
 def figures_of(
     telemetry: Telemetry, signals: Signals, residuals: Array, preparation: Preparation
 ) -> dict[str, float]:
-    """Return the figures of a record by name, without those that the record does not show.
+    """Return the figures of a record by name; figures that it does not show are omitted.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ FEWEST_REVERSING: Final = 2
 """Least number of strokes of any length: repetition separates effects of position and time."""
 _SAME_RATE: Final = 0.02
 SLOWEST, FASTEST = 0.5, 1.6
-"""Range of the speed of a record, over that of the healthy records [-]."""
+"""Range of the speed of a record, over the speed of the healthy records [-]."""
 
 _CONSTANT: Final = 1e-9
 """Range of a constant effort after the filter, over its size: rounding errors [-]."""

@@ -1,4 +1,4 @@
-"""Interface of the optimizers: ask for points of the unit box, then tell their costs."""
+"""Interface of the optimizers: ``ask`` for points of the unit box, then ``tell`` their costs."""
 
 from collections.abc import Callable
 from typing import Final, NamedTuple, Protocol
@@ -25,7 +25,7 @@ NO_HINTS: Final = Hints()
 
 
 class Optimizer(Protocol):
-    """An optimizer on the unit box, with ask and tell.
+    """An optimizer on the unit box, with ``ask`` and ``tell``.
 
     Further settings are keywords with defaults.
 

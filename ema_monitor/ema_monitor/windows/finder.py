@@ -72,7 +72,7 @@ class WindowFinder:
     lost_samples
         Number of samples missing between them.
     windows
-        Number of windows so far, including those that cannot be used.
+        Number of windows so far, including refused windows.
     """
 
     def __init__(
