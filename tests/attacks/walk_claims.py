@@ -185,7 +185,7 @@ class Claimed(Walk):
                     actuator.publish_if_stale(_LIMIT_S, moment)
             telemetry = [TelemetryStatus(actuator_id=name) for name in self.actuators]
             status = NodeStatus(node=_AUTHOR, kind=NodeStatus.MONITOR, telemetry=telemetry)
-            self.claims.hear(status.node, self.clock_s)
+            self.claims.note_status(status.node, self.clock_s)
             self.healths.add_status("/ema", status, self.clock_s)
         for (topic, name), held in self.claims.changes(self.now_ns, self.clock_s):
             self.page[f"{topic.removeprefix('/ema/')} {name}"] = held.level

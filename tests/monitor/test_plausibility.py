@@ -51,7 +51,7 @@ def test_position_that_wraps_refuses_its_window(recorded, cycle):
     telemetry = replace(recorded, position=recorded.position % (2.0 * np.pi))
     events = WindowTrigger(PARAMETERS).feed(telemetry)
     [refusal] = only(Refusal, events)
-    assert "at most by 6.283 rad" in refusal.reason
+    assert "by up to 6.283 rad" in refusal.reason
 
 
 @pytest.mark.parametrize("period", [1e-4, 1e-3, 5e-3])

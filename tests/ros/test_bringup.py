@@ -18,7 +18,7 @@ from ema_cli.processes.bringup import NODES, node_class, parameter_file, program
 from ema_cli.processes.node_commands import Common, actuator_commands, monitor_commands
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
-from ema_ros.rclpy_private import given_parameters
+from ema_ros.rclpy_private import parameter_overrides
 from ema_ros.topics import ACTUATOR_TOPICS, MONITOR_TOPICS, NODE_TOPICS, PLAYER_TOPICS
 
 from ..packages import FOLDERS
@@ -368,7 +368,7 @@ def started(node_name: str, *arguments: str) -> Any:
     with ros_context(arguments=list(arguments)) as context:
         node = node_class(node_name)(context=context)
         values = {name: item.value for name, item in node._parameters.items()}
-        given = set(given_parameters(node))
+        given = set(parameter_overrides(node))
         node.destroy_node()
     return values, given
 

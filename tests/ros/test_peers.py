@@ -6,7 +6,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from ema_ros.peers import FRESH_S, Peers, nodes_in_touch, unheard_publishers
+from ema_ros.peers import FRESH_S, Peers, incompatible_publishers, nodes_in_touch
 from ema_ros.status import OK, WARN
 
 from ..waiting import wait_for
@@ -93,10 +93,10 @@ def test_a_publisher_that_no_subscription_can_receive_is_named_as_long_as_it_is_
     named = "/ema/strict of /ema/radio (Best effort publisher and reliable subscription)"
     wait_for(lambda: own.count_publishers("strict") == 2, "the publishers")
     wait_for(lambda: own.count_publishers("either") == 1, "the publishers")
-    assert unheard_publishers(own) == [named]
+    assert incompatible_publishers(own) == [named]
     peers = Peers()
-    peers.unheard = unheard_publishers(own)
+    peers.incompatible = incompatible_publishers(own)
     task = peers.task("unit", 0.0)
     assert (task.level, task.message) == (WARN, f"not received: {named}")
     other.destroy_publisher(publishers[0])
-    wait_for(lambda: not unheard_publishers(own), "nobody unheard")
+    wait_for(lambda: not incompatible_publishers(own), "no incompatible publisher")

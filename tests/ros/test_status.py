@@ -64,7 +64,7 @@ def test_line_that_repeats_is_let_through_now_and_then_with_how_often_it_came():
     assert throttle.passed("rudder: window 1 is dropped", 1.0) is not None
     assert throttle.passed("flap: window 3 is dropped", 29.0) is None
     told = throttle.passed("flap: window 4 is dropped", 30.0)
-    assert told == "flap: window 4 is dropped (and 2 like it before)"
+    assert told == "flap: window 4 is dropped (and 2 similar before)"
     assert throttle.passed("flap: window 5 is dropped", 70.0) == "flap: window 5 is dropped"
 
 

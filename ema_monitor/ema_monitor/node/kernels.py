@@ -71,7 +71,7 @@ def compile_monitor_kernels(node: ManagedNode) -> None:
                 raise ValueError("the node ends while its kernels are compiled")
             if now_s - told_s >= _TELL_S:
                 took = f"{now_s - begun_s:.0f} s"
-                node.tell_progress(f"compiling kernels, once for this version: {words}, {took}")
+                node.report_progress(f"compiling kernels, once for this version: {words}, {took}")
                 told_s = now_s
         if failures:
             raise ValueError(f"kernels cannot be compiled: {words}: {failures[0]!r}")

@@ -223,7 +223,7 @@ class DashboardNode(ManagedNode):
 
     def _note_node(self, namespace: str, status: NodeStatus) -> None:
         """Note a node's counts, and for a monitor the lost samples of each actuator."""
-        self._claims.hear(status.node, time.monotonic())
+        self._claims.note_status(status.node, time.monotonic())
         self._metrics.note_node(namespace, status)
         for counted_of in status.telemetry:
             self._histories[namespace].note_lost_samples(

@@ -43,21 +43,14 @@ class Totals:
 
 
 class Subscriber(Protocol):
-    """A client of the hub.
-
-    Attributes
-    ----------
-    subscriptions
-        Numbers of its subscriptions by channel.
-    dropped
-        Number of messages that were dropped because it is slow.
-    waiting_bytes
-        Size of the messages that wait for it [B].
-    """
+    """A client of the hub."""
 
     subscriptions: dict[int, int]
+    """Numbers of its subscriptions by channel."""
     dropped: int
+    """Number of messages that were dropped because it is slow."""
     waiting_bytes: int
+    """Size of the messages that wait for it [B]."""
 
     def take(self, frame: str | bytes, *, droppable: bool) -> None:
         """Queue a frame; droppable frames may be dropped to make room for later ones."""

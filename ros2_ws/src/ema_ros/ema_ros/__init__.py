@@ -1,1 +1,1 @@
-"""What nodes share: conversion of messages, topics and QoS; lifecycle, parameters, status, main."""
+"""Shared by all nodes: conversion of messages, topics and QoS, lifecycle, parameters, status."""

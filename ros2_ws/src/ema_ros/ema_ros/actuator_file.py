@@ -10,20 +10,28 @@ from ema_core.settings_file import load_settings
 
 
 def load_description(path: Path, *, is_simulated: bool = False) -> ActuatorDescription:
-    """Read a description from a YAML file; a ValueError names the file and its defect.
+    """Read the description of an actuator from a YAML file.
 
-    It has ``actuator_id``, ``serial_number``, ``model``, ``sample_period`` [s], ``drive``,
-    ``acquisition`` and ``parameters``, the last two mappings of names to values in SI units; with a
-    ``lead`` [m], parameters may be texts as "60 mm", "100 mm/s", "200 N", "50 N.s/m" and "12 kg".
-    Missing entries have the values of the built-in actuator. With ``drive: unknown``, parameters
-    that are missing have the values of ``ema_core.parameters.NEUTRAL``: a file then needs
-    ``actuator_id``, ``serial_number`` and ``drive`` alone.
+    The entries are ``actuator_id``, ``serial_number``, ``model``, ``sample_period`` [s], ``drive``,
+    ``acquisition`` and ``parameters``. The last two are mappings of names to values in SI units;
+    with a ``lead`` [m], parameters may be texts such as "60 mm", "100 mm/s", "200 N", "50 N.s/m"
+    and "12 kg". Missing entries have the values of the built-in actuator. With ``drive: unknown``,
+    missing parameters have the values of ``ema_core.parameters.NEUTRAL``: the file then only needs
+    ``actuator_id``, ``serial_number`` and ``drive``.
 
     Parameters
     ----------
+    path
+        The file.
     is_simulated
-        Whether a simulator reads it: a plant needs physical values, so that missing parameters
-        have the built-in actuator's values for every drive.
+        Whether a simulator reads the file. A plant needs physical values: missing parameters then
+        have the values of the built-in actuator for every drive.
+
+    Raises
+    ------
+    ValueError
+        When the file cannot be read, or a value is missing, unknown or out of range; the message
+        names the file.
     """
     return load_settings(
         path,
@@ -35,8 +43,8 @@ def load_description(path: Path, *, is_simulated: bool = False) -> ActuatorDescr
 
 
 def _completed(content: dict[str, Any]) -> dict[str, Any]:
-    """Return the content of a file, with neutral values for an unknown drive's missing ones."""
-    given = content.get("parameters") or {}
-    if content.get("drive") != "unknown" or not isinstance(given, dict):
+    """Return the content of a file, with neutral values for missing ones of an unknown drive."""
+    parameters = content.get("parameters") or {}
+    if content.get("drive") != "unknown" or not isinstance(parameters, dict):
         return content
-    return {"model": ""} | content | {"parameters": dict(NEUTRAL) | given}
+    return {"model": ""} | content | {"parameters": dict(NEUTRAL) | parameters}

@@ -1,4 +1,4 @@
-"""Validity of published healths: a level holds for a limited time, and while its node reports."""
+"""Validity of published healths: a level expires, and requires that its monitor reports."""
 
 import copy
 import math
@@ -9,29 +9,23 @@ from ema_core.levels import LEVEL_NAMES, OK, STALE
 from ema_ros.stamps import stamp_from_message
 
 SILENT_S: Final = 5.0
-"""A node publishes its status each second; after so long without, it is silent [s]."""
+"""Time without a status after which a node is silent [s]; nodes publish one per second."""
 
 Place = tuple[str, str]
-"""Full topic and actuator."""
+"""Full topic name and actuator id."""
 
 
 class Received(NamedTuple):
-    """A health that was received.
-
-    Attributes
-    ----------
-    health
-        ``ema_interfaces/msg/Health`` or ``HealthSummary``.
-    ends_s
-        When its claim ends at the latest, by a clock that never goes back [s].
-    """
+    """A received health."""
 
     health: Any
+    """``ema_interfaces/msg/Health`` or ``HealthSummary``."""
     ends_s: float
+    """Latest end of its claim, on a monotonic clock [s]."""
 
     @classmethod
     def at(cls, health: Any, now_ns: int, now_s: float) -> "Received":
-        """Return a health received at a time of the clock of stamps [ns] and a steady one [s]."""
+        """Return a health received at a time of the ROS clock [ns] and a monotonic clock [s]."""
         until_ns = stamp_from_message(health.good_until)
         if not until_ns:
             return cls(health, math.inf)
@@ -42,9 +36,9 @@ class Received(NamedTuple):
         return cls(health, now_s + left_ns * 1e-9)
 
     def ended_s(self, now_ns: int, now_s: float, *, is_real: bool = True) -> float:
-        """Return how long ago its claim ended [s]; not positive while it holds.
+        """Return the time since the end of the claim [s]; not positive while the claim is valid.
 
-        In simulated time, which is not real, the clock of stamps alone counts.
+        In simulated time (``is_real`` is False) only the ROS clock counts.
         """
         until_ns = stamp_from_message(self.health.good_until)
         ago_s = (now_ns - until_ns) * 1e-9 if until_ns else -math.inf
@@ -52,20 +46,26 @@ class Received(NamedTuple):
 
 
 def worth(health: Any, ended_s: float, *, is_silent: bool = False) -> Any:
-    """Return a health as it holds: STALE, with the level before, once its claim has ended.
+    """Return a health, replaced by STALE with the previous level once its claim has ended.
 
-    ``ema_interfaces/msg/Health`` or ``HealthSummary`` is not changed; ``ended_s`` is how long ago
-    its claim ended [s], and its author may be silent.
+    Parameters
+    ----------
+    health
+        ``ema_interfaces/msg/Health`` or ``HealthSummary``; it is not changed.
+    ended_s
+        Time since the end of its claim [s].
+    is_silent
+        Whether its monitor is silent.
     """
     if health.level == STALE or not (is_silent or ended_s > 0.0):
         return health
-    # Changing parts are copied; the rest is shared.
+    # Only changed parts are copied.
     held = copy.copy(health)
     held.level, held.last_level = STALE, health.level
-    why = f"{health.author or 'its monitor'} is silent"
+    cause = f"{health.author or 'its monitor'} is silent"
     if not is_silent:
-        why = f"it was good until {ended_s:.0f} s ago, and no later test has come"
-    reason = f"{why}, the level was {LEVEL_NAMES[health.level]}"
+        cause = f"the latest test expired {ended_s:.0f} s ago"
+    reason = f"{cause}, the level was {LEVEL_NAMES[health.level]}"
     if not hasattr(health, "faults"):
         held.text = f"{LEVEL_NAMES[STALE]}; {reason}"
         return held
@@ -86,43 +86,43 @@ def _without_ok(item: Any) -> Any:
 class Claims:
     """The latest healths, and their replacements once their claims have ended.
 
-    Times ``now_s`` are of a clock that never goes back.
+    Times ``now_s`` are of a monotonic clock.
     """
 
     def __init__(self) -> None:
         self._healths: dict[Place, Received] = {}
         self._shown: dict[Place, int] = {}
-        self._heard_s: dict[str, float] = {}
+        self._reported_s: dict[str, float] = {}
 
     def note(self, key: Place, health: Any, now_ns: int, now_s: float) -> None:
-        """Take a health as it is shown."""
+        """Store a health that is shown."""
         self._healths[key] = Received.at(health, now_ns, now_s)
         self._shown[key] = health.level
 
-    def hear(self, node: str, now_s: float) -> None:
-        """Note that a node, by its full name, has published its status."""
-        self._heard_s[node] = now_s
+    def note_status(self, node: str, now_s: float) -> None:
+        """Note that a node has published its status, by its full name."""
+        self._reported_s[node] = now_s
 
     def rewind(self, time_ns: int) -> None:
-        """Discard healths later than a time to which the clock has gone back [ns]."""
-        for key, one in list(self._healths.items()):
-            if stamp_from_message(one.health.header.stamp) > time_ns:
+        """Discard healths after a time to which the clock has jumped back [ns]."""
+        for key, received in list(self._healths.items()):
+            if stamp_from_message(received.health.header.stamp) > time_ns:
                 del self._healths[key], self._shown[key]
 
     def changes(
         self, now_ns: int, now_s: float, *, is_live: bool = True, is_real: bool = True
     ) -> Iterator[tuple[Place, Any]]:
-        """Yield the healths whose level differs from the shown level, as they are to be shown.
+        """Yield the healths to show whose level differs from the shown level.
 
-        A playback is not live: its monitors need not report. In simulated time, which is not real,
-        claims end by the clock of stamps alone.
+        Monitors of a playback (``is_live`` is False) need not report. In simulated time
+        (``is_real`` is False) claims end by the ROS clock only.
         """
-        for key, one in list(self._healths.items()):
-            health = one.health
-            heard_s = self._heard_s.get(health.author)
+        for key, received in list(self._healths.items()):
+            health = received.health
+            reported_s = self._reported_s.get(health.author)
             # A monitor that has never reported is not silent.
-            is_silent = is_live and heard_s is not None and now_s - heard_s > SILENT_S
-            ended_s = one.ended_s(now_ns, now_s, is_real=is_real)
+            is_silent = is_live and reported_s is not None and now_s - reported_s > SILENT_S
+            ended_s = received.ended_s(now_ns, now_s, is_real=is_real)
             held = worth(health, ended_s, is_silent=is_silent)
             if held.level != self._shown.get(key):
                 self._shown[key] = held.level

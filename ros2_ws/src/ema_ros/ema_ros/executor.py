@@ -1,4 +1,4 @@
-"""The executor of a node."""
+"""Executor of a node."""
 
 import threading
 import time
@@ -17,22 +17,22 @@ _REST_S: Final = 0.005
 
 
 class WaitingCallbackGroup(MutuallyExclusiveCallbackGroup):
-    """Callbacks that may wait for something: they run one at a time, in a thread of their own."""
+    """Callbacks that may wait: they run one at a time, in a separate thread."""
 
 
 class SeparateCallbackGroup(ReentrantCallbackGroup, WaitingCallbackGroup):
-    """Callbacks that may wait, and not for each other: each runs in a thread of its own."""
+    """Callbacks that may wait independently: each runs in a separate thread."""
 
 
 class NodeExecutor(SingleThreadedExecutor):
-    """Runs callbacks one after the other, and apart from them those that may wait.
+    """Runs callbacks one after the other, and callbacks that may wait in separate threads.
 
-    Apart run the callbacks of a ``WaitingCallbackGroup`` and the goals of actions. rclpy's executor
-    with a pool of threads hands out a callback again and again until its thread has begun; at
-    hundreds of messages a second that keeps the callbacks themselves from running.
+    Separate threads run the callbacks of a ``WaitingCallbackGroup`` and the goals of actions.
+    rclpy's executor with a thread pool dispatches a callback repeatedly until its thread has
+    started; at hundreds of messages per second this blocks the callbacks.
 
-    A subscription with a message also receives its other waiting messages, up to a hundred, and
-    then rests for 5 ms: waiting again on all entities of the node takes longer than a message.
+    If a subscription has a message, up to a hundred further waiting messages are received as well,
+    followed by a pause of 5 ms: a wait on all entities of the node takes longer than a message.
 
     ``on_failure`` is called with the exception of a callback.
     """
@@ -42,7 +42,7 @@ class NodeExecutor(SingleThreadedExecutor):
         self._on_failure = on_failure
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Wait so long [s] for a callback, for ever when None, and run it."""
+        """Wait for a callback, at most ``timeout_sec`` [s] or without limit if None, and run it."""
         try:
             handler, entity, _ = self.wait_for_ready_callbacks(timeout_sec)
         except (ShutdownException, TimeoutException):
@@ -50,7 +50,7 @@ class NodeExecutor(SingleThreadedExecutor):
         if entity is None or isinstance(entity.callback_group, WaitingCallbackGroup):
             threading.Thread(target=self._run, args=(handler,), daemon=True).start()
             while not (handler.executing() or handler.done()):
-                time.sleep(1e-4)  # else it would be handed out again
+                time.sleep(1e-4)  # it would be dispatched again otherwise
         else:
             self._run(handler)
             if isinstance(entity, Subscription):

@@ -1,4 +1,4 @@
-"""Subscription to a topic that is best latched, whether its publishers latch it or not."""
+"""Subscription to a topic with latched and other publishers."""
 
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -22,23 +22,22 @@ def subscribe_latched(
     callback: Callable[[Any], None],
     callback_group: CallbackGroup,
 ) -> None:
-    """Make subscriptions that together deliver each message once.
+    """Create subscriptions that together deliver each message once.
 
-    A transient local subscription alone would not match a publisher with the default quality of
-    service, a volatile one alone would miss earlier latched messages, and neither matches best
-    effort.
+    A transient local subscription does not match a publisher with the default quality of service, a
+    volatile subscription misses earlier latched messages, and neither matches best effort.
 
     Parameters are as in ``rclpy.node.Node.create_subscription``; messages have an
     ``actuator_id``.
     """
-    heard: deque[tuple[Any, ...]] = deque(maxlen=_REMEMBERED)
+    delivered: deque[tuple[Any, ...]] = deque(maxlen=_REMEMBERED)
 
     def receive(message: Any, information: Mapping[str, Any]) -> None:
-        # The time at which it was sent is the same in both deliveries.
+        # All deliveries of a message have the same source time stamp.
         stamp = message.header.stamp
         key = (information["source_timestamp"], stamp.sec, stamp.nanosec, message.actuator_id)
-        if key not in heard:
-            heard.append(key)
+        if key not in delivered:
+            delivered.append(key)
             callback(message)
 
     receive_each: Callable[..., None] = receive

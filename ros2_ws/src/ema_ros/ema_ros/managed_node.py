@@ -1,4 +1,4 @@
-"""A lifecycle node that survives requests of clients and reports its status."""
+"""Lifecycle node that survives invalid requests and reports its status."""
 
 import threading
 import time
@@ -23,10 +23,10 @@ from rclpy.timer import Timer
 
 from ema_interfaces.msg import NodeStatus
 from ema_ros import topics
-from ema_ros.peers import Peers, nodes_alive, nodes_in_touch, unheard_publishers
+from ema_ros.peers import Peers, incompatible_publishers, nodes_alive, nodes_in_touch
 from ema_ros.rclpy_private import (
-    given_parameters,
     lifecycle_state,
+    parameter_overrides,
     release_state_machine,
     wrap_change_state,
 )
@@ -44,27 +44,27 @@ _AUTOSTART_DESCRIPTOR: Final = ParameterDescriptor(
 
 
 class ManagedNode(LifecycleNode):
-    """A lifecycle node, in namespace ``/ema`` unless it is remapped.
+    """Lifecycle node, in namespace ``/ema`` unless it is remapped.
 
-    What a subclass does lies in ``configure``, ``activate``, ``deactivate`` and ``clean_up``; each
-    may refuse with a ValueError or OSError, which is logged and published on ``/diagnostics``: the
-    state is then the one before. After any other exception, and one in ``deactivate`` or
-    ``clean_up``, the node releases all its resources and is unconfigured. Subscriptions and timers
-    that it makes while it is active end with that, and all that it makes while it is configured
-    with that.
+    Subclasses implement ``configure``, ``activate``, ``deactivate`` and ``clean_up``. Each may
+    refuse with a ValueError or OSError, which is logged and published on ``/diagnostics``; the node
+    then returns to the previous state. After any other exception, and after an exception in
+    ``deactivate`` or ``clean_up``, the node releases all resources and is unconfigured. Entities
+    created during activation are destroyed on deactivation, entities created during configuration
+    on clean-up.
 
     Attributes
     ----------
     finished
-        Set when the node has done its work: its process then ends.
+        Event that is set when the node has finished: its process then ends.
     exit_code
-        What its process returns.
+        Exit code of the process.
     stopping
-        Set when the process is about to end: callbacks that wait have to return.
+        Event that is set when the process is about to end: waiting callbacks must return.
     is_interrupted
-        Says whether the process was asked to end, also before it serves the node.
+        Function that returns whether the process was asked to end, also before the node is served.
     failed_callbacks
-        How many callbacks have failed.
+        Number of failed callbacks.
     """
 
     def __init__(self, name: str, **kwargs: Any) -> None:
@@ -86,37 +86,37 @@ class ManagedNode(LifecycleNode):
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._node_status = self.create_publisher(NodeStatus, topics.NODE_STATUS, topics.STATE)
         wrap_change_state(self, self._refuse_impossible)
-        self.add_on_set_parameters_callback(self._refuse_other_clock)
+        self.add_on_set_parameters_callback(self._refuse_clock_change)
         self.add_timer(_REPORT_S, self._report_regularly)
 
     def configure(self) -> None:
         """Read the parameters and create publishers, subscriptions and services."""
 
     def activate(self) -> None:
-        """Begin to work."""
+        """Start work."""
 
     def deactivate(self) -> None:
-        """Stop working."""
+        """Stop work."""
 
     def clean_up(self) -> None:
         """Release the resources created by ``configure``."""
 
     def tasks(self) -> list[Task]:
-        """Return the status of the node's tasks; called while it is configured."""
+        """Return the status of the tasks of the node; called while it is configured."""
         return []
 
     def counts(self) -> NodeStatus:
-        """Return the node's counts; called while it is configured."""
+        """Return the counts of the node; called while it is configured."""
         return NodeStatus()
 
     @property
     def hardware_id(self) -> str:
-        """What the node is about, for its status: by default the node itself."""
+        """Hardware id of the status: by default the node."""
         return self.get_fully_qualified_name()
 
     @property
     def unit_namespace(self) -> str:
-        """Namespace of the telemetry: part of the name of a unit, the same from all nodes."""
+        """Namespace of the telemetry, which is part of the name of a unit in all nodes."""
         return self.resolve_topic_name(topics.TELEMETRY).rpartition("/")[0]
 
     @property
@@ -126,16 +126,16 @@ class ManagedNode(LifecycleNode):
 
     @property
     def is_ending(self) -> bool:
-        """Whether the process is about to end: long operations must return."""
+        """Whether the process is about to end, so that long operations must return."""
         return self.stopping.is_set() or self.is_interrupted()
 
     @property
     def state(self) -> str:
-        """Label of the state of its lifecycle."""
+        """Label of the lifecycle state."""
         return lifecycle_state(self)
 
     def bring_up(self) -> bool:
-        """Configure and activate, unless somebody else is to; return whether that worked."""
+        """Configure and activate, unless a lifecycle manager does; return False on failure."""
         self._log_unknown_parameters()
         if not self.get_parameter(_AUTOSTART).value:
             self.get_logger().info("unconfigured: waiting for a lifecycle manager")
@@ -150,10 +150,11 @@ class ManagedNode(LifecycleNode):
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **kwargs: Any
     ) -> Any:
-        """Return a new service that answers every request, with the reason where it fails.
+        """Return a new service that answers every request, with the reason if it fails.
 
-        As of ``rclpy.node.Node.create_service``; whatever the callback raises becomes ``message``
-        of a response without success, in its own words where the request was impossible.
+        Parameters are as in ``rclpy.node.Node.create_service``. An exception of the callback
+        becomes ``message`` of a response without success; the text of a ValueError is used
+        unchanged.
         """
 
         def answer(request: Any, response: Any) -> Any:
@@ -172,7 +173,7 @@ class ManagedNode(LifecycleNode):
         return super().create_service(srv_type, srv_name, answer, **kwargs)
 
     def add_timer(self, period_s: float, callback: Callable[[], object]) -> Timer:
-        """Return a new timer that also runs while simulated time stands still."""
+        """Return a new timer that also runs while simulated time is paused."""
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def add_publisher(
@@ -180,8 +181,8 @@ class ManagedNode(LifecycleNode):
     ) -> LifecyclePublisher:
         """Return a new publisher that publishes while the node is active.
 
-        A quiet one says nothing of subscriptions that want another quality of service; where there
-        are many publishers, listening for these takes long.
+        A quiet publisher does not report subscriptions with an incompatible quality of service;
+        with many publishers, these events are slow.
         """
         events = PublisherEventCallbacks(use_default_callbacks=not quiet)
         publisher = cast(
@@ -193,23 +194,26 @@ class ManagedNode(LifecycleNode):
         return publisher
 
     def full_topic_names(self, names: Sequence[str]) -> set[str] | None:
-        """Return the full names of the parameter ``topics``, None where there is no choice.
+        """Return the full names of the parameter ``topics``; None if it is empty.
 
-        A name that is impossible is a ValueError.
+        Raises
+        ------
+        ValueError
+            When a name is not a valid topic name.
         """
         try:
             return {self.resolve_topic_name(name) for name in names} or None
         except RuntimeError as error:
             raise ValueError(f"parameter topics = {list(names)!r}: {error}") from error
 
-    def tell_progress(self, text: str) -> None:
-        """Report the progress of a long transition in log and status; called within it."""
+    def report_progress(self, text: str) -> None:
+        """Report the progress of the present transition in log and status."""
         self._progress = text
         self.get_logger().info(text)
         self.report([self._lifecycle_task()])
 
     def log_failure(self, error: Exception) -> None:
-        """Log that a callback failed, one of a kind in half a minute, and count it."""
+        """Count a failed callback, and log it; similar failures are logged once per 30 s."""
         if isinstance(error, InvalidHandle):
             return  # the served entity has just been destroyed
         self.failed_callbacks += 1
@@ -227,9 +231,9 @@ class ManagedNode(LifecycleNode):
         self.report()
 
     def report(self, tasks: Sequence[Task] = ()) -> None:
-        """Publish the status of some tasks, of all when there are none; any thread may call.
+        """Publish the status of some tasks, or of all tasks; any thread may call this.
 
-        While the node is not active the status of its tasks is unknown: STALE, never OK.
+        While the node is not active, the status of its tasks is STALE instead of OK.
         """
         node_tasks = [] if tasks else [self._lifecycle_task()]
         counts = None
@@ -255,7 +259,7 @@ class ManagedNode(LifecycleNode):
             self._node_status.publish(counts)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure, and be unconfigured still when that is refused."""
+        """Configure; the node remains unconfigured if ``configure`` refuses."""
         self._kept = entities_of(self)
         result = self._attempt("configure", self.configure)
         self._configured = result == _SUCCESS
@@ -266,7 +270,7 @@ class ManagedNode(LifecycleNode):
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Activate, and be inactive still when that is refused."""
+        """Activate; the node remains inactive if ``activate`` refuses."""
         self._kept_inactive = entities_of(self)
         super().on_activate(state)
         result = self._attempt("activate", self.activate)
@@ -278,7 +282,7 @@ class ManagedNode(LifecycleNode):
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate while the publishers still publish; nothing is received any more."""
+        """Deactivate: stop receiving first, while the publishers still publish."""
         return self._done("inactive", self._end_activity(state))
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -286,7 +290,7 @@ class ManagedNode(LifecycleNode):
         return self._done("unconfigured", self._end_configuration(state))
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop whatever is going on, and end the process."""
+        """Stop all activity, and end the process."""
         steps = []
         if state.label == "active":
             steps.append(self._end_activity(state))
@@ -298,9 +302,9 @@ class ManagedNode(LifecycleNode):
         return self._done("finalized", super().on_shutdown(state))
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of whatever is left after a failed transition, and be unconfigured."""
+        """Release all remaining resources after a failed transition, and be unconfigured."""
         self._configured = False
-        # The first reason is the one to report; steps that were not begun cannot be ended.
+        # Only the first reason is reported: later steps fail because earlier ones were not taken.
         for step in (self.deactivate, self.clean_up):
             try:
                 step()
@@ -328,7 +332,7 @@ class ManagedNode(LifecycleNode):
         return super().on_cleanup(state)
 
     def _attempt(self, name: str, step: Callable[[], None]) -> TransitionCallbackReturn:
-        """Take a step of the lifecycle; rclpy would not report its errors."""
+        """Run a step of the lifecycle, and report its errors, which rclpy does not."""
         try:
             step()
         except (ValueError, OSError) as error:
@@ -363,18 +367,18 @@ class ManagedNode(LifecycleNode):
         in_touch = nodes_in_touch(self)
         for lost in self._peers.update(in_touch, nodes_alive(self), now_s):
             self.get_logger().warning(f"{lost} has gone from the graph")
-        self._peers.unheard = unheard_publishers(self)
+        self._peers.incompatible = incompatible_publishers(self)
         self.report()
 
     def _log_unknown_parameters(self) -> None:
-        """Log parameters that were given and are not this node's, as rclpy does not."""
+        """Log parameters that this node does not declare, as rclpy does not."""
         declared = self.list_parameters([], 0).names
-        for name in given_parameters(self):
+        for name in parameter_overrides(self):
             if name in declared:
                 continue
-            text = f"parameter {name} is not one of this node and has no effect"
+            text = f"parameter {name} is unknown to this node and has no effect"
             if similar := get_close_matches(name, declared, 1, 0.85):
-                self.get_logger().warning(f"{text}: is {similar[0]} meant?")
+                self.get_logger().warning(f"{text}: did you mean {similar[0]}?")
             else:
                 self.get_logger().info(text)
 
@@ -385,17 +389,17 @@ class ManagedNode(LifecycleNode):
             try:
                 return change_state(request, response)
             except RuntimeError:
-                wanted = request.transition.label or request.transition.id
+                transition = request.transition.label or request.transition.id
                 self.get_logger().warning(
-                    f"transition {wanted!r} is not possible in state {self.state!r}"
+                    f"transition {transition!r} is not possible in state {self.state!r}"
                 )
                 response.success = False
                 return response
 
         return change_if_possible
 
-    def _refuse_other_clock(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Refuse another clock while the node is configured: its entities use the present one."""
+    def _refuse_clock_change(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Refuse a change of the clock while the node is configured: its entities use the clock."""
         if self._configured and any(item.name == "use_sim_time" for item in parameters):
             reason = "use_sim_time can be changed while the node is unconfigured"
             return SetParametersResult(successful=False, reason=reason)
@@ -408,20 +412,20 @@ def entities_of(node: LifecycleNode) -> list[Any]:
 
 
 def destroy_entities(node: LifecycleNode, kept: Collection[Any]) -> None:
-    """Destroy a node's entities except ``kept``; actions first, because they contain services."""
-    known = {id(item) for item in kept}
+    """Destroy the entities of a node except ``kept``; actions first, as they contain services."""
+    kept_ids = {id(item) for item in kept}
     for destroy in _by_destroyer(node):
         for item in list(_by_destroyer(node)[destroy]):
-            if id(item) not in known:
+            if id(item) not in kept_ids:
                 destroy(item)
 
 
 def _by_destroyer(node: LifecycleNode) -> dict[Callable[[Any], Any], list[Any]]:
-    """Return the node's entities by their destroy method."""
+    """Return the entities of a node by their destroy method."""
     published = list(node.publishers)
     managed = [item for item in published if isinstance(item, LifecyclePublisher)]
     return {
-        ActionServer.destroy: [one for one in node.waitables if isinstance(one, ActionServer)],
+        ActionServer.destroy: [item for item in node.waitables if isinstance(item, ActionServer)],
         node.destroy_lifecycle_publisher: managed,
         node.destroy_publisher: [item for item in published if item not in managed],
         node.destroy_subscription: list(node.subscriptions),

@@ -1,4 +1,4 @@
-"""Conversion of messages from and to telemetry, descriptions, faults and causes.
+"""Conversion of messages to and from telemetry, descriptions, faults and causes.
 
 Reading needs no ROS: a message is any object with the fields of its definition.
 """
@@ -70,16 +70,16 @@ def telemetry_to_message(block: Telemetry, actuator_id: str) -> "msg.TelemetryBl
     message.sample_period = float(block.sample_period)
     message.first_index = int(block.first_index)
     for name in COLUMNS:
-        # An array.array is stored as it is; any other sequence is checked item by item.
+        # A message stores an array.array without checks; other sequences are checked per item.
         column = np.asarray(getattr(block, name), dtype=np.float64)
         setattr(message, name, array.array("d", column.tobytes()))
     return message
 
 
 def telemetry_from_message(message: "msg.TelemetryBlock") -> Telemetry:
-    """Return the block of telemetry in a message, in columns of its own.
+    """Return the block of telemetry in a message, in new columns.
 
-    Samples that are not finite are accepted here; the monitor checks them.
+    Samples that are not finite are accepted; the monitor checks them.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def description_to_message(
     Parameters
     ----------
     stamp_ns
-        When the description was made [ns]; 0 when unknown.
+        Time at which the description was made [ns]; 0 if it is unknown.
     """
     from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 
@@ -127,12 +127,12 @@ def description_to_message(
 
 
 def description_from_message(message: "msg.ActuatorDescription") -> ActuatorDescription:
-    """Return the description in a message, of an older definition as well (read without ROS).
+    """Return the description in a message, also of an older definition (read without ROS).
 
     Raises
     ------
     ValueError
-        When a parameter is impossible, the id or serial number is empty, the period is not
+        When a parameter is out of range, the id or serial number is empty, the period is not
         positive or a constant is unknown.
     """
     older = {name: field for name, field in PARAMETER_FIELDS.items() if name != "lead"}
@@ -162,25 +162,25 @@ def faults_to_message(faults: ArrayLike) -> "msg.FaultVector":
 
 
 def faults_from_message(message: "msg.FaultVector") -> NDArray[np.float64]:
-    """Return the fault vector in a message, ``(8,)``; ValueError where it is impossible."""
+    """Return the fault vector in a message, ``(8,)``; ValueError if it is out of range."""
     return fault_vector([getattr(message, name) for name in FAULT_NAMES])
 
 
 @dataclass(frozen=True, eq=False)
 class StampedFaults:
-    """The true faults of an actuator, ``(8,)``, from the start of a test cycle [ns] on.
-
-    Test cycles are numbered from 0.
-    """
+    """True faults of an actuator from the start of a test cycle on."""
 
     stamp_ns: int
+    """Start of the test cycle [ns]."""
     actuator_id: str
     cycle: int
+    """Number of the test cycle, from 0."""
     faults: NDArray[np.float64]
+    """Fault vector, ``(8,)``."""
 
 
 def stamped_faults_from_message(message: "msg.FaultVectorStamped") -> StampedFaults:
-    """Return the stamped faults in a message; ValueError where they are impossible."""
+    """Return the stamped faults in a message; ValueError if they are out of range."""
     return StampedFaults(
         stamp_from_message(message.header.stamp),
         message.actuator_id,
@@ -192,16 +192,19 @@ def stamped_faults_from_message(message: "msg.FaultVectorStamped") -> StampedFau
 def measured_to_message(
     stamp_ns: int, causes: Iterable[CauseEstimate], actuator_id: str
 ) -> "msg.MeasuredCauses":
-    """Return causes measured at a stamp [ns] as a message."""
+    """Return causes measured at a time [ns] as a message."""
     from ema_interfaces.msg import HiddenCause, MeasuredCauses
 
     message = MeasuredCauses(actuator_id=actuator_id)
     message.header.stamp = stamp_to_message(stamp_ns)
     message.causes = [
         HiddenCause(
-            name=one.name, value=one.value, sigma=one.sigma, unit=CAUSE_BY_NAME[one.name].unit
+            name=cause.name,
+            value=cause.value,
+            sigma=cause.sigma,
+            unit=CAUSE_BY_NAME[cause.name].unit,
         )
-        for one in causes
+        for cause in causes
     ]
     return message
 
@@ -217,13 +220,13 @@ def measured_from_message(message: "msg.MeasuredCauses") -> tuple[int, list[Caus
     stamp_ns = stamp_from_message(message.header.stamp)
     if stamp_ns <= 0:
         raise ValueError(f"stamp = {stamp_ns} ns: expected the time of the measurement")
-    for one in message.causes:
-        cause = CAUSE_BY_NAME.get(one.name)
-        if cause and one.unit not in ("", cause.unit):
+    for item in message.causes:
+        cause = CAUSE_BY_NAME.get(item.name)
+        if cause and item.unit not in ("", cause.unit):
             raise ValueError(
-                f"measured cause {one.name}: unit = {one.unit!r}: expected {cause.unit!r}"
+                f"measured cause {item.name}: unit = {item.unit!r}: expected {cause.unit!r}"
             )
-    return stamp_ns, [CauseEstimate(one.name, one.value, one.sigma) for one in message.causes]
+    return stamp_ns, [CauseEstimate(item.name, item.value, item.sigma) for item in message.causes]
 
 
 def _named(field: str, value: int, names: tuple[str, ...]) -> str:

@@ -12,22 +12,22 @@ _PARAMETERS: Final = "ros__parameters"
 
 
 def monitor_names(monitors: int) -> list[str]:
-    """Return the names of the nodes: ``monitor`` alone, or ``monitor_0`` and on."""
+    """Return the names of the nodes: ``monitor`` for one, else ``monitor_0``, ``monitor_1``, ..."""
     if monitors < 1:
         raise ValueError(f"monitors = {monitors}: expected at least 1")
     return [_MONITOR] if monitors == 1 else [f"{_MONITOR}_{index}" for index in range(monitors)]
 
 
 def shard_parameters(index: int, monitors: int) -> dict[str, int]:
-    """Return the parameters by which a monitor follows its share; none when it is alone."""
+    """Return the parameters that select the share of a monitor; none for a single monitor."""
     return {"shard.index": index, "shard.count": monitors} if monitors > 1 else {}
 
 
 def file_for(name: str, file: Path, folder: Path) -> Path:
-    """Return a parameter file in which what is meant for ``monitor`` is meant for another name.
+    """Return a parameter file in which the parameters of ``monitor`` apply to another node name.
 
-    Parameter files name their node, and ROS knows no pattern for a part of a name. What the file
-    has for the very name overrides.
+    Parameter files name their node, and ROS has no pattern for a part of a name. Parameters of the
+    file for the node name itself take precedence.
     """
     try:
         content = load_yaml(file)
@@ -45,27 +45,27 @@ def file_for(name: str, file: Path, folder: Path) -> Path:
 
 
 def _named(nodes: dict[Any, Any], name: str) -> dict[Any, Any]:
-    """Return sections by node, or by namespace, with those of ``monitor`` for another name."""
-    found: dict[Any, Any] = {}
-    # What is for the name itself comes after what is for all, and overrides it.
+    """Return sections by node or namespace, with sections of ``monitor`` renamed to ``name``."""
+    sections: dict[Any, Any] = {}
+    # Sections for the name itself come last, and so take precedence.
     for key, value in sorted(nodes.items(), key=lambda item: _last(item[0]) == name):
         if not isinstance(value, dict):
-            found[key] = value
+            sections[key] = value
         elif _PARAMETERS not in value:
-            found[key] = _named(value, name)
+            sections[key] = _named(value, name)
         else:
             is_general = _last(key) == _MONITOR
-            own = f"{str(key).removesuffix(_MONITOR)}{name}" if is_general else key
-            found[own] = _merged(found.get(own), value)
-    return found
+            renamed = f"{str(key).removesuffix(_MONITOR)}{name}" if is_general else key
+            sections[renamed] = _merged(sections.get(renamed), value)
+    return sections
 
 
 def _last(key: Any) -> str:
     return str(key).rpartition("/")[2]
 
 
-def _merged(general: Any, own: Any) -> Any:
-    """Return a section with what another one overrides in it."""
-    if not isinstance(general, dict) or not isinstance(own, dict):
-        return own
-    return {**general, **{key: _merged(general.get(key), value) for key, value in own.items()}}
+def _merged(general: Any, special: Any) -> Any:
+    """Return a section with the entries of ``special`` in place of general ones."""
+    if not isinstance(general, dict) or not isinstance(special, dict):
+        return special
+    return {**general, **{key: _merged(general.get(key), value) for key, value in special.items()}}

@@ -1,4 +1,4 @@
-"""Other nodes in the graph, and nodes that have gone."""
+"""Nodes in the graph that communicate with a node, and nodes that have disappeared."""
 
 from collections import defaultdict
 from typing import Final
@@ -9,54 +9,54 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from ema_ros.status import OK, WARN, Task
 
 FRESH_S: Final = 60.0
-"""How long a node that has gone is worth a warning [s]."""
+"""Duration of the warning about a node that has disappeared [s]."""
 
 UNKNOWN_NODE: Final = "_NODE_NAME_UNKNOWN_"
-"""Name of a node known only by its publishers and subscriptions."""
+"""Name of a node of which only publishers and subscriptions are known."""
 
 _UNSEEN = {"/rosout", "/parameter_events", "/clock", "/diagnostics"}
 
 
 class Peers:
-    """The nodes that communicate, or communicated, with a node.
+    """Nodes that communicate, or have communicated, with a node.
 
-    These are the nodes it receives data from, in any namespace, and the subscribers in its own
-    namespace. A killed node cannot report its own end, so its peers have to. Tools that subscribe
-    from elsewhere are ignored, and so is a node that is present and only inactive.
+    Peers are the publishers of received data in any namespace, and the subscribers in the namespace
+    of the node. A killed node cannot report its end, so its peers do. Subscribers in other
+    namespaces, such as tools, are ignored, and so are inactive nodes.
     """
 
     def __init__(self) -> None:
         self._present: set[str] = set()
         self._gone: dict[str, float] = {}
-        self.unheard: list[str] = []
-        """Publishers whose messages do not arrive, as ``unheard_publishers`` gives them."""
+        self.incompatible: list[str] = []
+        """Publishers whose messages are not received (``incompatible_publishers``)."""
 
     def update(self, in_touch: set[str], alive: set[str], now_s: float) -> list[str]:
-        """Note the present nodes, and return the nodes that have gone since the last call."""
+        """Store the present nodes; return the nodes that have disappeared since the last call."""
         present = in_touch | (alive & (self._present | self._gone.keys()))
         lost = sorted(self._present - present)
-        known = {name: since for name, since in self._gone.items() if name not in present}
-        # Replaced as a whole: another thread may be reading.
-        self._gone = known | dict.fromkeys(lost, now_s)
+        absent = {name: since for name, since in self._gone.items() if name not in present}
+        # Replaced as a whole, because another thread may read it.
+        self._gone = absent | dict.fromkeys(lost, now_s)
         self._present = present
         return lost
 
     def task(self, hardware_id: str, now_s: float) -> Task:
-        """Return the status: a warning for a minute after a node has gone, or if one is unheard."""
+        """Return the status: WARN for a minute after a loss, or if a publisher is incompatible."""
         fresh = [name for name, since in self._gone.items() if now_s - since < FRESH_S]
         values = {"present": ", ".join(sorted(self._present)), "gone": ", ".join(self._gone)}
         remarks = [f"no contact with {', '.join(fresh)}"] if fresh else []
-        if self.unheard:
-            remarks.append(f"not received: {', '.join(self.unheard)}")
+        if self.incompatible:
+            remarks.append(f"not received: {', '.join(self.incompatible)}")
         if remarks:
             return Task("peers", WARN, "; ".join(remarks), hardware_id, values)
         return Task("peers", OK, f"{len(self._present)} in touch", hardware_id, values)
 
 
 def nodes_in_touch(node: Node) -> set[str]:
-    """Return the full names of the nodes that data flow from, and of near ones that share a topic.
+    """Return the full names of the nodes that publish data for a node, or share a topic nearby.
 
-    Near nodes are in the same namespace. Hidden nodes, such as command-line tools, do not count.
+    Nearby nodes are in the same namespace. Hidden nodes, such as command-line tools, are ignored.
     """
     received = {item.topic_name for item in node.subscriptions} - _UNSEEN
     shared = received | {item.topic_name for item in node.publishers} - _UNSEEN
@@ -78,8 +78,8 @@ def nodes_in_touch(node: Node) -> set[str]:
     return nodes - {node.get_fully_qualified_name()}
 
 
-def unheard_publishers(node: Node) -> list[str]:
-    """Return the publishers that no subscription of a node receives for their quality of service.
+def incompatible_publishers(node: Node) -> list[str]:
+    """Return the publishers that no subscription of a node matches by quality of service.
 
     Each is named with its topic, its node and the reason given by the middleware.
     """

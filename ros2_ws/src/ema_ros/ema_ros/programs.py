@@ -1,4 +1,4 @@
-"""The programs: nodes and ``ema``; SIGINT ends them quietly while they import."""
+"""Entry points of nodes and ``ema``; SIGINT ends them without traceback while they import."""
 
 from ema_core.start import program
 

@@ -1,7 +1,7 @@
 """Private parts of rclpy that the nodes use; only this module uses any.
 
-Receiving the waiting messages of a subscription, the state of a lifecycle in its own process, the
-end of a state machine, errors of ``change_state``, and given parameters. Checked with 7.1 (Jazzy).
+These are the waiting messages of a subscription, the lifecycle state within the process, the end of
+a state machine, errors of ``change_state``, and parameter overrides. Checked with 7.1 (Jazzy).
 """
 
 from collections.abc import Callable, Mapping
@@ -19,14 +19,14 @@ def next_message(executor: Executor, subscription: Subscription) -> Callable[[],
 
 
 def lifecycle_state(node: Any) -> str:
-    """Return the label of the state of a node's lifecycle."""
+    """Return the label of the lifecycle state of a node."""
     return node._state_machine.current_state[1]
 
 
 def release_state_machine(node: Any) -> None:
     """Release the state machine of a destroyed node, and with it the participant of DDS.
 
-    Otherwise both are left to the garbage collector.
+    Otherwise both remain until garbage collection.
     """
     node._state_machine = None
 
@@ -37,6 +37,6 @@ def wrap_change_state(node: Any, wrap: Callable[[Any], Any]) -> None:
     service.callback = wrap(service.callback)
 
 
-def given_parameters(node: Node) -> Mapping[str, Parameter]:
-    """Return the parameters that a node was given by name, declared or not."""
+def parameter_overrides(node: Node) -> Mapping[str, Parameter]:
+    """Return the parameter overrides of a node by name, declared or not."""
     return node._parameter_overrides

@@ -1,4 +1,4 @@
-"""The main of a node: it brings itself up, and ends in an orderly way when it is asked to."""
+"""Main function of nodes: bring-up, and orderly end on SIGINT or SIGTERM."""
 
 import ctypes
 import logging
@@ -35,19 +35,19 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     Parameters
     ----------
     args
-        Command line; the process's own when None.
+        Command line; None for the command line of the process.
 
     Returns
     -------
     int
-        Exit code of the process: 0, or 1 when the node did not come up or failed.
+        Exit code of the process: 0, or 1 if bring-up or the node failed.
     """
     _give_memory_back()
     stop_signals: list[int] = []
     for number in _SIGNALS:
-        # An event could be in the middle of a wait here, and its lock taken.
+        # Not an event: a wait may hold its lock here.
         signal.signal(number, lambda number, _: stop_signals.append(number))
-    # rclpy's own handlers would close the context at once: nothing could be published at the end.
+    # rclpy's handlers would close the context at once, and nothing could be published at the end.
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
@@ -61,7 +61,7 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     else:
         node.exit_code = int(not stop_signals)
     for number in _SIGNALS:
-        # A launcher may send them twice, and the interpreter gives up its handlers as it ends.
+        # A launcher may send signals twice, and the interpreter removes its handlers as it ends.
         signal.signal(number, signal.SIG_IGN)
     node.destroy_node()
     rclpy.shutdown()
@@ -70,13 +70,13 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
 
 
 def _give_memory_back() -> None:
-    """Let the memory of a large message go back to the system when the message is gone."""
+    """Have the memory of large messages returned to the system after use."""
     with suppress(OSError, UnicodeDecodeError):
-        # rmw_fastrtps has to be asked to use the memory policies of a profile.
+        # rmw_fastrtps ignores the memory policies of a profile by default.
         profile = Path(os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE", "")).read_text("utf-8")
         if 'profile_name="memory_given_back"' in profile:
             os.environ.setdefault("RMW_FASTRTPS_USE_QOS_FROM_XML", "1")
-    # glibc would raise these limits with the first large block it frees, and keep later ones.
+    # glibc would raise these limits when the first large block is freed, and keep later blocks.
     set_option = getattr(ctypes.CDLL(None), "mallopt", None)
     if set_option is not None:
         set_option(_M_MMAP_THRESHOLD, _MAPPED_ALONE_BYTES)
@@ -84,7 +84,7 @@ def _give_memory_back() -> None:
 
 
 def _serve(node: ManagedNode, stop_signals: list[int]) -> None:
-    """Serve a node in a thread until it has finished or a signal came, and shut it down."""
+    """Run a node in a thread until it has finished or a signal arrives, and shut it down."""
     executor = NodeExecutor(node.log_failure)
     executor.add_node(node)
     name = f"executor of {node.get_name()}"
@@ -106,17 +106,17 @@ def _spin(executor: NodeExecutor, node: ManagedNode) -> None:
         except ExternalShutdownException:
             return
         except Exception as error:
-            # Without this thread the node would be dead and look alive.
+            # Without this thread the node would not respond, but seem to run.
             node.log_failure(error)
             node.stopping.wait(_POLL_S)
 
 
 def _end_if_stuck(exit_code: int) -> None:
-    """End without further ado if a thread is stuck; the interpreter would wait for it for ever."""
-    others = [item for item in threading.enumerate() if item is not threading.main_thread()]
-    for item in others:
-        item.join(_PATIENCE_S / len(others))
-    if any(item.is_alive() for item in others):
+    """End the process if a thread does not end: the interpreter would wait without limit."""
+    threads = [item for item in threading.enumerate() if item is not threading.main_thread()]
+    for item in threads:
+        item.join(_PATIENCE_S / len(threads))
+    if any(item.is_alive() for item in threads):
         logging.shutdown()
         sys.stdout.flush()
         sys.stderr.flush()

@@ -1,4 +1,4 @@
-"""ROS parameters declared from, and read into, the dataclasses that validate them."""
+"""ROS parameters from dataclasses: declaration, reading and validation."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ema_core.parameter import SettingsParameter, parameters_of
-from ema_ros.rclpy_private import given_parameters
+from ema_ros.rclpy_private import parameter_overrides
 
 Definition = TypeVar("Definition")
 
@@ -31,19 +31,31 @@ WHILE_UNCONFIGURED: Final = "changed while the node is unconfigured"
 def declare(node: Node, definition: Any, prefix: str = "", *, constraint: str = "") -> None:
     """Declare the fields of a dataclass as parameters of a node.
 
-    The definition is a dataclass whose fields were made by ``quantity``, ``text``, ``texts`` and
-    ``flag``, or an instance of one whose values are the defaults; other fields are ignored. The
-    constraint says when they can be changed; without it they cannot. A given value that is
-    impossible is a ValueError.
+    Parameters
+    ----------
+    node
+        The node.
+    definition
+        Dataclass with fields created by ``quantity``, ``text``, ``texts`` or ``flag``, or an
+        instance whose values are the defaults. Fields without description are ignored.
+    prefix
+        Prefix of the parameter names.
+    constraint
+        When the parameters can be changed; "" for read-only parameters.
+
+    Raises
+    ------
+    ValueError
+        When an override is out of range.
     """
-    given = given_parameters(node)
+    overrides = parameter_overrides(node)
     for parameter in parameters_of(definition, prefix):
         item = parameter.field
         default = getattr(definition, item.name, item.default)
         descriptor = _descriptor(parameter, constraint)
-        override = given[parameter.name].value if parameter.name in given else None
+        override = overrides[parameter.name].value if parameter.name in overrides else None
         number = parameter.number_of(override)
-        # A number given as another type is declared with the type of the field.
+        # An override of another numeric type is converted to the type of the field.
         is_read = number is not override
         value = number if is_read else parameter.to_node(default)
         try:
@@ -56,9 +68,12 @@ def declare(node: Node, definition: Any, prefix: str = "", *, constraint: str = 
 
 
 def read(node: Node, definition: type[Definition], prefix: str = "") -> Definition:
-    """Return an instance of a dataclass with the values of parameters that were declared by it.
+    """Return an instance of a dataclass with the values of its declared parameters.
 
-    A value that is impossible is a ValueError that names the parameter.
+    Raises
+    ------
+    ValueError
+        When a value is out of range; the message names the parameter.
     """
     values = {
         item.field.name: item.from_node(node.get_parameter(item.name).value)
@@ -74,23 +89,29 @@ _LIVE_PARAMETERS: Final[WeakKeyDictionary[Node, dict[str, SettingsParameter]]] =
 
 
 class LiveSettings(Generic[Definition]):
-    """Settings that can be changed; impossible values are refused with the reason.
+    """Settings that can be changed at run time; invalid values are refused with the reason.
 
     Parameters
     ----------
     node, definition, prefix
-        As in ``declare``; an initial value that is impossible is a ValueError.
+        See ``declare``.
     on_change
         Called with the new settings after a change.
     why_fixed
-        Gives why they cannot be changed at present; empty when they can. Without it they are live.
+        Returns why the settings cannot be changed at present; empty if they can. Without it they
+        can always be changed.
     check
-        Called with new settings before a change; a ValueError refuses it.
+        Called with new settings before a change; a ValueError refuses the change.
 
     Attributes
     ----------
     value
-        The settings as they are now.
+        Present settings.
+
+    Raises
+    ------
+    ValueError
+        When an initial value is out of range.
     """
 
     def __init__(
@@ -109,11 +130,11 @@ class LiveSettings(Generic[Definition]):
         constraint = WHILE_UNCONFIGURED if why_fixed else LIVE
         declare(node, definition, prefix, constraint=constraint)
         self.value: Definition = read(node, definition, prefix)
-        # One such callback a node: rclpy answers each parameter as often as there are some.
-        known = _LIVE_PARAMETERS.setdefault(node, {})
-        if not known:
-            node.add_pre_set_parameters_callback(partial(_read_numbers, node, known))
-        known |= self._parameters
+        # One callback per node: rclpy returns a result per parameter for each such callback.
+        live = _LIVE_PARAMETERS.setdefault(node, {})
+        if not live:
+            node.add_pre_set_parameters_callback(partial(_read_numbers, node, live))
+        live |= self._parameters
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
@@ -123,7 +144,7 @@ class LiveSettings(Generic[Definition]):
             for item in parameters
             if item.name in self._parameters
         ]
-        changes = {known.field.name: known.from_node(item.value) for known, item in items}
+        changes = {setting.field.name: setting.from_node(item.value) for setting, item in items}
         return replace(self.value, **changes) if changes else None  # pyright: ignore
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
@@ -147,16 +168,16 @@ class LiveSettings(Generic[Definition]):
 
 
 def _read_numbers(
-    node: Node, known: Mapping[str, SettingsParameter], parameters: list[Parameter]
+    node: Node, live: Mapping[str, SettingsParameter], parameters: list[Parameter]
 ) -> list[Parameter]:
-    """Return the parameters, numbers with their fields' types; refuse undeclared ones."""
+    """Return the parameters with numbers in the type of their field; refuse undeclared ones."""
     for item in parameters:
-        # rclpy would not name it.
+        # rclpy's error would not name the parameter.
         if not node.has_parameter(item.name):
             raise ParameterNotDeclaredException(item.name)
     return [
-        Parameter(item.name, value=known[item.name].number_of(item.value))
-        if item.name in known and item.value is not None
+        Parameter(item.name, value=live[item.name].number_of(item.value))
+        if item.name in live and item.value is not None
         else item
         for item in parameters
     ]

@@ -15,7 +15,7 @@ def check_stamp(stamp_ns: int) -> None:
 
 
 def stamp_to_message(stamp_ns: int) -> "Time":
-    """Return a time [ns] as a message; raises ``ValueError`` as in ``check_stamp``."""
+    """Return a time [ns] as a message; ``ValueError`` outside the range, about ±68 years."""
     from builtin_interfaces.msg import Time  # reading needs no ROS
 
     check_stamp(stamp_ns)

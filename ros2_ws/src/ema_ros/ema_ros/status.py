@@ -13,7 +13,7 @@ from ema_core.levels import ERROR, OK, STALE, WARN
 __all__ = ["ERROR", "OK", "STALE", "WARN", "Task", "fault_code", "hardware_name", "status_message"]
 
 LONGEST_CODE: Final = 64
-"""Most characters of a fault code."""
+"""Largest number of characters of a fault code."""
 
 NORMAL: Final = "NORMAL"
 FAILURE: Final = "FAILURE"
@@ -21,40 +21,31 @@ CHECK_FUNCTION: Final = "CHECK_FUNCTION"
 OFF_SPEC: Final = "OFF_SPEC"
 MAINTENANCE_REQUIRED: Final = "MAINTENANCE_REQUIRED"
 DIAGNOSTICS_ACTIVE: Final = "DIAGNOSTICS_ACTIVE"
-"""Categories of NAMUR NE 107 and, without any of these, normal."""
+"""Categories of NAMUR NE 107, and "normal"."""
 
 _BY_LEVEL: Final = {OK: NORMAL, WARN: CHECK_FUNCTION, ERROR: FAILURE, STALE: CHECK_FUNCTION}
 
 
 @dataclass(frozen=True)
 class Task:
-    """Status of one task of a node.
-
-    Attributes
-    ----------
-    name
-        Name of the task, always the same.
-    level
-        ``OK``, ``WARN``, ``ERROR`` or ``STALE`` of ``ema_core.levels``; ``STALE`` if it is unknown
-        or outdated.
-    hardware_id
-        Unit concerned, of ``hardware_name``.
-    values
-        Figures by name; the unit is part of the name, as in ``lag [s]``.
-    category
-        Category of NAMUR NE 107; the level's category when empty.
-    """
+    """Status of one task of a node."""
 
     name: str
+    """Name of the task, a constant."""
     level: int
+    """``OK``, ``WARN``, ``ERROR`` or ``STALE`` of ``ema_core.levels``; ``STALE`` if it is unknown
+    or outdated."""
     message: str
     hardware_id: str
+    """Name of the unit, as ``hardware_name`` returns it."""
     values: Mapping[str, Any] = field(default_factory=dict)
+    """Figures by name; the unit is part of the name, as in ``lag [s]``."""
     category: str = ""
+    """Category of NAMUR NE 107; empty for the default category of the level."""
 
 
 def status_message(node_name: str, task: Task) -> DiagnosticStatus:
-    """Return a task of a node, by its full name, as a message."""
+    """Return a task of a node as a message; ``node_name`` is its full name."""
     name = f"{node_name}: {task.name}"
     values = {
         **task.values,
@@ -71,12 +62,13 @@ def status_message(node_name: str, task: Task) -> DiagnosticStatus:
 
 
 def fault_code(name: str) -> str:
-    """Return the code of a status: always the same, and unique as its name is.
+    """Return the code of a status: constant, and as unique as its name.
 
-    It does not depend on the level, so that a collector of faults by code sees them end.
+    The code does not depend on the level, so that a collector of faults by code detects their end.
 
     It consists of capitals, digits and single underscores: ``EMA_MONITOR_FLAP_FRICTION`` for
-    ``/ema/monitor: flap friction``. A longer code is cut, and ends in a digest of the name.
+    ``/ema/monitor: flap friction``. A code that is too long is truncated, and ends in a digest of
+    the name.
     """
     code = re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")
     if len(code) <= LONGEST_CODE:

@@ -1,4 +1,4 @@
-"""Log lines that would repeat, let through now and then."""
+"""Limitation of repeated log lines."""
 
 import re
 from typing import Final
@@ -12,18 +12,18 @@ class Throttle:
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
-        # When each kind of line was let through last, and how many were held back since.
-        self._said: dict[str, tuple[float, int]] = {}
+        # Time of the last line of each kind, and number of suppressed lines since then.
+        self._logged: dict[str, tuple[float, int]] = {}
 
     def passed(self, line: str, now_s: float) -> str | None:
-        """Return the line if it is to be logged now [s], with how many were held back, or None."""
+        """Return the line to log at a time [s], with the number of suppressed lines, or None."""
         kind = _NUMBERS.sub("#", line)
-        before = self._said.pop(kind, None)
+        before = self._logged.pop(kind, None)
         if before is not None and now_s - before[0] < self._period_s:
-            self._said[kind] = (before[0], before[1] + 1)
+            self._logged[kind] = (before[0], before[1] + 1)
             return None
-        if len(self._said) >= _MOST_KINDS:
-            del self._said[next(iter(self._said))]
-        self._said[kind] = (now_s, 0)
-        held_back = before[1] if before else 0
-        return f"{line} (and {held_back} like it before)" if held_back else line
+        if len(self._logged) >= _MOST_KINDS:
+            del self._logged[next(iter(self._logged))]
+        self._logged[kind] = (now_s, 0)
+        suppressed = before[1] if before else 0
+        return f"{line} (and {suppressed} similar before)" if suppressed else line

@@ -1,8 +1,8 @@
 """Topics of actuator and monitor, and the quality of service of their publishers.
 
-Telemetry is reliable with a history of ten seconds: a lost block costs a whole window. What late
-subscribers need is latched (transient local). Nodes use the names without the namespace; recordings
-made without a node are under ``/ema``.
+Telemetry is reliable with a history of ten seconds: a lost block costs a whole window. Topics that
+late subscribers need are latched (transient local). Nodes use the names without the namespace;
+recordings made without a node are under ``/ema``.
 """
 
 from typing import Final
@@ -49,11 +49,12 @@ LATCHED: Final = QoSProfile(
 LATCHED_BY_MANY: Final = QoSProfile(
     depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-"""For subscriptions to latched topics, which may have a publisher for each actuator."""
+"""Quality of service of subscriptions to latched topics with a publisher per actuator."""
 
 STREAM: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 SERVICE: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""For requests: beyond ten at once the usual depth would leave some without an answer."""
+"""Quality of service of services: with the usual depth, more than ten requests at once would lose
+answers."""
 
 STATE: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -67,7 +68,7 @@ ACTUATOR_TOPICS: Final = {
 """Message class and quality of service of a simulated actuator's topics, by name."""
 
 SYSTEM_TOPICS: Final = {MEASURED_CAUSES: (MeasuredCauses, STREAM)}
-"""Message class and quality of service of topics that other systems publish for a monitor."""
+"""Message class and quality of service of topics that external systems publish for a monitor."""
 
 MONITOR_TOPICS: Final = {
     FAULT_ESTIMATE: (FaultEstimate, STATE),
