@@ -390,7 +390,7 @@ def history(unit: Unit, now_ns: int, period_s: float, first: int = 1) -> UnitHis
         (0.25, "calibration", "calibration flap-2031 with 20 healthy windows is used"),
         (0.4, "gap", "2 tests missed"),
         (0.55, "outlier", "friction: 0.214 is far from what the tests before let expect"),
-        (0.7, "restart", "the monitor was started again"),
+        (0.7, "restart", "the monitor was restarted"),
         (0.82, "fault", f"{label}: OK → WARN"),
     )
     events = []

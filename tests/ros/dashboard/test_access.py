@@ -261,11 +261,11 @@ def test_what_is_not_served_is_refused_in_words(served):
     session, node = served
     viewer = session.view(node)
     for request, words in (
-        ({"op": "advertise", "channels": []}, "operation 'advertise' is not served"),
-        ({"op": "getParameters", "parameterNames": []}, "'getParameters' is not served"),
+        ({"op": "advertise", "channels": []}, "operation 'advertise' is not supported"),
+        ({"op": "getParameters", "parameterNames": []}, "'getParameters' is not supported"),
         ({"op": "unsubscribe", "subscriptionIds": [-1]}, "expected numbers"),
         ({"op": "subscribe", "subscriptions": [{"id": True}]}, "expected numbers"),
-        ({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}, "no channel 99"),
+        ({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}, "99 does not exist"),
         ([1], "expected a JSON object"),
         ("{", "refused: "),
         (b"\x02abc", "only the control of a playback"),

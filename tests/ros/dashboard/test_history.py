@@ -277,7 +277,7 @@ def test_tests_that_a_monitor_has_lost_are_told_where_they_were():
     history.set_base(base)
     [told] = history.message().events
     assert (told.stamp.sec, told.kind) == (8, "history")
-    assert told.text == "the monitor began its history anew, without 2 earlier tests"
+    assert told.text == "the monitor started a new history, without 2 earlier tests"
 
 
 def test_a_restart_that_the_monitor_tells_of_is_not_told_twice():

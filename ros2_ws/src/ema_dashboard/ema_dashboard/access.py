@@ -1,4 +1,4 @@
-"""Who may look at the dashboard: host names, origins of pages, token."""
+"""Access control of the dashboard: host names, origins of pages, token."""
 
 import hashlib
 import hmac
@@ -12,14 +12,14 @@ _LOOPBACK_NAMES: Final = frozenset(("localhost", "127.0.0.1", "::1"))
 
 
 class Access:
-    """Decides on requests by their headers.
+    """Access control of requests by their headers.
 
-    A web page anywhere may make a browser connect to this machine, and WebSockets are exempt from
-    the rule of the same origin: so the origin is checked. A host name that is made to point here
-    would give a foreign page the origin of the dashboard: so the host is checked.
+    Any web page may make a browser connect to this machine, and WebSockets are exempt from the
+    same-origin policy; therefore the origin is checked. A foreign host name that resolves to this
+    machine would give a foreign page the origin of the dashboard; therefore the host is checked.
 
-    It may be addressed by loopback and by the configured host names, and pages of the configured
-    origins, such as ``https://example.org``, may connect. Clients must present the token, if any.
+    Permitted are loopback and the configured host names, and pages of the configured origins, such
+    as ``https://example.org``. Clients must present the token, if there is one.
     """
 
     def __init__(self, hosts: Iterable[str], origins: Iterable[str], token: str) -> None:
@@ -29,29 +29,39 @@ class Access:
 
     @property
     def needs_token(self) -> bool:
-        """Whether clients have to show a token."""
+        """Whether clients must present a token."""
         return bool(self._token)
 
     @property
     def cookie(self) -> str:
-        """Cookie that a browser keeps after it has presented the token."""
+        """Cookie of a browser that has presented the token."""
         return hmac.new(self._token.encode(), b"dashboard cookie", hashlib.sha256).hexdigest()
 
     def refuses(self, host: str, reached: str, scheme: str, origin: str | None) -> str:
-        """Return why a request is refused, in words; empty when it is not.
+        """Return why a request is refused; empty if it is permitted.
 
-        It has the headers ``Host`` and ``Origin``, which programs other than browsers omit,
-        and reached an address of this machine.
+        Parameters
+        ----------
+        host
+            Header ``Host``.
+        reached
+            Address of this machine at which the request arrived.
+        scheme
+            Scheme of the request.
+        origin
+            Header ``Origin``; None if it is missing, as in requests of other programs than
+            browsers.
         """
         name = host_name(host)
         if not _HOST.fullmatch(host):
-            return f"host {host[:_MOST_QUOTED]!r} is no name with a port"
+            return f"host {host[:_MOST_QUOTED]!r} is not a name with a port"
         if name not in self._hosts and name != reached:
             quoted = name[:_MOST_QUOTED]
             return f"host {quoted!r} is not one of this dashboard: see its parameter host_names"
         if origin is not None:
-            given = origin.lower().rstrip("/")
-            if given != f"{scheme}://{host.lower()}" and given not in self._origins:
+            origin_name = origin.lower().rstrip("/")
+            is_same = origin_name == f"{scheme}://{host.lower()}"
+            if not is_same and origin_name not in self._origins:
                 quoted = origin[:_MOST_QUOTED]
                 return f"origin {quoted!r} may not connect: see the parameter allowed_origins"
         return ""
@@ -63,22 +73,22 @@ class Access:
         origins = [page_origin, *[secure] * (secure != page_origin and secure in self._origins)]
         return [origin.replace("http", "ws", 1) for origin in origins]
 
-    def knows(self, *, token: str | None, cookie: str | None) -> bool:
-        """Return whether the right token, or the cookie for it, was shown, or none is needed."""
+    def permits(self, *, token: str | None, cookie: str | None) -> bool:
+        """Return whether token or cookie are valid, or no token is needed."""
         if not self._token:
             return True
         return _same(token, self._token) or _same(cookie, self.cookie)
 
 
 def host_name(host: str) -> str:
-    """Return the name in a header ``Host``, in small letters, without port and brackets."""
+    """Return the name in a header ``Host`` in lower case, without port and brackets."""
     if host.startswith("["):
         return host[1:].partition("]")[0].lower()
     return host.partition(":")[0].lower()
 
 
-def _same(given: str | None, expected: str) -> bool:
-    if given is None:
+def _same(presented: str | None, expected: str) -> bool:
+    if presented is None:
         return False
-    # What is not UTF-8 in a header is kept as surrogates.
-    return hmac.compare_digest(given.encode(errors="surrogateescape"), expected.encode())
+    # Bytes of a header that are not UTF-8 are surrogates.
+    return hmac.compare_digest(presented.encode(errors="surrogateescape"), expected.encode())

@@ -1,4 +1,4 @@
-"""Alerts: each change of a level, posted as JSON to an address."""
+"""Alerts: changes of a level, posted as JSON to an address."""
 
 import asyncio
 import logging
@@ -14,27 +14,27 @@ from ema_interfaces.msg import Health
 from ema_ros.stamps import stamp_from_message
 
 WAITS_S: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-"""Times to wait before an alert is posted again [s]; then it is lost."""
+"""Waiting times before an alert is posted again [s]; after the last attempt it is lost."""
 
 MOST_WAITING: Final = 100
-"""Alerts that wait; beyond it the oldest is lost."""
+"""Largest number of waiting alerts; if it is exceeded, the oldest alert is lost."""
 
 _MOST_ACTUATORS: Final = 1000
-_TRY_AGAIN: Final = (408, 429)  # of the refusals, those that pass: timeout, too many requests
+_TEMPORARY: Final = (408, 429)  # temporary refusals: timeout, too many requests
 _ANSWER_S: Final = 10.0
 
 
 class Alerts:
     """Posts changes of level one after the other, in an event loop of another thread.
 
-    The level that an actuator has at first is an alert if it is WARN or ERROR.
+    The first level of an actuator is an alert if it is WARN or ERROR.
 
     Attributes
     ----------
     sent, lost
-        Numbers of alerts that the address has taken, and that it never took.
+        Numbers of accepted and lost alerts.
     failure
-        Why the latest try failed; empty when it did not.
+        Why the latest attempt failed; empty if it succeeded.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, address: str, page: str) -> None:
@@ -48,7 +48,7 @@ class Alerts:
         self._task: Future[None] = asyncio.run_coroutine_threadsafe(self._post_all(), loop)
 
     def note(self, namespace: str, health: Health) -> None:
-        """Take a health as it is shown."""
+        """Post an alert if a shown health has a new level."""
         key = namespace, health.actuator_id
         before = self._levels.pop(key, None)
         self._levels[key] = health.level
@@ -78,8 +78,8 @@ class Alerts:
                     self.sent += 1
                 else:
                     self.lost += 1
-                    what = f"{alert['actuator_id']}: an alert of {alert['level']} is lost"
-                    logging.getLogger("ema_dashboard").error(f"{what}: {self.failure}")
+                    text = f"{alert['actuator_id']}: an alert of {alert['level']} is lost"
+                    logging.getLogger("ema_dashboard").error(f"{text}: {self.failure}")
 
     async def _is_taken(self, session: ClientSession, alert: dict[str, Any]) -> bool:
         """Post an alert until it is accepted, or refused for its content."""
@@ -87,15 +87,15 @@ class Alerts:
             status = await self._post(session, alert)
             if not self.failure:
                 return True
-            if 400 <= status < 500 and status not in _TRY_AGAIN:
+            if 400 <= status < 500 and status not in _TEMPORARY:
                 return False
             await asyncio.sleep(wait_s)
         return False
 
     async def _post(self, session: ClientSession, alert: dict[str, Any]) -> int:
-        """Post an alert once; return the status, 0 without an answer, and keep the failure."""
+        """Post an alert once; return the status, 0 without an answer, and set ``failure``."""
         try:
-            # A redirected POST would be a GET without content.
+            # A redirected POST would become a GET without content.
             async with session.post(self._address, json=alert, allow_redirects=False) as answer:
                 self.failure = "" if 200 <= answer.status < 300 else f"status {answer.status}"
                 return answer.status

@@ -15,7 +15,7 @@ from ema_dashboard.hub import Hub, message_frame
 
 SUBPROTOCOL: Final = "foxglove.sdk.v1"
 MOST_REQUEST_BYTES: Final = 64 * 1024
-"""Size of a client's message beyond which it is disconnected [B]."""
+"""Largest message of a client [B]; a larger message disconnects it."""
 
 _MOST_SUBSCRIPTIONS: Final = 1000
 _REQUESTS_A_SECOND: Final = 50.0
@@ -23,17 +23,33 @@ _REQUESTS_AT_ONCE: Final = 200.0
 
 
 class Client:
-    """Speaks the protocol of Foxglove with one client, in the event loop of the hub.
+    """Connection with one client by Foxglove's protocol, in the event loop of the hub.
 
-    A client may subscribe, unsubscribe and control a playback, at a bounded rate, and nothing else.
-    Messages that a slow client has not received wait here, up to a limit: then the oldest are
-    dropped, but never messages of the protocol, without which it cannot read the others. The kept
-    messages of a channel are sent to a new subscriber only: one at a time, alternating with waiting
-    messages. They are looked up when they are sent and do not wait here.
+    A client may subscribe, unsubscribe and control a playback, at a limited rate. Messages for a
+    slow client are queued up to a limit; then the oldest messages are dropped, except messages of
+    the protocol, which are necessary to read the rest. Kept messages of a channel are sent to a new
+    subscriber one at a time, alternating with queued messages; they are read when they are sent,
+    and are not queued.
 
-    ``control`` is called with a request for a playback, and raises ValueError if it is not one.
-    ``subscriptions`` are their numbers by channel, ``waiting_bytes`` wait for it, and
-    ``dropped`` messages were lost because it is slow.
+    Parameters
+    ----------
+    hub
+        Source of the messages.
+    socket
+        Connection to the client.
+    control
+        Called with a request for a playback; raises ValueError for an invalid request.
+    most_bytes
+        Largest size of the queue [B].
+
+    Attributes
+    ----------
+    subscriptions
+        Numbers of the subscriptions by channel.
+    waiting_bytes
+        Size of the queued messages [B].
+    dropped
+        Number of messages dropped because the client is slow.
     """
 
     def __init__(
@@ -55,7 +71,7 @@ class Client:
         self._counted_s = time.monotonic()
 
     async def run(self) -> None:
-        """Serve the client until one of both ends closes the connection."""
+        """Serve the client until either end closes the connection."""
         self._hub.join(self)
         tasks = [asyncio.ensure_future(self._receive()), asyncio.ensure_future(self._send())]
         code, words = WSCloseCode.GOING_AWAY, b""
@@ -69,12 +85,12 @@ class Client:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            # It may not listen any more.
+            # The client may not answer.
             with contextlib.suppress(TimeoutError, ConnectionError):
                 await asyncio.wait_for(self._socket.close(code=code, message=words), 1.0)
 
     def take(self, frame: str | bytes, *, droppable: bool) -> None:
-        """Queue a frame; droppable frames may be dropped to make room for later ones."""
+        """Queue a frame; droppable frames may be dropped in favour of later frames."""
         if droppable and len(frame) > self._most_bytes:
             self.dropped += 1
             return
@@ -101,7 +117,7 @@ class Client:
             self._ended.set_result((code, words))
 
     async def _receive(self) -> tuple[int, bytes]:
-        """Serve the client's requests; return why the connection ended."""
+        """Serve the requests of the client; return why the connection ended."""
         while True:
             message = await self._socket.receive()
             if message.type in (WSMsgType.CLOSE, WSMsgType.CLOSING, WSMsgType.CLOSED):
@@ -139,26 +155,28 @@ class Client:
             self.send({"op": "status", "level": 2, "message": f"refused: {error}"})
 
     def _subscribe(self, items: list[dict[str, int]]) -> None:
-        known = dict(self.subscriptions)
+        subscriptions = dict(self.subscriptions)
         for item in items:
             subscription, channel = item["id"], item["channelId"]
             if self._hub.kept(channel) is None:
-                raise ValueError(f"there is no channel {channel}")
-            if channel in known or subscription in known.values():
+                raise ValueError(f"channel {channel} does not exist")
+            if channel in subscriptions or subscription in subscriptions.values():
                 raise ValueError(f"channel {channel} or subscription {subscription} is in use")
-            known[channel] = subscription
-        # First the subscriptions: later messages are sent, earlier ones are kept already.
-        self.subscriptions = known
+            subscriptions[channel] = subscription
+        # Subscribe before the kept messages are read, so that no message is missed in between.
+        self.subscriptions = subscriptions
         for item in items:
             self._unsent[item["channelId"]] = deque(self._hub.kept(item["channelId"]) or ())
         self._filled.set()
 
     def _unsubscribe(self, numbers: list[int]) -> None:
-        ended = [channel for channel, one in self.subscriptions.items() if one in numbers]
+        present = self.subscriptions.items()
+        ended = [channel for channel, number in present if number in numbers]
         for channel in ended:
             self._unsent.pop(channel, None)
-        known = self.subscriptions.items()
-        self.subscriptions = {key: one for key, one in known if key not in ended}
+        self.subscriptions = {
+            channel: number for channel, number in present if channel not in ended
+        }
 
     async def _send(self) -> tuple[int, bytes]:
         while True:
@@ -173,7 +191,7 @@ class Client:
             await self._filled.wait()
 
     async def _send_kept(self) -> None:
-        """Send the next message that is kept of new subscriptions, as it is now."""
+        """Send the next kept message of new subscriptions in its present state."""
         channel, keys = next(iter(self._unsent.items()))
         if not keys:
             del self._unsent[channel]
@@ -184,7 +202,7 @@ class Client:
         data = message.data
         if not isinstance(data, bytes):
             data = await asyncio.to_thread(data)
-        # The client may have ended the subscription meanwhile, or begun another one.
+        # The client may have ended or replaced the subscription meanwhile.
         if self._unsent.get(channel) is keys:
             frame = message_frame(self.subscriptions[channel], message.log_time_ns, data)
             await self._pass_out(frame)
@@ -199,7 +217,7 @@ class Client:
 
 
 def _request(data: str) -> Any:
-    """Return a request of a client; ValueError when it is not one that is served."""
+    """Return a request of a client; ValueError if it is invalid or not supported."""
     try:
         request = json.loads(data)
     except RecursionError:
@@ -216,7 +234,7 @@ def _request(data: str) -> Any:
     elif request.get("op") == "unsubscribe":
         numbers = request.get("subscriptionIds")
     else:
-        raise ValueError(f"operation {str(request.get('op'))[:40]!r} is not served")
+        raise ValueError(f"operation {str(request.get('op'))[:40]!r} is not supported")
     if not isinstance(numbers, list) or len(numbers) > 2 * _MOST_SUBSCRIPTIONS:
         raise ValueError(f"expected a list of at most {_MOST_SUBSCRIPTIONS} subscriptions")
     if not all(type(number) is int and 0 <= number < 2**32 for number in numbers):

@@ -1,4 +1,4 @@
-"""What the port serves by path: the files of the page, and texts made when they are asked for."""
+"""Contents of the web server by path: files of the page, and documents computed on request."""
 
 import asyncio
 import json
@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from aiohttp import web
 
 _MOST_WAITING: Final = 16
-# Not the types of the machine: a browser runs no script of another type.
+# Not the types configured on the machine: a browser runs no script of a wrong type.
 _CONTENT_TYPES: Final = {
     ".css": "text/css",
     ".html": "text/html",
@@ -25,7 +25,7 @@ _NUMBERS: Final = frozenset(map(str, range(1, _MOST_WORST + 1)))
 
 
 class Made(NamedTuple):
-    """A file or text with the type that its header gives, and the status of the answer."""
+    """Content of an answer, with its content type and status."""
 
     content: bytes
     content_type: str
@@ -33,7 +33,7 @@ class Made(NamedTuple):
 
 
 def read_page() -> dict[str, Made]:
-    """Return the files of the page by the path at which they are served, the page itself at ``/``.
+    """Return the files of the page by path, with the page itself at ``/``.
 
     Raises
     ------
@@ -51,16 +51,16 @@ def read_page() -> dict[str, Made]:
 
 
 Document = Callable[[Mapping[str, str], str], Made]
-"""Makes a text in any thread, of the query of an address and the header ``Accept``."""
+"""Computes a document from a query and the header ``Accept``, in any thread."""
 
 
 class Documents:
-    """Texts by their paths, each made in a separate thread, for one client after another.
+    """Documents by path, each computed in a separate thread, for one client at a time.
 
     Parameters
     ----------
     documents
-        What makes them, by path.
+        Functions that compute the documents, by path.
     """
 
     def __init__(self, documents: Mapping[str, Document]) -> None:
@@ -72,10 +72,10 @@ class Documents:
         return path in self._documents
 
     async def answer(self, request: web.Request, headers: Mapping[str, str]) -> web.Response:
-        """Return the text at the path of a request; status 503 where too many wait for theirs."""
+        """Return the document of a request; status 503 if too many requests are waiting."""
         if self._waiting >= _MOST_WAITING:
-            words = f"{self._waiting} requests are waiting for an answer already\n"
-            return web.Response(status=503, text=words, headers=headers)
+            text = f"{self._waiting} requests are waiting for an answer already\n"
+            return web.Response(status=503, text=text, headers=headers)
         make, accept = self._documents[request.path], request.headers.get("Accept", "")
         query = {name: value for name, value in request.query.items() if name != "token"}
         self._waiting += 1
@@ -94,9 +94,9 @@ class Documents:
 
 
 class FleetDocument:
-    """Answers with the summary of an archive's fleet; the latest one is made once.
+    """Summary of the fleet of an archive; the latest summary is cached.
 
-    The folder of the archive is empty when there is none.
+    ``archive`` is the folder of the archive, empty without one.
     """
 
     def __init__(self, archive: str) -> None:
@@ -104,7 +104,7 @@ class FleetDocument:
         self._made: tuple[object, bytes] = None, b""
 
     def __call__(self, query: Mapping[str, str], _: str) -> Made:
-        """Return the summary, or the reason why there is none; ``most`` in the query limits it."""
+        """Return the summary, or why it is unavailable; ``most`` in the query limits its length."""
         try:
             return Made(self._content(query.get("most", str(_MOST_WORST))), "application/json")
         except (OSError, ValueError) as error:
@@ -115,7 +115,7 @@ class FleetDocument:
             return json.dumps({"archive": None}).encode()
         if most not in _NUMBERS:
             raise ValueError(f"most = {most[:20]!r}: expected 1 to {_MOST_WORST}")
-        # What is needed for it takes a second to import.
+        # Imported here, because the import takes a second.
         from ema_archive.fleet import fleet_summary, state_of_tables
 
         key = state_of_tables(self._archive), int(most)

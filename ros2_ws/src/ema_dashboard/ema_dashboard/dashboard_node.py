@@ -1,4 +1,4 @@
-"""The dashboard: serves the nodes' topics to Foxglove and to its own web page."""
+"""Dashboard node: serves topics to Foxglove and to a web page."""
 
 import os
 import time
@@ -53,9 +53,9 @@ class DashboardNode(ManagedNode):
 
     Parameters of the node are the fields of ``DashboardSettings``.
 
-    Topics are received as they are and sent on without decoding; those that are neither latched nor
-    needed for the history only while a client looks at them. The node changes nothing in the
-    graph, but for the player, which clients may control, and the notes that monitors keep.
+    Messages are forwarded without decoding. Topics that are neither latched nor needed for the
+    history are received only while a client shows them. The node changes nothing in the graph,
+    except the player, which clients may control, and the notes that monitors store.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -63,7 +63,7 @@ class DashboardNode(ManagedNode):
         declare(self, DashboardSettings)
 
     def configure(self) -> None:
-        """Listen."""
+        """Start the web server."""
         settings = read(self, DashboardSettings)
         namespaces = settings.namespaces or (self.get_namespace(),)
         hosts = (settings.host, *settings.host_names)
@@ -105,7 +105,7 @@ class DashboardNode(ManagedNode):
         self.get_logger().info(f"dashboard at {self.address}")
 
     def activate(self) -> None:
-        """Look for topics and send them on."""
+        """Start the discovery of topics."""
         self.add_timer(_DISCOVERY_S, self._discover)
 
     def deactivate(self) -> None:
@@ -119,11 +119,11 @@ class DashboardNode(ManagedNode):
         self._web.stop()
 
     def counts(self) -> NodeStatus:
-        """Return where the page is served."""
+        """Return the address of the page."""
         return NodeStatus(kind=NodeStatus.DASHBOARD, address=self.address)
 
     def tasks(self) -> list[Task]:
-        """Return its address, the number of clients, and their dropped messages."""
+        """Return the status: address, number of clients and dropped messages."""
         totals = self._hub.figures()
         values = {
             "address": self.address,
@@ -149,7 +149,7 @@ class DashboardNode(ManagedNode):
         return [Task("dashboard", level, message, self.hardware_id, values)]
 
     def _discover(self) -> None:
-        """Offer topics that have a publisher, and receive those that are looked at."""
+        """Offer topics that have a publisher, and receive topics that a client shows."""
         for name, topic in self._topics.items():
             if name not in self._hub:
                 if topic.request is not None and not self.count_publishers(name):
@@ -157,12 +157,12 @@ class DashboardNode(ManagedNode):
                 self._hub.add(topic)
             if topic.request is None:
                 continue
-            wanted = topic.followed or self._hub.has_clients(name)
-            if wanted and name not in self._inputs:
+            is_needed = topic.followed or self._hub.has_clients(name)
+            if is_needed and name not in self._inputs:
                 self._inputs[name] = self.create_subscription(
                     topic.message_class, name, self._receiver(topic), topic.request, raw=True
                 )
-            elif not wanted and name in self._inputs:
+            elif not is_needed and name in self._inputs:
                 self.destroy_subscription(self._inputs.pop(name))
         if not self.count_publishers(CLOCK):
             self._clock_ns = None
@@ -186,11 +186,12 @@ class DashboardNode(ManagedNode):
                 self._note(topic.namespace, held)
 
     def _find_player(self) -> None:
-        """Let clients control a new player; there is one at a time."""
-        states = [one.name for one in self._topics.values() if one.relative == PLAYBACK_STATE]
+        """Let clients control a new player; there is at most one player at a time."""
+        topics = self._topics.values()
+        states = [topic.name for topic in topics if topic.relative == PLAYBACK_STATE]
         for name in states:
             for item in self.get_publishers_info_by_topic(name):
-                if item.node_name != UNKNOWN_NODE:  # else it is known soon
+                if item.node_name != UNKNOWN_NODE:  # else wait for the discovery of its name
                     namespace = item.node_namespace.rstrip("/")
                     self._playback.set_player(f"{namespace}/{item.node_name}")
                 return
@@ -222,7 +223,7 @@ class DashboardNode(ManagedNode):
         return receive
 
     def _note_node(self, namespace: str, status: NodeStatus) -> None:
-        """Note a node's counts, and for a monitor the lost samples of each actuator."""
+        """Store the counts of a node, and the lost samples of each actuator of a monitor."""
         self._claims.note_status(status.node, time.monotonic())
         self._metrics.note_node(namespace, status)
         for counted_of in status.telemetry:
@@ -253,19 +254,20 @@ class DashboardNode(ManagedNode):
             self._alerts.note(namespace, message)
 
     def _is_playback(self) -> bool:
-        """Return whether a player exists; a new player has not published its range yet."""
-        names = (one.name for one in self._topics.values() if one.relative == PLAYBACK_STATE)
+        """Return whether a player exists, also before it has published its range."""
+        topics = self._topics.values()
+        names = (topic.name for topic in topics if topic.relative == PLAYBACK_STATE)
         return self._hub.playback_range is not None or any(map(self.count_publishers, names))
 
     async def _keep_note(self, content: Any) -> None:
         namespace, note = read_note(content)
         histories = self._histories.get(namespace or "/")
         if histories is None:
-            raise ValueError("the namespace is not one of this dashboard")
+            raise ValueError("the dashboard does not show this namespace")
         await histories.keep_note(note)
 
     def _note_time(self, time_ns: int) -> None:
-        """Note the time of the graph; if it jumps back, discard everything later."""
+        """Store the time of the graph; if it jumps back, discard later messages."""
         before_ns, self._clock_ns = self._clock_ns, time_ns
         if before_ns is None or time_ns >= before_ns - _JUMP_NS:
             return
@@ -283,6 +285,6 @@ class DashboardNode(ManagedNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    # Whatever clients ask for, the nodes of the graph come first.
+    # Nodes of the graph have priority over requests of clients.
     os.nice(_NICENESS)
     return run(DashboardNode, args)

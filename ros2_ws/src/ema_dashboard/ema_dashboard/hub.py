@@ -1,6 +1,6 @@
-"""The hub: topics as channels of Foxglove's protocol, their latest messages, and their clients.
+"""Hub: topics as channels of Foxglove's protocol, their latest messages, and their clients.
 
-Nodes of the graph publish into it from any thread; clients live in its event loop.
+Messages are published from any thread; clients run in the event loop of the hub.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ _NS_PER_S: Final = 1_000_000_000
 
 
 class KeptMessage(NamedTuple):
-    """A message for later clients, or the function that makes it; its times [ns]."""
+    """A message for later clients, or the function that computes it, with its times [ns]."""
 
     data: bytes | Callable[[], bytes]
     log_time_ns: int
@@ -32,14 +32,20 @@ class KeptMessage(NamedTuple):
 
 @dataclass
 class Totals:
-    """What all clients together were sent since the dashboard came up, and wait for now."""
+    """Totals over all clients since the start of the dashboard."""
 
     clients: int = 0
+    """Number of connected clients."""
     messages: int = 0
+    """Number of sent messages."""
     sent_bytes: int = 0
+    """Size of the sent messages [B]."""
     waiting_bytes: int = 0
+    """Size of the waiting messages [B]."""
     dropped: int = 0
+    """Number of dropped messages."""
     refused: int = 0
+    """Number of refused requests."""
 
 
 class Subscriber(Protocol):
@@ -48,12 +54,12 @@ class Subscriber(Protocol):
     subscriptions: dict[int, int]
     """Numbers of its subscriptions by channel."""
     dropped: int
-    """Number of messages that were dropped because it is slow."""
+    """Number of messages dropped because the client is slow."""
     waiting_bytes: int
-    """Size of the messages that wait for it [B]."""
+    """Size of the waiting messages [B]."""
 
     def take(self, frame: str | bytes, *, droppable: bool) -> None:
-        """Queue a frame; droppable frames may be dropped to make room for later ones."""
+        """Queue a frame; droppable frames may be dropped in favour of later frames."""
 
     def send(self, content: dict[str, Any]) -> None:
         """Send a message of the protocol."""
@@ -80,7 +86,7 @@ class Hub:
     loop
         Event loop of the clients.
     clients
-        Those that are connected; changed in the loop alone.
+        Connected clients; changed in the loop only.
     playback_range
         First and last time of a playback that clients can control [ns]; None without one.
     totals
@@ -120,7 +126,7 @@ class Hub:
         self.in_loop(self._send_all, json.dumps(_advertise([channel])))
 
     def has_clients(self, topic: str) -> bool:
-        """Return whether a client looks at a topic; any thread may ask."""
+        """Return whether a client shows a topic; any thread may call this."""
         channel = self._channels.get(topic)
         return channel is not None and any(
             channel.number in client.subscriptions for client in tuple(self.clients)
@@ -140,14 +146,20 @@ class Hub:
         log_time_ns: int,
         stamp_ns: int = 0,
     ) -> None:
-        """Keep a message for clients to come, instead of the one with the same key.
+        """Keep a message for later clients; it replaces the message with the same key.
 
         Parameters
         ----------
+        topic
+            Full name of the topic.
+        key
+            Key of the message, such as the actuator id.
         data
-            The message, or the function that makes it when needed, in any thread.
+            The message, or a function that computes it on request, in any thread.
+        log_time_ns
+            Time of reception [ns].
         stamp_ns
-            The time that it is about [ns].
+            Time stamp of the message [ns].
         """
         with self._lock:
             kept = self._channels[topic].kept
@@ -172,9 +184,9 @@ class Hub:
         return None
 
     def offer_playback(self, playback_range: tuple[int, int] | None) -> None:
-        """Offer the control of a playback, or no more; clients are disconnected.
+        """Start or end offering the control of a playback; clients are disconnected.
 
-        A server announces its capabilities at the start of a connection.
+        The protocol announces capabilities only at the start of a connection.
         """
         self.playback_range = playback_range
         self._session = time.time_ns()
@@ -216,7 +228,7 @@ class Hub:
             client.end(code, words)
 
     def in_loop(self, call: Callable[..., object], *arguments: Any) -> None:
-        """Call something in the event loop; any thread may ask for it."""
+        """Call a function in the event loop; any thread may call this."""
         with suppress(RuntimeError):  # the dashboard ends
             self.loop.call_soon_threadsafe(call, *arguments)
 
@@ -232,7 +244,7 @@ class Hub:
 
 
 def message_frame(subscription: int, log_time_ns: int, data: bytes) -> bytes:
-    """Return a message of a topic as the protocol has it."""
+    """Return a message of a topic in the format of the protocol."""
     return struct.pack("<BIQ", 1, subscription, log_time_ns) + data
 
 

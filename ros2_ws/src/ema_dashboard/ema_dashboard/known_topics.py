@@ -1,4 +1,4 @@
-"""The topics that the dashboard shows, and how each is shown."""
+"""Topics that the dashboard shows, with their quality of service."""
 
 from collections.abc import Iterable
 from typing import Any, Final, NamedTuple
@@ -24,24 +24,25 @@ _KNOWN: Final = {
 
 
 class KnownTopic(NamedTuple):
-    """A topic that is shown, by its full name and, in a namespace, its name there.
-
-    ``request`` is the quality of service of the subscription, None for topics that the dashboard
-    makes itself. A followed topic is received all the time, others only while a client looks at
-    them; of one that is kept, later clients get the latest message of each actuator.
-    """
+    """A topic that the dashboard shows."""
 
     name: str
+    """Full name."""
     namespace: str
+    """Namespace; empty for topics outside of the namespaces."""
     relative: str
+    """Name in the namespace."""
     message_class: Any
     request: QoSProfile | None
+    """Quality of service of the subscription; None for topics of the dashboard itself."""
     followed: bool
+    """Whether the topic is always received; other topics only while a client shows them."""
     kept: bool
+    """Whether later clients receive the latest message of each actuator."""
 
 
 def known_topics(namespaces: Iterable[str]) -> list[KnownTopic]:
-    """Return the shown topics of some namespaces, and topics outside of any namespace."""
+    """Return the topics of namespaces, and topics outside of any namespace."""
     best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     shown = [
         KnownTopic(DIAGNOSTICS, "", "", DiagnosticArray, topics.STATE, False, False),

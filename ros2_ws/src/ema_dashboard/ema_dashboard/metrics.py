@@ -1,4 +1,4 @@
-"""What is known of actuators and nodes as metrics, for Prometheus and others."""
+"""Metrics of actuators and nodes, for Prometheus and compatible collectors."""
 
 import math
 import threading
@@ -32,10 +32,10 @@ from ema_interfaces.msg import (
 from ema_ros.stamps import stamp_from_message
 
 COMPUTING_BOUNDS_S: Final = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
-"""Upper bounds of the classes in which computing times are counted [s]; there is one beyond."""
+"""Upper bounds of the classes of computing times [s]; the last class is unbounded."""
 
 MOST_KEPT: Final = 1000
-"""Most actuators, and most nodes, with figures; the least recently updated are dropped."""
+"""Largest number of actuators, and of nodes; the least recently updated are dropped."""
 
 _HOUR_S: Final = 3600.0
 _ACTUATOR: Final = ("namespace", "actuator_id")
@@ -46,11 +46,11 @@ _Value = TypeVar("_Value")
 
 
 _OF_NODES: Final = (
-    ("ema_monitor_windows_dropped", "Windows of all actuators of a monitor that had to give way.",
+    ("ema_monitor_windows_dropped", "Windows dropped by a monitor because its queue was full.",
      NodeStatus.MONITOR, "windows_dropped"),
     ("ema_monitor_refusals_dropped", "Refused windows that a monitor did not report.",
      NodeStatus.MONITOR, "refusals_dropped"),
-    ("ema_monitor_follow_ups_dropped", "Forecasts and the like that a monitor left out.",
+    ("ema_monitor_follow_ups_dropped", "Forecasts and similar work that a monitor skipped.",
      NodeStatus.MONITOR, "follow_ups_dropped"),
     ("ema_recorder_messages_lost", "Messages that did not reach a recorder.",
      NodeStatus.RECORDER, "messages_lost"),
@@ -76,8 +76,8 @@ _OF_HEALTH: Final = (
 """Gauges of actuators: name, documentation, unit, and value of a health."""
 
 _OF_STATUS: Final = (
-    ("ema_samples_lost", "Samples of telemetry that are missing.", {(): "samples_lost"}),
-    ("ema_windows_dropped", "Windows that had to give way to later ones.",
+    ("ema_samples_lost", "Missing samples of telemetry.", {(): "samples_lost"}),
+    ("ema_windows_dropped", "Windows dropped in favour of later windows.",
      {(): "windows_dropped"}),
     ("ema_estimates", "Estimates by their verdict.",
      {("valid",): "estimates_valid", ("refused",): "estimates_invalid"}),
@@ -87,7 +87,7 @@ _OF_STATUS: Final = (
 
 @dataclass
 class _Actuator:
-    """What is known of an actuator."""
+    """Latest data of an actuator."""
 
     serial_number: str = ""
     model: str = ""
@@ -99,55 +99,57 @@ class _Actuator:
 
 @dataclass
 class _Node:
-    """Latest status of a node while it was configured, and when any was received last [s]."""
+    """Latest status of a node."""
 
-    heard_s: float = 0.0
+    received_s: float = 0.0
+    """Time of its latest status [s]."""
     status: NodeStatus = field(default_factory=NodeStatus)
+    """Latest status while the node was configured."""
 
 
 class Metrics(Collector):
-    """Figures of actuators, nodes and this process, as metrics when they are asked for.
+    """Metrics of actuators, nodes and this process, collected on request.
 
     Any thread may call it.
 
     Parameters
     ----------
-    own
+    totals
         Returns the figures of the dashboard.
     """
 
-    def __init__(self, own: Callable[[], Totals]) -> None:
-        self._own = own
+    def __init__(self, totals: Callable[[], Totals]) -> None:
+        self._totals = totals
         self._lock = threading.Lock()
         self._actuators: dict[tuple[str, str], _Actuator] = {}
         self._nodes: dict[str, _Node] = {}
-        # One of its own: a process may have several dashboards.
+        # Not the global registry: a process may have several dashboards.
         self._registry = CollectorRegistry(auto_describe=False)
         self._registry.register(self)
         ProcessCollector(registry=self._registry)
 
     def note(self, namespace: str, message: Any) -> None:
-        """Take a description, an estimate or a health."""
+        """Update the metrics of an actuator with a description, an estimate or a health."""
         key = namespace.rstrip("/") or "/", message.actuator_id
         with self._lock:
-            known = _latest(self._actuators, key, _Actuator)
-            if known.serial_number != message.serial_number:
-                known.serial_number, known.health = message.serial_number, None
+            actuator = _latest(self._actuators, key, _Actuator)
+            if actuator.serial_number != message.serial_number:
+                actuator.serial_number, actuator.health = message.serial_number, None
             if isinstance(message, ActuatorDescription):
-                known.model = message.model
+                actuator.model = message.model
             elif isinstance(message, Health):
-                known.health = message
+                actuator.health = message
             elif isinstance(message, FaultEstimate):
                 taken_s = message.computing_time
                 if math.isfinite(taken_s) and taken_s >= 0.0:
-                    known.computing[bisect_left(COMPUTING_BOUNDS_S, taken_s)] += 1
-                    known.computing_s += taken_s
+                    actuator.computing[bisect_left(COMPUTING_BOUNDS_S, taken_s)] += 1
+                    actuator.computing_s += taken_s
 
     def note_node(self, namespace: str, status: NodeStatus) -> None:
-        """Take the status of a node."""
+        """Update the metrics of a node with its status."""
         with self._lock:
             node = _latest(self._nodes, status.node, _Node)
-            node.heard_s = time.time()
+            node.received_s = time.time()
             if status.kind != NodeStatus.OTHER:
                 node.status = status
             for telemetry in status.telemetry:
@@ -155,18 +157,19 @@ class Metrics(Collector):
                 _latest(self._actuators, key, _Actuator).status = telemetry
 
     def rewind(self, time_ns: int) -> None:
-        """Forget health that is later than a time to which the graph has jumped back [ns]."""
+        """Discard healths after a time to which the graph has jumped back [ns]."""
         with self._lock:
-            for known in self._actuators.values():
-                if known.health and stamp_from_message(known.health.header.stamp) > time_ns:
-                    known.health = None
+            for actuator in self._actuators.values():
+                health = actuator.health
+                if health and stamp_from_message(health.header.stamp) > time_ns:
+                    actuator.health = None
 
     def exposition(self, _: Mapping[str, str], accept: str) -> Made:
-        """Return all metrics, in the format that a client accepts: OpenMetrics or Prometheus's."""
+        """Return all metrics in a format that the client accepts: OpenMetrics or Prometheus."""
         try:
             encode, content_type = choose_encoder(accept)
         except TypeError:
-            # It asks for a version that is not a number.
+            # The requested version is not a number.
             encode, content_type = choose_encoder("")
         return Made(encode(self._registry), content_type)
 
@@ -175,28 +178,28 @@ class Metrics(Collector):
         with self._lock:
             metrics = [*_of_actuators(self._actuators), *_of_nodes(self._nodes)]
         yield from metrics
-        yield from _of_dashboard(self._own())
+        yield from _of_dashboard(self._totals())
 
 
 def _of_nodes(nodes: Mapping[str, _Node]) -> Iterator[Metric]:
-    for name, documentation, kind, counter in _OF_NODES:
-        family = CounterMetricFamily(name, documentation, labels=["node"])
-        for node, known in nodes.items():
-            if known.status.kind == kind:
-                family.add_metric((_text(node),), getattr(known.status, counter))
+    for metric, documentation, kind, counter in _OF_NODES:
+        family = CounterMetricFamily(metric, documentation, labels=["node"])
+        for name, node in nodes.items():
+            if node.status.kind == kind:
+                family.add_metric((_text(name),), getattr(node.status, counter))
         yield family
-    heard = _gauge("ema_node_heard_timestamp", "When a node last reported.", "seconds", "node")
-    for node, known in nodes.items():
-        heard.add_metric((_text(node),), known.heard_s)
-    yield heard
+    received = _gauge("ema_node_heard_timestamp", "When a node last reported.", "seconds", "node")
+    for name, node in nodes.items():
+        received.add_metric((_text(name),), node.received_s)
+    yield received
 
 
 def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Metric]:
-    named = [(tuple(map(_text, names)), known) for names, known in actuators.items()]
-    healths = [(labels, known.health) for labels, known in named if known.health is not None]
-    about = InfoMetricFamily("ema_actuator", "The unit that is installed.", labels=_ACTUATOR)
-    for labels, known in named:
-        unit = {"serial_number": _text(known.serial_number), "model": _text(known.model)}
+    labelled = [(tuple(map(_text, names)), actuator) for names, actuator in actuators.items()]
+    healths = [(labels, item.health) for labels, item in labelled if item.health is not None]
+    about = InfoMetricFamily("ema_actuator", "The installed unit.", labels=_ACTUATOR)
+    for labels, actuator in labelled:
+        unit = {"serial_number": _text(actuator.serial_number), "model": _text(actuator.model)}
         about.add_metric(labels, unit)
     yield about
     for name, documentation, unit, value in _OF_HEALTH:
@@ -206,7 +209,7 @@ def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Me
         yield family
     life = _gauge(
         "ema_remaining_useful_life",
-        "Time of service that is left, by quantile; NaN when it is unknown.",
+        "Remaining time of service by quantile; NaN if it is unknown.",
         "seconds",
         *(*_ACTUATOR, "quantile"),
     )
@@ -219,41 +222,41 @@ def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Me
     for name, documentation, keys in _OF_STATUS:
         verdict = ["verdict"] if len(keys) > 1 else []
         family = CounterMetricFamily(name, documentation, labels=[*_ACTUATOR, *verdict])
-        for labels, known in named:
+        for labels, actuator in labelled:
             for label, counter in keys.items():
-                if known.status is not None:
-                    family.add_metric((*labels, *label), getattr(known.status, counter))
+                if actuator.status is not None:
+                    family.add_metric((*labels, *label), getattr(actuator.status, counter))
         yield family
     latency = _gauge(
         "ema_estimate_latency", "Time from the end of the latest window to its estimate.", "seconds"
     )
     computing = HistogramMetricFamily(
-        "ema_estimate_computing",
-        "Time that an estimate took, from its window.",
-        labels=_ACTUATOR,
-        unit="seconds",
+        "ema_estimate_computing", "Computing time of an estimate.", labels=_ACTUATOR, unit="seconds"
     )
-    for labels, known in named:
-        if known.status is not None:
-            latency.add_metric(labels, known.status.latency)
-        if any(known.computing):
-            counts = zip(_BOUNDS, accumulate(known.computing), strict=True)
-            computing.add_metric(labels, list(counts), known.computing_s)
+    for labels, actuator in labelled:
+        if actuator.status is not None:
+            latency.add_metric(labels, actuator.status.latency)
+        if any(actuator.computing):
+            counts = zip(_BOUNDS, accumulate(actuator.computing), strict=True)
+            computing.add_metric(labels, list(counts), actuator.computing_s)
     yield from (latency, computing)
 
 
-def _of_dashboard(own: Totals) -> Iterator[Metric]:
+def _of_dashboard(totals: Totals) -> Iterator[Metric]:
     for name, documentation, value in (
-        ("messages_sent", "Messages sent to clients.", own.messages),
-        ("messages_dropped", "Messages dropped for slow clients.", own.dropped),
-        ("requests_refused", "Requests refused.", own.refused),
-        ("sent_bytes", "Content of the messages sent.", own.sent_bytes),
+        ("messages_sent", "Messages sent to clients.", totals.messages),
+        ("messages_dropped", "Messages dropped for slow clients.", totals.dropped),
+        ("requests_refused", "Requests refused.", totals.refused),
+        ("sent_bytes", "Size of the messages sent.", totals.sent_bytes),
     ):
         unit = "bytes" if name == "sent_bytes" else ""
         yield CounterMetricFamily(f"ema_dashboard_{name}", documentation, value, unit=unit)
-    yield GaugeMetricFamily("ema_dashboard_clients", "Clients that are connected.", own.clients)
+    yield GaugeMetricFamily("ema_dashboard_clients", "Connected clients.", totals.clients)
     yield GaugeMetricFamily(
-        "ema_dashboard_waiting_bytes", "What waits for clients.", own.waiting_bytes, unit="bytes"
+        "ema_dashboard_waiting_bytes",
+        "Size of the messages that wait for clients.",
+        totals.waiting_bytes,
+        unit="bytes",
     )
 
 
@@ -262,12 +265,12 @@ def _gauge(name: str, documentation: str, unit: str, *labels: str) -> GaugeMetri
 
 
 def _text(words: str) -> str:
-    """Return words of the graph as UTF-8 can write them."""
+    """Return a text of the graph without characters that UTF-8 cannot encode."""
     return words.encode(errors="replace").decode()
 
 
 def _latest(items: dict[_Key, _Value], key: _Key, new: Callable[[], _Value]) -> _Value:
-    """Return an item, a new one if there is none, marked as most recently updated."""
+    """Return an item, created if it is missing, marked as most recently updated."""
     items[key] = item = items.pop(key) if key in items else new()
     if len(items) > MOST_KEPT:
         del items[next(iter(items))]

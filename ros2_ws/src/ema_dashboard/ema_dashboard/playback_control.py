@@ -1,4 +1,4 @@
-"""Requests of clients to a player: to pause, to seek, to play faster."""
+"""Control of a player by clients: pause, seek and rate."""
 
 import asyncio
 import struct
@@ -20,21 +20,25 @@ _MOST_WAITING: Final = 8
 _REQUEST: Final = struct.Struct("<BBfBQI")
 _MOST_BYTES: Final = 512
 _PAUSE: Final = 1
-# Of the protocol, which has 2 for a player that waits for data.
+# Status codes of the protocol, which has 2 for a player that waits for data.
 _STATUS: Final = {PlaybackState.PLAYING: 0, PlaybackState.PAUSED: 1, PlaybackState.ENDED: 3}
 
 
 class Request(NamedTuple):
-    """A client's request for a playback; its name identifies it in the acknowledgement."""
+    """A request of a client for a playback."""
 
     plays: bool
+    """Whether to play or to pause."""
     rate: float
+    """Playback over recorded time [-]."""
     seek_ns: int | None
+    """Time to seek [ns]; None to continue."""
     name: bytes
+    """Name that identifies the request in its acknowledgement."""
 
 
 class PlaybackControl:
-    """Passes clients' requests to a player, one after the other, in the hub's loop."""
+    """Forwards requests of clients to a player, one after the other, in the loop of the hub."""
 
     def __init__(self, node: Node, hub: Hub) -> None:
         self._node = node
@@ -44,12 +48,12 @@ class PlaybackControl:
         self._state: PlaybackState | None = None
         self._jumps = 0
         self._state_changed = asyncio.Event()
-        # Of a slider that is drawn, where it was does not matter.
+        # Older positions of a slider are irrelevant.
         self._requests: deque[Request] = deque(maxlen=_MOST_WAITING)
         self._work: asyncio.Task[None] | None = None
 
     def set_player(self, player: str) -> None:
-        """Set the full name of the node that plays; empty when there is none."""
+        """Set the full name of the player node; empty without a player."""
         if player == self._player:
             return
         self._player = player
@@ -74,15 +78,15 @@ class PlaybackControl:
         self._hub.send_playback(_frame(state, did_seek=state.jumped))
 
     def ask(self, data: bytes) -> None:
-        """Take a request of a client, as the protocol has it; in the loop.
+        """Queue a request of a client in the format of the protocol; runs in the loop.
 
         Raises
         ------
         ValueError
-            When it is none.
+            When the message is not a request for a playback, or there is no playback.
         """
         if data[:1] != b"\3" or not _REQUEST.size <= len(data) <= _MOST_BYTES:
-            raise ValueError("of binary messages only the control of a playback is served")
+            raise ValueError("expected a playback control request as binary message")
         if self._state is None:
             raise ValueError("there is no playback")
         _, command, rate, seeks, seek_ns, _ = _REQUEST.unpack_from(data)
@@ -107,22 +111,22 @@ class PlaybackControl:
                         await self._state_changed.wait()
             except TimeoutError:
                 pass
-            except Exception as error:  # the player may go in the midst of a call
-                self._node.get_logger().warning(f"the player does not do as asked: {error}")
+            except Exception as error:  # the player may end during a call
+                self._node.get_logger().warning(f"the player did not execute a request: {error}")
             state = self._state or before
             self._hub.send_playback(_frame(state, did_seek=did_seek, request=request.name))
 
     def _is_done(self, request: Request, jumps: int) -> bool:
-        """Return whether the player stands as it was asked to, after so many jumps."""
+        """Return whether the player has reached the requested state, after ``jumps`` jumps."""
         state = self._state
-        if state is None:  # it has gone
+        if state is None:  # the player has ended
             return True
         refused = PlaybackState.PAUSED if request.plays else PlaybackState.PLAYING
         return state.status != refused and _has_rate(request, state) and self._jumps >= jumps
 
     async def _obey(self, request: Request, state: PlaybackState) -> None:
         """Execute the parts of a request that differ from the present state."""
-        # The known state may be old: pausing or resuming twice does no harm.
+        # The state may be outdated; pausing or resuming twice is harmless.
         if not request.plays:
             await self._call("pause", Trigger.Request())
         if not _has_rate(request, state):
@@ -142,6 +146,6 @@ def _has_rate(request: Request, state: PlaybackState) -> bool:
 
 
 def _frame(state: PlaybackState, *, did_seek: bool, request: bytes = b"") -> bytes:
-    """Return how a playback stands as the protocol has it."""
+    """Return the state of a playback in the format of the protocol."""
     fields = (_STATUS[state.status], stamp_from_message(state.position), state.rate, did_seek)
     return struct.pack("<BBQfBI", 5, *fields, len(request)) + request

@@ -1,4 +1,4 @@
-"""Calls of services from the event loop of the hub."""
+"""Service calls from the event loop of the hub."""
 
 import asyncio
 from typing import Any, Final
@@ -11,9 +11,9 @@ _ANSWER_S: Final = 10.0  # a seek reads the latched messages of the bag
 
 
 async def call(hub: Hub, client: Client | None, name: str, request: Any) -> None:
-    """Call a service; ValueError when it is not there, refuses or does not answer."""
+    """Call a service; ValueError if it is unavailable, refuses or does not answer."""
     if client is None or not client.service_is_ready():
-        raise ValueError(f"there is no service {name}")
+        raise ValueError(f"service {name} is not available")
     answered = asyncio.Event()
     future = client.call_async(request)
     future.add_done_callback(lambda _: hub.in_loop(answered.set))
@@ -21,7 +21,7 @@ async def call(hub: Hub, client: Client | None, name: str, request: Any) -> None
         await asyncio.wait_for(answered.wait(), _ANSWER_S)
     except TimeoutError:
         client.remove_pending_request(future)
-        raise ValueError(f"{name} has not answered for {_ANSWER_S:g} s") from None
+        raise ValueError(f"{name} has not answered within {_ANSWER_S:g} s") from None
     response: Any = future.result()
     if not response.success:
         raise ValueError(f"{name}: {response.message}")

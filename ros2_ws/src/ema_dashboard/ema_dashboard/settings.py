@@ -17,13 +17,13 @@ _MOST_BYTES: Final = 4096
 
 @dataclass(frozen=True)
 class DashboardSettings(Checked):
-    """What the dashboard serves to whom.
+    """Settings of the dashboard.
 
     Raises
     ------
     ValueError
-        When a value is impossible, the token or certificate cannot be read, or it would listen
-        beyond this machine without both.
+        When a value is out of range, or the dashboard would be reachable from other machines
+        without token and certificate.
     """
 
     host: str = text(
@@ -54,11 +54,11 @@ class DashboardSettings(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if bool(self.tls_certificate) != bool(self.tls_key):
-            given, missing = ("tls_certificate", "tls_key")
+            present, absent = ("tls_certificate", "tls_key")
             if self.tls_key:
-                given, missing = missing, given
+                present, absent = absent, present
             raise ValueError(
-                f"{given} = {getattr(self, given)!r} without {missing}: expected both or none"
+                f"{present} = {getattr(self, present)!r} without {absent}: expected both or none"
             )
         missing = [name for name in ("token_file", "tls_certificate") if not getattr(self, name)]
         if missing and not is_loopback(self.host):
@@ -79,7 +79,7 @@ def is_loopback(host: str) -> bool:
 def read_token(path: str) -> str:
     """Return the token in a file, empty if no file is named; ValueError for an invalid token.
 
-    A parameter would not do for the token itself: every node of the graph can read parameters.
+    The token itself is not a parameter, because every node of the graph can read parameters.
     """
     if not path:
         return ""
@@ -93,9 +93,9 @@ def read_token(path: str) -> str:
 
 
 def read_address(path: str) -> str:
-    """Return the address in a file, empty if no file is named; ValueError for an invalid one.
+    """Return the address in a file, empty if no file is named; ValueError for an invalid address.
 
-    As a token, it may be secret.
+    It is read from a file, because the address may be secret.
     """
     if not path:
         return ""
@@ -114,9 +114,12 @@ def _content(parameter: str, path: str) -> str:
 
 
 def bound_socket(host: str, port: int, ports: int) -> socket.socket:
-    """Return a socket that is bound to the first of some ports that is free; 0 takes any.
+    """Return a socket that is bound to the first free port of a range; port 0 selects any.
 
-    Where there is none, or the address is not one of this machine, an OSError names it.
+    Raises
+    ------
+    OSError
+        When no port is free, or the address does not belong to this machine.
     """
     last = min(port + ports, 65536) if port else 1
     failure = OSError()
@@ -135,14 +138,14 @@ def _bound(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:
-        # Else a restart would find its port in use for a minute.
+        # Otherwise the port would be in use for a minute after a restart.
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        # Connections inherit it: one whose other end is gone or takes nothing ends.
+        # Connections inherit these options: they end if the client is gone or does not receive.
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 30)
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 60_000)
         listener.bind((host, port))
-        # Here, as two sockets may be bound to one port as long as none listens.
+        # Listen here: two sockets may be bound to one port while neither listens.
         listener.listen(64)
     except OSError:
         listener.close()

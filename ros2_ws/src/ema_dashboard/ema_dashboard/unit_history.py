@@ -33,7 +33,7 @@ _SERVICE_TYPE: Final = "ema_interfaces/srv/GetHistory"
 
 
 class ActuatorHistory:
-    """History of the tests of one actuator's unit; any thread may ask for ``serialised``.
+    """History of the tests of an actuator's unit; any thread may call ``serialised``.
 
     Attributes
     ----------
@@ -45,17 +45,17 @@ class ActuatorHistory:
         self.serial_number = serial_number
         self._actuator_id = actuator_id
         self._lock = threading.Lock()
-        # Serialised, by stamp: as messages they take four times the memory.
+        # Serialised tests by stamp: messages would take four times the memory.
         self._tests: dict[int, bytes] = {}
         self._events: dict[tuple[int, str, str], UnitEvent] = {}
         self._omitted = 0
-        self._latest: FaultEstimate | None = None  # whatever its verdict
-        self._estimate: FaultEstimate | None = None  # whose health has not come yet
+        self._latest: FaultEstimate | None = None  # with any verdict
+        self._estimate: FaultEstimate | None = None  # the health is still missing
         self._health: Health | None = None
         self._news = self._empty(is_addition=True)
 
     def set_base(self, history: UnitHistory) -> None:
-        """Take the history of the monitor; tests that came after it was asked stay."""
+        """Set the history stored by the monitor; later tests remain."""
         base = {stamp_from_message(test.stamp): serialize_message(test) for test in history.tests}
         latest = max(base, default=-1)
         events = {_identity(event): event for event in history.events}
@@ -63,45 +63,45 @@ class ActuatorHistory:
             later = {stamp: test for stamp, test in self._tests.items() if stamp > latest}
             lost = 0 if history.omitted else len(self._tests.keys() - later.keys() - base.keys())
             self._tests = base | later
-            every = self._events | events
-            self._events = dict(sorted(every.items(), key=lambda item: item[0][0]))
+            merged = self._events | events
+            self._events = dict(sorted(merged.items(), key=lambda item: item[0][0]))
             self._omitted = history.omitted
             self._trim()
         if lost:
-            text = f"the monitor began its history anew, without {counted(lost, 'earlier test')}"
+            text = f"the monitor started a new history, without {counted(lost, 'earlier test')}"
             self._happened(next(iter(history.tests)).stamp, "history", text)
 
     def note_estimate(self, estimate: FaultEstimate) -> bool:
         """Add an estimate; return whether the monitor has restarted since the previous one.
 
-        Such a restart is an event, and so is a calibration that cannot be used.
+        A restart is an event, and so is a calibration that cannot be used.
         """
         before, self._latest = self._latest, estimate
-        began_anew = before is not None and estimate.window < before.window
-        if before is not None and began_anew:
+        has_restarted = before is not None and estimate.window < before.window
+        if before is not None and has_restarted:
             since_ns = stamp_from_message(before.header.stamp)
             if not any(at >= since_ns and kind == "restart" for at, kind, _ in self._events):
-                self._happened(estimate.header.stamp, "restart", "the monitor was started again")
-        is_told = before is not None and before.reason == estimate.reason
-        if estimate.lacks_calibration and not is_told:
+                self._happened(estimate.header.stamp, "restart", "the monitor was restarted")
+        is_repeated = before is not None and before.reason == estimate.reason
+        if estimate.lacks_calibration and not is_repeated:
             self._happened(estimate.header.stamp, "calibration", estimate.reason)
         if estimate.valid:
             self._estimate = estimate
             self._join()
-        return began_anew
+        return has_restarted
 
     def note_health(self, health: Health) -> None:
-        """Take the health after an estimate: both together are a test."""
+        """Add the health of an estimate; both together are a test."""
         self._health = health
         self._join()
-        known = self._tests.get(stamp_from_message(health.header.stamp))
-        # Overdue or computed anew: the health after the test is the one that says more.
-        if known is not None and health.level != STALE:
-            self._add_test(deserialize_message(known, UnitTest), health)
+        test = self._tests.get(stamp_from_message(health.header.stamp))
+        # A STALE health of an overdue test has less information than the health after the test.
+        if test is not None and health.level != STALE:
+            self._add_test(deserialize_message(test, UnitTest), health)
         self._add_events(health.events)
 
     def note_gap(self, stamp: Time, samples: int) -> None:
-        """Take that so many samples of telemetry are missing."""
+        """Add an event about missing samples of telemetry."""
         self._happened(stamp, "gap", f"{counted(samples, 'sample')} of telemetry missing")
 
     def rewind(self, time_ns: int) -> None:
@@ -150,7 +150,7 @@ class ActuatorHistory:
         self._news.events = [*self._news.events, *new.values()]
 
     def _join(self) -> None:
-        """Make a test of the latest estimate and its health, whichever came first."""
+        """Combine the latest estimate and its health into a test, in either order of arrival."""
         estimate, health = self._estimate, self._health
         if estimate and health and estimate.header.stamp == health.header.stamp:
             self._add_test(_test_of(estimate), health)
@@ -175,16 +175,18 @@ class ActuatorHistory:
 class Histories:
     """Histories of the units of one namespace, on the topic ``unit_history`` of the hub.
 
-    Each monitor is asked for the history of a unit when either is first seen, and again when a
-    monitor appears or restarts or the unit was replaced; then it is sent as a whole. In between it
-    is continued with published messages.
+    The history of a unit is requested from each monitor when the unit or the monitor appears, the
+    monitor restarts or the unit is replaced; clients then receive the whole history. In between,
+    published messages continue the history.
 
     Parameters
     ----------
     node
-        Whose clients call the services of the monitors.
+        Node for the service clients.
     namespace
-        Where monitors are looked for.
+        Namespace of the monitors.
+    hub
+        Hub that receives the histories.
     time_ns
         Returns the time of the graph [ns].
     """
@@ -195,16 +197,16 @@ class Histories:
         self._topic = self._prefix + UNIT_HISTORY
         self._hub = hub
         self._time_ns = time_ns
-        self._lock = threading.RLock()  # answers come in threads of their own
+        self._lock = threading.RLock()  # answers arrive in separate threads
         self._monitors: dict[str, Client] = {}
         self._note_keepers: dict[str, Client] = {}
-        # When a monitor was asked for a unit [s]; infinite once it has answered.
+        # Time of the request to a monitor for a unit [s]; infinite after the answer.
         self._asked: dict[tuple[str, str], float] = {}
         self._histories: dict[str, ActuatorHistory] = {}
         self._lost: dict[str, int] = {}  # samples, by actuator
 
     def note(self, message: Any) -> None:
-        """Take a description, an estimate or a health."""
+        """Update the history of a unit with a description, an estimate or a health."""
         actuator_id = message.actuator_id
         with self._lock:
             history = self._histories.get(actuator_id)
@@ -219,11 +221,11 @@ class Histories:
             self._offer(actuator_id, history)
 
     def note_lost_samples(self, actuator_id: str, stamp: Time, samples: int) -> None:
-        """Take the number of samples of an actuator that are missing since its monitor started."""
+        """Update the number of lost samples of an actuator since the start of its monitor."""
         with self._lock:
             before, self._lost[actuator_id] = self._lost.get(actuator_id), samples
             history = self._histories.get(actuator_id)
-            # When the first ones were lost is not known.
+            # The time of the first losses is unknown.
             if before is not None and samples > before and history is not None:
                 history.note_gap(stamp, samples - before)
                 self._offer(actuator_id, history)
@@ -236,7 +238,7 @@ class Histories:
                 self._offer(actuator_id, history, as_a_whole=True)
 
     def update(self) -> None:
-        """Look for monitors and ask them; to be called regularly."""
+        """Discover monitors, and request histories; call this regularly."""
         for name, types in self._node.get_service_names_and_types():
             is_new = _SERVICE_TYPE in types and name not in self._monitors
             if is_new and name.startswith(self._prefix):
@@ -273,17 +275,17 @@ class Histories:
         client.call_async(request).add_done_callback(partial(self._take, key, now_s))
 
     def _take(self, key: tuple[str, str], asked_s: float, future: Any) -> None:
-        """Take the answer of a monitor; one that does not know the unit has none."""
+        """Process the answer of a monitor; a monitor that does not know the unit has no history."""
         response: Any = future.result()
         with self._lock:
-            # Else it is asked for again: this says how it was before.
+            # An answer to an outdated request is ignored.
             if response is None or self._asked.get(key) != asked_s:
                 return
             self._asked[key] = math.inf
-            known, history = self._histories.get(key[1]), response.history
-            if known and response.success and history.serial_number == known.serial_number:
-                known.set_base(history)
-                self._offer(key[1], known, as_a_whole=True)
+            present, stored = self._histories.get(key[1]), response.history
+            if present and response.success and stored.serial_number == present.serial_number:
+                present.set_base(stored)
+                self._offer(key[1], present, as_a_whole=True)
 
     def _offer(
         self, actuator_id: str, history: ActuatorHistory, *, as_a_whole: bool = False
@@ -300,7 +302,7 @@ class Histories:
 
 
 def read_note(content: Any) -> tuple[str, NoteEvent.Request]:
-    """Return the namespace and the note in a client's JSON; ValueError if it is not a note."""
+    """Return the namespace and the note from the JSON of a client; ValueError if it is invalid."""
     match content:
         case {
             "namespace": str(namespace),
@@ -327,7 +329,7 @@ def _drop_oldest(items: dict[Any, Any], most: int) -> int:
 
 
 def _test_of(estimate: FaultEstimate) -> UnitTest:
-    """Return an estimate as a test, its health unknown."""
+    """Return an estimate as a test without health."""
     size = len(FAULT_NAMES)
     covariance: Any = estimate.covariance
     variances = [covariance[index * (size + 1)] for index in range(size)]

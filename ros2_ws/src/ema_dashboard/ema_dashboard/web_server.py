@@ -1,4 +1,4 @@
-"""The one public port: the page over HTTP, and the protocol of Foxglove over WebSocket."""
+"""Web server of the dashboard: the page over HTTP, and Foxglove's protocol over WebSocket."""
 
 import asyncio
 import json
@@ -39,11 +39,30 @@ _HEADERS: Final = {
 
 
 class WebServer:
-    """Serves page, documents by their paths and WebSocket in a thread, in the hub's event loop.
+    """Serves page, documents and WebSocket in a thread, in the event loop of the hub.
 
-    The listener, a bound socket, is closed with the server; ``control`` is as in ``Client``,
-    ``most_bytes`` may wait for each of ``most_clients``. ``keep_note`` takes the JSON of a note,
-    and raises ValueError where it is not kept.
+    Parameters
+    ----------
+    listener
+        Bound socket, which is closed with the server.
+    tls
+        TLS context; None for HTTP.
+    access
+        Access control.
+    hub
+        Source of the messages.
+    control
+        Called with a request for a playback; raises ValueError for an invalid request.
+    keep_note
+        Called with the JSON of a note; raises ValueError if the note is not stored.
+    most_clients
+        Largest number of clients.
+    most_bytes
+        Largest size of the messages that wait for a client [B].
+    documents
+        Functions that compute documents, by path.
+    on_failure
+        Called if the thread ends unexpectedly.
     """
 
     def __init__(
@@ -76,12 +95,12 @@ class WebServer:
         self.thread = SteadyThread("dashboard", self._run, on_failure)
 
     def start(self) -> None:
-        """Begin to serve.
+        """Start serving.
 
         Raises
         ------
         OSError
-            When that is not possible.
+            When the server cannot listen.
         """
         self.thread.start()
         asyncio.run_coroutine_threadsafe(self._open(), self._loop).result()
@@ -89,13 +108,13 @@ class WebServer:
     def stop(self) -> None:
         """Disconnect all clients and stop serving."""
         self.thread.ending.set()
-        # Also while it is about to run, or to run again.
+        # Effective even if the loop is about to start or restart.
         self._loop.call_soon_threadsafe(self._loop.stop)
         self.thread.end()
-        # A thread that had ended unexpectedly has left that call in the loop.
+        # If the thread had ended unexpectedly, the call is still in the loop.
         self._loop.call_soon(self._loop.stop)
         self._loop.run_forever()
-        # In this thread: the server's thread may have ended before.
+        # In this thread, because the thread of the server may have ended.
         self._loop.run_until_complete(self._close())
         self._loop.close()
 
@@ -118,7 +137,7 @@ class WebServer:
         assert self._runner.server is not None
         self._http = self._runner.server
         self._waiting: dict[Any, asyncio.TimerHandle] = {}
-        # Those that have asked for nothing yet, the oldest first.
+        # Connections without a request so far, the oldest first.
         self._mute: dict[Any, None] = {}
         self._site = await self._loop.create_server(
             self._protocol,
@@ -133,19 +152,19 @@ class WebServer:
         connections = [protocol.transport for protocol in self._http.connections]
         await self._runner.cleanup()
         for transport in filter(None, connections):
-            transport.abort()  # unsent data would keep it open
+            transport.abort()  # unsent data would keep the connection open
         for waiting in self._waiting.values():
             waiting.cancel()
-        await asyncio.sleep(0)  # in which the connections end
+        await asyncio.sleep(0)  # lets the connections end
         await self._loop.shutdown_default_executor()
 
     def _protocol(self) -> asyncio.Protocol:
-        """Return the protocol of a new connection, which has to make a request soon."""
+        """Return the protocol of a new connection, which must send a request soon."""
         protocol = self._http()
         if len(self._http.connections) >= self._most_clients + _SPARE_CONNECTIONS:
             self._hub.totals.refused += 1
-            # Whoever asks for something has room before those that only hold a connection.
-            mute = next((one for one in self._mute if one.transport is not None), None)
+            # Connections with requests have priority over connections without.
+            mute = next((item for item in self._mute if item.transport is not None), None)
             if mute is None:
                 return _Refusal()
             self._limit(mute, None)
@@ -174,7 +193,7 @@ class WebServer:
     @web.middleware
     async def _guard(self, request: web.Request, handler: Callable[..., Any]) -> web.StreamResponse:
         """Refuse unauthorised requests before any other step."""
-        # Time to take the answer, and to ask for more.
+        # Time to receive the answer, and to send a further request.
         self._limit(request.protocol, _ANSWER_S)
         reason = self._access.refuses(
             request.headers.get("Host", ""),
@@ -189,7 +208,7 @@ class WebServer:
         if kind.lower() == "bearer":
             shown = bearer.strip()
         cookie = request.cookies.get(_COOKIE)
-        if not self._access.knows(token=shown, cookie=cookie):
+        if not self._access.permits(token=shown, cookie=cookie):
             fault = (
                 "a token is needed" if shown is None and cookie is None else "the token is wrong"
             )
@@ -200,8 +219,8 @@ class WebServer:
         if request.headers.get("Upgrade", "").lower() == "websocket":
             return await self._connect(request)
         if "token" in request.query and self._access.needs_token:
-            # Out of the address line, and so out of histories and screenshots. Relative, as a proxy
-            # may serve the page below a path of its own.
+            # Keeps the token out of address line, history and screenshots. The path is relative,
+            # because a proxy may serve the page below another path.
             place = f"./{request.rel_url.raw_path.rpartition('/')[2]}"
             answer = web.Response(status=303, headers={**_HEADERS, "Location": place})
             answer.set_cookie(
@@ -216,11 +235,11 @@ class WebServer:
             return await self._documents.answer(request, _HEADERS)
         file = self._page.get(request.path)
         if file is None:
-            return self._refuse(404, f"there is no {request.path[:100]}")
+            return self._refuse(404, f"{request.path[:100]} not found")
         return self._file(request, file)
 
     async def _take_note(self, request: web.Request) -> web.StreamResponse:
-        # A page of another origin may send this type only if we allow it first, which we do not.
+        # Pages of other origins may send this type only after a preflight, which is not answered.
         if request.content_type != "application/json":
             return self._refuse(415, "expected application/json")
         try:
@@ -230,7 +249,7 @@ class WebServer:
         return web.Response(status=204, headers=_HEADERS)
 
     def _file(self, request: web.Request, file: Made) -> web.Response:
-        # WebSockets are named, as not all browsers take them for part of 'self'.
+        # WebSockets are listed, because not all browsers include them in 'self'.
         sockets = " ".join(self._access.sockets(request.headers["Host"], self._scheme))
         headers = {
             **_HEADERS,
@@ -292,7 +311,7 @@ class _Failures(logging.Handler):
 
 
 class _Refusal(asyncio.Protocol):
-    """Closes a connection beyond the limit as soon as it is made."""
+    """Closes a connection above the limit at once."""
 
     def connection_made(self, transport: Any) -> None:
         transport.abort()
@@ -306,7 +325,7 @@ def _reached(request: web.Request) -> str:
 
 
 def _limit_buffer(request: web.Request) -> None:
-    """Keep little for a client in the kernel, where nothing is dropped."""
+    """Limit the send buffer of a client in the kernel, where no messages are dropped."""
     connection = request.transport and request.transport.get_extra_info("socket")
     if connection:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)

@@ -229,7 +229,7 @@ test("an alarm of a monitor that is not heard any more stays, marked as old", ()
 
 test("tests that a monitor has lost are told until it has as many again, however they are counted", () => {
   const event = (kind, text) => ({ kind, text, stamp: { sec: 50, nanosec: 0 } });
-  const anew = event("history", "the monitor began its history anew, without 3 earlier tests");
+  const anew = event("history", "the monitor started a new history, without 3 earlier tests");
   const words = (events, ...stamp) => begunAnew({ events, stamp: Float64Array.from(stamp) });
   assert.equal(words([anew, event("note", "Ada: seen")], 10, 20, 30, 50, 60), anew.text);
   assert.equal(words([anew], 50, 60, 70), "");
