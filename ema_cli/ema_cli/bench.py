@@ -93,8 +93,8 @@ class Bench:
         run = parameters.over(RunSettings())
         file = parameters.path("actuator_file")
         description = load_description(file, is_simulated=True) if file else ActuatorDescription()
-        own = {name: getattr(run, name) for name in ("actuator_id", "serial_number")}
-        description = replace(description, **{k: value for k, value in own.items() if value})
+        identity = {name: getattr(run, name) for name in ("actuator_id", "serial_number")}
+        description = replace(description, **{k: value for k, value in identity.items() if value})
         for remark in description.remarks:
             click.echo(f"remark: {remark}", err=True)
         if sample_rate is not None:
@@ -123,9 +123,9 @@ def _command(shape: str | None, parameters: Parameters) -> Command:
     """Return the command of a shape, or of a CSV file, with the figures that are given."""
     shape = shape or str(parameters.values.get("command.shape", THESIS_CHIRP.shape))
     if shape.endswith(".csv"):
-        given = [name for name in _FIGURES if f"command.{name}" in parameters.values]
-        if given:
-            raise click.UsageError(f"a command of a file has no figures, but command.{given[0]}")
+        figures = [name for name in _FIGURES if f"command.{name}" in parameters.values]
+        if figures:
+            raise click.UsageError(f"a command of a file has no figures, but command.{figures[0]}")
         return Command("custom", samples=_column(Path(shape)))
     shapes = [name for name in COMMAND_SHAPES if name != "custom"]
     if shape not in shapes:

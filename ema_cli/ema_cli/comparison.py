@@ -77,60 +77,60 @@ class AlgorithmComparison:
         return estimation_error(run.estimate.faults, self.truth)
 
 
-def choose_window(found: BagWindows, number: int | None) -> RecordedWindow:
+def choose_window(bag_windows: BagWindows, number: int | None) -> RecordedWindow:
     """Return a window by number, or the first that can be used, or the first of all."""
     if number is not None:
-        if number >= len(found.windows):
-            windows = counted(len(found.windows), "window")
+        if number >= len(bag_windows.windows):
+            windows = counted(len(bag_windows.windows), "window")
             raise ValueError(f"--window {number}: the bag has {windows}, numbered from 0")
-        return found.windows[number]
-    for window in found.windows:
-        one = window.window
-        if isinstance(one, Window) and not one.excitation_defect():
+        return bag_windows.windows[number]
+    for window in bag_windows.windows:
+        content = window.window
+        if isinstance(content, Window) and not content.excitation_defect():
             return window
-    return found.windows[0]
+    return bag_windows.windows[0]
 
 
 def compare_algorithms(
-    found: RecordedWindow,
+    recorded: RecordedWindow,
     algorithms: Sequence[str],
     calibration: Calibration,
-    given: Identifying,
+    options: Identifying,
     truth: NDArray[np.float64] | None,
 ) -> AlgorithmComparison:
     """Identify a window by each algorithm from the healthy point, with a progress bar."""
-    window = found.window
+    window = recorded.window
     with deferred_signals() as stop, progress_bar() as progress:
         # So that the computing time of the first algorithm is that of an estimate.
         compile_kernels([calibration.form])
         runs = []
         for algorithm in algorithms:
-            search = replace(given.search, algorithm=algorithm, warm_start=False)
+            search = replace(options.search, algorithm=algorithm, warm_start=False)
             run = Identification(
-                window, found.description, calibration, search, force=given.accept_defects
+                window, recorded.description, calibration, search, force=options.accept_defects
             )
             task = progress.add_task(algorithm, total=search.budget)
             evaluations, costs = [], []
             try:
-                for one in run:
+                for state in run:
                     if stop:
                         raise click.Abort
-                    evaluations.append(one.evaluations)
-                    costs.append(one.fitness)
+                    evaluations.append(state.evaluations)
+                    costs.append(state.fitness)
                     progress.update(
                         task,
-                        completed=one.evaluations,
-                        state=f"generation {one.generation}: {one.fitness:.5f}",
+                        completed=state.evaluations,
+                        state=f"generation {state.generation}: {state.fitness:.5f}",
                     )
             except ValueError as error:
                 raise ValueError(f"{algorithm}: {error}") from error
             if run.estimate is not None:
                 runs.append(ComparedRun(run.estimate, evaluations, costs))
             progress.update(task, completed=search.budget)
-        comparison = AlgorithmComparison(found, runs, truth)
+        comparison = AlgorithmComparison(recorded, runs, truth)
         best = comparison.best
         if truth is not None and best is not None and isinstance(window, Window):
-            objective = Objective(window, calibration, given.search.fitness)
+            objective = Objective(window, calibration, options.search.fitness)
             point = objective.encode(truth, best.estimate.play)
             at_truth = float(np.sum(objective.residuals(point[None]) ** 2))
             comparison = replace(comparison, fitness_at_truth=at_truth)

@@ -68,8 +68,8 @@ def executor_options(command: Command) -> Command:
         "it a cluster of local processes is started.",
     )
     @wraps(command)
-    def with_executor(kind: str, workers: int | None, scheduler: str, **given: Any) -> None:
+    def with_executor(kind: str, workers: int | None, scheduler: str, **arguments: Any) -> None:
         executor = ExecutorOptions(kind, workers or available_cpus(), scheduler)
-        command(executor=executor, **given)
+        command(executor=executor, **arguments)
 
     return with_executor

@@ -111,10 +111,10 @@ class _CommandsOnDemand(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> object:
-        from ema_cli.options import one_clear_line
+        from ema_cli.options import errors_as_one_line
 
         try:
-            with one_clear_line():
+            with errors_as_one_line():
                 return super().invoke(ctx)
         except click.NoSuchOption as error:
             from ema_cli.parameters import instead_of

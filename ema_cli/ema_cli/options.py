@@ -16,7 +16,7 @@ REFUSED: Final = 3
 
 
 @contextmanager
-def one_clear_line() -> Iterator[None]:
+def errors_as_one_line() -> Iterator[None]:
     """Turn what is wrong with the input into an error of one line and exit code ``UNUSABLE``."""
     try:
         yield

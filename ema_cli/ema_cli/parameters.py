@@ -22,29 +22,29 @@ _SECTION: Final = "ros__parameters"
 
 @dataclass(frozen=True)
 class Parameters:
-    """Values that were given, by the names of parameters; they may be of no use."""
+    """Specified values by name of the parameter; a command may not use all of them."""
 
     values: Mapping[str, Any]
 
-    def with_options(self, **given: Any) -> "Parameters":
-        """Return these with the values of options, by the parameter; None for one not given."""
-        return Parameters({**self.values, **{k: v for k, v in given.items() if v is not None}})
+    def with_options(self, **options: Any) -> "Parameters":
+        """Return the parameters with the values of options, by parameter; None is ignored."""
+        return Parameters({**self.values, **{k: v for k, v in options.items() if v is not None}})
 
     def over(self, settings: Settings, prefix: str = "") -> Settings:
-        """Return settings with the values that were given.
+        """Return settings with the specified values.
 
         Raises
         ------
         click.UsageError
-            When a value is impossible; the message names the parameter, value, unit and range.
+            When a value is out of range; the message names parameter, value, unit and range.
         """
         try:
-            given = {
-                one.field.name: one.from_node(one.number_of(self.values[one.name]))
-                for one in parameters_of(settings, prefix)
-                if one.name in self.values
+            values = {
+                item.field.name: item.from_node(item.number_of(self.values[item.name]))
+                for item in parameters_of(settings, prefix)
+                if item.name in self.values
             }
-            return replace(settings, **given) if given else settings  # pyright: ignore
+            return replace(settings, **values) if values else settings  # pyright: ignore
         except ValueError as error:
             raise click.UsageError(f"{prefix}{error}") from error
 
@@ -57,7 +57,7 @@ class Parameters:
 def settings_options(
     kind: type[Any], node: str = "monitor", more: Iterable[Callable[[Command], Command]] = ()
 ) -> Callable[[Command], Command]:
-    """Return a decorator that gives a command options, gathered as its argument ``given``.
+    """Return a decorator that gives a command options, gathered in its argument ``options``.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def settings_options(
     more
         Further options.
     """
-    options = [
+    decorators = [
         *kind.OPTIONS,
         *more,
         click.option(
@@ -89,26 +89,30 @@ def settings_options(
     ]
 
     def add(command: Command) -> Command:
-        own, known = signature(command).parameters, names_of(kind.SECTIONS)
+        arguments, names = signature(command).parameters, names_of(kind.SECTIONS)
 
         @wraps(command)
         def with_options(
-            *, assignments: tuple[str, ...], parameter_file: Path | None, **given: Any
+            *, assignments: tuple[str, ...], parameter_file: Path | None, **values_by_name: Any
         ) -> None:
-            shared = {name: given.pop(name) for name in list(given) if name not in own}
+            shared = {
+                name: values_by_name.pop(name)
+                for name in list(values_by_name)
+                if name not in arguments
+            }
             values = dict(parameters_in(parameter_file, node)) if parameter_file else {}
             with values_of_options():
-                values |= _assigned(assignments, known)
-            # An option with the name of a parameter gives it.
-            for name in (name for name in known if name in shared):
+                values |= _assigned(assignments, names)
+            # An option with the name of a parameter sets the parameter.
+            for name in (name for name in names if name in shared):
                 if (value := shared.pop(name)) is not None:
                     values[name] = str(value) if isinstance(value, Path) else value
             built = kind.of(Parameters(values), **shared)
-            command(given=built, **given)
+            command(options=built, **values_by_name)
 
-        vars(with_options)["parameters"] = known
+        vars(with_options)["parameters"] = names
         decorated: Command = with_options
-        for option in reversed(options):
+        for option in reversed(decorators):
             decorated = option(decorated)
         return decorated
 
@@ -117,10 +121,10 @@ def settings_options(
 
 def names_of(sections: Iterable[tuple[Any, str]]) -> list[str]:
     """Return the names of the parameters of dataclasses with their prefixes."""
-    return [one.name for item, prefix in sections for one in parameters_of(item, prefix)]
+    return [entry.name for item, prefix in sections for entry in parameters_of(item, prefix)]
 
 
-def _assigned(assignments: Iterable[str], known: Sequence[str]) -> dict[str, Any]:
+def _assigned(assignments: Iterable[str], names: Sequence[str]) -> dict[str, Any]:
     """Return the values of ``NAME=VALUE``, the value in YAML; ROS's ``:=`` will do as well."""
     assigned: dict[str, Any] = {}
     for text in assignments:
@@ -128,8 +132,8 @@ def _assigned(assignments: Iterable[str], known: Sequence[str]) -> dict[str, Any
         name = name.removesuffix(":").strip()
         if not equals:
             raise ValueError(f"-p {text!r}: expected NAME=VALUE")
-        if name not in known:
-            raise ValueError(f"-p: {unknown_name('parameter', name, known)}")
+        if name not in names:
+            raise ValueError(f"-p: {unknown_name('parameter', name, names)}")
         if name in assigned:
             raise ValueError(f"-p {name}: given more than once")
         assigned[name] = value_of(value)
@@ -144,15 +148,15 @@ def instead_of(option: str, command: click.Command) -> str:
         return f": did you mean {same}?"
     if "-p" not in has:
         return ""
-    if name in FAULT_NAMES and (own := {"--fault", "--limit"} & has):
-        return f": give {min(own)} {name}=VALUE"
-    known = vars(command.callback).get("parameters", ())
-    if any(one.startswith(f"{name}.") for one in known):
-        found = [f"{name}.NAME"]
+    if name in FAULT_NAMES and (options := {"--fault", "--limit"} & has):
+        return f": give {min(options)} {name}=VALUE"
+    parameters = vars(command.callback).get("parameters", ())
+    if any(item.startswith(f"{name}.") for item in parameters):
+        names = [f"{name}.NAME"]
     else:
-        found = [one for one in known if one == name or one.startswith(f"{name}_")]
-        found = found or [one for one in known if one.endswith(f".{name}")]
-    return f": give -p {found[0]}=VALUE (docs/parameters.md)" if found else ""
+        names = [item for item in parameters if item == name or item.startswith(f"{name}_")]
+        names = names or [item for item in parameters if item.endswith(f".{name}")]
+    return f": give -p {names[0]}=VALUE (docs/parameters.md)" if names else ""
 
 
 def value_of(text: str) -> Any:

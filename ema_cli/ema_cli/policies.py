@@ -13,7 +13,7 @@ import click
 
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
 from ema_bags.inputs.mapping import load_mapping
-from ema_cli.options import one_clear_line
+from ema_cli.options import errors_as_one_line
 from ema_core.description import ActuatorDescription
 from ema_dashboard.known_topics import CLOCK, DIAGNOSTICS, known_topics
 from ema_ros import topics
@@ -112,8 +112,8 @@ def node_access(
 
     everything = f"{prefix}/*"
     shown = [topic.name for topic in known_topics([namespace]) if topic.request is not None]
-    heard_by_monitor = (topics.TELEMETRY, topics.DESCRIPTION, topics.USAGE, *topics.SYSTEM_TOPICS)
-    found = [
+    monitor_inputs = (topics.TELEMETRY, topics.DESCRIPTION, topics.USAGE, *topics.SYSTEM_TOPICS)
+    policies = [
         _node(
             prefix,
             "actuator",
@@ -130,7 +130,7 @@ def node_access(
             prefix,
             "monitor",
             publishes=full(topics.MONITOR_TOPICS),
-            subscribes=full(heard_by_monitor),
+            subscribes=full(monitor_inputs),
             replies=_ASKED_OF_MONITOR,
             executes=("identify_faults",),
         ),
@@ -148,7 +148,7 @@ def node_access(
             is_managed=False,
         ),
     ]
-    return {item.name: item for item in found}
+    return {item.name: item for item in policies}
 
 
 def _node(
@@ -163,17 +163,17 @@ def _node(
     is_managed: bool = True,
 ) -> GraphNames:
     """Return what a node has, with what all nodes, or all lifecycle nodes, have."""
-    own = f"{prefix}/{name}/"
+    local = f"{prefix}/{name}/"
     services = (*_OF_ALL, *(_OF_LIFECYCLES if is_managed else ()), *replies)
-    status = (DIAGNOSTICS, f"{prefix}/{topics.NODE_STATUS}", f"{own}transition_event")
+    status = (DIAGNOSTICS, f"{prefix}/{topics.NODE_STATUS}", f"{local}transition_event")
     return GraphNames(
         prefix or "/",
         name,
         _sorted(*_PUBLISHED_BY_ALL, *(status if is_managed else ()), *publishes),
         _sorted(*((CLOCK,) if is_managed else ()), *subscribes),
-        _sorted(*(own + item for item in services)),
+        _sorted(*(local + item for item in services)),
         _sorted(*requests),
-        _sorted(*(own + item for item in executes)),
+        _sorted(*(local + item for item in executes)),
     )
 
 
@@ -227,7 +227,7 @@ def policy_files(namespace: str, bridged: Iterable[str] = ()) -> Iterator[tuple[
 )
 def main(namespace: str, mapping: Path | None, output: Path) -> None:
     """Write the policy of each node."""
-    with one_clear_line():
+    with errors_as_one_line():
         bridged: list[str] = []
         if mapping is not None:
             bridge = Bridge(load_mapping(mapping), ActuatorDescription(), BridgeSettings())

@@ -123,9 +123,9 @@ def with_estimates(
         finder = WindowFinder(TriggerSettings(), description)
         events = [event for block in test.blocks for event in finder.feed(block)]
         segment = next(item for item in [*events, *finder.finish()] if isinstance(item, Segment))
-        for one in diagnosis.add(segment, calibration, SearchSettings()):
-            if isinstance(one, Diagnosed):
-                yield test, one.estimate
+        for entry in diagnosis.add(segment, calibration, SearchSettings()):
+            if isinstance(entry, Diagnosed):
+                yield test, entry.estimate
 
 
 def as_line(test: LifeTest, estimate: Estimate) -> str:
@@ -205,7 +205,7 @@ def make_life(job: LifeJob) -> dict[str, object]:
                 write_test(part / f"test_{test.number:04d}.mcap", test, description)
         else:
             with part.open("w", encoding="utf-8") as file:
-                file.writelines(as_line(*one) for one in with_estimates(tests, description))
+                file.writelines(as_line(*test) for test in with_estimates(tests, description))
     except OSError as error:
         _remove(part)
         words = error.strerror or str(error)

@@ -20,11 +20,11 @@ from ema_sim.bench import ActuatorBench
 class SimulatedRig(ActuatorRig):
     """Runs tests of a simulated actuator."""
 
-    def __init__(self, given: Bench, on_cycle: Callable[[], None]) -> None:
-        self._given = given
-        self._seeds = np.random.SeedSequence(given.settings.seed)
+    def __init__(self, options: Bench, on_cycle: Callable[[], None]) -> None:
+        self._options = options
+        self._seeds = np.random.SeedSequence(options.settings.seed)
         self._on_cycle = on_cycle
-        compile_kernels([form_of(given.description.drive)])
+        compile_kernels([form_of(options.description.drive)])
 
     def __call__(
         self,
@@ -36,27 +36,27 @@ class SimulatedRig(ActuatorRig):
         """Return a window from each of some test cycles; see `ActuatorRig`."""
         [seeds] = self._seeds.spawn(1)
         rng = np.random.default_rng(seeds)
-        settings = replace(self._given.settings, seed=int(rng.integers(2**62)))
+        settings = replace(self._options.settings, seed=int(rng.integers(2**62)))
         bench = ActuatorBench(
-            self._given.description,
+            self._options.description,
             settings,
-            parameters=self._given.parameters,
-            resolutions=self._given.resolutions,
+            parameters=self._options.parameters,
+            resolutions=self._options.resolutions,
             causes=causes,
         )
         bench.set_command(command)
         bench.set_faults(faults)
-        h = self._given.description.sample_period
+        h = self._options.description.sample_period
         trigger = TriggerSettings(window_s=len(command.sample(h)) * h)
-        finder = WindowFinder(trigger, self._given.description)
+        finder = WindowFinder(trigger, self._options.description)
         windows: list[Window] = []
         for _ in range(cycles):
             for block, _ in bench.begin_cycle().blocks:
                 for event in finder.feed(block):
-                    found = event.window if isinstance(event, Segment) else event
-                    if not isinstance(found, Window):
-                        raise ValueError(f"the command makes no window: {found.reason}")
-                    windows.append(found)
+                    window = event.window if isinstance(event, Segment) else event
+                    if not isinstance(window, Window):
+                        raise ValueError(f"the command makes no window: {window.reason}")
+                    windows.append(window)
             self._on_cycle()
         if len(windows) != cycles:
             raise ValueError(

@@ -91,7 +91,7 @@ def test_each_life_is_that_of_a_unit_which_its_calibration_fits(ema, two_lives):
     assert "serial number" not in result.stderr
     both = ema("predict", folder / "life_0000", folder / "life_0001")
     assert both.exit_code == 1
-    for part in (*names, "a prognosis is of one unit"):
+    for part in (*names, "a prognosis is for one unit"):
         assert part in both.stderr
     above = ema("predict", folder)
     assert above.exit_code == 1

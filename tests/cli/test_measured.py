@@ -45,5 +45,5 @@ def test_calibration_says_what_was_taken_for_known_and_what_was_not_learned(ema,
     result = ema("calibrate", loaded, *RIGHT, "-o", tmp_path / "unit.yaml")
     assert result.exit_code == 0, result.output
     words = " ".join(result.stdout.split())
-    assert "taken for known: load torque +0.3 ± 0.01 N.m in 1 window" in words
+    assert "measured causes: load torque +0.3 ± 0.01 N.m in 1 window" in words
     assert "not learned from these windows: viscous friction" in words

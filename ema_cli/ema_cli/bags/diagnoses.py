@@ -120,11 +120,11 @@ class DiagnosisLog:
         """Return the diagnoses, each with the truth of its cycle if recorded."""
         truths = [item for item in self.truths if item.actuator_id == self.actuator_id]
         windows = [self._diagnosed[end_ns] for end_ns in sorted(self._diagnosed)]
-        for one in windows:
-            truth = truth_at(truths, one.start_ns)
+        for window in windows:
+            truth = truth_at(truths, window.start_ns)
             if truth is not None:
-                one.cycle, one.truth = truth.cycle, truth.faults
-            one.level, one.cause = self._levels.get(one.end_ns, (None, ""))
+                window.cycle, window.truth = truth.cycle, truth.faults
+            window.level, window.cause = self._levels.get(window.end_ns, (None, ""))
         return windows
 
 
@@ -157,15 +157,15 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
     topics = bag.topics_of(ESTIMATE_TYPE, TRUE_FAULTS_TYPE, HEALTH_TYPE)
     recorded = list(bag.messages(topics))
     estimated = {item.message.actuator_id for item in recorded if item.type_name == ESTIMATE_TYPE}
-    known = ", ".join(sorted(estimated))
+    names = ", ".join(sorted(estimated))
     if not estimated:
         raise ValueError(f"{path} has no estimates, so no history: `ema report` makes them")
     if actuator_id is None and len(estimated) > 1:
         raise ValueError(
-            f"{path} has estimates of several actuators: {known}: choose one with --actuator-id"
+            f"{path} has estimates of several actuators: {names}: choose one with --actuator-id"
         )
     if actuator_id is not None and actuator_id not in estimated:
-        raise ValueError(f"{path} has no estimates of actuator {actuator_id!r}, but of {known}")
+        raise ValueError(f"{path} has no estimates of actuator {actuator_id!r}, but of {names}")
     history = DiagnosisLog(actuator_id or estimated.pop())
     for item in recorded:
         try:
@@ -178,5 +178,5 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
 
 def has_latency(diagnoses: list[DiagnosedWindow]) -> bool:
     """Return whether the latencies are such: that stamps and reception go by the same clock."""
-    latencies = np.array([one.latency_s for one in diagnoses])
+    latencies = np.array([window.latency_s for window in diagnoses])
     return bool(np.all((latencies >= 0.0) & (latencies < _LONGEST_LATENCY_S)))

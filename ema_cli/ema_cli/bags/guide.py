@@ -36,7 +36,7 @@ _SECTIONS: Final[dict[str, tuple[Any, tuple[str, ...], str]]] = {
 
 
 def mapping_of(
-    source: InputFile, description: ActuatorDescription, given: Sequence[str], *, asks: bool
+    source: InputFile, description: ActuatorDescription, entries: Sequence[str], *, asks: bool
 ) -> Mapping:
     """Return the mapping of a file: guessed, with the entries that are given, and asked for.
 
@@ -50,7 +50,7 @@ def mapping_of(
     ValueError
         When a text is not an entry, or the entries make no mapping.
     """
-    is_set = {key: value for key, _, value in (one.partition("=") for one in given)}
+    is_set = {key: value for key, _, value in (item.partition("=") for item in entries)}
     content: dict[str, Any] = {}
     with suppress(ValueError):
         guess = source.guess(description, _clock(is_set))

@@ -132,32 +132,32 @@ class Identifying(ReadingOptions):
         with progress_bar() as progress:
             task = progress.add_task("identifying", total=len(windows))
             for number, window in enumerate(windows, 1):
-                for one in diagnosis.add(
+                for result in diagnosis.add(
                     window, calibration, self.search, combining, force=self.accept_defects
                 ):
-                    if isinstance(one, Diagnosed):
-                        estimates.append(one)
+                    if isinstance(result, Diagnosed):
+                        estimates.append(result)
                     else:
                         progress.update(
                             task,
-                            state=f"window {number} of {len(windows)}, {one.evaluations} "
-                            f"evaluations, fitness {one.fitness:.5f} A^2.s",
+                            state=f"window {number} of {len(windows)}, {result.evaluations} "
+                            f"evaluations, fitness {result.fitness:.5f} A^2.s",
                         )
                 progress.advance(task)
         estimates += diagnosis.finish()
         if self.any_motion and windows and isinstance(calibration, Calibration):
             click.echo(f"{windows[0].description.actuator_id}: {diagnosis.tally}", err=True)
-        return [one.estimate for one in estimates]
+        return [estimate.estimate for estimate in estimates]
 
 
-def as_object(one: Estimate, found: BagWindows) -> dict[str, Any]:
+def as_object(estimate: Estimate, bag_windows: BagWindows) -> dict[str, Any]:
     """Return an estimate as plain values; NaN becomes null."""
-    record = estimate_record(one)
+    record = estimate_record(estimate)
     record["play_offset"] = record.pop("play")
     record["calibration"] = record.pop("calibration_id")
     return record | {
-        "sigma": by_fault(one.sigma),
+        "sigma": by_fault(estimate.sigma),
         "excitation_limit": MIN_TRAVEL,
-        "start": round(found.seconds(one.start_ns), 9),
-        "end": round(found.seconds(one.end_ns), 9),
+        "start": round(bag_windows.seconds(estimate.start_ns), 9),
+        "end": round(bag_windows.seconds(estimate.end_ns), 9),
     }

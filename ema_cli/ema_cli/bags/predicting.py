@@ -146,11 +146,11 @@ def with_growth(
     values: dict[str, Any] = {}
     by_limit = {name.partition(".")[2]: name for name in names_of(_LIMITS)}
     by_cost = {item.name: f"costs.{item.name}" for item in fields(Costs) if item.name != "unit"}
-    for kind, given, known in (("limit", limits, by_limit), ("cost", costs, by_cost)):
-        for name, value in given.items():
-            if name not in known:
-                raise click.UsageError(f"--{kind}: {unknown_name(kind, name, known)}")
-            values[known[name]] = value
+    for kind, figures, names in (("limit", limits, by_limit), ("cost", costs, by_cost)):
+        for name, value in figures.items():
+            if name not in names:
+                raise click.UsageError(f"--{kind}: {unknown_name(kind, name, names)}")
+            values[names[name]] = value
     kinds = [item.name for item in fields(KnownLawTexts)]
     for written in laws:
         name, _, law = written.partition("=")

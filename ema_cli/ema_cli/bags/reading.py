@@ -177,36 +177,36 @@ def identifiable_windows(
     return windows
 
 
-def why_no_window(path: Path, found: BagWindows, source: ReadingOptions) -> str:
+def why_no_window(path: Path, bag_windows: BagWindows, source: ReadingOptions) -> str:
     """Return why no window was even begun, which describes the command or the position."""
     settings = source.trigger
-    if found.description.drive == "unknown":
-        reason = found.obstacle or (
+    if bag_windows.description.drive == "unknown":
+        reason = bag_windows.obstacle or (
             f"a record needs {LEAST_MOTION_S:g} s of motion, and the position never moves"
         )
         return f"{path} has no record to diagnose (no excitation): {reason}"
     if source.any_motion:
-        if found.obstacle:
-            return f"{path} has no window to diagnose: {found.obstacle}"
+        if bag_windows.obstacle:
+            return f"{path} has no window to diagnose: {bag_windows.obstacle}"
         return (
             f"{path} has no motion to diagnose (no excitation): the command never travels "
             f"{MIN_TRAVEL:g} rad within {settings.window_s:g} s"
         )
-    if not found.has_rested:
+    if not bag_windows.has_rested:
         behaviour = (
             f"it never rested within {settings.threshold:g} rad for {settings.rest_s:g} s: is the "
             "parameter threshold_urad below its noise?"
         )
-    elif found.longest_motion_s:
+    elif bag_windows.longest_motion_s:
         behaviour = (
-            f"it moved for at most {found.longest_motion_s:.3f} s at a time, or one way only"
+            f"it moved for at most {bag_windows.longest_motion_s:.3f} s at a time, or one way only"
         )
     else:
         behaviour = "it never left its rest"
     return (
         f"{path} has no window to diagnose (no excitation): a window is {settings.window_s:g} s of "
         f"command moving to and fro after a rest (--any-motion: of any motion), and {behaviour}"
-        + (f"; {found.obstacle}" if found.obstacle else "")
+        + (f"; {bag_windows.obstacle}" if bag_windows.obstacle else "")
     )
 
 
@@ -216,15 +216,18 @@ def _choose_description(
     """Return the description to read a bag with, None for the recorded ones, and a warning."""
     from ema_ros.actuator_file import load_description  # YAML only where there is a file
 
-    given = load_description(file)
+    described = load_description(file)
     if not recorded:
-        return given, ""
+        return described, ""
     # Those of the actuator as it was described last: that is how it is reported.
-    differences = "; ".join(differing(recorded[-1], given, "the bag", "the file"))
+    differences = "; ".join(differing(recorded[-1], described, "the bag", "the file"))
     if not differences:
         return None, ""
     if accept:
-        return given, f"--actuator {file} is used against the description in the bag: {differences}"
+        return (
+            described,
+            f"--actuator {file} is used against the description in the bag: {differences}",
+        )
     return (
         None,
         f"--actuator {file} is not used, the bag has a description: {differences}; "
@@ -232,18 +235,18 @@ def _choose_description(
     )
 
 
-def differing(one: Any, other: Any, in_one: str, in_other: str) -> Iterator[str]:
+def differing(first: Any, second: Any, first_place: str, second_place: str) -> Iterator[str]:
     """Yield name, unit and both values of every field that differs between descriptions."""
-    for field in fields(one):
-        there, here = getattr(one, field.name), getattr(other, field.name)
+    for field in fields(first):
+        there, here = getattr(first, field.name), getattr(second, field.name)
         if field.name in ("parameters", "acquisition"):
-            yield from differing(there, here, in_one, in_other)
+            yield from differing(there, here, first_place, second_place)
         elif there != here:
             unit = field.metadata.get("unit", "s" if field.name == "sample_period" else "-")
             unit = "" if unit == "-" else f" {unit}"
             yield (
-                f"{field.name} {_value(there)}{unit} in {in_one}, {_value(here)}{unit} in "
-                f"{in_other}"
+                f"{field.name} {_value(there)}{unit} in {first_place}, {_value(here)}{unit} in "
+                f"{second_place}"
             )
 
 

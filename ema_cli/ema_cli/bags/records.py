@@ -57,7 +57,7 @@ def table_recordings(
     source = InputFile(table, mapping)
     parts = source.parts(columns) if columns else [(list[str](), source)]
     for values, part in parts:
-        records = [[read_record(part, *one, accepts=False)] for one in actuators]
+        records = [[read_record(part, *actuator, accepts=False)] for actuator in actuators]
         messages = (
             (_full_name(name), type_name(type(message)), message, received_ns, stamp_ns)
             for name, message, received_ns, stamp_ns in _messages(records, _BLOCK_IN_MEMORY_S)
@@ -120,8 +120,8 @@ def read_records(
     """
     records = [read_record(source, mapping, description, accepts=accepts) for source in sources]
     period = records[0].description.sample_period
-    for number, one in enumerate(records):
-        h = one.description.sample_period
+    for number, record in enumerate(records):
+        h = record.description.sample_period
         if h != period and abs(h / period - 1.0) < _SIMILAR_RATE:
             source = sources[number]
             records[number] = imported_by(source, mapping, description, period)
@@ -156,7 +156,7 @@ def write_records(
     from ema_ros import topics
 
     kinds = {name: topics.ACTUATOR_TOPICS[name] for name in (topics.DESCRIPTION, topics.TELEMETRY)}
-    if any(one.rises for records in actuators for one in records):
+    if any(record.rises for records in actuators for record in records):
         kinds |= topics.SYSTEM_TOPICS
     with new_bag(path, overwrite=overwrite) as bag:
         for name, (message_class, qos) in kinds.items():
@@ -174,27 +174,27 @@ def _messages(
 ) -> Iterator[tuple[str, Any, int, int]]:
     """Yield topic, message, when it was received and its stamp [ns], in the order received."""
     of_each = (_messages_of_actuator(records, block_s) for records in actuators)
-    return heapq.merge(*of_each, key=lambda one: one[2])
+    return heapq.merge(*of_each, key=lambda item: item[2])
 
 
 def _messages_of_actuator(
-    found: Sequence[Imported], block_s: float
+    records: Sequence[Imported], block_s: float
 ) -> Iterator[tuple[str, Any, int, int]]:
     """Yield the same of one actuator, file after file."""
     from ema_ros.messages import description_to_message, measured_to_message, telemetry_to_message
     from ema_ros.stamps import stamp_from_message
 
-    description = found[0].description
+    description = records[0].description
     end_ns, index = None, 0
-    for one in found:
+    for record in records:
         shift_ns, shift = 0, 0
-        rises = deque(one.rises)
-        for block in one.blocks(block_s):
+        rises = deque(record.rises)
+        for block in record.blocks(block_s):
             if end_ns is None:
                 end_ns = block.stamp_ns
                 message = description_to_message(description, end_ns)
                 yield topic_names.DESCRIPTION, message, end_ns, end_ns
-            elif not shift and block.first_index <= index and one is not found[0]:
+            elif not shift and block.first_index <= index and record is not records[0]:
                 # The next file: one sample at least is missing before it, and its time goes on.
                 shift = index + 1
                 if block.stamp_ns <= end_ns:
@@ -203,10 +203,10 @@ def _messages_of_actuator(
                 block, stamp_ns=block.stamp_ns + shift_ns, first_index=block.first_index + shift
             )
             # A temperature comes before the telemetry that it holds for.
-            before_ns = block.stamp_at(len(block) - 1) - one.shift_ns
+            before_ns = block.stamp_at(len(block) - 1) - record.shift_ns
             while rises and rises[0].stamp_ns <= before_ns:
                 rise = rises.popleft()
-                at_ns = rise.stamp_ns + one.shift_ns + shift_ns
+                at_ns = rise.stamp_ns + record.shift_ns + shift_ns
                 measured = measured_to_message(at_ns, [rise.cause], description.actuator_id)
                 yield topic_names.MEASURED_CAUSES, measured, end_ns, at_ns
             message = telemetry_to_message(moved, description.actuator_id)

@@ -35,7 +35,7 @@ from ema_monitor.unit import Unit
 from ema_ros.messages import StampedFaults
 
 _NAMED: Final = 3
-_ONE_UNIT: Final = "a prognosis is of one unit, give the bags of one alone"
+_ONE_UNIT: Final = "a prognosis is for one unit, give the bags of one unit"
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,11 @@ class UnitRecord:
     bags: dict[int, Path] = field(default_factory=dict)
     flown: list[tuple[int, FlownDuty]] = field(default_factory=list)
 
-    def as_known_at(self, hours: float) -> Self:
-        """Return what was known of the unit at a service hour [h]."""
-        later = min((one.stamp_ns for one in self.counts if one.hours > hours), default=math.inf)
+    def until(self, hours: float) -> Self:
+        """Return the record up to a service hour [h]."""
+        later = min(
+            (count.stamp_ns for count in self.counts if count.hours > hours), default=math.inf
+        )
         windows = [window for window in self.windows if window.end_ns < later]
         if not self.counts or not windows:
             raise ValueError(
@@ -82,11 +84,13 @@ class UnitRecord:
 
 def find_bags(paths: Iterable[Path]) -> list[Path]:
     """Return the bags that paths name, each once."""
-    found: dict[Path, Path] = {}
+    bags_by_path: dict[Path, Path] = {}
     for path in paths:
         bags = _bags_in(path)
         if not bags:
-            inside = [str(one) for one in sorted(path.iterdir()) if one.is_dir() and _bags_in(one)]
+            inside = [
+                str(item) for item in sorted(path.iterdir()) if item.is_dir() and _bags_in(item)
+            ]
             named = ", ".join(inside[:_NAMED])
             if more := len(inside[_NAMED:]):
                 named += f" and {more} more"
@@ -96,8 +100,8 @@ def find_bags(paths: Iterable[Path]) -> list[Path]:
                 f"{METADATA_FILE}{hint}"
             )
         for bag in bags:
-            found.setdefault(bag.resolve(), bag)
-    return list(found.values())
+            bags_by_path.setdefault(bag.resolve(), bag)
+    return list(bags_by_path.values())
 
 
 def read_unit(
@@ -108,11 +112,11 @@ def read_unit(
     counts: list[Count] = []
     remarks: list[str] = []
     for path in find_bags(paths):
-        if original := next((one for one, _ in read if _is_copy(path, one)), None):
+        if original := next((item for item, _ in read if _is_copy(path, item)), None):
             remarks.append(f"{path}: passed over, it is a copy of {original}")
             continue
         try:
-            bag, own = open_recording(path, source)
+            bag, options = open_recording(path, source)
             present = described_actuators(bag)
         except (ValueError, OSError) as error:
             if not skips_unreadable or not path.exists():
@@ -121,18 +125,21 @@ def read_unit(
             remarks.append(words if str(path) in words else f"{path}: {words}")
             continue
         if source.actuator_id is not None and present and source.actuator_id not in present:
-            others = ", ".join(sorted(present))
-            remarks.append(f"{path}: passed over, it is of actuator {others}")
+            names = ", ".join(sorted(present))
+            remarks.append(f"{path}: passed over, it is of actuator {names}")
             continue
-        found = read_windows(path, own, bag=bag, with_duty=True)
-        read.append((path, found))
+        bag_windows = read_windows(path, options, bag=bag, with_duty=True)
+        read.append((path, bag_windows))
         damage = bag.damage
-        for one in (*(item.description for item in found.windows), found.description):
-            _require_same_unit((read[0][0], read[0][1].description), (path, one))
-        remarks += [f"{path}: {remark}" for remark in found.remarks]
-        if not found.windows:
-            remarks.append(why_no_window(path, found, source))
-        counted, wrong = read_counts(bag, found.description)
+        for description in (
+            *(item.description for item in bag_windows.windows),
+            bag_windows.description,
+        ):
+            _require_same_unit((read[0][0], read[0][1].description), (path, description))
+        remarks += [f"{path}: {remark}" for remark in bag_windows.remarks]
+        if not bag_windows.windows:
+            remarks.append(why_no_window(path, bag_windows, source))
+        counted, wrong = read_counts(bag, bag_windows.description)
         counts += counted
         remarks += [f"{path}: {remark}" for remark in wrong]
         if bag.damage != damage:  # found in what was counted
@@ -142,11 +149,11 @@ def read_unit(
         if source.actuator_id is not None:
             what = f"no bag of actuator {source.actuator_id!r}"
         raise ValueError(f"{what}: {'; '.join(remarks)}")
-    tests = [(path, item) for path, found in read for item in found.windows]
+    tests = [(path, item) for path, bag_windows in read for item in bag_windows.windows]
     if not tests:
         raise ValueError(f"no window to diagnose: {'; '.join(remarks)}")
     # Of two windows of one bag and stamp, the second is a repetition: that is for the history.
-    stamped = (StampedTest(one.start_ns, one.end_ns, str(path), path) for path, one in tests)
+    stamped = (StampedTest(test.start_ns, test.end_ns, str(path), path) for path, test in tests)
     if reasons := unordered(stamped):
         raise ValueError(next(iter(reasons.values())))
     tests.sort(key=lambda test: test[1].end_ns)
@@ -154,23 +161,26 @@ def read_unit(
         tests[-1][1].description,
         [item for _, item in tests],
         sorted(counts, key=lambda count: count.stamp_ns),
-        sorted((one for _, found in read for one in found.truths), key=lambda one: one.stamp_ns),
+        sorted(
+            (truth for _, bag_windows in read for truth in bag_windows.truths),
+            key=lambda item: item.stamp_ns,
+        ),
         remarks,
         {item.end_ns: path for path, item in tests},
         sorted(
             (
                 piece
-                for _, found in read
-                for piece in found.flown.get(found.description.unit_key, ())
+                for _, bag_windows in read
+                for piece in bag_windows.flown.get(bag_windows.description.unit_key, ())
             ),
             key=lambda piece: piece[0],
         ),
     )
 
 
-def _is_copy(path: Path, other: Path) -> bool:
-    files = path.is_file() and other.is_file()
-    return files and filecmp.cmp(path, other, shallow=False)
+def _is_copy(path: Path, second: Path) -> bool:
+    files = path.is_file() and second.is_file()
+    return files and filecmp.cmp(path, second, shallow=False)
 
 
 def _bags_in(path: Path) -> list[Path]:
@@ -181,16 +191,16 @@ def _bags_in(path: Path) -> list[Path]:
 
 
 def _require_same_unit(
-    unit: tuple[Path, ActuatorDescription], other: tuple[Path, ActuatorDescription]
+    unit: tuple[Path, ActuatorDescription], second_unit: tuple[Path, ActuatorDescription]
 ) -> None:
-    (path, first), (other_path, second) = unit, other
-    for what, one, another, remedy in (
+    (path, first), (second_path, second) = unit, second_unit
+    for what, value, second_value, remedy in (
         ("actuator", first.actuator_id, second.actuator_id, "choose one with --actuator-id"),
         ("serial number", first.serial_number, second.serial_number, _ONE_UNIT),
     ):
-        if one != another:
+        if value != second_value:
             raise ValueError(
-                f"{path} is of {what} {one!r} and {other_path} of {another!r}: {remedy}"
+                f"{path} is of {what} {value!r} and {second_path} of {second_value!r}: {remedy}"
             )
 
 
@@ -207,7 +217,7 @@ class Course:
 
     Attributes
     ----------
-    given
+    options
         How they were identified and followed, with the calibration that was used.
     steps
         Tests in order of time, refused ones included; of ordinary motion, each combination.
@@ -218,7 +228,7 @@ class Course:
     """
 
     record: UnitRecord
-    given: Predicting
+    options: Predicting
     calibration: AnyCalibration
     steps: list[Step]
     growth: GrowthRecord
@@ -242,36 +252,36 @@ class Course:
     @property
     def now(self) -> Outlook:
         """Health and life after the newest test, valid or refused."""
-        known = (step.outlook for step in reversed(self.steps) if step.outlook is not None)
-        return next(known, unknown_outlook("no test so far"))
+        outlooks = (step.outlook for step in reversed(self.steps) if step.outlook is not None)
+        return next(outlooks, unknown_outlook("no test so far"))
 
     @property
     def hours(self) -> NDArray[np.float64]:
         """Service hours of each valid test [h], ``(n,)``; NaN where unknown or refused."""
-        known = self.growth.service.by_stamp()
-        return np.array([known.get(outlook.stamp_ns, np.nan) for outlook in self.outlooks])
+        hours = self.growth.service.by_stamp()
+        return np.array([hours.get(outlook.stamp_ns, np.nan) for outlook in self.outlooks])
 
     @cached_property
     def advice(self) -> Advice | None:
         """What to do after the last test at the least cost; None without costs or a valid test."""
-        if self.given.costs is None or not self.outlooks:
+        if self.options.costs is None or not self.outlooks:
             return None
-        return advise(self.outlooks[-1], self.given.costs)
+        return advise(self.outlooks[-1], self.options.costs)
 
 
 def diagnose_unit(
-    paths: Sequence[Path], given: Predicting, *, skips_unreadable: bool = False
+    paths: Sequence[Path], options: Predicting, *, skips_unreadable: bool = False
 ) -> Course:
     """Identify the tests in bags and follow them; remarks and refusals go to standard error."""
-    record = read_unit(paths, given, skips_unreadable=skips_unreadable)
-    if given.at_hours is not None:
-        record = record.as_known_at(given.at_hours)
+    record = read_unit(paths, options, skips_unreadable=skips_unreadable)
+    if options.at_hours is not None:
+        record = record.until(options.at_hours)
     # The bags first: those of two units are refused, whatever lies beside them.
-    given = given.with_calibration_beside(find_bags(paths))
-    calibration = given.calibration()
+    options = options.with_calibration_beside(find_bags(paths))
+    calibration = options.calibration()
     for remark in record.remarks:
         click.echo(remark, err=True)
-    course = follow(record, given.estimate(record.windows, calibration), calibration, given)
+    course = follow(record, options.estimate(record.windows, calibration), calibration, options)
     for number, estimate in enumerate(course.estimates):
         if not estimate.valid:
             click.echo(f"window {number}: no valid estimate: {estimate.reason}", err=True)
@@ -282,24 +292,24 @@ def follow(
     record: UnitRecord,
     estimates: Sequence[Estimate],
     calibration: AnyCalibration,
-    given: Predicting,
+    options: Predicting,
 ) -> Course:
     """Return health and life of a unit test by test, with a progress bar."""
-    settings, parameters = given.prognosis, calibration.unit_parameters
+    settings, parameters = options.prognosis, calibration.unit_parameters
     unit = Unit(History(*record.description.unit_key), settings)
     with progress_bar() as progress:
         tracked = progress.track(estimates, description="following growth")
         followed = unit.follow(tracked, parameters, settings, record.counts, record.flown)
         steps = [Step(*item) for item in followed]
     last = next((step.outlook for step in reversed(steps) if step.estimate.valid), None)
-    scenarios = given.scenarios if last is not None else ()
-    lives = tuple((one, unit.under(one, parameters, settings)) for one in scenarios)
-    return Course(record, given, calibration, steps, unit.growth, lives)
+    scenarios = options.scenarios if last is not None else ()
+    lives = tuple((scenario, unit.under(scenario, parameters, settings)) for scenario in scenarios)
+    return Course(record, options, calibration, steps, unit.growth, lives)
 
 
 def true_faults(course: Course) -> NDArray[np.float64]:
     """Return the true faults of each valid test, ``(n, 8)``; NaN where they are not recorded."""
-    truths = (truth_at(course.record.truths, one.estimate.start_ns) for one in course.valid)
+    truths = (truth_at(course.record.truths, step.estimate.start_ns) for step in course.valid)
     unknown = np.full(N_FAULTS, np.nan)
     rows = [unknown if truth is None else truth.faults for truth in truths]
     return np.reshape(rows, (-1, N_FAULTS))
@@ -330,7 +340,7 @@ def true_remaining_life(course: Course) -> NDArray[np.float64]:
 
 def _share_of_the_way(course: Course, faults: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the largest share of the way to a limit at each valid test, ``(n,)`` [-]."""
-    settings, parameters = course.given.prognosis, course.calibration.unit_parameters
+    settings, parameters = course.options.prognosis, course.calibration.unit_parameters
     shares = [
         abs(faults[:, number] - fault.healthy) / settings.limits.of(fault.name)
         for number, fault in enumerate(FAULTS)

@@ -70,18 +70,18 @@ class GivenSettings:
 
     def applied_to(self, settings: ArchiveSettings) -> ArchiveSettings:
         """Return settings with those given; ValueError when one is unknown or out of its range."""
-        given, source = (
+        parameters, source = (
             self.parameters,
             ReadingOptions(measured_max_age_s=settings.measured_max_age_s),
         )
         return replace(
             settings,
-            calibration=given.values.get("calibration_file") or settings.calibration,
-            measured_max_age_s=given.over(source).measured_max_age_s,
+            calibration=parameters.values.get("calibration_file") or settings.calibration,
+            measured_max_age_s=parameters.over(source).measured_max_age_s,
             # An archive holds test cycles, and the rows of a bag follow from the bag alone.
-            trigger=replace(given.over(settings.trigger), windows=TEST_CYCLE),
-            search=replace(given.over(settings.search), warm_start=False),
-            prognosis=prognosis_over(settings.prognosis, given),
+            trigger=replace(parameters.over(settings.trigger), windows=TEST_CYCLE),
+            search=replace(parameters.over(settings.search), warm_start=False),
+            prognosis=prognosis_over(settings.prognosis, parameters),
         )
 
 
@@ -99,23 +99,23 @@ def archive() -> None:
 @_ARCHIVE
 @click.argument("sources", metavar="[SOURCE]...", nargs=-1)
 @settings_options(GivenSettings)
-def scan_(folder: Path, sources: tuple[str, ...], given: GivenSettings) -> None:
+def scan_(folder: Path, sources: tuple[str, ...], options: GivenSettings) -> None:
     """List the bags in each SOURCE and below, a folder or an address such as s3://fleet/bags.
 
     The archive remembers its sources and its settings: later scans need none. Options that are
     given are stored; results that do not depend on them are not computed again.
     """
     with Manifest(folder, is_new=True) as manifest:
-        manifest.settings = given.applied_to(manifest.settings)
+        manifest.settings = options.applied_to(manifest.settings)
         if not sources and not manifest.sources:
             raise click.UsageError(f"{folder} has no bags yet: give a SOURCE of them")
         with progress_bar() as progress:
             task = progress.add_task("listing", total=None)
-            found = scan(
+            bags = scan(
                 manifest, sources, lambda count: progress.update(task, state=counted(count, "bag"))
             )
         status = manifest.status(manifest.settings)
-    click.echo(f"{folder}: {counted(found, 'bag')}")
+    click.echo(f"{folder}: {counted(bags, 'bag')}")
     click.echo(_due_in_words(status))
 
 

@@ -40,7 +40,7 @@ _ENOUGH_WINDOWS = 5
     "refused.",
 )
 def calibrate(
-    bags: tuple[Path, ...], given: ReadingOptions, overwrite: bool, output: Path, accepted_by: str
+    bags: tuple[Path, ...], options: ReadingOptions, overwrite: bool, output: Path, accepted_by: str
 ) -> None:
     """Calibrate on the windows or records in BAGS of one healthy actuator.
 
@@ -53,12 +53,12 @@ def calibrate(
 
     Exit code 3 means that a bag records simulated faults: its unit is not healthy.
     """
-    read = [*bags, *([given.actuator_file] if given.actuator_file else [])]
+    read = [*bags, *([options.actuator_file] if options.actuator_file else [])]
     require_free(output, read, overwrite=overwrite)
     descriptions, windows = [], []
     names: list[str] = []
     for bag in bags:
-        bag_windows = identifiable_windows(bag, given)
+        bag_windows = identifiable_windows(bag, options)
         for item in bag_windows.windows:
             if isinstance(item.place, Refusal):
                 click.echo(f"{bag}: a window is left out: {item.place.reason}", err=True)
@@ -68,7 +68,7 @@ def calibrate(
         _require_same(bags[0], descriptions[0], bag, bag_windows.description)
         if bag_windows.simulated_faults:
             words = f"{bag} records simulated faults: the unit is not healthy"
-            if not given.accept_defects:
+            if not options.accept_defects:
                 accept = "--accept-defects calibrates with it all the same"
                 click.echo(f"Error: {words}; {accept}", err=True)
                 sys.exit(REFUSED)
@@ -80,9 +80,9 @@ def calibrate(
         )
     calibration = _with_labels(calibration, output)
     calibration.save(output)
-    used = [one.measured for one in windows if not isinstance(one.place, Refusal)]
-    if known := measured_ranges(used):
-        click.echo(f"taken for known: {known}")
+    used = [window.measured for window in windows if not isinstance(window.place, Refusal)]
+    if measured := measured_ranges(used):
+        click.echo(f"measured causes: {measured}")
     click.echo(f"{output}: {calibration}")
     if isinstance(calibration, JointCalibration):
         click.echo("\n".join(baseline_sentences(calibration.comparer)))
@@ -126,7 +126,7 @@ def _remarks(
     """Yield which records are not part of the calibration, and which differ from the others."""
     used: list[str] = []
     stamps = Counter(item.start_ns for item in windows)
-    of_records = {one.stamp_ns for one in calibration.baseline.records}
+    of_records = {record.stamp_ns for record in calibration.baseline.records}
     for item, name in zip(windows, names, strict=True):
         # Files without dates have the same stamps.
         if item.start_ns in of_records and stamps[item.start_ns] == 1:
@@ -137,9 +137,9 @@ def _remarks(
                 yield f"{name} is not used: {reason}"
             else:
                 used.append(name)
-    is_known = len(used) == calibration.windows
+    is_complete = len(used) == calibration.windows
     for outlier in calibration.outliers:
-        yield f"{used[outlier.number]} {outlier.remark}" if is_known else str(outlier)
+        yield f"{used[outlier.number]} {outlier.remark}" if is_complete else str(outlier)
 
 
 def _with_labels(calibration: AnyCalibration, output: Path) -> AnyCalibration:

@@ -25,7 +25,7 @@ from ema_monitor.design.certificate import certify as certify_test
     "Largest sigma of a fault, e.g. friction=0.01; exit code 3 where it is not reached.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
-def certify(given: Bench, wanted: dict[str, float], as_json: bool) -> None:
+def certify(options: Bench, wanted: dict[str, float], as_json: bool) -> None:
     """Predict which faults a test will show, how well, and which it cannot separate.
 
     No telemetry is needed: tests of the described actuator are simulated with the given sensors,
@@ -44,8 +44,8 @@ def certify(given: Bench, wanted: dict[str, float], as_json: bool) -> None:
                 raise click.Abort
             progress.advance(task)
 
-        rig = SimulatedRig(given, follow)
-        certificate = certify_test(rig, given.command, given.description)
+        rig = SimulatedRig(options, follow)
+        certificate = certify_test(rig, options.command, options.description)
     unmet = certificate.unmet(wanted)
     if as_json:
         click.echo(json.dumps(certificate.record() | {"unmet": unmet}, indent=2))

@@ -54,7 +54,7 @@ class _Algorithms(click.ParamType):
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one object, an estimate an algorithm.")
 def compare(
-    bag: Path, given: Identifying, algorithms: list[str], number: int | None, as_json: bool
+    bag: Path, options: Identifying, algorithms: list[str], number: int | None, as_json: bool
 ) -> None:
     """Compare algorithms on one window of BAG: faults, accuracy and computing time of each.
 
@@ -63,39 +63,39 @@ def compare(
     is the algorithm's own result; the estimate then drops insignificant faults and fits the rest
     again. With --json each has its convergence: evaluations and lowest cost.
     """
-    if given.any_motion:
+    if options.any_motion:
         raise click.UsageError(
             "--any-motion: algorithms are compared on one test cycle, and a stretch of "
             "ordinary motion is none; `ema estimate --any-motion --algorithm NAME` shows what "
             "one makes of the stretches combined"
         )
-    given = given.with_calibration_beside([bag])
-    calibration = given.calibration_of_model()
-    bag_windows = identifiable_windows(bag, given)
+    options = options.with_calibration_beside([bag])
+    calibration = options.calibration_of_model()
+    bag_windows = identifiable_windows(bag, options)
     chosen = choose_window(bag_windows, number)
     truth = bag_windows.true_faults(chosen.start_ns)
-    comparison = compare_algorithms(chosen, algorithms, calibration, given, truth)
+    comparison = compare_algorithms(chosen, algorithms, calibration, options, truth)
     start, end = bag_windows.seconds(chosen.start_ns), bag_windows.seconds(chosen.end_ns)
     title = f"window {chosen.number}, {start:.4f} s to {end:.4f} s"
     if as_json:
         click.echo(json.dumps(_as_object(comparison, bag_windows), indent=2))
     else:
-        click.echo(f"calibration {calibration.calibration_id} ({given.calibration_source})")
+        click.echo(f"calibration {calibration.calibration_id} ({options.calibration_source})")
         _print(comparison, title)
     if not all(run.estimate.valid for run in comparison.runs):
         sys.exit(REFUSED)
 
 
-def _as_object(comparison: AlgorithmComparison, found: BagWindows) -> dict[str, Any]:
+def _as_object(comparison: AlgorithmComparison, result: BagWindows) -> dict[str, Any]:
     truth = comparison.truth
     return {
         "window": comparison.found.number,
-        "start": round(found.seconds(comparison.found.start_ns), 9),
-        "end": round(found.seconds(comparison.found.end_ns), 9),
+        "start": round(result.seconds(comparison.found.start_ns), 9),
+        "end": round(result.seconds(comparison.found.end_ns), 9),
         "truth": None if truth is None else by_fault(truth),
         "fitness_at_truth": comparison.fitness_at_truth,
         "estimates": [
-            as_object(run.estimate, found)
+            as_object(run.estimate, result)
             | {
                 "generations": len(run.costs),
                 "course": [

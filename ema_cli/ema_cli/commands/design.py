@@ -19,7 +19,7 @@ from ema_monitor.design.certificate import certify
 from ema_monitor.design.designing import Design, design_command
 from ema_monitor.design.limits import UNITS, MotionLimits
 
-_OWN = "nine tenths of the actuator's own when not given"
+_DEFAULT_LIMIT = "default: 90 % of the limit of the actuator"
 
 
 class WantedSigmas(Assignments):
@@ -42,9 +42,11 @@ class WantedSigmas(Assignments):
     type=float,
     help="Largest travel of the user shaft, from one end to the other [rad].",
 )
-@click.option("--torque", type=float, help=f"Largest motor torque; {_OWN} [N.m].")
-@click.option("--current", type=float, help=f"Largest current; {_OWN} [A].")
-@click.option("--speed", type=float, help=f"Largest speed of the motor shaft; {_OWN} [rad/s].")
+@click.option("--torque", type=float, help=f"Largest motor torque; {_DEFAULT_LIMIT} [N.m].")
+@click.option("--current", type=float, help=f"Largest current; {_DEFAULT_LIMIT} [A].")
+@click.option(
+    "--speed", type=float, help=f"Largest speed of the motor shaft; {_DEFAULT_LIMIT} [rad/s]."
+)
 @click.option("--longest", default=0.5, help="Longest duration of the command [s].")
 @assignments_option(
     "--sigma",
@@ -58,7 +60,7 @@ class WantedSigmas(Assignments):
     "YAML file to write: parameters of actuator and monitor, for --params", dir_okay=False
 )
 def design(
-    given: Bench,
+    options: Bench,
     travel: float,
     torque: float | None,
     current: float | None,
@@ -76,9 +78,9 @@ def design(
     nothing is written then.
     """
     with progress_bar() as progress, deferred_signals() as stop:
-        inputs = filter(None, [given.actuator_file])
+        inputs = filter(None, [options.actuator_file])
         require_free(output, inputs, overwrite=overwrite, endings=(".yaml", ".yml"))
-        description = given.description
+        description = options.description
         with values_of_options():
             limits = MotionLimits.within(
                 description.parameters,
@@ -98,7 +100,7 @@ def design(
             follow()
             progress.update(task, state=words)
 
-        rig = SimulatedRig(given, follow)
+        rig = SimulatedRig(options, follow)
         result = design_command(rig, description, limits, wanted or None, on_progress=say)
         say("judging hidden causes")
         certificate = certify(rig, result.command, description, rehearsed=result.rehearsed)
@@ -112,45 +114,45 @@ def design(
         click.echo(str(certificate))
         click.echo(_in_words(result))
         if result.reached:
-            click.echo(_next_steps(output, given))
+            click.echo(_next_steps(output, options))
     if not result.reached:
         if not as_json:
             click.echo(f"not written: {output}", err=True)
         sys.exit(REFUSED)
 
 
-def _record(found: Design) -> dict:
+def _record(result: Design) -> dict:
     figures = ("shape", "amplitude", "duration", "start_frequency", "end_frequency")
-    command = {name: getattr(found.command, name) for name in (*figures, "final_fraction")}
+    command = {name: getattr(result.command, name) for name in (*figures, "final_fraction")}
     return {
-        "reached": found.reached,
-        "verdict": found.verdict,
+        "reached": result.reached,
+        "verdict": result.verdict,
         "command": command,
-        "wanted": dict(found.wanted),
-        "limits": asdict(found.limits),
-        "demands": asdict(found.demands),
-        "binding": found.binding,
+        "wanted": dict(result.wanted),
+        "limits": asdict(result.limits),
+        "demands": asdict(result.demands),
+        "binding": result.binding,
     }
 
 
-def _in_words(found: Design) -> str:
-    command = found.command
+def _in_words(result: Design) -> str:
+    command = result.command
     demands = ", ".join(
-        f"{name} {demand:.4g} of {getattr(found.limits, name):.4g} {UNITS[name]}"
-        for name, demand in asdict(found.demands).items()
+        f"{name} {demand:.4g} of {getattr(result.limits, name):.4g} {UNITS[name]}"
+        for name, demand in asdict(result.demands).items()
         if name != "longest"
     )
-    beside = f", the chirp takes {found.reference_s:g} s" if found.reference_s else ""
+    beside = f", the chirp takes {result.reference_s:g} s" if result.reference_s else ""
     return (
         f"swing of {1e3 * command.amplitude:.3g} mrad to {command.final_fraction:.3g} of it, "
         f"{command.start_frequency:.3g} to {command.end_frequency:.3g} Hz, "
-        f"{command.duration:.4g} s{beside}: {found.verdict}\n"
+        f"{command.duration:.4g} s{beside}: {result.verdict}\n"
         f"It demands: {demands}"
     )
 
 
-def _next_steps(output: Path, given: Bench) -> str:
-    file, rate = given.actuator_file, given.sample_rate
+def _next_steps(output: Path, options: Bench) -> str:
+    file, rate = options.actuator_file, options.sample_rate
     actuator = f" --actuator {file}" if file else ""
     actuator += f" --sample-rate {rate:g}" if rate else ""
     steps = [

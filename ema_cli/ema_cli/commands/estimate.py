@@ -41,7 +41,7 @@ _FINDING_WIDTH: Final = 200
 @settings_options(Identifying, more=[ALGORITHM_OPTION])
 @click.option("--json", "as_json", is_flag=True, help="Print a list, an object a window.")
 @click.option("-v", "--verbose", is_flag=True, help="Print a table a window.")
-def estimate(bag: Path, given: Identifying, as_json: bool, verbose: bool) -> None:
+def estimate(bag: Path, options: Identifying, as_json: bool, verbose: bool) -> None:
     """Name the faults in each window of BAG, with their uncertainty.
 
     A single window is shown as a table; of several there is a line each, and a summary. With
@@ -51,92 +51,98 @@ def estimate(bag: Path, given: Identifying, as_json: bool, verbose: bool) -> Non
     gives the change of each quantity. Exit code 3 means that a window or record is refused, that
     a record shows no quantity, or that it departs from the healthy ones.
     """
-    given = given.with_calibration_beside([bag])
-    calibration = given.calibration()
-    bag_windows = identifiable_windows(bag, given)
-    estimates = given.estimate(bag_windows.windows, calibration)
+    options = options.with_calibration_beside([bag])
+    calibration = options.calibration()
+    bag_windows = identifiable_windows(bag, options)
+    estimates = options.estimate(bag_windows.windows, calibration)
     if as_json:
         click.echo(json.dumps([as_object(e, bag_windows) for e in estimates], indent=2))
     else:
-        click.echo(f"calibration {calibration.calibration_id} ({given.calibration_source})")
-        for number, one in enumerate(estimates):
+        click.echo(f"calibration {calibration.calibration_id} ({options.calibration_source})")
+        for number, result in enumerate(estimates):
             if verbose or len(estimates) == 1:
-                _print(number, one, bag_windows)
+                _print(number, result, bag_windows)
             else:
-                click.echo(_line(number, one, bag_windows))
+                click.echo(_line(number, result, bag_windows))
         if len(estimates) > 1:
             click.echo("\n".join(_summary(estimates)))
         if not estimates:
             click.echo("no estimate: the motion shows no fault as well as wanted")
-        if not given.calibration_file and calibration.unit_mismatch(bag_windows.description):
+        if not options.calibration_file and calibration.unit_mismatch(bag_windows.description):
             click.echo(
                 "calibrate this unit: `ema calibrate HEALTHY_BAG -o FILE`, then --calibration FILE"
             )
     # A recording of a live system ends anywhere: a last window that is cut off is not a failure.
-    looked_at = [one for one in estimates if one.verdict != SKIPPED]
+    looked_at = [result for result in estimates if result.verdict != SKIPPED]
     if not looked_at or not all(map(_is_answer, looked_at)):
         sys.exit(REFUSED)
 
 
-def _is_answer(one: Estimate) -> bool:
+def _is_answer(estimate: Estimate) -> bool:
     """Return whether an estimate is valid, has not departed, and judges friction."""
-    is_open = one.comparison is not None and not one.comparison[FRICTION].is_judged
-    return one.valid and one.verdict != DEPARTED and not is_open
+    is_open = estimate.comparison is not None and not estimate.comparison[FRICTION].is_judged
+    return estimate.valid and estimate.verdict != DEPARTED and not is_open
 
 
-def _distance(one: Estimate, i: int) -> float:
+def _distance(estimate: Estimate, i: int) -> float:
     """Return how far a fault is from its healthy value [-]."""
-    return abs(one.faults[i] - FAULTS[i].healthy)
+    return abs(estimate.faults[i] - FAULTS[i].healthy)
 
 
-def _significant(one: Estimate) -> list[int]:
+def _significant(estimate: Estimate) -> list[int]:
     """Return which faults are significant, the largest first."""
-    return sorted(filter(lambda i: one.found[i], INDICES), key=lambda i: -_distance(one, i))
+    return sorted(
+        filter(lambda i: estimate.found[i], INDICES), key=lambda i: -_distance(estimate, i)
+    )
 
 
-def _line(number: int, one: Estimate, found: BagWindows) -> str:
+def _line(number: int, estimate: Estimate, bag_windows: BagWindows) -> str:
     """Return a window as one line."""
-    place = f"{number:4d} {found.seconds(one.start_ns):10.2f} s"
-    if one.is_of_record:
-        place += f" to {found.seconds(one.end_ns):.2f} s"
-    elif one.stretches:
-        place += f" to {found.seconds(one.end_ns):.2f} s, {counted(one.stretches, 'stretch')}"
-    if one.comparison is not None:
-        what = shorten(finding(one.comparison), _FINDING_WIDTH, placeholder=" ...")
-        return f"{place}  {one.verdict:8s} {what}"
-    if not one.valid or one.verdict == DEPARTED:
-        verdict = DEPARTED if one.verdict == DEPARTED else "refused"
-        return f"{place}  {verdict:8s} {shorten(one.reason, _REASON_WIDTH, placeholder=' ...')}"
+    place = f"{number:4d} {bag_windows.seconds(estimate.start_ns):10.2f} s"
+    if estimate.is_of_record:
+        place += f" to {bag_windows.seconds(estimate.end_ns):.2f} s"
+    elif estimate.stretches:
+        stretches = counted(estimate.stretches, "stretch")
+        place += f" to {bag_windows.seconds(estimate.end_ns):.2f} s, {stretches}"
+    if estimate.comparison is not None:
+        what = shorten(finding(estimate.comparison), _FINDING_WIDTH, placeholder=" ...")
+        return f"{place}  {estimate.verdict:8s} {what}"
+    if not estimate.valid or estimate.verdict == DEPARTED:
+        verdict = DEPARTED if estimate.verdict == DEPARTED else "refused"
+        return (
+            f"{place}  {verdict:8s} {shorten(estimate.reason, _REASON_WIDTH, placeholder=' ...')}"
+        )
     faults = [
-        f"{FAULTS[i].label} {one.faults[i]:.4f} ± {one.sigma[i]:.4f}" for i in _significant(one)
+        f"{FAULTS[i].label} {estimate.faults[i]:.4f} ± {estimate.sigma[i]:.4f}"
+        for i in _significant(estimate)
     ]
-    causes = list(map(str, one.causes))
+    causes = list(map(str, estimate.causes))
     words = ", ".join(faults + causes) or _NOTHING
-    if one.measured:
-        measured = map(str, one.measured)
+    if estimate.measured:
+        measured = map(str, estimate.measured)
         words += f"; measured: {', '.join(measured)}"
-    unknown = [FAULTS[i].label for i in INDICES if one.unobservable[i]]
-    if one.stretches and unknown:
+    unknown = [FAULTS[i].label for i in INDICES if estimate.unobservable[i]]
+    if estimate.stretches and unknown:
         words += f"; not shown: {', '.join(unknown)}"
-    return f"{place}  {one.verdict:8s} {words}"
+    return f"{place}  {estimate.verdict:8s} {words}"
 
 
 def _summary(estimates: Sequence[Estimate]) -> list[str]:
     """Return how many windows are valid, why others are not, and the largest faults, in lines."""
-    valid = [(number, one) for number, one in enumerate(estimates) if one.valid]
-    counts = Counter(one.verdict for one in estimates)
-    are_records = any(one.is_of_record for one in estimates)
+    valid = [(number, item) for number, item in enumerate(estimates) if item.valid]
+    counts = Counter(item.verdict for item in estimates)
+    are_records = any(item.is_of_record for item in estimates)
     seldom = (FAILED, SKIPPED, DEGRADED) if are_records else (FAILED, SKIPPED, DEPARTED)
     named = [name for name in VERDICTS if counts[name] or name not in seldom]
     verdicts = ", ".join(f"{counts[name]} {name}" for name in named)
-    what = "estimate" if any(one.stretches for one in estimates) else "window"
+    what = "estimate" if any(item.stretches for item in estimates) else "window"
     what = "record" if are_records else what
     lines = [f"{counted(len(estimates), what)}: {verdicts}"]
     # Reasons that differ in their figures only are the same.
     reasons: dict[str, list[str]] = {}
-    for one in estimates:
-        if not one.valid:
-            reasons.setdefault(re.sub(r"[\d.]+", "", one.reason), []).append(one.reason)
+    for entry in estimates:
+        if not entry.valid:
+            reasons.setdefault(re.sub(r"[\d.]+", "", entry.reason), []).append(entry.reason)
     for alike in reasons.values():
         example = "" if len(set(alike)) == 1 else "for instance "
         lines.append(f"{len(alike)} refused: {example}{alike[0]}")
@@ -145,10 +151,10 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
         return [*lines, f"largest: {changes}"] if changes else lines
     words = []
     for i, fault in enumerate(FAULTS):
-        with_fault = [(number, one) for number, one in valid if i in _significant(one)]
+        with_fault = [(number, item) for number, item in valid if i in _significant(item)]
         if with_fault:
-            number, one = max(with_fault, key=lambda item: _distance(item[1], i))
-            words.append(f"{fault.label} {one.faults[i]:.3f} (window {number})")
+            number, entry = max(with_fault, key=lambda item: _distance(item[1], i))
+            words.append(f"{fault.label} {entry.faults[i]:.3f} (window {number})")
     if valid:
         lines.append(f"largest: {', '.join(words) or _NOTHING}")
     return lines
@@ -160,47 +166,48 @@ def _largest_changes(estimates: Sequence[Estimate]) -> str:
     for name in QUANTITIES:
         changes = [
             (number, change)
-            for number, one in enumerate(estimates)
-            for change in (one.comparison.changed if one.comparison else ())
+            for number, estimate in enumerate(estimates)
+            for change in (estimate.comparison.changed if estimate.comparison else ())
             if change.name == name
         ]
         if changes:
-            number, largest = max(changes, key=lambda item: abs(item[1].change))
+            number, largest = max(changes, key=lambda estimate: abs(estimate[1].change))
             words.append(f"{label_of(name)} {change_text(largest)} (record {number})")
     return ", ".join(words)
 
 
-def _print(number: int, one: Estimate, found: BagWindows) -> None:
-    start, end = found.seconds(one.start_ns), found.seconds(one.end_ns)
-    if one.is_of_record:
-        click.echo(f"record {number}, {start:.1f} s to {end:.1f} s\n{one}")
-        if one.comparison is not None:
-            lines = improvement_sentences(one.comparison)
+def _print(number: int, estimate: Estimate, bag_windows: BagWindows) -> None:
+    start, end = bag_windows.seconds(estimate.start_ns), bag_windows.seconds(estimate.end_ns)
+    if estimate.is_of_record:
+        click.echo(f"record {number}, {start:.1f} s to {end:.1f} s\n{estimate}")
+        if estimate.comparison is not None:
+            lines = improvement_sentences(estimate.comparison)
             lines.append(
-                f"{one.computing_time_s:.2f} s of computing; calibration of "
-                f"{counted(one.calibration_windows, 'healthy record')}"
+                f"{estimate.computing_time_s:.2f} s of computing; calibration of "
+                f"{counted(estimate.calibration_windows, 'healthy record')}"
             )
             click.echo("\n".join(lines))
         return
-    what = counted(one.stretches, "stretch") if one.stretches else f"window {number}"
+    what = counted(estimate.stretches, "stretch") if estimate.stretches else f"window {number}"
     title = f"{what}, {start:.4f} s to {end:.4f} s"
-    click.echo(f"{title}\n{one}")
-    if not one.valid:
+    click.echo(f"{title}\n{estimate}")
+    if not estimate.valid:
         return
-    unit = found.description
-    found_faults = [
-        f"{FAULTS[i].label} {one.faults[i]:.3f} ({physical(FAULTS[i].name, one.faults[i], unit)})"
-        for i in _significant(one)
+    unit = bag_windows.description
+    faults = [
+        f"{FAULTS[i].label} {k:.3f} ({physical(FAULTS[i].name, k, unit)})"
+        for i in _significant(estimate)
+        for k in (estimate.faults[i],)
     ]
     shown = travel_shown(unit.parameters)
-    if found_faults or one.verdict != DEPARTED:
-        click.echo(f"found: {'; '.join(found_faults) or _NOTHING}")
+    if faults or estimate.verdict != DEPARTED:
+        click.echo(f"found: {'; '.join(faults) or _NOTHING}")
     click.echo(
-        f"fitness {one.fitness:.5f} A^2.s; command travels "
-        f"{shown.text(one.excitation)} (at least {shown.text(MIN_TRAVEL)} needed)"
+        f"fitness {estimate.fitness:.5f} A^2.s; command travels "
+        f"{shown.text(estimate.excitation)} (at least {shown.text(MIN_TRAVEL)} needed)"
     )
     click.echo(
-        f"{one.algorithm}, {'warm' if one.warm_start else 'cold'}: "
-        f"{counted(one.evaluations, 'evaluation')} in {one.computing_time_s:.2f} s; calibration of "
-        f"{counted(one.calibration_windows, 'window')}"
+        f"{estimate.algorithm}, {'warm' if estimate.warm_start else 'cold'}: "
+        f"{counted(estimate.evaluations, 'evaluation')} in {estimate.computing_time_s:.2f} s; "
+        f"calibration of {counted(estimate.calibration_windows, 'window')}"
     )

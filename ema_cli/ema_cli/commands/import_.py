@@ -38,7 +38,7 @@ from ema_core.wording import counted
 )
 @click.option(
     "--set",
-    "given",
+    "entries",
     multiple=True,
     metavar="ENTRY=VALUE",
     help="Entry of the guessed mapping, not to be asked for: position.unit=mm.",
@@ -58,7 +58,7 @@ def import_(
     mapping_file: Path | None,
     preview: bool,
     guide: bool,
-    given: tuple[str, ...],
+    entries: tuple[str, ...],
     actuator_file: Path | None,
     overwrite: bool,
     accept_defects: bool,
@@ -72,7 +72,7 @@ def import_(
     """
     if preview == (output is not None):
         raise click.UsageError("give either --preview or -o OUTPUT")
-    is_asked = guide or bool(given)
+    is_asked = guide or bool(entries)
     if is_asked and mapping_file is not None:
         raise click.UsageError("--mapping is complete: it goes with neither --guide nor --set")
     if output is not None and mapping_file is None and not is_asked:
@@ -80,7 +80,7 @@ def import_(
             f"--mapping is missing: `ema import {files[0]} --preview` guesses one to check and "
             "save, --guide asks for it"
         )
-    inputs = [item for item in (*files, mapping_file, actuator_file) if item]
+    inputs = [actuator for actuator in (*files, mapping_file, actuator_file) if actuator]
     written = _beside(output, ".yaml") if output and is_asked else None
     picture = _beside(output, ".png") if output and guide else None
     for path in filter(None, (output, written, picture)):
@@ -90,7 +90,7 @@ def import_(
         source = InputFile(files[0])
         if guide:
             _comment(source.contents())
-        mapping = mapping_of(source, described(actuator_file), given, asks=guide)
+        mapping = mapping_of(source, described(actuator_file), entries, asks=guide)
     if output is None:
         for file in files:
             _preview(file, mapping, actuator_file)
@@ -102,13 +102,13 @@ def import_(
         click.echo(f"{written}: the mapping")
     sources = [InputFile(file, mapping) for file in files]
     actuators = [
-        read_records(sources, *one, accepts=accept_defects)
-        for one in actuators_of(mapping, actuator_file)
+        read_records(sources, *actuator, accepts=accept_defects)
+        for actuator in actuators_of(mapping, actuator_file)
     ]
-    for file, one in zip(files, actuators[0], strict=True):
-        if one.description != actuators[0][0].description:
+    for file, imported in zip(files, actuators[0], strict=True):
+        if imported.description != actuators[0][0].description:
             raise ValueError(
-                f"{file} has {1.0 / one.rate.period:g} samples a second, {files[0]} has "
+                f"{file} has {1.0 / imported.rate.period:g} samples a second, {files[0]} has "
                 f"{1.0 / actuators[0][0].rate.period:g}: expected one rate; clock.rate_hz in the "
                 "mapping fixes it"
             )
@@ -118,7 +118,7 @@ def import_(
         click.echo(f"{picture}: compare it with your record")
     for records in actuators:
         unit, h = records[0].description, records[0].description.sample_period
-        samples = sum(len(run.stamps_ns) for one in records for run in one.runs)
+        samples = sum(len(run.stamps_ns) for record in records for run in record.runs)
         click.echo(
             f"{output}: {counted(samples, 'sample')} of {unit.actuator_id} "
             f"({unit.serial_number}) at {1.0 / h:g} Hz, {samples * h:.3f} s of telemetry"
@@ -149,9 +149,9 @@ def _preview(file: Path, mapping: Mapping | None, actuator_file: Path | None) ->
             guess = source.guess(described(actuator_file))
             mapping = guess.mapping
             lines += [f"guess: {remark}" for remark in guess.remarks]
-        for one in actuators_of(mapping, actuator_file):
-            imported = imported_by(source, *one)
-            lines += [f"joint {one[0].joint}"] * bool(mapping.joints)
+        for actuator in actuators_of(mapping, actuator_file):
+            imported = imported_by(source, *actuator)
+            lines += [f"joint {actuator[0].joint}"] * bool(mapping.joints)
             lines += [*source.remarks, *_facts(imported)]
             for defect in imported.defects:
                 lines.append(f"{'ERROR' if defect.is_error else 'note'}: {defect}")
@@ -189,7 +189,7 @@ def _facts(imported: Imported) -> list[str]:
         )
         lines.append(f"{name}: {reach}")
     if imported.mapping.temperature is not None:
-        degrees = [REFERENCE_DEGC + one.rise for one in imported.rises]
+        degrees = [REFERENCE_DEGC + rise.rise for rise in imported.rises]
         reach = f"{min(degrees):.4g} to {max(degrees):.4g} degC" if degrees else "no value"
         lines.append(f"temperature: {reach}")
     return lines

@@ -21,9 +21,9 @@ _OF_UNKNOWN: Final = ("tau", "k_t", "lead")
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
 @settings_options(ReadingOptions)
-def info(bag: Path, given: ReadingOptions) -> None:
+def info(bag: Path, options: ReadingOptions) -> None:
     """Show the content of BAG: topics, actuator, telemetry, windows, and defects."""
-    contents, given = open_recording(bag, given)
+    contents, options = open_recording(bag, options)
     counts = contents.readable_counts()
     rows = [(name, topic.type_name, str(counts[name])) for name, topic in contents.topics.items()]
     click.echo(text_table(("topic", "type", "messages"), rows))
@@ -31,27 +31,27 @@ def info(bag: Path, given: ReadingOptions) -> None:
         click.echo(f"written by {', '.join(contents.writers)}")
     # Defects of the bag are reported once, also if an actuator cannot be read.
     remarks: dict[str, None] = {}
-    present, chosen = described_actuators(contents), [given]
-    if given.actuator_id is None and len(present) > 1:
-        chosen = [replace(given, actuator_id=name) for name in present]
-    for one in chosen:
+    present, chosen = described_actuators(contents), [options]
+    if options.actuator_id is None and len(present) > 1:
+        chosen = [replace(options, actuator_id=name) for name in present]
+    for source in chosen:
         try:
-            bag_windows = read_windows(bag, one, bag=contents)
+            bag_windows = read_windows(bag, source, bag=contents)
         except ValueError as error:
             if len(chosen) == 1:
                 raise
-            remarks[f"actuator {one.actuator_id}: {error}"] = None
+            remarks[f"actuator {source.actuator_id}: {error}"] = None
             continue
         _show(bag_windows)
         remarks |= dict.fromkeys(bag_windows.remarks)
         if not bag_windows.windows:
-            remarks[why_no_window(bag, bag_windows, one)] = None
+            remarks[why_no_window(bag, bag_windows, source)] = None
     for remark in remarks | dict.fromkeys(contents.remarks):
         click.echo(f"warning: {remark}")
 
 
-def _show(found: BagWindows) -> None:
-    unit = found.description
+def _show(bag_windows: BagWindows) -> None:
+    unit = bag_windows.description
     words = f"actuator {unit.actuator_id}", f"serial number {unit.serial_number}", unit.model
     click.echo(", ".join(filter(None, words)))
     nominal = unit.parameters.as_mapping()
@@ -61,16 +61,17 @@ def _show(found: BagWindows) -> None:
         nominal = {name: nominal[name] for name in used}
     if nominal:
         click.echo("nominal parameters: " + ", ".join(f"{k} {v:g}" for k, v in nominal.items()))
+    samples, period = bag_windows.samples, bag_windows.sample_period
     click.echo(
-        f"telemetry: {counted(found.samples, 'sample')} every {found.sample_period:g} s in "
-        f"{counted(found.blocks, 'block')}, {found.samples * found.sample_period:.3f} s"
+        f"telemetry: {counted(samples, 'sample')} every {period:g} s in "
+        f"{counted(bag_windows.blocks, 'block')}, {samples * period:.3f} s"
     )
-    click.echo(f"{found.kind}s: {len(found.windows)}")
-    for window in found.windows:
-        start, end = found.seconds(window.start_ns), found.seconds(window.end_ns)
+    click.echo(f"{bag_windows.kind}s: {len(bag_windows.windows)}")
+    for window in bag_windows.windows:
+        start, end = bag_windows.seconds(window.start_ns), bag_windows.seconds(window.end_ns)
         if isinstance(window.place, Refusal):
             state = window.place.reason
-        elif found.kind == "record":
+        elif bag_windows.kind == "record":
             state = f"{end - start:.1f} s, usable"
         else:
             play = "unknown" if window.play is None else f"{window.play:+g}"

@@ -56,7 +56,7 @@ _Test = tuple[int, tuple[WindowFigures, ...]]
 def label(
     calibration_file: Path,
     bags: tuple[Path, ...],
-    given: ReadingOptions,
+    options: ReadingOptions,
     state: str | None,
     state_column: str | None,
     test_columns: tuple[str, ...],
@@ -79,7 +79,7 @@ def label(
     for bag in bags:
         tests: Iterable[tuple[str, Recording | None]] = [(state or "", None)]
         if state_column is not None:
-            tests = _tests_of(bag, [state_column, *test_columns], given)
+            tests = _tests_of(bag, [state_column, *test_columns], options)
         for name, part in tests:
             name = _checked(name)
             try:
@@ -88,8 +88,8 @@ def label(
                 elif chosen:
                     raise click.UsageError("--test needs a history, ACTUATOR+SERIAL.sqlite")
                 else:
-                    options = given if part is None else replace(given, actuator_file=None)
-                    labelled = _with_bag(labelled, name, bag, options, part)
+                    part_options = options if part is None else replace(options, actuator_file=None)
+                    labelled = _with_bag(labelled, name, bag, part_options, part)
             except ValueError as error:
                 raise ValueError(f"{bag}: {error}") from error
     if labelled is not calibration:
@@ -101,12 +101,12 @@ def label(
 
 
 def _tests_of(
-    table: Path, columns: list[str], given: ReadingOptions
+    table: Path, columns: list[str], options: ReadingOptions
 ) -> Iterator[tuple[str, Recording]]:
     """Yield the state and the recording of each test in a table, without the healthy tests."""
     from ema_cli.bags.records import table_recordings  # the import only for tables
 
-    for (state, *_), recording in table_recordings(table, given.actuator_file, columns):
+    for (state, *_), recording in table_recordings(table, options.actuator_file, columns):
         if state.strip().lower() not in _HEALTHY:
             yield state, recording
 
@@ -125,16 +125,16 @@ def _with_bag(
     calibration: AnyCalibration,
     state: str,
     bag: Path,
-    given: ReadingOptions,
+    options: ReadingOptions,
     part: Recording | None,
 ) -> AnyCalibration:
     """Return the calibration with the test, or the records, of a bag or part of a table."""
-    bag_windows = identifiable_windows(bag, given, part)
+    bag_windows = identifiable_windows(bag, options, part)
     if mismatch := calibration.unit_mismatch(bag_windows.description):
         raise ValueError(mismatch)
     windows = WindowsOnDemand(bag_windows.windows)
     if not isinstance(calibration, JointCalibration):
-        figures = [one for window in windows for one in figures_of(window.telemetry)]
+        figures = [item for window in windows for item in figures_of(window.telemetry)]
         baseline = calibration.baseline.with_test(state, bag_windows.first_ns, figures)
         return _with_baseline(calibration, baseline)
     baseline, reasons = calibration.baseline, list[str]()
@@ -146,7 +146,9 @@ def _with_bag(
             reasons.append(record)
     if baseline is calibration.baseline:
         why = reasons or [
-            one.place.reason for one in bag_windows.windows if isinstance(one.place, Refusal)
+            window.place.reason
+            for window in bag_windows.windows
+            if isinstance(window.place, Refusal)
         ]
         raise ValueError(f"no record can be labelled: {'; '.join(dict.fromkeys(why))}")
     for reason in reasons:
@@ -177,16 +179,16 @@ def _of_history(
             f"{calibration.actuator_id} ({calibration.serial_number})"
         )
     tests = history.tests
-    dates = [f"{datetime.fromtimestamp(1e-9 * one.stamp_ns, UTC):%FT%T}" for one in tests]
-    for one in chosen or [""]:
+    dates = [f"{datetime.fromtimestamp(1e-9 * test.stamp_ns, UTC):%FT%T}" for test in tests]
+    for item in chosen or [""]:
         matching = [
             test
             for number, (date, test) in enumerate(zip(dates, tests, strict=True), 1)
-            if one == str(number) or ("-" in one and date.startswith(one))
+            if item == str(number) or ("-" in item and date.startswith(item))
         ]
         if not matching:
             last = f"its last, {len(tests)}, is of {dates[-1]}" if tests else "it has none"
-            raise ValueError(f"--test {one!r}: expected number or date of a test; {last}")
+            raise ValueError(f"--test {item!r}: expected number or date of a test; {last}")
         yield from ((test.stamp_ns, test.parts) for test in matching)
 
 

@@ -38,20 +38,20 @@ def moves(table: Path, mapping_file: Path, limit: float, reference: int, as_json
     judged = {}
     for unit, series in units.items():
         follow = MoveSeries(limit=limit, reference=reference)
-        judged[unit] = [(one, follow.add(one)) for one in series]
+        judged[unit] = [(move, follow.add(move)) for move in series]
     if as_json:
         rows = [
             {
                 "unit": unit,
                 "stamp_ns": move.stamp_ns,
-                "ratio": one.ratio,
-                "level": one.level,
-                "probability": one.probability,
-                "life_days": None if one.life_days is None else list(one.life_days),
-                "reason": one.reason,
+                "ratio": item.ratio,
+                "level": item.level,
+                "probability": item.probability,
+                "life_days": None if item.life_days is None else list(item.life_days),
+                "reason": item.reason,
             }
             for unit, series in judged.items()
-            for move, one in series
+            for move, item in series
         ]
         click.echo(json.dumps(rows))
     else:
@@ -67,8 +67,8 @@ def _show(unit: str, series: list[tuple[int, MoveVerdict]]) -> None:
     title = f"{escape(unit) or 'unit'}: {counted(len(series), 'test')}"
     columns = ("time", "times healthy", "level", "life in days, 5 / 50 / 95 %", "why")
     table = Table(*columns, title=title)
-    for stamp_ns, one in series:
-        life = " / ".join(f"{value:.1f}" for value in one.life_days or ())
+    for stamp_ns, verdict in series:
+        life = " / ".join(f"{value:.1f}" for value in verdict.life_days or ())
         time = f"{pd.Timestamp(stamp_ns):%Y-%m-%d %H:%M}"
-        table.add_row(time, f"{one.ratio:.2f}", one.level, life, escape(one.reason))
+        table.add_row(time, f"{verdict.ratio:.2f}", verdict.level, life, escape(verdict.reason))
     Console().print(table)

@@ -64,27 +64,27 @@ def new_actuator(
     Example: ema new-actuator --kv 28 --resistance 1.6 --gear 800 -o spoiler.yaml
     """
     require_free(output, [], overwrite=overwrite)
-    given = {name: options[name.replace("-", "_")] for name in _FIGURES}
-    if not any(given.values()):
+    figures = {name: options[name.replace("-", "_")] for name in _FIGURES}
+    if not any(figures.values()):
         for name, (unit, meaning, _) in _FIGURES.items():
             words = f"{meaning} [{unit}]; - if unknown"
-            if given["lead"] or name not in _OF_LINEAR:
-                given[name] = click.prompt(words, "-", value_proc=_figure)
+            if figures["lead"] or name not in _OF_LINEAR:
+                figures[name] = click.prompt(words, "-", value_proc=_figure)
     values: dict[str, float] = {}
     sources: dict[str, str] = {}
     for name, (unit, _, follow) in _FIGURES.items():
-        if (figure := given[name]) is None:
+        if (figure := figures[name]) is None:
             continue
         shafts = {entry: values[entry] for entry in ("lead", "tau") if entry in values}
         follows = follow(figure)
         in_units = in_si(shafts | follows)
         for entry in follows:
             value = float(in_units[entry])
-            other = values.get(entry, value)
-            if abs(value - other) > _TOLERANCE * abs(other):
+            earlier = values.get(entry, value)
+            if abs(value - earlier) > _TOLERANCE * abs(earlier):
                 raise ValueError(
                     f"{name} = {figure:g} {unit} gives {entry} = {value:.4g}, and "
-                    f"{sources[entry]} gives {other:.4g}: expected figures that agree "
+                    f"{sources[entry]} gives {earlier:.4g}: expected figures that agree "
                     f"within {_TOLERANCE:.0%}"
                 )
             values[entry] = float(f"{value:.7g}")

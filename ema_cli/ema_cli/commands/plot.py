@@ -39,7 +39,7 @@ from ema_monitor.windows.trigger import Refusal
 @picture_option("; by default beside the bag")
 def plot(
     bag: Path,
-    given: Identifying,
+    options: Identifying,
     number: int | None,
     as_history: bool,
     output: Path | None,
@@ -52,9 +52,9 @@ def plot(
     require_free(output, [bag], overwrite=overwrite, endings=PICTURES)
     outline = Outline()
     if as_history:
-        recorded = read_history(bag, given.actuator_id)
+        recorded = read_history(bag, options.actuator_id)
     else:
-        recorded = read_windows(bag, given, outline.add)
+        recorded = read_windows(bag, options, outline.add)
     for remark in recorded.remarks:
         click.echo(f"{bag}: {remark}", err=True)
     if isinstance(recorded, DiagnosisLog):
@@ -62,28 +62,28 @@ def plot(
     elif number is None:
         figure = draw_telemetry(recorded, outline)
     else:
-        given = given.with_calibration_beside([bag])
-        figure = _draw_estimate(recorded, number, given)
+        options = options.with_calibration_beside([bag])
+        figure = _draw_estimate(recorded, number, options)
     save_picture(figure, output)
     click.echo(f"{output}")
 
 
-def _draw_estimate(found: BagWindows, number: int, given: Identifying) -> Figure:
+def _draw_estimate(bag_windows: BagWindows, number: int, options: Identifying) -> Figure:
     """Return a figure of the fit of a window; of ordinary motion, of an estimate's last stretch."""
-    windows, what = found.windows, "estimate"
-    if not given.any_motion:
-        what, window = "window", choose_window(found, number)
+    windows, what = bag_windows.windows, "estimate"
+    if not options.any_motion:
+        what, window = "window", choose_window(bag_windows, number)
         if isinstance(window.place, Refusal):
             raise ValueError(f"window {number} cannot be used: {window.place.reason}")
         # With those before it, in which a warm search begins.
         windows = windows[: number + 1]
-    calibration = given.calibration_of_model()
-    estimates = given.estimate(windows, calibration)
+    calibration = options.calibration_of_model()
+    estimates = options.estimate(windows, calibration)
     if number >= len(estimates):
         count = counted(len(estimates), "estimate")
         raise ValueError(f"--window {number}: the motion gives {count}, numbered from 0")
-    one = estimates[number]
-    if not one.valid:
-        raise ValueError(f"{what} {number} has no estimate: {one.reason}")
-    last = next(item for item in windows if item.end_ns == one.end_ns)
-    return draw_fit(last, one, calibration, given.search, found.first_ns)
+    estimate = estimates[number]
+    if not estimate.valid:
+        raise ValueError(f"{what} {number} has no estimate: {estimate.reason}")
+    last = next(item for item in windows if item.end_ns == estimate.end_ns)
+    return draw_fit(last, estimate, calibration, options.search, bag_windows.first_ns)

@@ -36,7 +36,7 @@ from ema_monitor.reports import health_report, scenario_report
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 @picture_option()
 def predict(
-    bags: tuple[Path, ...], given: Predicting, as_json: bool, output: Path | None, overwrite: bool
+    bags: tuple[Path, ...], options: Predicting, as_json: bool, output: Path | None, overwrite: bool
 ) -> None:
     """Predict how many flight hours a unit has left, from the tests in each BAG or folder of bags.
 
@@ -46,13 +46,13 @@ def predict(
     Exit code 3: no test has a valid estimate, the newest test has failed or departed, or the newest
     record does not determine the level.
     """
-    if given.archive is not None:
+    if options.archive is not None:
         raise click.BadParameter(
-            f"--fleet {given.archive} is a folder: give a file of `ema learn-fleet`"
+            f"--fleet {options.archive} is a folder: give a file of `ema learn-fleet`"
         )
     if output is not None:
         require_free(output, bags, overwrite=overwrite, endings=PICTURES)
-    course = diagnose_unit(bags, given)
+    course = diagnose_unit(bags, options)
     record, tests = course.record, counted(len(course.steps), "test")
     report = health_report(course.now, record.description)
     if not course.outlooks:
@@ -68,7 +68,7 @@ def predict(
             "--hours-per-cycle",
             err=True,
         )
-    scenarios = [scenario_report(*one) for one in course.scenarios]
+    scenarios = [scenario_report(*scenario) for scenario in course.scenarios]
     if as_json:
         values = as_values(report) | {"tests": course_as_values(course)}
         if scenarios:
@@ -78,7 +78,7 @@ def predict(
         click.echo(json.dumps(values, indent=2))
     else:
         calibration_id = course.calibration.calibration_id
-        click.echo(f"calibration {calibration_id} ({course.given.calibration_source})")
+        click.echo(f"calibration {calibration_id} ({course.options.calibration_source})")
         hours = f"{report.flight_hours:.6g}" if report.flight_hours >= 0.0 else "unknown"
         click.echo(
             f"{report.actuator_id} ({report.serial_number}): {len(course.outlooks)} valid of "

@@ -27,7 +27,11 @@ from ema_monitor.prognosis.history_entry import CALIBRATION, NOTE, UnitEvent
 @output_option("Page to write (.html)", required=False, dir_okay=False, default="report.html")
 @click.pass_context
 def report(
-    context: click.Context, bags: tuple[Path, ...], given: Predicting, overwrite: bool, output: Path
+    context: click.Context,
+    bags: tuple[Path, ...],
+    options: Predicting,
+    overwrite: bool,
+    output: Path,
 ) -> None:
     """Write a report of a unit from the tests in bags, or folders of bags.
 
@@ -38,20 +42,20 @@ def report(
     Exit code 3: no test has a valid estimate, the newest test has failed or departed, or the newest
     record does not determine the level.
     """
-    archive = given.archive
+    archive = options.archive
     histories = [path for path in bags if path.suffix == ".sqlite"]
     bags = tuple(path for path in bags if path not in histories)
     if (archive is None) == (not bags):
         raise click.UsageError("give one BAG or several, or --fleet ARCHIVE")
     command = shlex.join(context.meta[ARGUMENTS])
-    given_files = filter(None, (given.calibration_file, given.actuator_file))
-    inputs = [*find_bags(bags), *given_files]
+    files = filter(None, (options.calibration_file, options.actuator_file))
+    inputs = [*find_bags(bags), *files]
     require_free(output, inputs, overwrite=overwrite, endings=(".html", ".htm"))
     if archive is not None:
         lines, is_useless = (), False
         page = fleet_page(archive, fleet_summary(archive), command)
     else:
-        course = diagnose_unit(bags, given, skips_unreadable=True)
+        course = diagnose_unit(bags, options, skips_unreadable=True)
         verdict = verdict_of(course)
         lines = verdict.lines
         is_useless = not course.outlooks or bool(course.now.finding) or is_unjudged(course)
@@ -69,7 +73,7 @@ def report(
 def _beside(bags: Sequence[Path], unit: tuple[str, str]) -> list[Path]:
     """Return the histories of a unit in the folders of bags, and in ``history`` there."""
     places = dict.fromkeys(place for bag in map(Path.resolve, bags) for place in (bag, bag.parent))
-    paths = [history_path(one / inner, *unit) for one in places for inner in (".", "history")]
+    paths = [history_path(place / inner, *unit) for place in places for inner in (".", "history")]
     return [path for path in paths if path.is_file()]
 
 
@@ -79,6 +83,6 @@ def _notes(histories: Sequence[Path], unit: tuple[str, str]) -> list[UnitEvent]:
     for path, history in zip(histories, loaded, strict=True):
         if history.unit != unit:
             raise ValueError(f"{path}: expected a history of {unit[0]} ({unit[1]})")
-    kept = (one.events for history in loaded for one in history.assessments.values())
+    kept = (assessment.events for history in loaded for assessment in history.assessments.values())
     notes = [event for events in kept for event in events if event.kind in (NOTE, CALIBRATION)]
     return sorted(notes, key=lambda event: event.stamp_ns)

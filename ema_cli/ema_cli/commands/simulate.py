@@ -32,7 +32,7 @@ from ema_sim.bench import ActuatorBench
 @settings_options(Bench, "actuator", more=[COMMAND_OPTION])
 @output_option(BAG_TO_WRITE)
 def simulate(
-    given: Bench,
+    options: Bench,
     faults: dict[str, float],
     causes: tuple[str, ...],
     cycles: int,
@@ -44,16 +44,16 @@ def simulate(
 
     Each cycle: slow approach from below, command, return, rest.
     """
-    description = given.description
+    description = options.description
     with values_of_options():
         bench = ActuatorBench(
             description,
-            given.settings,
-            parameters=given.parameters,
-            resolutions=given.resolutions,
+            options.settings,
+            parameters=options.parameters,
+            resolutions=options.resolutions,
             causes=causes,
         )
-        bench.set_command(given.command)
+        bench.set_command(options.command)
         bench.set_faults(faults)
     with (
         deferred_signals() as stop,

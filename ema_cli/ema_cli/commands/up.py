@@ -86,10 +86,10 @@ def up(
                 commands |= actuator_commands(actuator_ids, common)
             else:
                 commands[node] = [str(program(node)), *ros_arguments(node, **vars(common))]
-        # `actuator left` is the node actuator of a namespace of its own.
+        # `actuator left` is the node actuator in the namespace left.
         place = f"/{(NAMESPACE if namespace is None else namespace).strip('/')}"
         parts = (node.partition(" ") for node in commands)
-        full = ("/".join(filter(None, (place, own, name))) for name, _, own in parts)
+        full = ("/".join(filter(None, (place, actuator, name))) for name, _, actuator in parts)
         refuse_running(full, "watch", stop)
         for node, command in commands.items():
             if not stop:

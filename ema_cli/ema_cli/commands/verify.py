@@ -93,7 +93,7 @@ class Verified:
 def _figures(estimate: Estimate) -> Array:
     """Return the faults, and the changes of the quantities of a record."""
     compared = estimate.comparison
-    changes = [one.change for one in compared.quantities] if compared else []
+    changes = [quantity.change for quantity in compared.quantities] if compared else []
     return np.array([*estimate.faults, *changes])
 
 
@@ -108,7 +108,9 @@ class _Recorded(NamedTuple):
         covariance = np.reshape(message.covariance, (N_FAULTS, N_FAULTS))
         # Bags of earlier versions have no quantities.
         quantities = tuple(map(quantity_of, getattr(message, "quantities", ())))
-        causes = [CauseEstimate(one.name, one.value, one.sigma) for one in message.hidden_causes]
+        causes = [
+            CauseEstimate(cause.name, cause.value, cause.sigma) for cause in message.hidden_causes
+        ]
         estimate = Estimate(
             stamp_from_message(message.window_start),
             stamp_from_message(message.window_end),
@@ -167,8 +169,8 @@ def verify(
     """
     beside = Identifying().with_calibration_beside([recorded]).calibration_file
     files = calibration_files or tuple(filter(None, [beside]))
-    known = [Calibration.builtin(), *map(load_calibration, files)]
-    by_id = {one.calibration_id: one for one in known}
+    usable = [Calibration.builtin(), *map(load_calibration, files)]
+    by_id = {calibration.calibration_id: calibration for calibration in usable}
     if (recorded / ARCHIVE_FILE).exists():
         verdicts = _of_archive(recorded)
     elif recorded.suffix == ".sqlite":
@@ -180,13 +182,13 @@ def verify(
     if not verdicts:
         raise ValueError(f"{recorded} holds no estimates: record beside a monitor, `ema up`")
     if as_json:
-        click.echo(json.dumps([asdict(one) for one in verdicts]))
+        click.echo(json.dumps([asdict(verdict) for verdict in verdicts]))
     else:
-        for one in verdicts:
-            click.echo(str(one))
-        counts = Counter(one.state for one in verdicts)
+        for verdict in verdicts:
+            click.echo(str(verdict))
+        counts = Counter(verdict.state for verdict in verdicts)
         click.echo(", ".join(f"{count} {state}" for state, count in counts.items()))
-    states = {one.state for one in verdicts}
+    states = {verdict.state for verdict in verdicts}
     if states & {DIFFERENT, ALTERED} or states == {CANNOT}:
         sys.exit(REFUSED)
 
@@ -194,8 +196,12 @@ def verify(
 def _of_bag(bag: Bag, calibrations: Mapping[str, AnyCalibration]) -> Iterator[Verified]:
     for actuator_id in described_actuators(bag):
         messages = (item.message for item in bag.messages(bag.topics_of(ESTIMATE_TYPE)))
-        tests = [_Recorded.of_message(one) for one in messages if one.actuator_id == actuator_id]
-        yield from _made_again(actuator_id, tests, _windows(bag, actuator_id), calibrations)
+        tests = [
+            _Recorded.of_message(message)
+            for message in messages
+            if message.actuator_id == actuator_id
+        ]
+        yield from _recomputed(actuator_id, tests, _windows(bag, actuator_id), calibrations)
 
 
 def _of_history(
@@ -209,9 +215,9 @@ def _of_history(
     for bag in bags:
         windows |= _windows(Bag(bag), actuator_id)
     entries = sorted([*history.entries, *history.late], key=lambda entry: entry.stamp_ns)
-    estimates = (moved(one.estimate, -one.shift_ns) for one in entries)
-    tests = [_Recorded(number, one) for number, one in enumerate(estimates)]
-    yield from _made_again(actuator_id, tests, windows, calibrations)
+    estimates = (moved(entry.estimate, -entry.shift_ns) for entry in entries)
+    tests = [_Recorded(number, estimate) for number, estimate in enumerate(estimates)]
+    yield from _recomputed(actuator_id, tests, windows, calibrations)
 
 
 def _of_archive(folder: Path) -> Iterator[Verified]:
@@ -228,24 +234,24 @@ def _of_archive(folder: Path) -> Iterator[Verified]:
                 made, why = {}, "the bag has changed since"
             for row in manifest.estimates_of(task.url):
                 verified = Verified(row["actuator_id"], row["number"], bag=task.url)
-                one = made.get((row["actuator_id"], row["end_ns"]))
-                if one is None:
+                estimate = made.get((row["actuator_id"], row["end_ns"]))
+                if estimate is None:
                     yield replace(verified, reason=why)
-                elif row["calibration_id"] != one.calibration_id:
+                elif row["calibration_id"] != estimate.calibration_id:
                     words = f"calibration {row['calibration_id']!r} is not there any more"
                     yield replace(verified, reason=words)
                 else:
                     by = "" if software == estimation_software() else "by other software"
-                    yield verified.compared(estimate_from(row), one, by)
+                    yield verified.compared(estimate_from(row), estimate, by)
 
 
 def _windows(bag: Bag, actuator_id: str) -> dict[tuple[int, int], RecordedWindow]:
     """Return the windows of an actuator in a bag by the stamps of start and end [ns]."""
     windows = find_recorded_windows(read_telemetry(bag, None, actuator_id)).windows
-    return {(one.start_ns, one.end_ns): one for one in windows}
+    return {(window.start_ns, window.end_ns): window for window in windows}
 
 
-def _made_again(
+def _recomputed(
     actuator_id: str,
     tests: Sequence[_Recorded],
     windows: Mapping[tuple[int, int], RecordedWindow],
@@ -254,36 +260,36 @@ def _made_again(
     """Make estimates of an actuator again in their order, each from its window."""
     earlier, last, is_whole = Diagnosis(), "", False
     before_last, last_number = Diagnosis(), -1
-    known = next(iter(windows.values()), None)
-    for number, one in tests:
+    described = next(iter(windows.values()), None)
+    for number, test in tests:
         verified = Verified(actuator_id, number)
-        window = windows.get((one.start_ns, one.end_ns))
-        calibration = calibrations.get(one.calibration_id)
-        is_there = last == one.calibration_id
-        before = earlier.stopped() if one.warm_start else Diagnosis()
+        window = windows.get((test.start_ns, test.end_ns))
+        calibration = calibrations.get(test.calibration_id)
+        is_there = last == test.calibration_id
+        before = earlier.stopped() if test.warm_start else Diagnosis()
         # Windows are counted from the start of a monitor.
-        has_restarted = one.warm_start and number <= last_number
+        has_restarted = test.warm_start and number <= last_number
         without_last, last_number = before_last if has_restarted else None, number
-        known = window or known
-        if known is not None and one.valid:
+        described = window or described
+        if described is not None and test.valid:
             before_last = earlier.stopped()
-            earlier.begin_at(known.description, one)
-            is_whole = (is_whole and is_there) or not one.warm_start
-            last = one.calibration_id
-        if one.stretches:
+            earlier.begin_at(described.description, test)
+            is_whole = (is_whole and is_there) or not test.warm_start
+            last = test.calibration_id
+        if test.stretches:
             yield replace(verified, reason="it combines stretches of ordinary motion")
-        elif one.verdict == SKIPPED:
+        elif test.verdict == SKIPPED:
             yield replace(verified, reason="its window was cut off, or dropped")
         elif window is None:
             yield replace(verified, reason="its window is in no bag that was given")
         elif calibration is None:
-            words = f"calibration {one.calibration_id or 'unknown'} is not given"
+            words = f"calibration {test.calibration_id or 'unknown'} is not given"
             yield replace(verified, reason=words)
-        elif one.warm_start and not is_there:
+        elif test.warm_start and not is_there:
             yield replace(verified, reason="its search began at an estimate that is not there")
         else:
-            verified = _of_any_start(verified, one, before, without_last, window, calibration)
-            if verified.state == DIFFERENT and one.warm_start and not is_whole:
+            verified = _of_any_start(verified, test, before, without_last, window, calibration)
+            if verified.state == DIFFERENT and test.warm_start and not is_whole:
                 words = "it follows from tests before the first one that is there"
                 verified = replace(verified, state=CANNOT, reason=words)
             yield verified
@@ -320,7 +326,7 @@ def _of_any_start(
             if result.state == SAME or (result.state == ROUNDED and not words):
                 return result
             results.append(result)
-    return next((one for one in results if one.state == ROUNDED), results[0])
+    return next((result for result in results if result.state == ROUNDED), results[0])
 
 
 def _seen_by_a_monitor(window: RecordedWindow) -> Iterator[tuple[RecordedWindow, str]]:

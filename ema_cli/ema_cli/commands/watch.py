@@ -172,9 +172,9 @@ def _no_health(places: list[str], listener: _HealthListener) -> str:
         for topic in listener.topics_of(Health)
         if topic.endswith(f"/{HEALTH}")
     ]
-    others = [place for place in elsewhere if place not in places]
-    if others:
-        return f"{words}, but on {', '.join(others)}: choose it with --namespace"
+    rest = [place for place in elsewhere if place not in places]
+    if rest:
+        return f"{words}, but on {', '.join(rest)}: choose it with --namespace"
     if listener.has_monitor():
         return f"{words}: its monitor waits for a first valid test"
     return (
@@ -201,7 +201,7 @@ class Completion:
         self._has_ended = False
         self._last: dict[tuple[str, str], TelemetryStatus] = {}
         # Reported actuators, and the actuators among them without pending data.
-        self._known: set[tuple[str, str]] = set()
+        self._reported: set[tuple[str, str]] = set()
         self._settled: set[tuple[str, str]] = set()
 
     def end(self) -> None:
@@ -212,8 +212,8 @@ class Completion:
 
     def add_report(self, place: str, telemetry: Iterable[TelemetryStatus]) -> None:
         """Add the counts of actuators by a monitor in a namespace."""
-        actuators = {(place, one.actuator_id): one for one in telemetry}
-        self._known |= actuators.keys()
+        actuators = {(place, item.actuator_id): item for item in telemetry}
+        self._reported |= actuators.keys()
         if not self._has_ended or not actuators:
             return
         for key, counts in actuators.items():
@@ -223,7 +223,7 @@ class Completion:
                 self._settled.add(key)
             else:
                 self._settled.discard(key)
-        self.is_complete |= self._settled >= self._known
+        self.is_complete |= self._settled >= self._reported
 
 
 def _counts(status: TelemetryStatus | None) -> tuple[int, ...]:

@@ -59,14 +59,16 @@ class _Tests(NamedTuple):
 def draw_history(history: DiagnosisLog) -> Figure:
     """Return a figure: a panel for each fault that moves, one for the others, and latency."""
     diagnoses = history.diagnoses()
-    known = all(one.cycle is not None for one in diagnoses)
+    has_truth = all(window.cycle is not None for window in diagnoses)
     unknown = np.full(N_FAULTS, np.nan)
     tests = _Tests(
-        np.array([one.cycle if known else one.window for one in diagnoses], dtype=float),
-        np.array([one.valid for one in diagnoses]),
-        np.array([one.faults for one in diagnoses]),
-        np.array([one.sigma for one in diagnoses]),
-        np.array([unknown if one.truth is None else one.truth for one in diagnoses]),
+        np.array(
+            [window.cycle if has_truth else window.window for window in diagnoses], dtype=float
+        ),
+        np.array([window.valid for window in diagnoses]),
+        np.array([window.faults for window in diagnoses]),
+        np.array([window.sigma for window in diagnoses]),
+        np.array([unknown if window.truth is None else window.truth for window in diagnoses]),
     )
     moving = [i for i in INDICES if tests.moves(i)] or INDICES
     resting = [i for i in INDICES if i not in moving]
@@ -79,13 +81,13 @@ def draw_history(history: DiagnosisLog) -> Figure:
     if resting:
         _draw_errors(panels[len(moving)], tests, resting)
     if timed:
-        latencies = [one.latency_s for one in diagnoses]
+        latencies = [window.latency_s for window in diagnoses]
         panels[-1].bar(tests.place, latencies, width=0.6, color="0.55")
         median = float(np.median(latencies))
         panels[-1].axhline(median, label=f"median latency, {median:.2f} s", **_MEDIAN)
         panels[-1].set_ylim(0.0, 1.25 * max(latencies))
         panels[-1].set_ylabel("latency [s]")
-    levels = [one.level for one in diagnoses]
+    levels = [window.level for window in diagnoses]
     for axes in panels:
         for place, level in zip(tests.place, levels, strict=True):
             if level is not None and level in LEVEL_COLOURS:
@@ -93,7 +95,7 @@ def draw_history(history: DiagnosisLog) -> Figure:
                 axes.axvspan(
                     place - 0.5, place + 0.5, color=colour, alpha=_SHADE, lw=0, label=label
                 )
-    panels[-1].set_xlabel("test cycle" if known else "window")
+    panels[-1].set_xlabel("test cycle" if has_truth else "window")
     panels[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     panels[-1].set_xlim(tests.place.min() - 0.5, tests.place.max() + 0.5)
     figure.align_ylabels(panels)
@@ -103,7 +105,7 @@ def draw_history(history: DiagnosisLog) -> Figure:
     ]
     for level in filter(levels.__contains__, LEVEL_COLOURS):
         first = levels.index(level)
-        what = f"{'cycle' if known else 'window'} {tests.place[first]:.0f}"
+        what = f"{'cycle' if has_truth else 'window'} {tests.place[first]:.0f}"
         lines.append(f"{LEVEL_NAMES[level]} first in {what}: {diagnoses[first].cause}")
     panels[0].set_title("\n".join(lines), loc="left", fontsize="medium")
     draw_legend(figure, [*panels[: len(moving)], *panels[-1:] * timed])

@@ -100,9 +100,9 @@ def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
     name = FAULT_NAMES[i]
     if name not in COMPONENTS:
         return False
-    last, limit = course.outlooks[-1], course.given.prognosis.limits.of(name)
-    known = [item for item in last.health.faults if np.isfinite(item.share)]
-    worst = max(known, key=lambda item: item.share).name if known else ""
+    last, limit = course.outlooks[-1], course.options.prognosis.limits.of(name)
+    is_predicted = [item for item in last.health.faults if np.isfinite(item.share)]
+    worst = max(is_predicted, key=lambda item: item.share).name if is_predicted else ""
     ends_life = last.rul_faults.known and last.lives[name].criterion == last.rul_faults.criterion
     moved = np.abs(truth[:, i] - FAULTS[i].healthy) > _MOVES * limit
     warns = _of(last.health.faults, name).level in (WARN, ERROR)
@@ -117,7 +117,7 @@ def _draw_lives(
         np.array([getattr(life, name) for life in lives])
         for name in ("hours_05", "hours_50", "hours_95")
     )
-    known = np.array([life.known for life in lives])
+    is_predicted = np.array([life.known for life in lives])
     if np.isfinite(truth).any():
         cone = axes.fill_between(
             place, (1.0 - ALPHA) * truth, (1.0 + ALPHA) * truth, color=_CONE, alpha=0.3, lw=0
@@ -125,19 +125,25 @@ def _draw_lives(
         cone.set_label(_CONE_NAME)
         axes.plot(place, truth, **TRUTH)
     # Early bands may reach to infinity, and the first medians are the prior's: both hide the rest.
-    high_median = np.quantile(median[known], 0.9) if known.any() else 0.0
+    high_median = np.quantile(median[is_predicted], 0.9) if is_predicted.any() else 0.0
     top = np.nanmax([1.0, *(2.0 * truth if np.isfinite(truth).any() else [1.5 * high_median])])
     drawn_high = np.where(np.isinf(high), 10.0 * top, high)
-    if known.any():
+    if is_predicted.any():
         band = axes.fill_between(
-            place, low, drawn_high, where=known.tolist(), color=_PREDICTED, alpha=0.2, lw=0
+            place, low, drawn_high, where=is_predicted.tolist(), color=_PREDICTED, alpha=0.2, lw=0
         )
         band.set_label(_BAND)
         axes.plot(place, median, "--", marker=".", color=_PREDICTED, lw=1.4, label=_MEDIAN)
-    if not known.all():
-        none = np.zeros(int((~known).sum()))
+    if not is_predicted.all():
+        none = np.zeros(int((~is_predicted).sum()))
         axes.plot(
-            place[~known], none, "|", color="0.45", ms=9, label="no prediction", clip_on=False
+            place[~is_predicted],
+            none,
+            "|",
+            color="0.45",
+            ms=9,
+            label="no prediction",
+            clip_on=False,
         )
     axes.set_ylim(0.0, top)
     axes.set_ylabel("remaining useful\nlife [h]")
@@ -153,8 +159,8 @@ def _draw_fault(
 ) -> None:
     fault, last = FAULTS[i], course.outlooks[-1]
     estimates = [step.estimate for step in course.valid]
-    value = np.array([one.faults[i] for one in estimates])
-    draw_estimates(axes, place, value, [one.sigma[i] for one in estimates], **_ESTIMATES)
+    value = np.array([estimate.faults[i] for estimate in estimates])
+    draw_estimates(axes, place, value, [estimate.sigma[i] for estimate in estimates], **_ESTIMATES)
     if np.isfinite(truth[:, i]).any():
         axes.plot(place, truth[:, i], zorder=3, **TRUTH)
     tracked = [_of(outlook.health.faults, fault.name).value for outlook in course.outlooks]
@@ -164,7 +170,7 @@ def _draw_fault(
         ahead = course.growth.tracker.hours + fan.hours
         axes.fill_between(ahead, low, high, color=_PREDICTED, alpha=0.2, lw=0, label=_BAND)
         axes.plot(ahead, median, "--", color=_PREDICTED, lw=1.4, label=_MEDIAN)
-    limit = course.given.prognosis.limits.of(fault.name)
+    limit = course.options.prognosis.limits.of(fault.name)
     ends = [fault.healthy + limit] + [fault.healthy - limit] * (fault.healthy > 0.0)
     for end in ends:
         axes.axhline(end, **LIMIT)

@@ -72,9 +72,9 @@ class Outline:
 _SHADE: Final = 0.12
 
 
-def draw_telemetry(found: BagWindows, outline: Outline) -> Figure:
+def draw_telemetry(bag_windows: BagWindows, outline: Outline) -> Figure:
     """Return a figure of the whole telemetry, windows shaded."""
-    unit = found.description
+    unit = bag_windows.description
     travel, motor = travel_shown(unit.parameters), motor_shown(unit.parameters)
     figure, (angle, current, speed) = stacked_panels([1.0, 1.0, 1.0], 2.3)
     for axes, name, factor, colour, width in (
@@ -83,15 +83,15 @@ def draw_telemetry(found: BagWindows, outline: Outline) -> Figure:
         (current, "current", 1.0, GREEN, 0.6),
         (speed, "speed", motor.scale, PURPLE, 0.8),
     ):
-        t, values = outline.lines(name, found.first_ns)
+        t, values = outline.lines(name, bag_windows.first_ns)
         axes.plot(t, factor * values, colour, lw=width, label=name)
-    refused = [isinstance(window.place, Refusal) for window in found.windows]
+    refused = [isinstance(window.place, Refusal) for window in bag_windows.windows]
     for colour, is_refused in ((BLUE, False), (VERMILION, True)):
         # One area for all, broken by NaN: a span of its own for each window takes 40 kB an axis.
         t = np.array(
             [
-                (found.seconds(window.start_ns), found.seconds(window.end_ns), np.nan)
-                for window, reason in zip(found.windows, refused, strict=True)
+                (bag_windows.seconds(window.start_ns), bag_windows.seconds(window.end_ns), np.nan)
+                for window, reason in zip(bag_windows.windows, refused, strict=True)
                 if reason is is_refused
             ]
         ).ravel()

@@ -82,10 +82,10 @@ def ros_arguments(
     names = {} if namespace is None else {"__ns": namespace}
     for name, instead in (names | dict(remaps or {})).items():
         arguments += ["-r", f"{name}:={instead}"]
-    own_name = (remaps or {}).get("__node") or (nodes[0] if len(nodes) == 1 else "")
-    if own_name:
+    node_name = (remaps or {}).get("__node") or (nodes[0] if len(nodes) == 1 else "")
+    if node_name:
         place = (namespace or topics.NAMESPACE).strip("/")
-        arguments += ["--enclave", "/".join(("", *filter(None, (place, own_name))))]
+        arguments += ["--enclave", "/".join(("", *filter(None, (place, node_name))))]
     return arguments
 
 

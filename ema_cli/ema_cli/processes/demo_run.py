@@ -95,7 +95,9 @@ class Technician:
 
     def look(self, diagnoses: Sequence[DiagnosedWindow], observer: Observer) -> str:
         """Repair after a failure that was not seen before; return what was done, in words."""
-        last = next((one for one in reversed(diagnoses) if one.level in (OK, WARN, ERROR)), None)
+        last = next(
+            (window for window in reversed(diagnoses) if window.level in (OK, WARN, ERROR)), None
+        )
         if last is None or last.level is None:
             return ""
         if (last.level == ERROR) == self._is_repairing:
@@ -176,8 +178,8 @@ def _conclude(bag: Path, picture: Path, folder: Path) -> None:
         raise ValueError(f"{error} See {folder / 'monitor.log'}") from error
     diagnoses = history.diagnoses()
     save_picture(draw_history(history), picture)
-    latencies = [one.latency_s for one in diagnoses]
-    valid = sum(one.valid for one in diagnoses)
+    latencies = [window.latency_s for window in diagnoses]
+    valid = sum(window.valid for window in diagnoses)
     click.echo(
         f"{len(history.truths)} test cycles, {valid} valid estimates, latency median "
         f"{np.median(latencies):.2f} s, 95 % below {np.quantile(latencies, 0.95):.2f} s"

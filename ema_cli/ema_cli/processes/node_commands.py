@@ -59,11 +59,11 @@ def actuator_commands(names: Sequence[str], common: Common) -> dict[str, list[st
             raise ValueError(
                 f"--actuators {name!r}: expected letters, digits and _, as it names a namespace"
             ) from error
-        own = {"actuator_id": name, "seed": number}
+        identity = {"actuator_id": name, "seed": number}
         arguments = ros_arguments(
             "actuator",
             parameter_files=common.parameter_files,
-            assignments=[*assignments_of(own), *common.assignments],
+            assignments=[*assignments_of(identity), *common.assignments],
             namespace=f"{place}/{name}",
             remaps={topic: f"{place}/{topic}" for topic in ACTUATOR_TOPICS},
         )

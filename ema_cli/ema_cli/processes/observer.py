@@ -73,14 +73,18 @@ class Observer(Listener):
         with self._lock:
             truths, diagnoses = self._history.truths, self._history.diagnoses()
         starts_ns = {item.cycle: item.stamp_ns for item in truths}
-        ends_ns = [one.end_ns - starts_ns[one.cycle] for one in diagnoses if one.cycle is not None]
+        ends_ns = [
+            window.end_ns - starts_ns[window.cycle]
+            for window in diagnoses
+            if window.cycle is not None
+        ]
         if not ends_ns or self._telemetry_ns - truths[-1].stamp_ns < max(ends_ns) + _MARGIN_NS:
             return None
         return truths[-1].cycle
 
     def has_diagnosed(self, cycle: int) -> bool:
         """Return whether there is a diagnosis of a test cycle."""
-        return any(one.cycle == cycle for one in self.diagnoses())
+        return any(window.cycle == cycle for window in self.diagnoses())
 
     def begin_life(self, growth: Mapping[str, Mapping[str, Any]]) -> Any:
         """Ask the actuator to be healthy and wear again, from the next test cycle on.

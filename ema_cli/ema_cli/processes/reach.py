@@ -21,7 +21,7 @@ PROFILE: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _LOCALHOST_ONLY: Final = "ROS_LOCALHOST_ONLY"
 _ELSEWHERE: Final = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 _NEAR: Final = ("LOCALHOST", "OFF")
-_OWN_PROFILE: Final = 'profile_name="quick_discovery"'
+_SHIPPED_PROFILE: Final = 'profile_name="quick_discovery"'
 """What the profiles of this repository have, and no other."""
 
 
@@ -49,7 +49,7 @@ def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ)
         environment.pop(name, None)
     if environment.get(RANGE) != "OFF":  # which is nearer still
         environment[RANGE] = "LOCALHOST"
-    if _is_own(environment.get(PROFILE)):
+    if _is_shipped(environment.get(PROFILE)):
         environment[PROFILE] = str(localhost_profile())
 
 
@@ -62,11 +62,11 @@ def run_node(
     sys.exit(import_module(MODULES[node]).main(arguments))
 
 
-def _is_own(profile: str | None) -> bool:
+def _is_shipped(profile: str | None) -> bool:
     """Return whether there is no profile of Fast DDS, or one of this repository."""
     if not profile:
         return True
     try:
-        return _OWN_PROFILE in Path(profile).read_text(encoding="utf-8", errors="replace")
+        return _SHIPPED_PROFILE in Path(profile).read_text(encoding="utf-8", errors="replace")
     except OSError:  # Fast DDS says what is wrong
         return False

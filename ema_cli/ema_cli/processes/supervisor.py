@@ -91,8 +91,10 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
             self.failed.append(name)
             how = f"failed, exit code {code}"
             if code < 0:
-                known = -code in set(signal.Signals)
-                how = f"was ended by {signal.Signals(-code).name if known else f'signal {-code}'}"
+                is_signal = -code in set(signal.Signals)
+                how = (
+                    f"was ended by {signal.Signals(-code).name if is_signal else f'signal {-code}'}"
+                )
             self._report(f"{name} {how}")
 
     def stop(self, name: str) -> None:
@@ -108,9 +110,9 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
         _wait(leaving.values(), _HEAD_START_S)
         self._see_off({**leaving, **self._terminate([self._last])})
 
-    def _terminate(self, names: Iterable[str]) -> dict[str, "subprocess.Popen[bytes]"]:
+    def _terminate(self, is_signal: Iterable[str]) -> dict[str, "subprocess.Popen[bytes]"]:
         self.check()
-        leaving = {name: self._children.pop(name) for name in names if name in self._children}
+        leaving = {name: self._children.pop(name) for name in is_signal if name in self._children}
         for child in leaving.values():
             child.terminate()
         return leaving

@@ -82,7 +82,7 @@ def report_page(
     latest = latest_comparison(course)
     if latest is not None:
         # A record shows two of the faults at most.
-        shown = [i for i in shown if any(math.isfinite(one["faults"][i][0]) for one in tests)]
+        shown = [i for i in shown if any(math.isfinite(test["faults"][i][0]) for test in tests)]
         faults = [item for item in faults if math.isfinite(item["value"])]
     calibration = course.calibration
     missed = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
@@ -92,7 +92,7 @@ def report_page(
         unit=unit,
         verdict=verdict,
         last=outlooks[-1] if outlooks else None,
-        tests=[one | {"faults": [one["faults"][i] for i in shown]} for one in tests],
+        tests=[test | {"faults": [test["faults"][i] for i in shown]} for test in tests],
         components=[FAULTS[i].label for i in shown],
         faults=faults,
         requirements=requirements,
@@ -106,20 +106,22 @@ def report_page(
         files=list(_files_read(paths, course)),
         calibration={
             "identity": calibration.calibration_id,
-            "from": course.given.calibration_source,
+            "from": course.options.calibration_source,
             "unit": f"{calibration.actuator_id} ({calibration.serial_number})",
             "healthy windows": str(calibration.windows),
             "residual of a healthy window": calibration.residual_in_words,
             "not learned of the unit": missed or "nothing",
         },
-        search=course.given.search,
+        search=course.options.search,
         parameters=fields(unit.parameters),
     )
 
 
 def _compared(comparison: Comparison, ended: str) -> dict[str, Any]:
     """Return the table of a comparison, and what would lower its smallest changes."""
-    smallest = {one.name: wording.smallest_text(one) for one in comparison.quantities}
+    smallest = {
+        quantity.name: wording.smallest_text(quantity) for quantity in comparison.quantities
+    }
     cells = [
         (*row, smallest.get(name, ""))
         for row, name in zip_longest(wording.rows(comparison), smallest)
@@ -134,7 +136,7 @@ def _compared(comparison: Comparison, ended: str) -> dict[str, Any]:
 
 def fleet_page(archive: Path, fleet: FleetSummary, command: str) -> str:
     """Return the report of a fleet as HTML that refers to nothing outside of itself."""
-    told = _survival_in_words(fleet)
+    caption = _survival_in_words(fleet)
     return _page(
         "fleet.html.j2",
         command,
@@ -144,10 +146,10 @@ def fleet_page(archive: Path, fleet: FleetSummary, command: str) -> str:
         label_of=label_of,
         ages=[(f"{row['from_hours']:,.4g} – {row['to_hours']:,.4g}", row) for row in fleet.ages],
         models=[(row["model"], row) for row in fleet.models],
-        survival=Markup(inline_svg(draw_survival(fleet), "survival", "Survival", told))
+        survival=Markup(inline_svg(draw_survival(fleet), "survival", "Survival", caption))
         if fleet.lives
         else None,
-        told=told,
+        caption=caption,
     )
 
 
@@ -212,17 +214,17 @@ def _survival_in_words(fleet: FleetSummary) -> str:
 
 def _pictures(course: Course) -> Iterator[tuple[Markup, str]]:
     """Yield pictures with captions: the fit of the last valid window, the course of all tests."""
-    estimate = next((one for one in reversed(course.estimates) if one.valid), None)
+    estimate = next((estimate for estimate in reversed(course.estimates) if estimate.valid), None)
     has_model = estimate is not None and not estimate.is_of_record
     if estimate is not None and has_model and isinstance(course.calibration, Calibration):
-        last = next(one for one in course.record.windows if one.end_ns == estimate.end_ns)
+        last = next(window for window in course.record.windows if window.end_ns == estimate.end_ns)
         what = "Last stretch of the estimate" if estimate.stretches else "Window"
         caption = (
             f"{what} that ended at {moment(estimate.end_ns)}: current and speed as measured, as "
             "the model gives them with the estimated faults and healthy, what is left of them, and "
             "the faults."
         )
-        figure = draw_fit(last, estimate, course.calibration, course.given.search)
+        figure = draw_fit(last, estimate, course.calibration, course.options.search)
         title = "Measured and estimated current and speed"
         yield Markup(inline_svg(figure, "fit", title, caption)), caption
     if (tests := len(course.outlooks)) > 1:
@@ -245,8 +247,8 @@ def _files_read(paths: Sequence[Path], course: Course) -> Iterator[tuple[str, st
         for member in members:
             yield _file(member, f"bag, {counted(windows[bag], 'window')} used")
     for path, role in (
-        (course.given.calibration_file, "calibration"),
-        (course.given.actuator_file, "description of the actuator"),
+        (course.options.calibration_file, "calibration"),
+        (course.options.actuator_file, "description of the actuator"),
     ):
         if path is not None:
             yield _file(path, role)
@@ -292,21 +294,21 @@ def inline_svg(figure: Figure, name: str, title: str, description: str) -> str:
     text = file.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = _PATH.sub(lambda found: _rounded(found[0].replace("\n", "")), text)
-    text = _PLACE.sub(lambda found: _rounded(found[0]), text)
+    text = _PATH.sub(lambda match: _rounded(match[0].replace("\n", "")), text)
+    text = _PLACE.sub(lambda match: _rounded(match[0]), text)
     text = _FONT.sub(r"\1sans-serif", text)
     text = _INKS.sub("currentColor", text)
     text = _NAME.sub(rf"\g<1>{name}-", text.replace("xlink:href", "href"))
     text = _STYLE.sub("", re.sub(r">\s+<", "><", text)).strip()
     width, height = (round(72.0 * inches) for inches in figure.get_size_inches())
-    told = (
+    element = (
         f'<svg viewBox="0 0 {width} {height}" fill="currentColor" stroke-linejoin="round" '
         f'role="img" aria-labelledby="{name}-title {name}-description">'
         f'<title id="{name}-title">{escape(title)}</title>'
         f'<desc id="{name}-description">{escape(description)}</desc>'
     )
-    return re.sub(r"<svg[^>]*>", lambda _: told, text, count=1)
+    return re.sub(r"<svg[^>]*>", lambda _: element, text, count=1)
 
 
 def _rounded(numbers: str) -> str:
-    return _NUMBER.sub(lambda found: f"{round(float(found[0]), _DECIMALS):g}", numbers)
+    return _NUMBER.sub(lambda match: f"{round(float(match[0]), _DECIMALS):g}", numbers)

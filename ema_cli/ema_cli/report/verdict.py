@@ -61,8 +61,8 @@ def shown(item: FaultHealth) -> Shown:
 def life_in_words(life: RemainingLife) -> str:
     """Return the quantiles of a life that is known [h]."""
     return " / ".join(
-        "longer" if not math.isfinite(one) else f"{one:,.0f}" if one >= 9.95 else f"{one:.1f}"
-        for one in (life.hours_05, life.hours_50, life.hours_95)
+        "longer" if not math.isfinite(item) else f"{item:,.0f}" if item >= 9.95 else f"{item:.1f}"
+        for item in (life.hours_05, life.hours_50, life.hours_95)
     )
 
 
@@ -78,24 +78,24 @@ def moment(stamp_ns: int) -> str:
 def tests_of(course: Course) -> list[dict[str, Any]]:
     """Return all tests, in order of time."""
     rows = []
-    for number, (one, outlook) in enumerate(course.steps):
-        path = course.record.bags.get(one.end_ns)
+    for number, (step, outlook) in enumerate(course.steps):
+        path = course.record.bags.get(step.end_ns)
         # The reason names the hidden causes.
-        remarks = [one.reason, *(f"measured: {cause}" for cause in one.measured)]
+        remarks = [step.reason, *(f"measured: {cause}" for cause in step.measured)]
         remarks += [f"event: {event}" for event in (outlook.events if outlook else ())]
         rows.append(
             {
                 "number": number,
                 "bag": path.name if path else "",
-                "time": moment(one.end_ns),
+                "time": moment(step.end_ns),
                 "hours": outlook.hours if outlook else math.nan,
-                "verdict": one.verdict,
+                "verdict": step.verdict,
                 "level": LEVEL_NAMES[outlook.health.level] if outlook else "",
-                "goodness": one.goodness_of_fit,
-                "goodness_limit": one.goodness_limit,
-                "unexplained": one.unexplained_share,
+                "goodness": step.goodness_of_fit,
+                "goodness_limit": step.goodness_limit,
+                "unexplained": step.unexplained_share,
                 "remarks": [*filter(None, remarks)],
-                "faults": list(zip(one.faults, one.sigma, one.found.tolist(), strict=True)),
+                "faults": list(zip(step.faults, step.sigma, step.found.tolist(), strict=True)),
             }
         )
     return rows
@@ -124,9 +124,9 @@ def is_unjudged(course: Course) -> bool:
 
 def latest_comparison(course: Course) -> tuple[Comparison, str] | None:
     """Return the comparison of the newest record that has one, and when the record ended."""
-    for one in reversed(course.estimates):
-        if one.comparison is not None:
-            return one.comparison, moment(one.end_ns)
+    for estimate in reversed(course.estimates):
+        if estimate.comparison is not None:
+            return estimate.comparison, moment(estimate.end_ns)
     return None
 
 
@@ -155,16 +155,18 @@ def _limited(
 def hidden_causes(course: Course) -> list[tuple[str, str, int]]:
     """Return the hidden causes of valid tests: the latest of each, when, and in how many tests."""
     tests, latest = Counter[str](), dict[str, tuple[str, str]]()
-    for one in course.estimates:
-        for cause in one.causes if one.valid else ():
+    for estimate in course.estimates:
+        for cause in estimate.causes if estimate.valid else ():
             tests[cause.name] += 1
-            latest[cause.name] = str(cause), moment(one.end_ns)
+            latest[cause.name] = str(cause), moment(estimate.end_ns)
     return [(*words, tests[name]) for name, words in latest.items()]
 
 
 def confusions(course: Course) -> list[tuple[str, str, int]]:
     """Return the pairs that tests could not tell apart, and in how many of them."""
-    counts = Counter(pair for one in course.estimates if one.valid for pair in one.alternatives)
+    counts = Counter(
+        pair for estimate in course.estimates if estimate.valid for pair in estimate.alternatives
+    )
     return [
         (part_label(part), part_label(stand_in), count)
         for (part, stand_in), count in counts.items()
@@ -213,7 +215,7 @@ def verdict_of(course: Course) -> UnitVerdict:
             ),
             _after_the_last_test(course),
         )
-    valid = [one for one in course.estimates if one.valid][-1]
+    valid = [estimate for estimate in course.estimates if estimate.valid][-1]
     lines = (
         _state(course, last),
         _wearing(course, last, valid),
@@ -237,8 +239,8 @@ def _state(course: Course, last: Outlook) -> str:
 
 def _basis(course: Course, last: Outlook) -> str:
     health, tests = last.health, counted(len(course.outlooks), "valid test")
-    is_known = math.isfinite(health.health_index) and health.level != STALE
-    index = f"{health.health_index:.2f}" if is_known else "unknown"
+    is_finite = math.isfinite(health.health_index) and health.level != STALE
+    index = f"{health.health_index:.2f}" if is_finite else "unknown"
     return (
         f"{tests} of {len(course.estimates)}; health index {index}, severity {health.severity} "
         f"of 4, confidence {health.confidence:.2f}."
@@ -247,8 +249,12 @@ def _basis(course: Course, last: Outlook) -> str:
 
 def _wearing(course: Course, last: Outlook, valid: Estimate) -> str:
     items = {item.name: item for item in (*last.health.faults, *last.health.requirements)}
-    found = {fault.name for fault, is_found in zip(FAULTS, valid.found, strict=True) if is_found}
-    worn = [item for item in last.health.faults if item.name in found]
+    faults = {
+        fault.name
+        for fault, is_significant in zip(FAULTS, valid.found, strict=True)
+        if is_significant
+    }
+    worn = [item for item in last.health.faults if item.name in faults]
     worst = max(worn, key=lambda item: item.share, default=None)
     named = [items[last.dominant]] if last.dominant in items else []
     if worst is not None and worst not in named:

@@ -85,7 +85,7 @@ class _Actuator:
     refused: Any = None
     causes: str = ""
     friction: str = ""
-    heard_s: float = math.nan
+    received_s: float = math.nan
     tested_s: float = math.nan
     reported_s: float = math.nan
 
@@ -98,28 +98,28 @@ class LatestHealths:
 
     def add_health(self, place: str, message: Any, now_s: float, clock_ns: int) -> None:
         """Add a Health message received on a namespace, at a time of the clock [ns]."""
-        one = self._of(place, message)
-        before, one.received = one.received, Received.at(message, clock_ns, now_s)
-        one.heard_s = now_s
+        item = self._of(place, message)
+        before, item.received = item.received, Received.at(message, clock_ns, now_s)
+        item.received_s = now_s
         if before is None or before.health.header.stamp != message.header.stamp:
-            one.tested_s = now_s
+            item.tested_s = now_s
 
     def add_estimate(self, place: str, message: Any, now_s: float) -> None:
         """Add a FaultEstimate message; its causes or friction are shown with the health."""
-        one = self._of(place, message)
+        item = self._of(place, message)
         if message.valid:
-            one.refused = None
-            one.causes = ", ".join(
+            item.refused = None
+            item.causes = ", ".join(
                 str(CauseEstimate(cause.name, cause.value, cause.sigma))
                 for cause in message.hidden_causes
             )
-            one.friction = ", ".join(
+            item.friction = ", ".join(
                 brief(quantity_of(quantity))
                 for quantity in message.quantities
                 if quantity.name == FRICTION
             )
         else:
-            one.refused, one.tested_s = message, now_s
+            item.refused, item.tested_s = message, now_s
 
     def add_status(self, place: str, message: Any, now_s: float) -> None:
         """Add a NodeStatus message: the monitor of its actuators is there."""
@@ -134,9 +134,9 @@ class LatestHealths:
         In simulated time, which is not real, claims end by its clock alone.
         """
         rows = [
-            self._row(key, one, one.received, now_s, clock_ns, is_real)
-            for key, one in self._actuators.items()
-            if one.received is not None
+            self._row(key, item, item.received, now_s, clock_ns, is_real)
+            for key, item in self._actuators.items()
+            if item.received is not None
         ]
         return sorted(rows, key=_order)
 
@@ -146,26 +146,26 @@ class LatestHealths:
     def _row(
         self,
         key: tuple[str, str],
-        one: _Actuator,
+        actuator: _Actuator,
         received: Received,
         now_s: float,
         clock_ns: int,
         is_real: bool,
     ) -> Row:
-        is_silent = bool(now_s - np.fmax(one.reported_s, one.heard_s) > SILENT_S)
+        is_silent = bool(now_s - np.fmax(actuator.reported_s, actuator.received_s) > SILENT_S)
         ended_s = received.ended_s(clock_ns, now_s, is_real=is_real)
         health = worth(received.health, ended_s, is_silent=is_silent)
         reasons = [received.health.cause or received.health.reason]
         if health is not received.health:
             reasons.insert(0, health.reason)
         test_ns = stamp_from_message(health.header.stamp)
-        if one.refused is not None:
-            test_ns = max(test_ns, stamp_from_message(one.refused.header.stamp))
-            reasons.append(f"last test refused: {one.refused.reason}")
-        elif one.friction:
-            reasons.append(one.friction)
-        elif one.causes:
-            reasons.append(f"hidden cause: {one.causes}")
+        if actuator.refused is not None:
+            test_ns = max(test_ns, stamp_from_message(actuator.refused.header.stamp))
+            reasons.append(f"last test refused: {actuator.refused.reason}")
+        elif actuator.friction:
+            reasons.append(actuator.friction)
+        elif actuator.causes:
+            reasons.append(f"hidden cause: {actuator.causes}")
         age_s = (clock_ns - test_ns) * 1e-9
         life = health.rul
         hours = (life.hours_05, life.hours_50, life.hours_95) if life.known else None
@@ -179,7 +179,7 @@ class LatestHealths:
             life=hours,
             remove_before=_removal(health),
             test_ns=test_ns,
-            test_age_s=age_s if age_s >= 0.0 else now_s - one.tested_s,
+            test_age_s=age_s if age_s >= 0.0 else now_s - actuator.tested_s,
             why="; ".join(filter(None, reasons)),
         )
 
@@ -215,27 +215,27 @@ def _removal(health: Any) -> str:
 
 
 class HealthTable(TerminalDisplay):
-    """Shows actuators, one a row; to be used under ``with``."""
+    """Table with a row per actuator; use it under ``with``."""
 
     def __init__(self, title: str, console: Console | None = None) -> None:
         super().__init__(console)
         self._title = title
-        self._told: dict[tuple[str, str], tuple[object, ...]] = {}
-        self._said = ""
+        self._printed: dict[tuple[str, str], tuple[object, ...]] = {}
+        self._printed_state = ""
 
     def show(self, rows: Sequence[Row], state: str) -> None:
-        """Show the actuators, and what there is to say of the whole."""
+        """Show the actuators, and the state of all of them."""
         if self._console.is_terminal:
             self._live.update(self._actuators(rows, state), refresh=True)
             return
         for row in rows:
             key = row.place, row.actuator_id
-            if self._told.get(key) != row.content:
-                self._told[key] = row.content
+            if self._printed.get(key) != row.content:
+                self._printed[key] = row.content
                 click.echo(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC  {_line(row)}")
-        if not rows and state != self._said:
+        if not rows and state != self._printed_state:
             click.echo(state, err=True)
-        self._said = state
+        self._printed_state = state
 
     def _actuators(self, rows: Sequence[Row], state: str) -> Table:
         several = len({row.place for row in rows}) > 1

@@ -43,23 +43,23 @@ class LiveTable(TerminalDisplay):
             self._live.update(self._diagnosed(diagnoses, state), refresh=True)
             return
         while self._written < len(diagnoses):
-            one = diagnoses[self._written]
+            window = diagnoses[self._written]
             is_last = self._written == len(diagnoses) - 1
             # The health comes just after its estimate.
-            if one.level is None and one.valid and is_last and not final:
+            if window.level is None and window.valid and is_last and not final:
                 return
             if not self._written:
                 labels = [f"{FAULTS[i].label:{_WIDTH}}" for i in self._faults]
                 click.echo(f"{_TITLE}, 0 is healthy")
                 click.echo("  ".join(("cycle", *labels, "level", "latency", "why")))
-            click.echo(self._line(one))
+            click.echo(self._line(window))
             self._written += 1
 
     def _diagnosed(self, diagnoses: Sequence[DiagnosedWindow], state: str) -> Table:
         cause = ""
         if diagnoses and (last := diagnoses[-1]).cause:
             # Why the latest level is what it is, and since when it is.
-            *_, first = takewhile(lambda one: one.level == last.level, reversed(diagnoses))
+            *_, first = takewhile(lambda window: window.level == last.level, reversed(diagnoses))
             cause = f"{_level(last)} since cycle {_cycle(first)}, now: {last.cause}"
         table = self._table(_TITLE, cause, state)
         table.add_column("cycle", justify="right")
@@ -67,29 +67,36 @@ class LiveTable(TerminalDisplay):
             table.add_column(FAULTS[i].label, justify="center", overflow="fold")
         table.add_column("level")
         table.add_column("latency", justify="right")
-        for one in diagnoses[-max(3, self._console.height - _LINES_BESIDE) :]:
-            level = Text(_level(one), COLOURS.get(-1 if one.level is None else one.level, ""))
-            faults = [_figures(one, i).replace(" ", "") for i in self._faults]
-            table.add_row(_cycle(one), *faults, level, f"{one.latency_s:.2f} s")
+        for window in diagnoses[-max(3, self._console.height - _LINES_BESIDE) :]:
+            level = Text(
+                _level(window), COLOURS.get(-1 if window.level is None else window.level, "")
+            )
+            faults = [_figures(window, i).replace(" ", "") for i in self._faults]
+            table.add_row(_cycle(window), *faults, level, f"{window.latency_s:.2f} s")
         return table
 
-    def _line(self, one: DiagnosedWindow) -> str:
-        faults = [f"{_figures(one, i):{_WIDTH}}" for i in self._faults]
-        parts = [f"{_cycle(one):>5}", *faults, f"{_level(one):5}", f"{one.latency_s:5.2f} s"]
-        return "  ".join((*parts, one.cause if one.valid else one.reason)).rstrip()
+    def _line(self, window: DiagnosedWindow) -> str:
+        faults = [f"{_figures(window, i):{_WIDTH}}" for i in self._faults]
+        parts = [
+            f"{_cycle(window):>5}",
+            *faults,
+            f"{_level(window):5}",
+            f"{window.latency_s:5.2f} s",
+        ]
+        return "  ".join((*parts, window.cause if window.valid else window.reason)).rstrip()
 
 
-def _cycle(one: DiagnosedWindow) -> str:
-    return "?" if one.cycle is None else str(one.cycle)
+def _cycle(window: DiagnosedWindow) -> str:
+    return "?" if window.cycle is None else str(window.cycle)
 
 
-def _level(one: DiagnosedWindow) -> str:
-    return "-" if one.level is None else LEVEL_NAMES[one.level]
+def _level(window: DiagnosedWindow) -> str:
+    return "-" if window.level is None else LEVEL_NAMES[window.level]
 
 
-def _figures(one: DiagnosedWindow, i: int) -> str:
-    true = "?" if one.truth is None else f"{one.truth[i]:.3f}"
-    if not one.valid:
+def _figures(window: DiagnosedWindow, i: int) -> str:
+    true = "?" if window.truth is None else f"{window.truth[i]:.3f}"
+    if not window.valid:
         return f"{true} → none"
-    sigma = "?" if np.isnan(one.sigma[i]) else f"{one.sigma[i]:.3f}"
-    return f"{true} → {one.faults[i]:.3f} ± {sigma}"
+    sigma = "?" if np.isnan(window.sigma[i]) else f"{window.sigma[i]:.3f}"
+    return f"{true} → {window.faults[i]:.3f} ± {sigma}"

@@ -45,20 +45,20 @@ def course_as_values(course: Course) -> list[dict[str, Any]]:
     """Return what a monitor reports after each test as plain values."""
     values = []
     for step in course.steps:
-        one: dict[str, Any] = {
+        item: dict[str, Any] = {
             "start_ns": step.estimate.start_ns,
             "end_ns": step.estimate.end_ns,
             "valid": step.estimate.valid,
             "reason": step.estimate.reason,
         }
         if step.estimate.comparison is not None:
-            one["comparison"] = as_values(step.estimate.comparison.as_mapping())
+            item["comparison"] = as_values(step.estimate.comparison.as_mapping())
         if step.outlook is not None:
             reported = as_values(health_report(step.outlook, course.record.description))
             kept = ("flight_hours", "cycles", "level", "health_index", "dominant_fault", "events")
             lives = ("rul_faults", "rul_requirements", "rul")
-            one |= {name: reported[name] for name in (*kept, *lives)}
-        values.append(one)
+            item |= {name: reported[name] for name in (*kept, *lives)}
+        values.append(item)
     return values
 
 
@@ -101,15 +101,15 @@ def table_of_scenarios(reports: Sequence[ScenarioReport]) -> Table:
     for unit in ("h", "cycles", "days"):
         table.add_column(rf"RUL \[{unit}]" + "\n5 / 50 / 95 %", justify="right", min_width=14)
     table.add_column("ended by")
-    for one in reports:
-        life = one.rul
+    for report in reports:
+        life = report.rul
         cycles = (life.cycles_05, life.cycles_50, life.cycles_95)
-        days = (one.days_05, one.days_50, one.days_95)
+        days = (report.days_05, report.days_50, report.days_95)
         table.add_row(
-            escape(one.name),
+            escape(report.name),
             _life(life),
             *(_quantiles(each) if life.known else "" for each in (cycles, days)),
-            label_of(one.dominant_fault),
+            label_of(report.dominant_fault),
         )
     return table
 
@@ -131,8 +131,8 @@ def summary(course: Course, report: HealthReport) -> list[str]:
         level += f" (last {LEVEL_NAMES[report.last_level]})"
     first = label_of(report.dominant_fault)
     first = f"; first to end life: {first}" if first else ""
-    is_known = math.isfinite(report.health_index)
-    index = f"{report.health_index:.2f}" if is_known else "unknown"
+    is_finite = math.isfinite(report.health_index)
+    index = f"{report.health_index:.2f}" if is_finite else "unknown"
     lines.append(
         f"health index {index}, level {level}, severity "
         f"{report.severity} of 4, confidence {report.confidence:.2f}{first}"
@@ -167,14 +167,14 @@ def _quantiles(values: tuple[float, float, float]) -> str:
 
 def _checked(faults: Sequence[ItemReport]) -> list[str]:
     """Return how the predictions of the faults that end life held against the tests, as a line."""
-    said = [
+    text = [
         f"{label_of(item.name)} {_figure_of_check(item.calibration)} for the next test, "
         f"{_figure_of_check(item.calibration_ahead)} for {AHEAD} tests ahead"
         + (f", widened by {item.widening:.2f}" if item.widening > WIDENED else "")
         for item in faults
         if item.rul.known and math.isfinite(item.calibration)
     ]
-    return ["predictions so far (1: as wide as they should be): " + "; ".join(said)] if said else []
+    return ["predictions so far (1: as wide as they should be): " + "; ".join(text)] if text else []
 
 
 def _figure_of_check(value: float) -> str:
@@ -187,7 +187,7 @@ def _in_words(life: LifeReport) -> str:
     cycles = (life.cycles_05, life.cycles_50, life.cycles_95)
     in_cycles = ""
     if np.isfinite(life.cycles_50):
-        in_cycles = f" ({' / '.join(_hours(one) for one in cycles)} cycles)"
+        in_cycles = f" ({' / '.join(_hours(cycle) for cycle in cycles)} cycles)"
     return f"{_life(life)} h{in_cycles}, 5 / 50 / 95 %, until {life.criterion}"
 
 
@@ -203,7 +203,7 @@ def _figure(value: float, sign: str = "") -> str:
 
 def advice_in_words(course: Course) -> str:
     """Return what to do, when, at what cost and why, in a sentence; empty without costs."""
-    advice, costs = course.advice, course.given.costs
+    advice, costs = course.advice, course.options.costs
     if advice is None or costs is None:
         return ""
     words = _ACTIONS[advice.action]

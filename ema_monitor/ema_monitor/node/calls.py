@@ -96,7 +96,7 @@ class MonitorCalls:
             self._node.store.keep(description, calibration, path)
             message = f"made of {counted(len(windows), 'window')}"
             if taken := measured_ranges(window.measured for window in windows):
-                message += f"; taken for known: {taken}"
+                message += f"; measured causes: {taken}"
             message += f" and stored in {path}"
             if not self._node.store.is_used_again(description, path):
                 message += "; calibration_file has to name it for it to be used after a restart"
