@@ -55,7 +55,7 @@ NAMES: Final = frozenset(
 """Names of variables that are not nouns of the field."""
 
 UNTREATED: Final = (
-    *("ema_archive/", "ema_cli/", "ema_study/", "ros2_ws/"),
+    *("ema_archive/", "ema_study/", "ros2_ws/src/ema_bags/", "ros2_ws/src/ema_bringup/"),
     *("ema_core/ema_core/consistency.py", "ema_monitor/ema_monitor/optimizers/least_squares.py"),
     *(
         f"ema_monitor/ema_monitor/{name}"

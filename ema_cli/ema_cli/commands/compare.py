@@ -86,16 +86,16 @@ def compare(
         sys.exit(REFUSED)
 
 
-def _as_object(comparison: AlgorithmComparison, result: BagWindows) -> dict[str, Any]:
+def _as_object(comparison: AlgorithmComparison, bag_windows: BagWindows) -> dict[str, Any]:
     truth = comparison.truth
     return {
         "window": comparison.found.number,
-        "start": round(result.seconds(comparison.found.start_ns), 9),
-        "end": round(result.seconds(comparison.found.end_ns), 9),
+        "start": round(bag_windows.seconds(comparison.found.start_ns), 9),
+        "end": round(bag_windows.seconds(comparison.found.end_ns), 9),
         "truth": None if truth is None else by_fault(truth),
         "fitness_at_truth": comparison.fitness_at_truth,
         "estimates": [
-            as_object(run.estimate, result)
+            as_object(run.estimate, bag_windows)
             | {
                 "generations": len(run.costs),
                 "course": [
