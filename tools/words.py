@@ -55,12 +55,18 @@ NAMES: Final = frozenset(
 """Names of variables that are not nouns of the field."""
 
 UNTREATED: Final = (
-    *("ema_archive/", "ema_study/", "ros2_ws/src/ema_bags/", "ros2_ws/src/ema_bringup/"),
-    *("ema_core/ema_core/consistency.py", "ema_monitor/ema_monitor/optimizers/least_squares.py"),
+    *(
+        "ema_archive/",
+        "ema_cli/",
+        "ema_study/",
+        "ros2_ws/src/ema_bags/",
+        "ros2_ws/src/ema_bringup/",
+    ),
+    "ema_core/ema_core/consistency.py",
     *(
         f"ema_monitor/ema_monitor/{name}"
         for name in (
-            *("calibration", "design", "identification", "node", "prognosis", "recordings"),
+            *("calibration", "identification", "node", "prognosis", "recordings"),
             *("api.py", "calibrations.py", "diagnosis.py", "health.py", "intake.py", "monitor.py"),
             *("reports.py", "unit.py", "unusual_causes.py"),
         )

@@ -36,12 +36,20 @@ class DisplayUnit(NamedTuple):
 
 def travel_shown(parameters: ActuatorParameters) -> DisplayUnit:
     """Return the displayed unit of an angle of the user shaft: mrad, or mm with a lead."""
-    return DisplayUnit("mm", 1e3 * _travel(parameters.lead)) if parameters.lead else DisplayUnit("mrad", 1e3)
+    return (
+        DisplayUnit("mm", 1e3 * _travel(parameters.lead))
+        if parameters.lead
+        else DisplayUnit("mrad", 1e3)
+    )
 
 
 def angle_shown(parameters: ActuatorParameters) -> DisplayUnit:
     """Return the displayed unit of a large angle of the user shaft: rad, or mm with a lead."""
-    return DisplayUnit("mm", 1e3 * _travel(parameters.lead)) if parameters.lead else DisplayUnit("rad", 1.0)
+    return (
+        DisplayUnit("mm", 1e3 * _travel(parameters.lead))
+        if parameters.lead
+        else DisplayUnit("rad", 1.0)
+    )
 
 
 def motor_shown(parameters: ActuatorParameters) -> DisplayUnit:

@@ -1,4 +1,4 @@
-"""What a test will show, before it is made: by rehearsing it (M30)."""
+"""Certificate of a test: its expected results, from a rehearsal (M30)."""
 
 import math
 from collections.abc import Mapping
@@ -30,16 +30,16 @@ from ema_monitor.model.deviations import HIDDEN_CAUSES, Prior
 from ema_monitor.model.measured import expected_causes
 
 CERTIFIED_WINDOWS: Final = REHEARSED_WINDOWS + len(HIDDEN_CAUSES)
-"""How many windows a certificate takes."""
+"""Number of windows of a certificate."""
 
 _WIDTH: Final = 100
 
 
 class CauseProspect(NamedTuple):
-    """Estimate of a healthy actuator with one hidden cause of a usual size.
+    """Result for a healthy actuator with one hidden cause of a usual size.
 
-    ``size`` is in the unit of the cause, ``verdict`` in words: "named", "does not show",
-    "named, not separated from ...", "taken for ..." or "refused".
+    ``size`` is in the unit of the cause. ``verdict`` is a text: "named", "does not show", "named,
+    not separated from ...", "mistaken for ..." or "refused".
     """
 
     name: str
@@ -49,36 +49,31 @@ class CauseProspect(NamedTuple):
 
 @dataclass(frozen=True)
 class Certificate:
-    """What a test of an actuator will show.
-
-    Attributes
-    ----------
-    actuator_id, serial_number
-        The actuator.
-    travel, duration, sample_period
-        Of the command [rad, s], and of the telemetry [s].
-    healthy_rms, healthy_speed_rms
-        Scatter of a healthy window in its band [A, rad/s].
-    faults, causes
-        What is expected of each fault and each hidden cause.
-    """
+    """Expected results of a test of an actuator."""
 
     actuator_id: str
     serial_number: str
     travel: float
+    """Travel of the command [rad]."""
     duration: float
+    """Duration of the command [s]."""
     sample_period: float
+    """Sample period of the telemetry [s]."""
     healthy_rms: float
+    """Scatter of the current in a healthy window, in its band [A]."""
     healthy_speed_rms: float
+    """Scatter of the speed in a healthy window, in its band [rad/s]."""
     faults: tuple[FaultProspect, ...]
+    """Expected result for each fault."""
     causes: tuple[CauseProspect, ...]
+    """Expected result for each hidden cause."""
 
     def sigma(self, name: str) -> float:
-        """Return the standard deviation that is expected of a fault; NaN where it is not shown."""
-        return next(one.sigma for one in self.faults if one.name == name)
+        """Return the expected standard deviation of a fault; NaN if it is not detected."""
+        return next(fault.sigma for fault in self.faults if fault.name == name)
 
     def unmet(self, wanted: Mapping[str, float]) -> list[str]:
-        """Return the wanted standard deviations, by fault, that are exceeded, in words."""
+        """Return a message for each fault whose wanted standard deviation is exceeded."""
         words = []
         for name, sigma in wanted.items():
             reached = self.sigma(name)
@@ -92,10 +87,11 @@ class Certificate:
     def record(self) -> dict[str, Any]:
         """Return all fields as plain values; NaN becomes None."""
         rows = {
-            name: [one._asdict() for one in getattr(self, name)] for name in ("faults", "causes")
+            name: [fault._asdict() for fault in getattr(self, name)]
+            for name in ("faults", "causes")
         }
-        for row, one in zip(rows["faults"], self.faults, strict=True):
-            row |= {"half_width": HALF_WIDTH * one.sigma, "smallest_means": one.meaning}
+        for row, fault in zip(rows["faults"], self.faults, strict=True):
+            row |= {"half_width": HALF_WIDTH * fault.sigma, "smallest_means": fault.meaning}
         return plain(asdict(self) | rows)
 
     def __str__(self) -> str:
@@ -110,38 +106,38 @@ class Certificate:
     def _fault_table(self) -> str:
         rows = [
             (
-                one.label,
-                f"{one.sigma:.4f}" if one.shown else "not shown",
-                f"{HALF_WIDTH * one.sigma:.4f}" if one.shown else "",
-                f"{one.error:.4f}" if one.shown else "",
-                f"{one.smallest:.4f}" if math.isfinite(one.smallest) else "",
-                one.meaning,
-                ", ".join(map(part_label, one.not_told_from)),
+                fault.label,
+                f"{fault.sigma:.4f}" if fault.shown else "not shown",
+                f"{HALF_WIDTH * fault.sigma:.4f}" if fault.shown else "",
+                f"{fault.error:.4f}" if fault.shown else "",
+                f"{fault.smallest:.4f}" if math.isfinite(fault.smallest) else "",
+                fault.meaning,
+                ", ".join(map(part_label, fault.not_told_from)),
             )
-            for one in self.faults
+            for fault in self.faults
         ]
         headings = ("fault", "sigma", "90 % ±", "error", "smallest seen")
         return text_table((*headings, "which means", "not separated from"), rows)
 
     def _summary(self) -> list[str]:
-        hidden = [one.label for one in self.faults if not one.shown]
+        hidden = [fault.label for fault in self.faults if not fault.shown]
         lines = [
             f"This motion does not show: {', '.join(hidden)}."
             if hidden
             else "This motion shows every fault."
         ]
-        wrong = [one.label for one in self.faults if one.error > HALF_WIDTH * one.sigma]
+        wrong = [fault.label for fault in self.faults if fault.error > HALF_WIDTH * fault.sigma]
         if wrong:
             lines.append(
                 "The errors of the rehearsed estimates are larger than their intervals for: "
                 f"{', '.join(wrong)}."
             )
         by_verdict: dict[str, list[str]] = {}
-        for one in self.causes:
-            cause = CAUSE_BY_NAME[one.name]
+        for cause_prospect in self.causes:
+            cause = CAUSE_BY_NAME[cause_prospect.name]
             scale, unit = (100.0, "%") if cause.unit == "-" else (1.0, cause.unit)
-            size = f"{scale * one.size:.3g} {unit}"
-            by_verdict.setdefault(one.verdict, []).append(f"{cause.label} ({size})")
+            size = f"{scale * cause_prospect.size:.3g} {unit}"
+            by_verdict.setdefault(cause_prospect.verdict, []).append(f"{cause.label} ({size})")
         lines.append("Hidden causes of usual size, alone:")
         for verdict, names in by_verdict.items():
             text = f"{verdict}: {', '.join(names)}"
@@ -170,16 +166,16 @@ def certify(
     command
         Command of the test.
     description
-        The actuator; the built-in one when None.
+        The actuator; None for the built-in actuator.
     calibration
-        That of the unit; one is made of healthy windows when None.
+        Calibration of the unit; None to calibrate on healthy windows.
     rehearsed
-        Rehearsal of the test; it is made when None.
+        Rehearsal of the test; None to rehearse it.
 
     Raises
     ------
     ValueError
-        When the motion makes no window, or does not allow a calibration.
+        When the motion yields no window, or permits no calibration.
     """
     description = description or ActuatorDescription()
     rehearsed = rehearsed or rehearse(rig, command, description, calibration)
@@ -210,7 +206,7 @@ def certify(
 def _cause(cause: Prior, estimate: Estimate) -> CauseProspect:
     faults = [FAULTS[i].label for i in claimed(estimate)]
     confused = ", ".join(map(part_label, fewest(confused_with(estimate, cause.name))))
-    named = [one.name for one in estimate.causes]
+    named = [cause.name for cause in estimate.causes]
     wrong = [CAUSE_BY_NAME[name].label for name in named if name != cause.name] + faults
     if not estimate.valid:
         verdict = "refused"
@@ -223,5 +219,5 @@ def _cause(cause: Prior, estimate: Estimate) -> CauseProspect:
     elif confused:
         verdict = f"not separated from {confused}"
     else:
-        verdict = f"taken for {', '.join(wrong)}" if wrong else "does not show"
+        verdict = f"mistaken for {', '.join(wrong)}" if wrong else "does not show"
     return CauseProspect(cause.name, cause.sigma, verdict)

@@ -1,4 +1,4 @@
-"""The shortest test with which wanted standard deviations are reached (M31)."""
+"""Design of the shortest test that reaches wanted standard deviations (M31)."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -19,21 +19,21 @@ from ema_monitor.optimizers.differential_evolution import DifferentialEvolution
 from ema_monitor.optimizers.driver import Termination, minimise
 
 MOST_ROUNDS: Final = 5
-"""How often a command is designed, rehearsed and corrected at most."""
+"""Largest number of rounds of design, rehearsal and correction."""
 
 FINEST: Final = 2e-3
-"""Smallest wanted standard deviation if the chirp's accuracy is the target: 0.2 % of the range,
-below which errors do not matter [-]."""
+"""Smallest wanted standard deviation if the accuracy of the chirp is the target [-]: errors below
+0.2 % of the range are irrelevant."""
 
-# A repeated calibration changes the unit's uncertainty by a few per cent.
+# A repeated calibration changes the uncertainty of the unit by a few per cent.
 _SAME: Final = 1.1
 _MARGIN: Final = 0.98
 _WORTHWHILE: Final = 0.95
 _BINDING: Final = 0.96
 _POPULATION: Final = 24
 _SEARCH: Final = Termination(_POPULATION * 40, stall_generations=8, tolerance=2e-3)
-# Highest frequency of a swing, up to that for which the mismatch of the model is known; its lowest
-# is a third of it at most.
+# Range of the highest frequency of a swing, limited by the frequency for which the mismatch of the
+# model is known; the lowest frequency is at most a third of it.
 _END_FREQUENCIES: Final = (3.0, 15.0)
 _START_SHARES: Final = (0.03, 0.33)
 _SMALLEST_SHARE: Final = 0.05
@@ -41,47 +41,38 @@ _LAST_FRACTIONS: Final = (0.1, 1.0)
 _START: Final = np.array([0.8, 0.9, 0.8, 0.5, 0.8])
 _LEAST_CORRECTED: Final = 0.3
 _NOT_SHOWN: Final = 10.0
-# A whole number of half periods moves the frequency.
+# The frequency is rounded to a whole number of half periods.
 _TOLERANCE: Final = 1.1
 # Above the cost of any duration or ratio of standard deviations.
-_BEYOND_LIMITS: Final = 10.0
+_EXCEEDS_LIMITS: Final = 10.0
 
 
 @dataclass(frozen=True)
 class Design:
-    """A designed test.
-
-    Attributes
-    ----------
-    command
-        The command, a swing.
-    wanted
-        Largest standard deviations by fault [-].
-    limits, demands
-        Permitted demands, and the demands of the command by the model.
-    rehearsed
-        Its rehearsal, by which it is judged.
-    reference_s
-        Duration of the thesis's chirp where its standard deviations were wanted [s]; else None.
-    predicted
-        Standard deviations by fault that the model predicts [-].
-    """
+    """A designed test."""
 
     command: Command
+    """Designed command, a swing."""
     wanted: Mapping[str, float]
+    """Largest permitted standard deviations by fault [-]."""
     limits: MotionLimits
+    """Permitted demands."""
     demands: Demands
+    """Demands of the command, predicted by the model."""
     rehearsed: Rehearsed
+    """Rehearsal of the command, which decides whether it reaches the wanted accuracy."""
     reference_s: float | None
+    """Duration of the chirp of the thesis, if its accuracy is the target [s]; else None."""
     predicted: Mapping[str, float]
+    """Standard deviations by fault that the model predicts [-]."""
 
     @property
     def sigma(self) -> dict[str, float]:
         """Rehearsed standard deviations by fault, consistent with the rehearsed errors.
 
-        NaN where a fault is not shown.
+        NaN for faults that are not detected.
         """
-        return {one.name: one.effective for one in self.rehearsed.faults}
+        return {fault.name: fault.effective for fault in self.rehearsed.faults}
 
     @property
     def reached(self) -> bool:
@@ -91,9 +82,9 @@ class Design:
 
     @property
     def worst(self) -> tuple[str, float]:
-        """The fault whose standard deviation is farthest above the wanted one, and the ratio.
+        """Fault with the largest ratio of standard deviation to its wanted value, and the ratio.
 
-        For a fault that is not shown, the predicted one is used, ten times at least.
+        For a fault that is not detected, the ratio uses the predicted value, and is at least 10.
         """
         ratios = {
             name: self.sigma[name] / limit
@@ -106,13 +97,13 @@ class Design:
 
     @property
     def binding(self) -> list[str]:
-        """Names of the limits that the command exhausts."""
+        """Names of the active limits."""
         shares = self.demands.shares(self.limits)
         return [name for name, share in shares.items() if share >= _BINDING]
 
     @property
     def verdict(self) -> str:
-        """Whether the requested accuracy is reached, and what prevents it, in words."""
+        """Whether the wanted accuracy is reached, and the limits that prevent it, as a text."""
         if self.reached:
             return "all wanted standard deviations are reached"
         name, _ = self.worst
@@ -121,7 +112,7 @@ class Design:
         words = f"{label}: sigma {self.wanted[name]:g} is not reached, {reached}"
         bounds = [f"{name} {getattr(self.limits, name):g} {UNITS[name]}" for name in self.binding]
         if not bounds:
-            return f"{words}; none of the limits is exhausted: swings reach no more"
+            return f"{words}; no limit is active; use a longer test or a different motion"
         return f"{words}; limited by {', '.join(bounds)}"
 
 
@@ -133,10 +124,10 @@ def design_command(
     *,
     on_progress: Callable[[str], None] = lambda _: None,
 ) -> Design:
-    """Return the shortest test with which wanted standard deviations are reached.
+    """Return the shortest test that reaches wanted standard deviations.
 
-    Swings are searched by differential evolution on the model's information; the best is rehearsed,
-    and the prediction corrected by the rehearsal's result, until both agree.
+    Swings are searched by differential evolution on predictions of the model. The best swing is
+    rehearsed, and the prediction is corrected by the result of the rehearsal, until both agree.
 
     Parameters
     ----------
@@ -145,22 +136,22 @@ def design_command(
     description
         The actuator.
     limits
-        What the command may demand.
+        Permitted demands.
     wanted
-        Largest standard deviations by fault; when None, as for the thesis's chirp, rehearsed on
-        this actuator with these sensors, to a tenth and no finer than ``FINEST``.
+        Largest permitted standard deviations by fault; None for the accuracy of the chirp of the
+        thesis on this actuator with these sensors, within 10 %, and at least ``FINEST``.
     on_progress
         Called with a description of each step.
 
     Returns
     -------
     Design
-        Where the wishes cannot be met, that which comes closest.
+        If the wanted accuracy cannot be reached, the design that comes closest.
 
     Raises
     ------
     ValueError
-        When a wanted figure is impossible, or no motion within the limits makes a window.
+        When a wanted value is out of range, or no motion within the limits yields a window.
     """
     for name, sigma in (wanted or {}).items():
         if name not in COMPONENTS:
@@ -176,19 +167,21 @@ def design_command(
     if wanted is None:
         reference_s = chirp.duration
         wanted = {
-            one.name: max(_SAME * one.effective, FINEST) for one in rehearsed.faults if one.shown
+            fault.name: max(_SAME * fault.effective, FINEST)
+            for fault in rehearsed.faults
+            if fault.shown
         }
     designs: list[Design] = []
     base, start = (rehearsed, chirp), _START
     for number in range(MOST_ROUNDS):
-        # Another seed each time: a motion whose errors are too large is not found again.
+        # A new seed per round, so that the search does not return a motion with large errors again.
         search = _Search(*base, limits, wanted, number)
         for point, cost in search.run(start):
             on_progress(f"round {number + 1}: {search.words(point, cost)}")
             start = point
         command = search.command(start)
         is_feasible = search.is_feasible(start)
-        reached = [one.command.duration for one in designs if one.reached]
+        reached = [design.command.duration for design in designs if design.reached]
         if reached and not (is_feasible and command.duration < _WORTHWHILE * min(reached)):
             break
         on_progress(f"round {number + 1}: rehearsing {command.duration:.3f} s")
@@ -199,32 +192,36 @@ def design_command(
         demands = information.demands(windows)
         designs.append(Design(command, wanted, limits, demands, rehearsed, reference_s, predicted))
         name, ratio = designs[-1].worst
-        on_progress(f"round {number + 1}: {name} has {ratio:.2f} of the sigma that is wanted")
+        on_progress(f"round {number + 1}: {name} has {ratio:.2f} times the wanted sigma")
         if number and not designs[-1].reached and not is_feasible:
             break
-        if all(one.effective <= one.sigma for one in rehearsed.faults if one.name in wanted):
+        if all(
+            fault.effective <= fault.sigma for fault in rehearsed.faults if fault.name in wanted
+        ):
             base = rehearsed, command
         else:
             start = _START
-    if any(one.reached for one in designs):
-        return min((one for one in designs if one.reached), key=lambda one: one.command.duration)
-    return min(designs, key=lambda one: one.worst[1])
+    if any(design.reached for design in designs):
+        return min(
+            (design for design in designs if design.reached), key=lambda item: item.command.duration
+        )
+    return min(designs, key=lambda item: item.worst[1])
 
 
 class _Search:
-    """Searches the swing for which the model predicts the wanted accuracy.
+    """Search for the shortest swing with the wanted accuracy, by predictions of the model.
 
     Parameters
     ----------
     rehearsed, command
-        A rehearsal and its command: by how much its variances are off for that command, the
-        prediction is corrected for any.
+        A rehearsal and its command. The errors of the predicted variances for this command correct
+        the predictions for all commands.
     limits
-        What a command may demand.
+        Permitted demands.
     wanted
-        Largest standard deviations by fault.
+        Largest permitted standard deviations by fault.
     seed
-        Of the random numbers of the search.
+        Seed of the search.
     """
 
     def __init__(
@@ -241,9 +238,9 @@ class _Search:
         self._h = rehearsed.calibration.sample_period
         self._numbers = [FAULT_NAMES.index(name) for name in wanted]
         predicted = self._information.sigma(self._information.windows(command))
-        given = {one.name: one.sigma for one in rehearsed.faults}
-        errors = np.array([given[name] for name in wanted]) ** 2 - predicted[self._numbers] ** 2
-        # A fault that was not shown carries no information about the correction.
+        sigmas = {fault.name: fault.sigma for fault in rehearsed.faults}
+        errors = np.array([sigmas[name] for name in wanted]) ** 2 - predicted[self._numbers] ** 2
+        # A fault that is not detected has no information about the correction.
         self._corrections = np.nan_to_num(errors, nan=0.0)
         self._wanted = _MARGIN * np.array(list(wanted.values()))
 
@@ -257,21 +254,21 @@ class _Search:
     def command(self, point: Array) -> Command:
         """Return the swing of a point of the unit box, ``(5,)``.
 
-        It has a whole number of half periods, so that it ends at rest. It begins slowly: over a
-        wide range of speeds the mismatch of the model averages out, which would move the estimates
-        beyond their standard deviations at a single one.
+        The swing has a whole number of half periods, so that it ends at rest. It begins slowly:
+        the mismatch of the model averages out over a wide range of speeds, while at a single speed
+        it would shift the estimates by more than their standard deviations.
         """
         limits = self._limits
-        of_duration, of_frequency, of_amplitude, of_start, of_end = point.tolist()
-        duration = SHORTEST_S * (limits.longest / SHORTEST_S) ** of_duration
+        u_duration, u_frequency, u_amplitude, u_start, u_end = point.tolist()
+        duration = SHORTEST_S * (limits.longest / SHORTEST_S) ** u_duration
         duration = self._h * math.floor(duration / self._h + 1e-6)
         low, high = _END_FREQUENCIES
         least, most = _START_SHARES
-        end = low * (high / low) ** of_frequency
-        start = round(end * (least + (most - least) * of_start), 3)
+        end = low * (high / low) ** u_frequency
+        start = round(end * (least + (most - least) * u_start), 3)
         halves = max(3, round((start + end) * duration))
         smallest = max(_SMALLEST_SHARE, SMALLEST_TRAVEL / limits.travel)
-        share = smallest ** (1.0 - of_amplitude)
+        share = smallest ** (1.0 - u_amplitude)
         first, last = _LAST_FRACTIONS
         return Command(
             "swing",
@@ -279,7 +276,7 @@ class _Search:
             duration=round(duration, 9),
             start_frequency=start,
             end_frequency=round(halves / duration - start, 6),
-            final_fraction=round(first + (last - first) * of_end, 3),
+            final_fraction=round(first + (last - first) * u_end, 3),
         )
 
     def is_feasible(self, point: Array) -> bool:
@@ -287,18 +284,18 @@ class _Search:
         return self._cost(point) <= 1.0
 
     def words(self, point: Array, cost: float) -> str:
-        """Return the state of the search, in words."""
+        """Return the state of the search as a text."""
         if cost <= 1.0:
             return f"{self.command(point).duration:.3f} s"
-        if cost < _BEYOND_LIMITS:
-            return f"sigma {math.exp(cost - 1.0):.2f} times what is wanted"
-        return "beyond the limits"
+        if cost < _EXCEEDS_LIMITS:
+            return f"sigma {math.exp(cost - 1.0):.2f} times the wanted sigma"
+        return "limits exceeded"
 
     def _residuals(self, points: Array) -> Array:
         return np.array([[self._cost(point)] for point in points])
 
     def _cost(self, point: Array) -> float:
-        """Return the share of the longest duration; above 1, by how much a wish is missed."""
+        """Return the share of the longest duration; above 1, a measure of the missing accuracy."""
         command = self.command(point)
         windows = self._information.windows(command)
         demands = self._information.demands(windows)
@@ -306,12 +303,12 @@ class _Search:
             command.end_frequency / (_TOLERANCE * _END_FREQUENCIES[1]),
             *demands.shares(self._limits).values(),
         )
-        # Rounding may take a share of the travel and the duration beyond their limits.
+        # Rounded travel and duration may exceed their limits slightly.
         if excess > 1.0 + 1e-3:
-            return _BEYOND_LIMITS + math.log(excess)
+            return _EXCEEDS_LIMITS + math.log(excess)
         sigma = self._information.sigma(windows)[self._numbers]
         variance = np.maximum(sigma**2 + self._corrections, (_LEAST_CORRECTED * sigma) ** 2)
         worst = float(np.max(np.sqrt(variance) / self._wanted))
         if worst > 1.0:
-            return 1.0 + min(math.log(worst), _BEYOND_LIMITS - 2.0)
+            return 1.0 + min(math.log(worst), _EXCEEDS_LIMITS - 2.0)
         return command.duration / self._limits.longest

@@ -30,7 +30,7 @@ HALF_WIDTH: Final = 1.645
 """Half-width of a 90 % interval [standard deviations]."""
 
 N_COMBINED: Final = len(SHORT_CIRCUITS)
-"""How many actuators have several faults at once."""
+"""Number of rehearsed actuators with several faults at once."""
 
 _SHARE: Final = 0.5
 _SHARES: Final = (0.25, 0.6)
@@ -41,16 +41,16 @@ _SINGLE: Final = 2
 _COMBINED: Final = 6
 
 REHEARSED_WINDOWS: Final = _HEALTHY + len(COMPONENTS) * _SINGLE + N_COMBINED * _COMBINED
-"""How many windows a rehearsal takes."""
+"""Number of windows of a rehearsal."""
 
 
 class ActuatorRig(Protocol):
-    """Runs tests of an actuator with chosen faults, a simulated one as a rule."""
+    """Runs tests of an actuator with chosen faults, usually a simulated actuator."""
 
     def __call__(
         self, command: Command, faults: Array, cycles: int, causes: Mapping[str, float]
     ) -> list[Window]:
-        """Return a window from each of some test cycles.
+        """Return a window from each test cycle.
 
         Parameters
         ----------
@@ -59,7 +59,7 @@ class ActuatorRig(Protocol):
         faults
             Fault vector, ``(8,)``.
         cycles
-            How many windows.
+            Number of test cycles.
         causes
             Hidden causes by name, in the units of the registry.
 
@@ -72,7 +72,7 @@ class ActuatorRig(Protocol):
 
 
 def single_faults() -> dict[str, Array]:
-    """Return an actuator with each fault alone, half-way to its limit, by the fault's name."""
+    """Return fault vectors with each fault alone, half-way to its limit, by name of the fault."""
     result = {}
     for i, fault in enumerate(FAULTS):
         if fault.limit is not None:
@@ -84,10 +84,11 @@ def single_faults() -> dict[str, Array]:
 
 
 def combined_faults(number: int) -> Array:
-    """Return one of ``N_COMBINED`` actuators with several faults at once.
+    """Return the fault vector of one of ``N_COMBINED`` actuators with several faults at once.
 
-    They are a quarter to six tenths of their limits each. One phase is shorted: short circuits of
-    all phases cannot be distinguished from a weak magnet. The gain of every second one is too low.
+    Each fault has 25 to 60 % of its limit. One phase is shorted, because short circuits of all
+    phases cannot be distinguished from a weak magnet. Every second actuator has a gain that is too
+    low.
     """
     rng = np.random.default_rng([_SEED, number])
     k = healthy_faults()
@@ -100,75 +101,67 @@ def combined_faults(number: int) -> Array:
 
 
 def present(faults: Array) -> Flags:
-    """Return which components differ from healthy, ``(8,)``; the direction with the amount."""
+    """Return which components differ from healthy, ``(8,)``; the phase if the eccentricity does."""
     differs = faults != healthy_faults()
     differs[ECCENTRICITY_PHASE] = differs[ECCENTRICITY]
     return differs
 
 
 class Prospect(NamedTuple):
-    """A fault vector, ``(8,)``, and the estimates of windows of an actuator that has it."""
+    """A fault vector, ``(8,)``, and estimates from windows of an actuator with these faults."""
 
     faults: Array
     estimates: list[Estimate]
 
     @property
     def sigma(self) -> Array:
-        """Standard deviation that the estimates state, rms, ``(8,)``; NaN where not shown."""
+        """RMS of the standard deviations of the estimates, ``(8,)``; NaN if unobservable."""
         with np.errstate(invalid="ignore"):
-            return np.sqrt(np.mean([np.square(one.sigma) for one in self.estimates], axis=0))
+            return np.sqrt(
+                np.mean([np.square(estimate.sigma) for estimate in self.estimates], axis=0)
+            )
 
     @property
     def shown(self) -> Flags:
-        """Components that every estimate gives as different from healthy, ``(8,)``."""
-        return np.all([_claims(one) for one in self.estimates], axis=0)
+        """Components that differ from healthy in every estimate, ``(8,)``."""
+        return np.all([_claims(estimate) for estimate in self.estimates], axis=0)
 
     def error(self, number: int) -> float:
-        """Return the rms error of the estimates of one component, a phase excepted [-]."""
-        errors = [one.faults[number] - self.faults[number] for one in self.estimates]
+        """Return the RMS error of the estimates of a component, except a phase [-]."""
+        errors = [estimate.faults[number] - self.faults[number] for estimate in self.estimates]
         return float(np.sqrt(np.mean(np.square(errors))))
 
 
 class FaultProspect(NamedTuple):
-    """Result of a rehearsal for one fault.
-
-    Attributes
-    ----------
-    name
-        The fault.
-    shown
-        Whether a test finds it when it is half-way to its limit.
-    sigma
-        Standard deviation that an estimate states, in the least favourable actuator; NaN where the
-        fault is not shown.
-    error
-        Rms error of the estimates of the rehearsed windows [-].
-    smallest
-        Distance from healthy beyond which a test shows it [-].
-    not_told_from
-        Parts of explanations that a test does not distinguish from it, by name.
-    """
+    """Result of a rehearsal for one fault."""
 
     name: str
+    """Name of the fault."""
     shown: bool
+    """Whether a test detects the fault half-way to its limit."""
     sigma: float
+    """Standard deviation of an estimate, in the least favourable actuator; NaN if the fault is not
+    detected."""
     error: float
+    """RMS error of the estimates of the rehearsed windows [-]."""
     smallest: float
+    """Smallest distance from healthy that a test detects [-]."""
     not_told_from: tuple[Part, ...]
+    """Parts of explanations that a test cannot distinguish from the fault, by name."""
 
     @property
     def effective(self) -> float:
-        """Standard deviation with which 90 % intervals would hold the rehearsed errors, too [-]."""
+        """Standard deviation whose 90 % interval also contains the rehearsed errors [-]."""
         return max(self.sigma, self.error / HALF_WIDTH) if self.shown else math.nan
 
     @property
     def label(self) -> str:
-        """The fault in words."""
+        """Displayed name of the fault."""
         return FAULTS[FAULT_NAMES.index(self.name)].label
 
     @property
     def meaning(self) -> str:
-        """The smallest fault that shows, in physical terms."""
+        """Physical value of the smallest fault that is detected."""
         fault = FAULTS[FAULT_NAMES.index(self.name)]
         if not math.isfinite(self.smallest):
             return ""
@@ -179,46 +172,40 @@ class FaultProspect(NamedTuple):
 
 
 class Rehearsed(NamedTuple):
-    """A rehearsed test.
-
-    Attributes
-    ----------
-    calibration
-        That of the unit under the command.
-    window
-        A healthy window.
-    healthy, singles, combined
-        Prospects of a healthy actuator, of those with single faults by name, and of those with
-        several.
-    """
+    """A rehearsed test."""
 
     calibration: Calibration
+    """Calibration of the unit under the command."""
     window: Window
+    """A healthy window."""
     healthy: Prospect
+    """Prospect of a healthy actuator."""
     singles: dict[str, Prospect]
+    """Prospects of actuators with a single fault, by name of the fault."""
     combined: list[Prospect]
+    """Prospects of actuators with several faults."""
 
     @property
     def faults(self) -> tuple[FaultProspect, ...]:
-        """What the test shows of each fault."""
+        """Result of the rehearsal for each fault."""
         return tuple(self._fault(name) for name in COMPONENTS)
 
     def _fault(self, name: str) -> FaultProspect:
         i, single = FAULT_NAMES.index(name), self.singles[name]
-        having = [single, *(one for one in self.combined if present(one.faults)[i])]
-        having = [one for one in having if single.shown[i] and one.shown[i]]
+        having = [single, *(prospect for prospect in self.combined if present(prospect.faults)[i])]
+        having = [prospect for prospect in having if single.shown[i] and prospect.shown[i]]
         confused: set[Part] = set()
-        for one in single.estimates:
-            confused |= confused_with(one, name)
-            confused |= {(FAULT_NAMES[j],) for j in claimed(one) if j != i}
-            confused |= {(cause.name,) for cause in one.causes}
-        for one in self.combined:
-            confused |= {(FAULT_NAMES[j],) for j in _correlated(one, i)}
+        for estimate in single.estimates:
+            confused |= confused_with(estimate, name)
+            confused |= {(FAULT_NAMES[j],) for j in claimed(estimate) if j != i}
+            confused |= {(cause.name,) for cause in estimate.causes}
+        for estimate in self.combined:
+            confused |= {(FAULT_NAMES[j],) for j in _correlated(estimate, i)}
         return FaultProspect(
             name,
             bool(single.shown[i]),
-            max((float(one.sigma[i]) for one in having), default=math.nan),
-            max((one.error(i) for one in having), default=math.nan),
+            max((float(prospect.sigma[i]) for prospect in having), default=math.nan),
+            max((prospect.error(i) for prospect in having), default=math.nan),
             float(SIGNIFICANT_SIGMAS[i] * self.healthy.sigma[i]),
             fewest(confused),
         )
@@ -232,17 +219,17 @@ def rehearse(
 ) -> Rehearsed:
     """Rehearse a test; parameters and errors are as in `certify`."""
     healthy = rig(command, healthy_faults(), _HEALTHY, {})
-    known = calibration or calibrate_model(healthy, description)
+    used = calibration or calibrate_model(healthy, description)
 
     def judged(windows: list[Window], faults: Array) -> Prospect:
-        estimates = [identify(window, description, known, previous=faults) for window in windows]
+        estimates = [identify(window, description, used, previous=faults) for window in windows]
         return Prospect(faults, estimates)
 
     def of(faults: Array, count: int) -> Prospect:
         return judged(rig(command, faults, count, {}), faults)
 
     return Rehearsed(
-        known,
+        used,
         healthy[0],
         judged(healthy[:_SINGLE], healthy_faults()),
         {name: of(faults, _SINGLE) for name, faults in single_faults().items()},
@@ -267,7 +254,7 @@ def fewest(parts: Iterable[Part]) -> tuple[Part, ...]:
 
 
 def claimed(estimate: Estimate) -> list[int]:
-    """Return the faults that a usable estimate gives as present."""
+    """Return the numbers of the faults that a valid estimate detects."""
     return [int(i) for i in np.flatnonzero(_claims(estimate)) if FAULT_NAMES[i] in COMPONENTS]
 
 
@@ -275,10 +262,10 @@ def _claims(estimate: Estimate) -> Flags:
     return estimate.valid & estimate.found
 
 
-def _correlated(one: Prospect, i: int) -> list[int]:
-    """Return the faults whose estimates are strongly correlated with one."""
+def _correlated(prospect: Prospect, i: int) -> list[int]:
+    """Return the numbers of the faults whose estimates strongly correlate with fault ``i``."""
     correlated = np.zeros(len(FAULTS), dtype=bool)
-    for estimate in one.estimates:
+    for estimate in prospect.estimates:
         sigma = np.sqrt(np.diag(estimate.covariance))
         correlated |= np.abs(estimate.covariance[i]) > STRONG_CORRELATION * sigma[i] * sigma
     return [

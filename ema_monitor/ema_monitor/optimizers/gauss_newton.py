@@ -1,8 +1,8 @@
-"""Gauss-Newton descents: trial steps, the choice between them, and the end, each by itself.
+"""Gauss-Newton descents, with separate trial steps, descent and termination.
 
-An iteration linearises the residuals, tries the steps of a `Search`, takes the one that costs least
-and asks `Stopping` whether to go on. Descent, search and termination are separate as in optimistix
-(J. Rader, T. Lyons, P. Kidger, arXiv:2402.09983, 2024).
+An iteration linearises the residuals, evaluates the trial steps of a `Search`, takes the step with
+the lowest cost, and checks `Stopping`. Descent, search and termination are separate as in
+optimistix (J. Rader, T. Lyons, P. Kidger, arXiv:2402.09983, 2024).
 """
 
 from collections.abc import Callable, Sequence
@@ -16,10 +16,10 @@ from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
 
 
 class Trials(NamedTuple):
-    """Points to try, in groups, ``(m, d)`` each.
+    """Trial points in groups, ``(m, d)`` each.
 
-    A group is evaluated in one batch, and only if no group before it lowers the cost. Number
-    ``full`` of the first group is the lowest point of the linear model.
+    A group is evaluated in one batch, and only if no earlier group reduces the cost. Number
+    ``full`` of the first group is the minimum of the linear model.
     """
 
     groups: Sequence[Array]
@@ -27,78 +27,79 @@ class Trials(NamedTuple):
 
 
 class Search(Protocol):
-    """Which points a descent tries."""
+    """Rule for the trial points of a descent."""
 
     def trials(self, at: Linearisation) -> Trials:
-        """Return the points to try from a linearisation."""
+        """Return the trial points for a linearisation."""
         ...
 
     def after(self, number: int) -> Self:
-        """Return the search of the next iteration, after trial ``number`` has cost least."""
+        """Return the search of the next iteration, if trial ``number`` has the lowest cost."""
         ...
 
 
 class LineSearch(NamedTuple):
-    """Shares of the step to the lowest point of the linear model.
+    """Shares of the step to the minimum of the linear model.
 
-    J. Nocedal, S. Wright, Numerical Optimization, 2006, section 3.1: the full step comes first,
-    and is right near the optimum.
+    J. Nocedal, S. Wright, Numerical Optimization, 2006, section 3.1: the full step is tried first,
+    and is accepted near the optimum.
     """
 
     lowest: Callable[[Linearisation], Array]
     groups: Sequence[Sequence[float]]
 
     def trials(self, at: Linearisation) -> Trials:
-        """Return points between that of a linearisation and the lowest one."""
+        """Return points between the point of a linearisation and the minimum of its model."""
         step = self.lowest(at) - at.point
         return Trials([at.point + np.array(group)[:, None] * step for group in self.groups], 0)
 
     def after(self, number: int) -> Self:
-        """Return the same search: each step is tried in full."""
+        """Return the same search: every iteration tries the full step first."""
         return self
 
 
 class LevenbergMarquardt(NamedTuple):
-    """Damped steps within the unit box, and one that is hardly damped."""
+    """Damped steps within the unit box, and a step with minimal damping."""
 
     damping: float = 2.0
-    """Relative to the diagonal of the normal matrix [-]."""
+    """Damping relative to the diagonal of the normal matrix [-]."""
 
     def trials(self, at: Linearisation) -> Trials:
-        """Return where steps under several dampings lead, the hardly damped one at last."""
+        """Return the ends of steps with several dampings, minimal damping last."""
         quadratic = Quadratic.of(at)
         dampings = [*(self.damping * factor for factor in FACTORS), LEAST_DAMPING]
         points = [quadratic.damped(damping).lowest() for damping in dampings]
         return Trials([np.stack(points)], len(FACTORS))
 
     def after(self, number: int) -> Self:
-        """Return the search about the damping that was the best."""
+        """Return the search about the best damping."""
         damping = self.damping * FACTORS[min(number, len(FACTORS) - 1)]
         return self._replace(damping=min(max(damping, LEAST_DAMPING), MOST_DAMPING))
 
 
 FACTORS: Final = (2.0, 0.3)
-"""Dampings that are tried, over the best one of the iteration before [-]."""
+"""Trial dampings, relative to the best damping of the previous iteration [-]."""
 
 LEAST_DAMPING: Final = 1e-6
-"""Damping of a step that is hardly damped [-]."""
+"""Minimal damping [-]."""
 
 MOST_DAMPING: Final = 30.0
-"""Damping beyond which steps are too short to find anything [-]."""
+"""Largest damping [-]; with more, steps are too short to improve."""
 
 
 class Stopping(NamedTuple):
-    """When a descent ends."""
+    """Termination of a descent."""
 
     iterations: int
     """Largest number of steps."""
     gain: float = 0.0
-    """Share of the cost that a step has to gain to be taken [-]."""
+    """Least gain of a step that is taken, as a share of the cost [-]."""
     step: Array | float = 0.0
-    """Length of the last step, in each component, ``(d,)``."""
+    """Largest length of the last step, in each component, ``(d,)``."""
     promise: float = 0.0
-    """Share of the cost that a full step has to gain by the linear model [-]. It is the last one
-    if it promises less, or gains what it promised, within this share, and the fit is good."""
+    """Least gain of a full step that the linear model predicts, as a share of the cost [-]. The
+    step is the last one if the predicted gain is smaller, or if the fit is good and the actual cost
+    agrees with the prediction within this share."""
     good_cost: float = 0.0
     """Highest cost of a good fit."""
 
@@ -108,24 +109,20 @@ _NOWHERE: Final = Linearisation(np.empty(0), np.empty(0), np.empty((0, 0)))
 
 @dataclass
 class Descent:
-    """One start on its way down.
-
-    Attributes
-    ----------
-    point, cost, residuals
-        Where it stands, ``(d,)``, its cost, and the residuals there, ``(r,)``.
-    search, stopping
-        Which points to try next, and when to end.
-    at
-        The latest linearisation, which may be that of the point before.
-    """
+    """State of a descent from one start."""
 
     point: Array
+    """Present point, ``(d,)``."""
     cost: float
+    """Cost of the present point."""
     residuals: Array
+    """Residuals at the present point, ``(r,)``."""
     search: Search
+    """Rule for the trial points."""
     stopping: Stopping
+    """Rule for the end."""
     at: Linearisation = _NOWHERE
+    """Latest linearisation, at the present or the previous point."""
     iterations: int = 0
     done: bool = False
     _full: int = 0
@@ -137,9 +134,9 @@ class Descent:
         return self.at.point is self.point
 
     def trials(self) -> Sequence[Array]:
-        """Return the points to try from the linearisation at the point, in groups.
+        """Return the trial points for the linearisation at the point, in groups.
 
-        If the full step promises hardly anything it is the only one, and the descent is done.
+        If the predicted gain of the full step is negligible, it is the only trial, and the last.
         """
         at = self.at
         groups, self._full = self.search.trials(at)
@@ -150,7 +147,7 @@ class Descent:
         return [full[None]] if self.done else groups
 
     def accept(self, trials: Array, costs: Array, residuals: Array) -> bool:
-        """Move to the lowest of some trials, and return whether it gains enough to do so."""
+        """Move to the best trial if its gain is large enough; return whether it is."""
         stopping, best = self.stopping, int(np.argmin(costs))
         cost = float(costs[best])
         self.search = self.search.after(best)
@@ -173,9 +170,9 @@ class Problem(NamedTuple):
 
 
 def descend(problem: Problem, starts: Array, search: Search, stopping: Stopping) -> Descent:
-    """Return a finished descent from the lowest of some starts, ``(m, d)``.
+    """Return a finished descent from the best of several starts, ``(m, d)``.
 
-    It ends early where a derivative is not finite.
+    It ends early if a derivative is not finite.
     """
     residuals, costs = _evaluated(problem, starts)
     first = int(np.argmin(costs))
@@ -185,7 +182,7 @@ def descend(problem: Problem, starts: Array, search: Search, stopping: Stopping)
         descent.at = at = problem.linearise(descent.point)
         if not at.is_finite:
             break
-        # A problem may weigh its residuals anew where it is linearised.
+        # A problem may change the weights of its residuals at each linearisation.
         descent.cost = at.cost
         groups = descent.trials()
         if not any(descent.accept(group, *_evaluated(problem, group)[::-1]) for group in groups):
@@ -194,7 +191,7 @@ def descend(problem: Problem, starts: Array, search: Search, stopping: Stopping)
 
 
 def _evaluated(problem: Problem, points: Array) -> tuple[Array, Array]:
-    """Return residuals, ``(m, r)``, and costs, ``(m,)``, inf where a residual is not finite."""
+    """Return residuals, ``(m, r)``, and costs, ``(m,)``; inf if a residual is not finite."""
     residuals = problem.residuals(points)
     costs = np.einsum("ij,ij->i", residuals, residuals)
     costs[~np.isfinite(costs)] = np.inf

@@ -1,4 +1,4 @@
-"""Bounded least squares, from as many starts and as global a screen as a good fit needs."""
+"""Bounded least squares with screened starts, as many as a good fit needs."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -11,7 +11,7 @@ from ema_monitor.optimizers.interface import NO_HINTS, Hints
 from ema_monitor.optimizers.linear_model import Linearisation
 
 DIFFERENCE: Final = 5e-3
-"""Step of the difference quotients; smaller ones see the model's friction stick and slip."""
+"""Step of the difference quotients [-]; smaller steps resolve stick and slip of the model."""
 
 # Points and starts; the first is a descent from the start.
 _SCREENS: Final = ((1, 1), (96, 4), (600, 12))
@@ -20,28 +20,28 @@ _AGREEMENT: Final = 0.02
 
 
 class ScreenedLeastSquares:
-    """Levenberg-Marquardt from the start, and from screened starts where that gives no good fit.
+    """Levenberg-Marquardt from the start, and from screened starts if the fit is not good.
 
-    A screen is a Latin hypercube, half of it spread over the box, half of it drawn towards the
-    start. Each iteration asks for the difference columns of all descents in one batch, then for
-    their trial steps in another, under several dampings about the one that was the best before.
-    After each iteration the worse half of the descents is given up, until one is left. It ends
-    where a step gains hardly anything, or would by the linear model, and where an undamped one has
-    led to a good fit as the linear model said. A component at its bound is held there as long as
-    the step would leave the box.
+    A screen is a Latin hypercube: half of it is spread over the box, half of it is contracted
+    towards the start. Each iteration evaluates the difference columns of all descents in one batch,
+    then their trial steps in another, with several dampings about the best damping of the previous
+    iteration. After each iteration the worse half of the descents is dropped, until one remains. A
+    descent ends if a step gains little, in fact or by the linear model, or if an undamped step
+    leads to a good fit as the linear model predicts. A component at its bound is fixed while the
+    step would leave the box.
 
-    A descent from the start comes first. While the best point costs more than a good fit, a
-    small screen with a few starts follows, then a large one with many. The large one is left out
-    where the cost is fair and the small one found nothing better.
+    The first descent begins at the start. If its fit is not good, a small screen with a few starts
+    follows, then a large screen with many. The large screen is skipped if the cost is fair and the
+    small screen has not improved it.
 
     Parameters
     ----------
     start
-        Point about which the screens are denser, ``(d,)``; it is one of the screened points.
+        Starting point, ``(d,)``, a point of each screen; screens are denser about it.
     rng
         Source of random numbers.
     hints
-        An optimum is accepted if it costs no more than the good cost; at 0 all screens are made.
+        An optimum is accepted up to the good cost; with a good cost of 0 all screens are evaluated.
     """
 
     uses_residuals = True
@@ -61,7 +61,7 @@ class ScreenedLeastSquares:
         return self._asked
 
     def tell(self, points: Array, costs: Array, residuals: Array) -> None:
-        """Process the costs, ``(m,)``, and residuals, ``(m, n)``, of the points asked for."""
+        """Process the costs, ``(m,)``, and residuals, ``(m, n)``, of the requested points."""
         self._evaluated = (points, costs, residuals)
         self._best_cost = min(self._best_cost, float(np.min(costs)))
         asked = next(self._steps, None)
@@ -71,7 +71,7 @@ class ScreenedLeastSquares:
             self._asked = asked
 
     def _search(self) -> Iterator[Array]:
-        """Yield the points to evaluate next; the results are in ``_evaluated`` thereafter."""
+        """Yield the points to evaluate next; the results are then in ``_evaluated``."""
         stopping = _STOPPING._replace(good_cost=self._hints.good_cost)
         for size, starts in _SCREENS:
             before = self._best_cost
@@ -86,7 +86,9 @@ class ScreenedLeastSquares:
             if size == 1 and descents:
                 descents[0].at = _linearised(descents[0], points[1:], residuals[1:])
             while descents and not descents[0].done:
-                yield from self._linearise([one for one in descents if not one.is_linearised])
+                yield from self._linearise(
+                    [descent for descent in descents if not descent.is_linearised]
+                )
                 yield from self._advance(descents)
                 descents.sort(key=lambda descent: descent.cost)
                 del descents[max(1, (len(descents) + 1) // 2) :]
@@ -97,7 +99,7 @@ class ScreenedLeastSquares:
                 return
 
     def _linearise(self, descents: list[Descent]) -> Iterator[Array]:
-        """Yield the difference columns of descents in one batch, and linearise there."""
+        """Yield the difference columns of descents in one batch, and linearise the descents."""
         if not descents:
             return
         yield np.concatenate([_differences(descent.point) for descent in descents])
@@ -122,7 +124,7 @@ class ScreenedLeastSquares:
         d = len(self._start)
         cells = self._rng.permuted(np.tile(np.arange(size), (d, 1)), axis=1).T
         points = (cells + self._rng.random((size, d))) / size
-        # Faults are mostly few and small: half of the screen lies mainly there.
+        # Half of the screen is near the start, because faults are mostly few and small.
         reach = self._rng.random((size // 2, d)) ** 3
         points[: size // 2] = self._start + reach * (points[: size // 2] - self._start)
         points[0] = self._start
@@ -130,9 +132,9 @@ class ScreenedLeastSquares:
 
 
 def _linearised(descent: Descent, points: Array, residuals: Array) -> Linearisation:
-    """Return the linearisation where a descent stands, by the residuals at its `_differences`."""
+    """Return the linearisation at a descent, from the residuals at its `_differences`."""
     jacobian = (residuals - descent.residuals).T / np.diag(points - descent.point)
-    # Where there is no derivative, the component is left where it is.
+    # A component without finite derivative does not move.
     jacobian[:, ~np.all(np.isfinite(jacobian), axis=0)] = 0.0
     return Linearisation(descent.point, descent.residuals, jacobian)
 

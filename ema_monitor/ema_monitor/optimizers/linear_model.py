@@ -1,4 +1,4 @@
-"""Residuals that are linear about a point, half their square, and where that is lowest."""
+"""Linear models of residuals, the quadratic function of half their square, and its minimum."""
 
 from typing import Final, NamedTuple, Self
 
@@ -7,15 +7,15 @@ import numpy as np
 from ema_core.arrays import Array, Flags
 
 RIDGE: Final = 1e-9
-"""Share of the largest diagonal entry of a normal matrix that its ridge is [-].
+"""Ridge of a normal matrix, as a share of its largest diagonal entry [-].
 
-Rounding disturbs a normal matrix by about 1e-16 of that entry, and a component that a window shows
-contributes 1e-6 or more. At 1e-12 fits of ordinary motion, where loads and offsets hardly differ,
-follow the noise."""
+Rounding errors of a normal matrix are about 1e-16 of this entry, and a component that a window
+shows contributes 1e-6 or more. With 1e-12, fits of ordinary motion, in which loads and offsets are
+nearly collinear, follow the noise."""
 
 _LEAST_CURVATURE: Final = 1e-12
-"""Least share of the largest diagonal entry by which a component is damped [-]: one without any
-effect stays where it is."""
+"""Least damping of a component, as a share of the largest diagonal entry [-]: a component without
+effect does not move."""
 
 
 class Linearisation(NamedTuple):
@@ -45,12 +45,12 @@ class Linearisation(NamedTuple):
         return float(residuals @ residuals)
 
     def restricted(self, point: Array, free: Flags) -> Self:
-        """Return the model about a point, ``(d,)``, as one of its ``free`` components alone."""
+        """Return the model about a point, ``(d,)``, in its ``free`` components only."""
         return type(self)(point[free], self.predicted(point), self.jacobian[:, free])
 
 
 class Quadratic(NamedTuple):
-    """Half a cost, but for a constant: ``g (x - p) + (x - p) H (x - p) / 2``."""
+    """Half of a cost, up to a constant: ``g (x - p) + (x - p) H (x - p) / 2``."""
 
     point: Array  # p, (d,)
     gradient: Array  # g, (d,)
@@ -58,7 +58,7 @@ class Quadratic(NamedTuple):
 
     @classmethod
     def of(cls, at: Linearisation) -> Self:
-        """Return half the cost of a linear model: Gauss and Newton's, without second derivatives.
+        """Return half the cost of a linear model (Gauss-Newton), without second derivatives.
 
         J. Nocedal, S. Wright, Numerical Optimization, 2006, section 10.3.
         """
@@ -66,27 +66,27 @@ class Quadratic(NamedTuple):
         return cls(at.point, jacobian.T @ at.residuals, jacobian.T @ jacobian)
 
     def with_ridge(self) -> Self:
-        """Return a function with a ridge that keeps components without any effect finite."""
+        """Return the function with a ridge, which keeps components without effect finite."""
         hessian = self.hessian
         return self._replace(hessian=hessian + ridge_of(hessian) * np.eye(len(hessian)))
 
     def damped(self, damping: float) -> Self:
-        """Return a function that is steeper away from the point, by a share of its diagonal [-].
+        """Return the function with its diagonal increased by a share [-].
 
-        D. Marquardt, J. SIAM 11(2), 1963: steps are independent of the components' units.
+        D. Marquardt, J. SIAM 11(2), 1963: steps are independent of the units of the components.
         """
         diagonal = np.diag(self.hessian)
         scale = np.maximum(diagonal, _LEAST_CURVATURE * max(np.max(diagonal), 1e-300))
         return self._replace(hessian=self.hessian + damping * np.diag(scale))
 
     def lowest(self) -> Array:
-        """Return the lowest point within the unit box, ``(d,)``; the Hessian must be definite."""
+        """Return the minimum within the unit box, ``(d,)``; the Hessian must be definite."""
         from ema_monitor.optimizers.bounded_quadratic import lowest_in_box  # with the compiler
 
         return lowest_in_box(self.hessian, self.gradient, self.point)
 
     def lowest_between(self, lower: Array, upper: Array) -> Array:
-        """Return the lowest point between bounds, ``(d,)`` each; the Hessian must be definite."""
+        """Return the minimum between bounds, ``(d,)`` each; the Hessian must be definite."""
         span = upper - lower
         in_box = Quadratic(
             (self.point - lower) / span, self.gradient * span, self.hessian * np.outer(span, span)
@@ -95,15 +95,16 @@ class Quadratic(NamedTuple):
 
 
 def ridge_of(normal: Array) -> float:
-    """Return what to add to the diagonal of a normal matrix, ``(d, d)``, to make it solvable.
+    """Return the ridge that makes a normal matrix, ``(d, d)``, solvable.
 
-    It is far below what any visible component has there, and keeps an invisible one finite.
+    The ridge is far below the diagonal entry of any component that has an effect, and keeps
+    components without effect finite.
     """
     return RIDGE * max(float(np.max(np.diag(normal), initial=0.0)), 1e-200)
 
 
 def refitted(at: Linearisation, rest: Array, free: Flags) -> Array:
-    """Return the lowest point, ``(d,)``, of a linear model within the unit box.
+    """Return the minimum, ``(d,)``, of a linear model within the unit box.
 
     Components that are not ``free``, ``(d,)``, have the values of ``rest``, ``(d,)``.
     """

@@ -174,7 +174,7 @@ class Metrics(Collector):
         return Made(encode(self._registry), content_type)
 
     def collect(self) -> Iterator[Metric]:
-        """Yield all metrics except those of the process."""
+        """Yield all metrics except the metrics of the process."""
         with self._lock:
             metrics = [*_of_actuators(self._actuators), *_of_nodes(self._nodes)]
         yield from metrics

@@ -12,7 +12,7 @@ FRESH_S: Final = 60.0
 """Duration of the warning about a node that has disappeared [s]."""
 
 UNKNOWN_NODE: Final = "_NODE_NAME_UNKNOWN_"
-"""Name of a node of which only publishers and subscriptions are known."""
+"""Name of a node whose publishers and subscriptions are discovered before its name."""
 
 _UNSEEN = {"/rosout", "/parameter_events", "/clock", "/diagnostics"}
 
