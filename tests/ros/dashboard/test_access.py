@@ -268,7 +268,7 @@ def test_what_is_not_served_is_refused_in_words(served):
         ({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}, "99 does not exist"),
         ([1], "expected a JSON object"),
         ("{", "refused: "),
-        (b"\x02abc", "only the control of a playback"),
+        (b"\x02abc", "expected a playback control"),
     ):
         viewer.send(request)
         wait_for(
