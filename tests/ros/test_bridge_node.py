@@ -5,7 +5,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -29,7 +29,7 @@ from ema_monitor.model.measured import checked_causes
 from ema_ros.messages import description_from_message, measured_from_message
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_ros.status import ERROR, OK, STALE, WARN, Task
-from ema_ros.topics import LATCHED, STREAM
+from ema_ros.topics import LATCHED, LATCHED_BY_MANY, STREAM
 from ema_sim import simulate
 
 from ..waiting import wait_for
@@ -66,7 +66,7 @@ def mapping_file(tmp_path):
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch):
-    monkeypatch.setattr(bridge_node, "_SILENT_S", 1.0)
+    monkeypatch.setattr(bridge_node, "SILENT_S", 1.0)
 
 
 def joint_state(stamp_ns: int, joint: str, position: float, velocity: float, effort: float) -> Any:
@@ -231,8 +231,8 @@ def test_column_that_becomes_nan_is_an_error_that_names_it_accepted_or_not(sessi
     assert "current: repair its source or choose another one, or leave" in mapping.message
     assert incoming.level == ERROR
     assert "Hz received, no telemetry is published: see mapping" in incoming.message
-    accepting = replace(session.bridge._mapping, accept=("not_finite",))
-    session.bridge._mapping = session.bridge._bridge._mapping = accepting
+    of_flap = session.bridge._actuators["flap"].bridge
+    of_flap.mapping = replace(of_flap.mapping, accept=("not_finite",))
     words = "no telemetry is published: not_finite: current is not a finite number"
     session.publish_until(lambda: words in session.task("input").message, words, math.nan)
     assert session.task("input").level == ERROR
@@ -262,7 +262,8 @@ def test_note_is_a_warning_only_while_it_asks_for_something(
     note = InputDefect("command_position", "1.1 times", "used", False, needs_action=needs_action)
     notes = property(lambda _: [note], lambda _, value: None)
     monkeypatch.setattr(Bridge, "defects", notes, raising=False)
-    session.bridge._mapping = replace(session.bridge._mapping, accept=accept)
+    of_flap = session.bridge._actuators["flap"].bridge
+    of_flap.mapping = replace(of_flap.mapping, accept=accept)
     words = "command_position: 1.1 times: used"
     session.publish_until(lambda: words in session.task("mapping").message, words)
     assert session.task("mapping").level == level
@@ -281,6 +282,50 @@ def test_joint_without_a_command_is_published_without_a_command(graph, mapping_f
     assert not description.acquisition.command
     assert len(session.blocks[0].command) == 0
     assert len(session.blocks[0].position) > 0
+
+
+def test_each_joint_of_a_mapping_is_an_actuator(graph: Spinning, mapping_file):
+    """Two robots publish on one topic, the joints of one in a changing order."""
+    joints = {"shoulder": 0.0, "elbow": 1.0, "wrist": 2.0}
+    names = [*joints, "gone"]
+    bridge = bridge_of(graph, mapping_file(joint=None, joints=names, command=None))
+    assert bridge.bring_up()
+    descriptions = graph.listen(DescriptionMessage, "/ema/actuator_description", LATCHED_BY_MANY)
+    blocks: list[TelemetryBlock] = graph.listen(TelemetryBlock, "/ema/telemetry", STREAM)
+    states = graph.node("robots").create_publisher(JointState, STATES, 100)
+    cycles = count()
+
+    def publish_and_ask() -> bool:
+        i = next(cycles)
+        arm = ["elbow", "shoulder"] if i % 3 else ["shoulder", "elbow"]
+        for listed in (arm, ["wrist"]):
+            message = JointState(name=listed)
+            message.header.stamp = stamp_to_message(START_NS + i * 5_000_000)
+            message.position = [math.sin(0.02 * i + joints[name]) for name in listed]
+            message.velocity = [4.0 * math.cos(0.02 * i + joints[name]) for name in listed]
+            message.effort = [1.0 + joints[name] for name in listed]
+            states.publish(message)
+        return {item.actuator_id for item in blocks} & {
+            item.actuator_id for item in descriptions
+        } == set(joints)
+
+    wait_for(publish_and_ask, "blocks of each joint")
+    for block in blocks:
+        shift = joints[block.actuator_id]
+        start_s = 1e-9 * (stamp_from_message(block.header.stamp) - START_NS)
+        angles = [math.sin(4.0 * (start_s + 5e-3 * i) + shift) for i in range(len(block.position))]
+        assert list(block.position) == pytest.approx(angles, abs=1e-6)
+        assert list(block.current) == pytest.approx([1.0 + shift] * len(angles))
+    described = [description_from_message(message) for message in descriptions]
+    assert {unit.actuator_id for unit in described} == set(joints)
+    assert {(unit.drive, unit.sample_period) for unit in described} == {("unknown", 5e-3)}
+
+    def input_of(joint: str) -> Task:
+        return next(task for task in bridge.tasks() if task.name == f"{joint} input")
+
+    assert input_of("elbow").level == OK, input_of("elbow").message
+    wait_for(lambda: publish_and_ask() and input_of("gone").level == ERROR, "an error")
+    assert "joint 'gone' is in none of" in input_of("gone").message
 
 
 def test_silent_topics_are_named_and_their_rates_fall(session):

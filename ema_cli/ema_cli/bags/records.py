@@ -18,7 +18,7 @@ from ema_bags.recording import MemoryRecording
 from ema_cli.output import new_bag
 from ema_core.description import ActuatorDescription
 from ema_ros import topic_names
-from ema_ros.actuator_file import load_description
+from ema_ros.actuator_file import load_description, load_descriptions
 
 _PAUSE_NS: Final = 1_000_000_000
 _SIMILAR_RATE: Final = 0.1
@@ -70,16 +70,10 @@ def actuators_of(
 ) -> list[tuple[Mapping, ActuatorDescription]]:
     """Return mapping and description of each joint, or of the only actuator.
 
-    A joint gives its actuator the name; ``{joint}`` in the name of the file stands for it.
+    Descriptions are those of `load_descriptions`.
     """
-    actuators = []
-    for joint in mapping.joints or (mapping.joint,):
-        file = Path(str(actuator_file).replace("{joint}", joint)) if actuator_file else None
-        description = described(file)
-        if mapping.joints:
-            description = replace(description, actuator_id=joint)
-        actuators.append((mapping.of_joint(joint), description))
-    return actuators
+    descriptions = load_descriptions(str(actuator_file or ""), mapping.joints)
+    return [(mapping.of_joint(unit.actuator_id), unit) for unit in descriptions]
 
 
 def described(actuator_file: Path | None) -> ActuatorDescription:

@@ -1,12 +1,19 @@
 """Description of an actuator from a YAML file."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.linear import in_si
-from ema_core.parameters import NEUTRAL
+from ema_core.parameters import NEUTRAL, ActuatorParameters
 from ema_core.settings_file import load_settings
+
+UNKNOWN_SERIAL: Final = "unknown"
+"""Serial number of a joint of which nobody has given one."""
+
+_JOINT: Final = "{joint}"
 
 
 def load_description(path: Path, *, is_simulated: bool = False) -> ActuatorDescription:
@@ -40,6 +47,31 @@ def load_description(path: Path, *, is_simulated: bool = False) -> ActuatorDescr
         {"parameters": in_si},
         None if is_simulated else _completed,
     )
+
+
+def load_descriptions(file: str, joints: Sequence[str]) -> list[ActuatorDescription]:
+    """Return the description of each joint, or of the only actuator if there are no joints.
+
+    A joint gives its actuator the name; ``{joint}`` in the name of the file stands for it. Without
+    a file, the only actuator is the built-in one, and joints have an unknown drive.
+
+    Raises
+    ------
+    ValueError
+        When a file is no description; the message names it.
+    """
+    if not joints:
+        return [load_description(Path(file)) if file else ActuatorDescription()]
+    if not file:
+        neutral = ActuatorParameters(**NEUTRAL)
+        return [
+            ActuatorDescription(joint, UNKNOWN_SERIAL, "", drive="unknown", parameters=neutral)
+            for joint in joints
+        ]
+    return [
+        replace(load_description(Path(file.replace(_JOINT, joint))), actuator_id=joint)
+        for joint in joints
+    ]
 
 
 def _completed(content: dict[str, Any]) -> dict[str, Any]:

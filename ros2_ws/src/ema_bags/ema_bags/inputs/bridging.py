@@ -19,6 +19,7 @@ from ema_bags.inputs.defects import (
 )
 from ema_bags.inputs.importing import SampleStream, uses_arrival
 from ema_bags.inputs.input_defect import InputDefect
+from ema_bags.inputs.joint_states import JointColumns
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import Losses
@@ -31,7 +32,9 @@ from ema_core.telemetry import COLUMNS, Telemetry
 LEAST_SAMPLES: Final = 40
 _LOOK_BACK_S: Final = 10.0
 _NOT_FINITE_S: Final = 3.0
+# Time between two looks for defects [s]: at first, and once there are samples to look back on.
 _CHECK_S: Final = 0.2
+_RECHECK_S: Final = 2.0
 _MOST_WAITING: Final = 200_000
 _BLOCK_SAMPLES: Final = 20
 _SLOW_BLOCK_S: Final = 0.1
@@ -51,7 +54,11 @@ class BridgeSettings(Checked):
     """What a bridge listens to, and how long it waits."""
 
     mapping_file: str = text("", "mapping of topics to telemetry, a YAML file")
-    actuator_file: str = text("", "description of the actuator; empty: the built-in one")
+    actuator_file: str = text(
+        "",
+        "description of the actuator, with {joint} in its name for each joint of the mapping; "
+        "empty: the built-in actuator, or for several joints drives that are unknown",
+    )
     block_s: float = quantity(
         0.01,
         "s",
@@ -80,6 +87,8 @@ class Bridge:
         Description of the actuator; its sample period and acquisition are replaced.
     settings
         How long to wait.
+    collector
+        What reads the messages; by default one for these sources alone.
 
     Attributes
     ----------
@@ -101,14 +110,18 @@ class Bridge:
     """
 
     def __init__(
-        self, mapping: Mapping, description: ActuatorDescription, settings: BridgeSettings
+        self,
+        mapping: Mapping,
+        description: ActuatorDescription,
+        settings: BridgeSettings,
+        collector: Collector | JointColumns | None = None,
     ) -> None:
         if mapping.is_table:
             raise ValueError("position has no topic: expected a mapping of topics, not of columns")
-        self._mapping = mapping
+        self.mapping = mapping
         self._given = description
-        self._settings = settings
-        self.collector = Collector(mapping)
+        self.settings = settings
+        self.collector = collector or Collector(mapping)
         self.rate: Rate | None = None
         self.defects: list[InputDefect] = []
         self.checked = self.withheld = 0
@@ -135,7 +148,7 @@ class Bridge:
         A block costs the monitor as much as many samples. Before the rate is known, the settings'
         value is used.
         """
-        block_s = self._settings.block_s
+        block_s = self.settings.block_s
         if self.description is None:
             return block_s
         return max(block_s, min(_BLOCK_SAMPLES * self.description.sample_period, _SLOW_BLOCK_S))
@@ -153,12 +166,12 @@ class Bridge:
     @property
     def refused(self) -> list[InputDefect]:
         """Defects that withhold telemetry."""
-        return withholding(self.defects, self._mapping)
+        return withholding(self.defects, self.mapping)
 
     @property
     def uncertain(self) -> list[InputDefect]:
         """Defects that withhold telemetry if more motion does not refute them."""
-        return [item for item in refused(self.defects, self._mapping) if not item.is_certain]
+        return [item for item in refused(self.defects, self.mapping) if not item.is_certain]
 
     def take_rises(self) -> list[MeasuredRise]:
         """Return the temperatures since the last call, one a second at most."""
@@ -173,7 +186,7 @@ class Bridge:
         ValueError
             When the rate of the samples is not a possible sample rate.
         """
-        primary = self._mapping.position.topic
+        primary = self.mapping.position.topic
         for topic, series in self.collector.take().items():
             if len(series):
                 self._waiting[topic] += series
@@ -206,16 +219,16 @@ class Bridge:
         """Find the rate, once there are samples of some time."""
         if (
             len(primary) < LEAST_SAMPLES
-            or 1e-9 * np.ptp(primary.arrivals_ns) < self._settings.learn_s
+            or 1e-9 * np.ptp(primary.arrivals_ns) < self.settings.learn_s
         ):
             return None
-        by_arrival = uses_arrival(primary, self._mapping)
+        by_arrival = uses_arrival(primary, self.mapping)
         times = primary.arrivals_ns if by_arrival else primary.stamped()[0]
-        rate = find_rate(times, self._mapping.clock.rate_hz)
+        rate = find_rate(times, self.mapping.clock.rate_hz)
         if by_arrival:
             self._clock = ArrivalClock(rate.measured_period)
             rate = replace(rate, jitter=0.0)
-        stream = SampleStream(self._mapping, self._given, rate)
+        stream = SampleStream(self.mapping, self._given, rate)
         self.rate = rate
         return stream
 
@@ -232,9 +245,9 @@ class Bridge:
 
     def _complete(self, count: int) -> int:
         """Return how many samples have the earlier messages of all other topics."""
-        primary = self._waiting[self._mapping.position.topic]
+        primary = self._waiting[self.mapping.position.topic]
         # A slow temperature is not waited for.
-        awaited = {item.topic for _, item in self._mapping.telemetry_sources()}
+        awaited = {item.topic for _, item in self.mapping.telemetry_sources()}
         others = [
             series
             for topic, series in self._waiting.items()
@@ -244,7 +257,7 @@ class Bridge:
             return count
         latest = min(int(series.arrivals_ns[-1]) if len(series) else -(2**62) for series in others)
         # A command may be sent on change only: its topic is not waited for longer than that.
-        waited = int(primary.arrivals_ns[-1]) - round(self._settings.wait_s * 1e9)
+        waited = int(primary.arrivals_ns[-1]) - round(self.settings.wait_s * 1e9)
         late = np.flatnonzero(primary.arrivals_ns[:count] > max(latest, waited))
         return int(late[0]) if len(late) else count
 
@@ -252,9 +265,9 @@ class Bridge:
         """Forget samples that were used; of the other topics the latest before stay."""
         self._settled = self._settled[count:]
         self._stamped -= count
-        span_ns = round((self._settings.wait_s + 1.0) * 1e9)
+        span_ns = round((self.settings.wait_s + 1.0) * 1e9)
         for topic, series in self._waiting.items():
-            if topic == self._mapping.position.topic:
+            if topic == self.mapping.position.topic:
                 self._waiting[topic] = series[count:]
             elif len(series):
                 old = int(np.searchsorted(series.arrivals_ns, series.arrivals_ns[-1] - span_ns))
@@ -273,7 +286,7 @@ class Bridge:
             latest.popleft()
         self.checked += len(part.stamps_ns)
         self._unchecked += len(part.stamps_ns)
-        if self._unchecked * h < _CHECK_S:
+        if self._unchecked * h < (_CHECK_S if self.checked * h < _LOOK_BACK_S else _RECHECK_S):
             return
         self._unchecked = 0
         times = np.concatenate([part.stamps_ns for part in latest])
@@ -289,6 +302,6 @@ class Bridge:
                 is_unknown=self._given.drive == "unknown",
             ),
             *not_finite({name: column[-last_s:] for name, column in whole.items()}),
-            *find_defects(whole, times, self._mapping, self._stream.description),
+            *find_defects(whole, times, self.mapping, self._stream.description),
             *(self._stream.rises.defects() if self._stream.rises else ()),
         ]

@@ -1,0 +1,200 @@
+"""An actuator that a bridge publishes: its samples, their rates, and its status."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple
+
+from ema_bags.inputs.bridging import LEAST_SAMPLES, Bridge
+from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_core.telemetry import Telemetry
+from ema_ros.status import Task
+
+SILENT_S: Final = 3.0
+"""Time without messages after which a topic is silent [s]."""
+
+_PUBLISHED: Final = "published [Hz]"
+_CHECKED: Final = "checked [Hz]"
+_LEFT_OUT: Final = "left out [Hz]"
+
+
+class Reception(NamedTuple):
+    """What the node knows of the topics."""
+
+    state: str
+    """State of the node's lifecycle."""
+    missing: Mapping[str, str]
+    """Why a topic cannot be subscribed to, by topic."""
+    has_source: Callable[[str], bool]
+    """Whether somebody publishes a topic."""
+
+
+class BridgedActuator:
+    """Publishes what becomes complete of one actuator, and reports how that goes.
+
+    Parameters
+    ----------
+    bridge
+        What turns its messages into telemetry.
+    hardware_id
+        Namespace, name and serial number of the actuator.
+    prefix
+        What its tasks are named by, if the node has several actuators.
+    step_s
+        Time between two calls of `note` [s].
+    silent_s
+        Time without messages after which a topic is silent [s].
+    """
+
+    def __init__(
+        self, bridge: Bridge, hardware_id: str, prefix: str, step_s: float, silent_s: float
+    ) -> None:
+        self.bridge = bridge
+        self.problem = ""
+        self._hardware_id = hardware_id
+        self._prefix = f"{prefix} " if prefix else ""
+        self._silent_s = silent_s
+        # Messages by topic, and samples, so far: now, and at times of the last seconds.
+        rates = (_PUBLISHED, _CHECKED, _LEFT_OUT)
+        self._counts = dict.fromkeys([*bridge.collector.topics, *rates], 0)
+        times = round(silent_s / step_s) + 1
+        self._past = deque([(time.monotonic(), self._counts.copy())], maxlen=times)
+
+    def note(self) -> None:
+        """Note the counts, for the rates."""
+        self._past.append((time.monotonic(), self._counts.copy()))
+
+    def count(self, topic: str, *, is_left_out: bool = False) -> None:
+        """Count a message."""
+        self._counts[topic] += 1
+        self._counts[_LEFT_OUT] += is_left_out
+
+    def advance(self) -> list[Telemetry]:
+        """Return the telemetry that has become complete, in blocks.
+
+        Raises
+        ------
+        ValueError
+            When the rate of the samples cannot be learned; it becomes the problem.
+        """
+        try:
+            blocks = self.bridge.advance()
+        except ValueError as error:
+            self.problem = (
+                f"the rate cannot be learned: {error}: set clock.source or clock.rate_hz in the "
+                "mapping"
+            )
+            raise
+        self.problem = ""
+        self._counts[_PUBLISHED] += sum(map(len, blocks))
+        self._counts[_CHECKED] = self.bridge.checked
+        return blocks
+
+    def tasks(self, reception: Reception) -> list[Task]:
+        """Return the status of the input, and of the mapping."""
+        return [self._input_task(reception), self._mapping_task()]
+
+    def _recent(self) -> dict[str, float]:
+        """Return the rates of the last seconds [Hz]: of messages by topic, and of samples."""
+        first_s, first = self._past[0]
+        span_s = max(time.monotonic() - first_s, 1e-3)
+        return {key: (count - first[key]) / span_s for key, count in self._counts.items()}
+
+    def _input_task(self, reception: Reception) -> Task:
+        bridge, losses, rate = self.bridge, self.bridge.losses, self.bridge.rate
+        recent = self._recent()
+        values: dict[str, Any] = {
+            "rate [Hz]": recent[self.bridge.mapping.position.topic],
+            _PUBLISHED: recent[_PUBLISHED],
+            "nominal rate [Hz]": 1.0 / rate.period if rate else 0.0,
+            "jitter [us]": 1e6 * rate.jitter if rate else 0.0,
+            "interpolated": bool(rate and not rate.is_regular),
+            "samples": losses.samples,
+            "lost": losses.lost,
+            "gaps": losses.gaps,
+            "filled": losses.filled,
+            "pauses": losses.pauses,
+            "clock jumps": losses.jumps,
+            "repeated": losses.repeated,
+            "not finite": losses.missing,
+            "rebuilt stamps": bridge.rebuilt,
+            "impossible": losses.impossible,
+            "wraps": losses.wraps,
+            "withheld": bridge.withheld,
+        }
+        level, message = self._input_level(reception, recent)
+        return Task(f"{self._prefix}input", level, message, self._hardware_id, values)
+
+    def _input_level(self, reception: Reception, recent: dict[str, float]) -> tuple[int, str]:
+        bridge, source = self.bridge, self.bridge.mapping.position.topic
+        if reception.state != "active":
+            return STALE, f"{reception.state}: nothing is received"
+        if reception.missing:
+            return ERROR, "; ".join(reception.missing.values())
+        if waits := [topic for topic in bridge.collector.topics if not reception.has_source(topic)]:
+            return WARN, f"nobody publishes {', '.join(waits)}"
+        is_long = len(self._past) == self._past.maxlen
+        silent = self._silent(recent) if is_long else {}
+        if source in silent:
+            return STALE, silent[source]
+        # A command or a temperature may be sent on change only; another sensor that is silent is
+        # out of order.
+        needed = {
+            item.topic
+            for _, _, item in self.bridge.mapping.wanted()
+            if item not in (self.bridge.mapping.command, self.bridge.mapping.temperature)
+            or item.between != "hold"
+        }
+        reasons = [text for topic, text in silent.items() if topic in needed]
+        reasons += [self.problem] * bool(self.problem)
+        if recent[_LEFT_OUT] or not bridge.losses.samples:
+            reasons += filter(None, [bridge.collector.problem()])
+        if bridge.rate is None and not reasons:
+            expected = f"expected at least {LEAST_SAMPLES} in {bridge.settings.learn_s:g} s or more"
+            return WARN, f"learning the rate: {self._counts[source]} messages; {expected}"
+        is_idle = is_long and not recent[_PUBLISHED]
+        # The first messages after a silence cannot be published yet.
+        middle = self._past[len(self._past) // 2][1]
+        is_resumed = middle[source] == self._past[0][1][source]
+        if bridge.refused or self.problem or (is_idle and not is_resumed):
+            reason = "see mapping" if bridge.refused else "no sample is complete"
+            if not bridge.refused:
+                reasons += [str(item) for item in bridge.defects if item.is_error]
+            text = f"{recent[source]:.4g} Hz received, no telemetry is published"
+            return ERROR, f"{text}: {'; '.join(reasons) or reason}"
+        if reasons:
+            return WARN, "; ".join(reasons)
+        if is_idle:
+            return STALE, f"{recent[source]:.4g} Hz received again, no telemetry is published yet"
+        rate = f"{1.0 / bridge.rate.period:g} Hz" if bridge.rate else ""
+        return OK, "; ".join([rate, *(f"{text} is held" for text in silent.values())])
+
+    def _silent(self, recent: dict[str, float]) -> dict[str, str]:
+        """Return the topics without messages for some seconds, with the reason."""
+        silent: dict[str, str] = {}
+        for key, _, item in self.bridge.mapping.wanted():
+            if not recent[item.topic]:
+                begin = f"nothing received on {item.topic} for {self._silent_s:g} s: "
+                begin = f"{silent[item.topic]}, " if item.topic in silent else begin
+                silent[item.topic] = f"{begin}{key}"
+        return silent
+
+    def _mapping_task(self) -> Task:
+        defects, errors = self.bridge.defects, self.bridge.refused
+        values = {item.name: str(item) for item in defects}
+        level, text = OK, "nothing wrong seen"
+        if not self._recent()[_CHECKED]:
+            level, text = STALE, "no samples to check"
+        elif errors:
+            level, text = ERROR, f"telemetry is withheld: {'; '.join(map(str, errors))}"
+        elif uncertain := self.bridge.uncertain:
+            words = "; ".join(map(str, uncertain))
+            level, text = WARN, f"to be judged again after more motion, not withheld: {words}"
+        elif defects:
+            asking = [
+                item
+                for item in defects
+                if item.needs_action and item.name not in self.bridge.mapping.accept
+            ]
+            level, text = WARN if asking else OK, "; ".join(map(str, asking or defects))
+        return Task(f"{self._prefix}mapping", level, text, self._hardware_id, values)

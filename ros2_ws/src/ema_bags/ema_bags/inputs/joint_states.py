@@ -1,0 +1,170 @@
+"""Joint states of a robot, read once for all of its joints."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_bags.inputs.mapping import CLOCKS, Mapping
+from ema_bags.inputs.series import NO_STAMP, Series
+from ema_core.wording import counted
+
+FIELDS: Final = ("position", "velocity", "effort")
+"""Arrays of ``sensor_msgs/msg/JointState``, with a value for each joint."""
+
+_MOST_ORDERS: Final = 100
+
+
+def reads_joint_states(mapping: Mapping) -> bool:
+    """Return whether all that a mapping reads of a joint stands in one topic of joint states."""
+    return mapping.clock.source in ("", *CLOCKS) and all(
+        item.topic == mapping.position.topic
+        and text in FIELDS
+        and not (item.joint or item.names_topic)
+        for _, text, item in mapping.wanted()
+    )
+
+
+class JointStates:
+    """Reads messages of joint states for several joints.
+
+    Two publishers may share the topic, each with joints of its own. The order of the joints may
+    change from message to message.
+
+    Parameters
+    ----------
+    mapping
+        Mapping with the joints; `reads_joint_states` holds for it.
+    """
+
+    def __init__(self, mapping: Mapping) -> None:
+        self._topic = mapping.position.topic
+        self._joints = mapping.joints
+        self._keys = {key: text for key, text, _ in mapping.wanted()}
+        self._reads_header = mapping.clock.source in ("", "header")
+        self._sent_first = mapping.clock.source != "arrival"
+        self._columns = {
+            joint: JointColumns(self, joint, mapping.position.type) for joint in mapping.joints
+        }
+        # By the names in a message: where each joint stands in it, -1 where it does not.
+        self._orders: dict[tuple[str, ...], NDArray[np.intp]] = {}
+        self._rows: list[tuple[int, int, NDArray[np.intp], list[Any]]] = []
+
+    @property
+    def topic(self) -> str:
+        """The topic."""
+        return self._topic
+
+    def of_joint(self, joint: str) -> "JointColumns":
+        """Return the columns of a joint."""
+        return self._columns[joint]
+
+    def add(self, message: Any, sent_ns: int, received_ns: int) -> None:
+        """Add a message; arguments as of `Collector.add`."""
+        names = tuple(message.name)
+        order = self._orders.get(names)
+        if order is None:
+            places = {name: place for place, name in enumerate(names)}
+            order = np.array([places.get(joint, -1) for joint in self._joints], dtype=np.intp)
+            if len(self._orders) >= _MOST_ORDERS:
+                self._orders.clear()
+            self._orders[names] = order
+        stamp = NO_STAMP
+        if self._reads_header:
+            stamp_of = message.header.stamp
+            stamp = stamp_of.sec * 1_000_000_000 + stamp_of.nanosec or NO_STAMP
+        arrival = sent_ns if sent_ns and self._sent_first else received_ns
+        self._rows.append(
+            (stamp, arrival, order, [getattr(message, field) for field in self._keys.values()])
+        )
+
+    def share(self) -> None:
+        """Give each joint what was added since the last call."""
+        rows, self._rows = self._rows, []
+        first = 0
+        for last in range(1, len(rows) + 1):
+            # Messages with one order of names are converted at once.
+            if last == len(rows) or _form(rows[last]) != _form(rows[first]):
+                self._share(rows[first:last])
+                first = last
+
+    def _share(self, rows: Sequence[tuple[int, int, NDArray[np.intp], list[Any]]]) -> None:
+        stamps = np.array([row[0] for row in rows], dtype=np.int64)
+        arrivals = np.array([row[1] for row in rows], dtype=np.int64)
+        order = rows[0][2]
+        # (n, joints in the message) for each field; empty where the message has no values.
+        tables = [
+            np.array([row[3][k] for row in rows], dtype=float) for k in range(len(self._keys))
+        ]
+        for place, joint in zip(order, self._joints, strict=True):
+            columns = self._columns[joint]
+            if place < 0:
+                columns.missed += len(rows)
+                continue
+            values = {
+                key: np.ascontiguousarray(table[:, place])
+                if place < table.shape[1]
+                else np.full(len(rows), np.nan)
+                for key, table in zip(self._keys, tables, strict=True)
+            }
+            columns.give(Series(stamps, arrivals, values))
+
+
+def _form(row: tuple[int, int, NDArray[np.intp], list[Any]]) -> tuple[int, ...]:
+    """Return what rows have in common that are converted at once."""
+    return (id(row[2]), *map(len, row[3]))
+
+
+class JointColumns:
+    """Series of one of the joints; to a bridge, a `Collector`.
+
+    Attributes
+    ----------
+    missed
+        Messages without the joint: another publisher's, or since it has gone.
+    """
+
+    def __init__(self, states: JointStates, joint: str, kind: str) -> None:
+        self.missed = 0
+        self.received = 0
+        self._states = states
+        self._joint = joint
+        self._kind = kind
+        self._series: list[Series] = []
+        self._empty = Series(
+            np.empty(0, dtype=np.int64),
+            np.empty(0, dtype=np.int64),
+            {key: np.empty(0) for key in states._keys},
+        )
+
+    @property
+    def topics(self) -> list[str]:
+        """The topic of the joint states."""
+        return [self._states.topic]
+
+    @property
+    def types(self) -> dict[str, str]:
+        """Type of the topic, if the mapping gives it, else empty."""
+        return {self._states.topic: self._kind}
+
+    @property
+    def names_topics(self) -> list[str]:
+        """No topics: joint states have the names."""
+        return []
+
+    def give(self, series: Series) -> None:
+        """Add samples."""
+        self.received += len(series)
+        self._series.append(series)
+
+    def take(self) -> dict[str, Series]:
+        """Return the series since the last call, by topic."""
+        series, self._series = self._series, []
+        return {self._states.topic: sum(series, start=self._empty)}
+
+    def problem(self) -> str:
+        """Return how many messages were without the joint, where all were; empty otherwise."""
+        if self.received or not self.missed:
+            return ""
+        return f"joint {self._joint!r} is in none of {counted(self.missed, 'message')}"

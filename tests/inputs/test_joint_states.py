@@ -1,0 +1,92 @@
+"""Joint states are read once for all joints, and give what each joint alone gives."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ema_bags.inputs.joint_states import JointStates, reads_joint_states
+from ema_bags.inputs.series import Collector
+
+from .conftest import mapping_from
+
+STATES = "/joint_states"
+JOINTS = ("a", "b", "c")
+
+
+def mapping(**changes):
+    content = {
+        "joints": list(JOINTS),
+        "position": {"topic": STATES, "source": "position"},
+        "speed": {"topic": STATES, "source": "velocity", "shaft": "user"},
+        "current": {"topic": STATES, "source": "effort"},
+    }
+    return mapping_from({k: v for k, v in (content | changes).items() if v is not None})
+
+
+def message(i, names, *, without=()):
+    stamp = SimpleNamespace(sec=1_700_000_000, nanosec=1_000_000 * i)
+    values = {
+        field: [] if field in without else [100.0 * k + ord(name) + i for name in names]
+        for k, field in enumerate(("position", "velocity", "effort"))
+    }
+    return SimpleNamespace(header=SimpleNamespace(stamp=stamp), name=list(names), **values)
+
+
+def read(messages, of=None):
+    states = JointStates(of or mapping())
+    for i, item in enumerate(messages):
+        states.add(item, 0, i)
+    states.share()
+    return states
+
+
+def test_each_joint_has_what_a_reader_of_it_alone_gives():
+    messages = [message(i, "xabc" if i % 2 else "cbax") for i in range(7)]
+    states = read(messages)
+    for joint in JOINTS:
+        alone = Collector(mapping().of_joint(joint))
+        for i, item in enumerate(messages):
+            alone.add(STATES, item, 0, i)
+        expected, found = alone.take()[STATES], states.of_joint(joint).take()[STATES]
+        assert np.array_equal(found.stamps_ns, expected.stamps_ns)
+        assert np.array_equal(found.arrivals_ns, expected.arrivals_ns)
+        assert found.values.keys() == expected.values.keys()
+        for key, values in expected.values.items():
+            assert np.array_equal(found.values[key], values)
+
+
+def test_messages_without_a_joint_are_another_publishers():
+    states = read([message(i, "ab" if i % 2 else "c") for i in range(6)])
+    assert len(states.of_joint("a").take()[STATES]) == 3
+    assert len(states.of_joint("c").take()[STATES]) == 3
+    assert not states.of_joint("a").problem()
+    gone = read([message(0, "ab"), message(1, "ab")]).of_joint("c")
+    assert gone.problem() == "joint 'c' is in none of 2 messages"
+
+
+def test_array_that_is_empty_is_not_a_number():
+    series = read([message(i, "abc", without=("effort",)) for i in range(3)])
+    values = series.of_joint("b").take()[STATES].values
+    assert np.all(np.isnan(values["current"]))
+    assert np.array_equal(values["position"], [98.0, 99.0, 100.0])
+
+
+def test_what_was_taken_is_not_given_again():
+    states = read([message(0, "abc")])
+    assert len(states.of_joint("a").take()[STATES]) == 1
+    assert len(states.of_joint("a").take()[STATES]) == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_read_at_once"),
+    [
+        ({}, True),
+        ({"current": None}, True),
+        ({"command": {"topic": "/command", "source": "data[0]"}}, False),
+        ({"position": {"topic": STATES, "source": "position[0]"}}, False),
+        ({"clock": {"source": "header.stamp.sec"}}, False),
+    ],
+)
+def test_only_plain_fields_of_one_topic_are_read_at_once(changes, is_read_at_once):
+    assert reads_joint_states(mapping(**changes)) is is_read_at_once
