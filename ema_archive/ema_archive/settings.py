@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from functools import cache
 from typing import Any, Self
 
+from ema_core.growth_laws import LAWS
 from ema_core.source_digest import source_digest
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.settings import SearchSettings
@@ -70,6 +71,12 @@ class ArchiveSettings:
 
     def as_mapping(self) -> dict[str, Any]:
         """Return plain values, for `of_mapping`."""
+        for component, known in self.prognosis.tracker.laws.items():
+            if not isinstance(known.law, str):
+                raise ValueError(
+                    f"law {known.law} of {component}: an archive stores laws by name, expected one "
+                    f"of {', '.join(LAWS[1:])}"
+                )
         values = asdict(self)
         # An archive knows no other units.
         del values["prognosis"]["tracker"]["fleet"]

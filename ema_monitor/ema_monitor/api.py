@@ -24,7 +24,7 @@ from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.monitor import Monitor, MonitorSettings
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.settings import GrowthLaw, KnownLaw, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
@@ -46,9 +46,11 @@ __all__ = [
     "Diagnosis",
     "Estimate",
     "FaultVector",
+    "GrowthLaw",
     "Health",
     "HealthLimits",
     "Identification",
+    "KnownLaw",
     "Monitor",
     "MonitorSettings",
     "MotionLimits",

@@ -117,7 +117,12 @@ class GrowthRecord:
         return self.service.add(entry)
 
     def _restore(self, kept: bytes) -> None:
-        """Continue from a stored state; without one, or with an unrelated one, start anew."""
+        """Continue from a stored state; without one, or with an unrelated one, start anew.
+
+        A law defined by a user has no digest: it may have changed since.
+        """
+        if not all(isinstance(one.law, str) for one in self._settings.laws.values()):
+            return
         try:
             with np.load(BytesIO(kept), allow_pickle=False) as file:
                 state = dict(file)

@@ -11,7 +11,6 @@ from ema_core.arrays import Array, Flags
 from ema_monitor.prognosis.growth.cells import N_RATES, Cells, Owners
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY, corrected, near_healthy_update
 from ema_monitor.prognosis.growth.kept import Kept
-from ema_monitor.prognosis.growth.laws import LAWS
 from ema_monitor.prognosis.growth.laws.interface import Levels
 from ema_monitor.prognosis.growth.measurement import REACH, Measurement
 from ema_monitor.prognosis.growth.settings import TrackerSettings
@@ -45,7 +44,9 @@ class Bank(Kept):
         self._is_constant[cells.slices["constant"]] = True
         self.kind = np.where(self._is_constant, 0, np.where(cells.wanders, 2, 1))
         self._blocks = np.flatnonzero(cells.wanders).reshape(-1, PACES.size, N_RATES)
-        self._laws = [(LAWS[name], at, cells.figures(at)) for name, at in cells.slices.items()]
+        self._laws = [
+            (cells.laws[name], at, cells.figures(at)) for name, at in cells.slices.items()
+        ]
         # A change leads to growth of any kind, and seldom to none: a component seen to grow that
         # never did must find back, but not by the few tests that its growth does not show in.
         arriving = cells.prior * np.where(self._is_constant, _STANDSTILL, 1.0)

@@ -6,7 +6,7 @@ Besides cells with a steady rate, there are cells whose rate wanders about a law
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from itertools import pairwise
@@ -19,6 +19,7 @@ from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.laws import LAWS
+from ema_monitor.prognosis.growth.laws.external import External
 from ema_monitor.prognosis.growth.laws.interface import Curve, Figures, Law
 from ema_monitor.prognosis.growth.mechanisms import MECHANISMS, Mechanisms
 from ema_monitor.prognosis.growth.settings import LIFE_HOURS, KnownLaw, TrackerSettings
@@ -32,11 +33,15 @@ N_RATES: Final = 33
 RATE_SPACING: Final = math.log(LIFE_HOURS[-1] / LIFE_HOURS[0]) / (N_RATES - 1)
 """Distance of these rates in the logarithm [-]."""
 
+_CONSISTENT: Final = 1e-3
+"""Relative error that the methods of a law defined by a user may have against each other [-]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Cells:
     """Cells of the grid, ``(n,)`` each; the cells of a law are adjacent."""
 
+    laws: dict[str, Law]  # by name, of a law defined by a user by component
     slices: dict[str, slice]  # where the cells of each law are
     component: NDArray[np.intp]  # number of the component among those tracked
     side: Array  # of healthy, on which it grows, -1 or 1
@@ -73,7 +78,11 @@ class Owners:
 
 _KINDS: Final = {"component": np.intp, "place": np.intp, "wanders": bool, "is_random": bool}
 _ROW: Final = np.dtype(
-    [(one.name, _KINDS.get(one.name, np.float64)) for one in fields(Cells) if one.name != "slices"]
+    [
+        (one.name, _KINDS.get(one.name, np.float64))
+        for one in fields(Cells)
+        if one.name not in ("laws", "slices")
+    ]
 )
 
 
@@ -92,13 +101,18 @@ def _grid(
     limits: HealthLimits, laws: tuple[tuple[str, KnownLaw], ...], mechanisms: Mechanisms
 ) -> Cells:
     known_laws = dict(laws)
-    by_law = {law: [np.zeros(0, _ROW)] for law in LAWS}
+    every = dict(LAWS)
+    every |= {name: External(one.law) for name, one in laws if not isinstance(one.law, str)}
+    by_law = {law: [np.zeros(0, _ROW)] for law in every}
     for number, name in enumerate(COMPONENTS):
         limit, known = limits.of(name), known_laws.get(name)
         two_sided = FAULTS[FAULT_NAMES.index(name)].is_two_sided
         still = np.zeros(1, _ROW)
         still["side"], still["prior"], still["place"] = 1.0, CONSTANT_PRIOR, -1
-        grown = _known(known, limit) if known else _unknown(limit, mechanisms, two_sided=two_sided)
+        if known:
+            grown = _known(name, known, every, limit)
+        else:
+            grown = _unknown(limit, mechanisms, two_sided=two_sided)
         for curve_number, (law, rows) in enumerate([("constant", still), *grown], -1):
             rows["component"], rows["limit"] = number, limit
             if law != "constant":
@@ -117,21 +131,43 @@ def _grid(
     columns["prior"] /= np.bincount(rows["component"], rows["prior"])[rows["component"]]
     for column in columns.values():
         column.flags.writeable = False
-    return Cells(slices, **columns)
+    return Cells(every, slices, **columns)
 
 
 Block = tuple[str, NDArray[np.void]]  # the law of a curve, and its cells on the upper side
 
 
-def _known(known: KnownLaw, limit: float) -> Iterator[Block]:
+def _known(
+    component: str, known: KnownLaw, laws: Mapping[str, Law], limit: float
+) -> Iterator[Block]:
     """Return the cells of a component whose law is known."""
-    third = known.diffusion if LAWS[known.law].is_random else 0.0
-    rows = _rows(LAWS[known.law], Curve(known.shape, 1.0, third), limit, LIFE_HOURS)
+    name = known.law if isinstance(known.law, str) else component
+    law = laws[name]
+    if isinstance(law, External):
+        _check(component, law, known.shape, limit)
+    third = known.diffusion if law.is_random else 0.0
+    rows = _rows(law, Curve(known.shape, 1.0, third), limit, LIFE_HOURS)
     away = (np.log(rows["rate"] / known.rate) / known.rate_sigma) ** 2
     # Of a rate far off the grid, the nearest is left.
     peak = np.exp(0.5 * (away.min() - away))
     rows["prior"] = 0.5 * rows["prior"] + 0.5 * (1.0 - CONSTANT_PRIOR) * peak / peak.sum()
-    yield known.law, rows
+    yield name, rows
+
+
+def _check(component: str, law: External, shape: float, limit: float) -> None:
+    """Raise ``ValueError`` if the methods of a law defined by a user contradict each other."""
+    once = Figures(*np.array([[1.0], [1.0], [shape], [0.0], [limit]]))
+    start, twice = np.zeros(1), once._replace(rate=np.full(1, 2.0))
+    hours = law.hours_until(start, once)
+    if not (np.all(np.isfinite(hours)) and np.all(hours > 0.0)):
+        words = f"hours_until gives {hours} h from 0 to {limit:g} at rate 1: expected more than 0"
+    elif not np.allclose(law.hours_until(start, twice), 0.5 * hours, rtol=_CONSISTENT):
+        words = "hours_until at rate 2 is not half of that at rate 1"
+    elif not np.allclose(law.increment(start, once, hours), limit, rtol=_CONSISTENT):
+        words = f"increment from 0 within the hours until {limit:g} is not {limit:g}"
+    else:
+        return
+    raise ValueError(f"law {law} of {component}, shape {shape:g}: {words}")
 
 
 def _unknown(limit: float, mechanisms: Mechanisms, *, two_sided: bool) -> Iterator[Block]:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from ema_core.arrays import Array, Flags
 from ema_monitor.prognosis.growth.cells import Cells
-from ema_monitor.prognosis.growth.laws import LAWS
 from ema_monitor.prognosis.growth.laws.interface import Figures, Future, Law
 from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.wander import PACES, followed, hours_of
@@ -42,7 +41,11 @@ class Draw:
         """Return each law with the samples that follow it, and their figures."""
         for name, part in self.cells.slices.items():
             at = (self.cell >= part.start) & (self.cell < part.stop)
-            yield LAWS[name], at, self.cells.figures(self.cell[at])._replace(rate=self.rate[at])
+            yield (
+                self.cells.laws[name],
+                at,
+                self.cells.figures(self.cell[at])._replace(rate=self.rate[at]),
+            )
 
 
 def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) -> Draw:

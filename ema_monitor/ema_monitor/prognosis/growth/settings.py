@@ -1,10 +1,10 @@
 """What a tracker assumes of growth: laws that are known, how other units grew, and noise."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -22,33 +22,91 @@ LIFE_HOURS: Final = np.geomspace(50.0, 30_000.0, 97)
 """Hours from healthy to the limit on the grid [h]; every other one where no law is known."""
 
 
+@runtime_checkable
+class GrowthLaw(Protocol):
+    """A law of growth defined by a user, for ``KnownLaw``.
+
+    x >= 0 is the distance from healthy [-]. Growth is deterministic, starts at x = 0 by itself, and
+    its time is inversely proportional to the rate: twice the rate takes half the hours. The tracker
+    adds process noise, and refuses a law whose methods contradict each other. A law must be
+    hashable; an instance of a frozen dataclass or of a class without ``__eq__`` is.
+    """
+
+    def increment(self, x: Array, rate: Array, shape: Array, hours: Array) -> Array:
+        """Return the growth from x within some hours.
+
+        Parameters
+        ----------
+        x
+            Distances from healthy [-]; all arguments are arrays that broadcast.
+        rate
+            Rate of the law [1/h].
+        shape
+            Second figure of the law, ``KnownLaw.shape`` [-].
+        hours
+            Hours of growth, at least 0 [h].
+
+        Returns
+        -------
+        numpy.ndarray
+            Increment of x [-], in the common shape; infinite where the solution is unbounded.
+        """
+        ...
+
+    def hours_until(self, x: Array, rate: Array, shape: Array, limit: Array) -> Array:
+        """Return the hours until growth from x first reaches a limit.
+
+        Parameters
+        ----------
+        x, rate, shape
+            As of ``increment``.
+        limit
+            Distance from healthy at which life ends [-].
+
+        Returns
+        -------
+        numpy.ndarray
+            Hours [h], in the common shape: at most 0 from the limit on, infinite if growth never
+            reaches it.
+        """
+        ...
+
+
 @dataclass(frozen=True)
 class KnownLaw(Checked):
     """Law by which a component is known to grow, with the prior of its rate.
 
     The prior of the rate is half a lognormal of these figures and half log-uniform over all rates
-    of the tracker: an actuator may grow slower or faster than its type does.
+    of the tracker, which reach the limit within 50 h to 30,000 h: an actuator may grow slower or
+    faster than its type does.
 
     Attributes
     ----------
     law
-        One of ``ema_core.growth_laws.LAWS`` but ``constant``.
+        ``"linear"``, ``"exponential"``, ``"archard"``, ``"self_heating"``, ``"power"``, ``"drift"``
+        (P3), or a ``GrowthLaw``.
     rate
         Median of the rate a [1/h], of ``power`` of the time scale c [h].
     rate_sigma
         Standard deviation of the rate's logarithm [-].
     shape
-        Second figure of the law [-].
+        Second figure of the law [-]: b, x_0 or p.
     diffusion
         Of ``drift`` its s [1/sqrt(h)].
 
     Raises
     ------
     ValueError
-        When a figure is impossible.
+        When the law is unknown or a figure is impossible.
+
+    Examples
+    --------
+    >>> from ema_monitor import KnownLaw, Tracker, TrackerSettings
+    >>> wear = KnownLaw("power", rate=1500.0, shape=1.6)
+    >>> tracker = Tracker(settings=TrackerSettings(laws={"friction": wear}))
     """
 
-    law: str = text("linear", "law by which the fault grows", LAWS[1:])
+    law: str | GrowthLaw = "linear"
     rate: float = quantity(1e-3, "1/h", 1e-9, 1e6, "median of the rate, of law power of c in h")
     rate_sigma: float = quantity(0.5, "-", 0.05, 3.0, "sigma of the rate's logarithm")
     shape: float = quantity(0.0, "-", 0.0, 100.0, "second parameter of the law: x_0, b or p")
@@ -56,6 +114,16 @@ class KnownLaw(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if isinstance(self.law, str):
+            if self.law not in LAWS[1:]:
+                raise ValueError(f"law = {self.law!r} is unknown; known: {', '.join(LAWS[1:])}")
+        elif isinstance(self.law, type) or not (
+            isinstance(self.law, GrowthLaw) and isinstance(self.law, Hashable)
+        ):
+            raise ValueError(
+                f"law = {self.law!r}: expected one of {', '.join(LAWS[1:])}, or a hashable object "
+                "with the methods increment and hours_until of GrowthLaw"
+            )
         if self.law == "power" and self.shape == 0.0:
             raise ValueError("shape = 0: law power needs an exponent p above 0")
         if self.law == "exponential" and self.shape == 0.0:
