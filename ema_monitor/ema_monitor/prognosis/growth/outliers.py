@@ -31,8 +31,7 @@ class Event:
     kind
         ``"outlier"``: a value that no growth explains, held back until the next test. When that
         test agrees with it, a ``"repair"`` (the fault became smaller) or a ``"step"`` (it became
-        larger) follows; else it stays an outlier and is never used. ``"regime"``: the fault grows
-        at another rate from about that hour on.
+        larger) follows; else it stays an outlier and is never used.
     component
         Component of the fault vector.
     hours

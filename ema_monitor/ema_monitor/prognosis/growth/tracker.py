@@ -47,14 +47,13 @@ from ema_monitor.prognosis.growth.prediction import (
     prognosis_of,
     too_soon_after,
 )
-from ema_monitor.prognosis.growth.regimes import RegimeWatch
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 KEPT_AFTER_STEP: Final = 0.5
 """Power to which the probabilities of laws and rates are kept after a step fault [-]."""
 
 MOST_RANDOM: Final = 0.5
-"""Probability of growth by jumps or drift from which a step, or another rate, is a part of it."""
+"""Probability of growth by jumps or drift from which a step is a part of the growth [-]."""
 
 
 class Tracker(Kept):
@@ -97,7 +96,7 @@ class Tracker(Kept):
         "hours",
         "updates",
     )
-    parts = ("_mixture", "_outliers", "_check", "_regimes")
+    parts = ("_mixture", "_outliers", "_check")
 
     def __init__(
         self,
@@ -112,7 +111,6 @@ class Tracker(Kept):
         self._mixture = Mixture(self._limits, self._settings, mechanisms)
         self._outliers = outliers or OutlierDetector(self._settings)
         self._check = check or PredictionCheck(self._settings)
-        self._regimes = RegimeWatch()
         self._tests = np.zeros(len(COMPONENTS), dtype=np.intp)
         self._first_hours = np.full(len(COMPONENTS), np.nan)
         self._growing = np.zeros(len(COMPONENTS), dtype=bool)
@@ -158,7 +156,7 @@ class Tracker(Kept):
             first, events = self._outliers.begin(measurement)
             if first is None:
                 return events
-            events += self._use(first)
+            self._use(first)
             elapsed = measurement.own_hours - first.own_hours
         self._mixture.advance(elapsed)
         mean, variance = self._mixture.moments()
@@ -173,16 +171,13 @@ class Tracker(Kept):
                     self._fell_at, self._tests_since_fall = self.hours, 0
         if not held.all():
             self._tests_since_fall += 1
-            odd += self._use(measurement, changed, held)
+            self._use(measurement, changed, held)
         return events + odd
 
     def _use(
         self, measurement: Measurement, changed: Flags | bool = False, held: Flags | bool = False
-    ) -> list[Event]:
-        """Update by a test, but for components whose level it has set and those held back.
-
-        Returns the changes of their rates that it shows.
-        """
+    ) -> None:
+        """Update by a test, but for components whose level it has set and those held back."""
         used = measurement.seen & ~np.logical_or(changed, held)
         first = used & (self._tests == 0)
         for number in np.flatnonzero(first):
@@ -195,16 +190,9 @@ class Tracker(Kept):
         constant = self._mixture.constant()
         begins = (constant < BEGINS_BELOW) & (self._tests >= LEAST_TESTS)
         self._growing = np.where(self._growing, constant < ENDS_ABOVE, begins)
-        self._regimes.add(measurement, plain)
-        steady = self._mixture.is_random() < MOST_RANDOM
-        changes = {
-            number: self._regimes.judge(number, self._settings)
-            for number in np.flatnonzero(plain & self._growing & steady).tolist()
-        }
         self._check.observe(measurement, plain)
         if self._check.is_due:
             self._keep_prediction(measurement.own_hours)
-        return [one.event(COMPONENTS[number]) for number, one in changes.items() if one is not None]
 
     def _keep_prediction(self, own_hours: Array) -> None:
         """Store a prediction of later tests, to compare it with them."""
@@ -218,7 +206,6 @@ class Tracker(Kept):
         value, noise = float(measurement.value[number]), float(measurement.noise[number])
         self._mixture.restart(number, value, noise, keep=keep)
         self._check.restart(number, is_new=keep == 0.0)
-        self._regimes.restart(number)
         self._tests[number] = 0
         if keep == 0.0:
             self._first_hours[number] = measurement.own_hours[number]

@@ -15,7 +15,6 @@ const KINDS: Record<string, { sign: string; colour: string; word: string }> = {
   departure: { sign: "△", colour: "warn", word: "departure" },
   repair: { sign: "✚", colour: "ok", word: "repair" },
   step: { sign: "◆", colour: "warn", word: "step" },
-  regime: { sign: "◇", colour: "warn", word: "regime" },
   outlier: { sign: "○", colour: "warn", word: "outlier" },
   calibration: { sign: "■", colour: "model", word: "calibration" },
   gap: { sign: "▬", colour: "stale", word: "gap" },
