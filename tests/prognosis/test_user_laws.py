@@ -115,8 +115,8 @@ def test_law_that_contradicts_itself_is_refused(law, words):
         Tracker(settings=settings)
 
 
-class Unhashable(PowerOfAge):
-    __hash__ = None
+class Unhashable(list[float]):
+    increment, hours_until = PowerOfAge.increment, PowerOfAge.hours_until
 
 
 @pytest.mark.parametrize("law", [None, 3.0, object(), PowerOfAge, [PowerOfAge()], Unhashable()])
