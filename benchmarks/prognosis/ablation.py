@@ -263,9 +263,7 @@ def _duty_table(lives_by_duty: Sequence[Any]) -> Table:
         (FULL, *(f"{value:.3f}" for value in full)),
         ("damage", *(f"{by:+.3f} ± {of:.3f}" for by, of in without)),
     ]
-    title = (
-        f"duty that changes: {len(changes)} lives of each of {len(duty.KINDS)} kinds"
-    )
+    title = f"duty that changes: {len(changes)} lives of each of {len(duty.KINDS)} kinds"
     return grid(title, ("without", "accuracy", "coverage"), rows)
 
 
