@@ -40,7 +40,7 @@ from rich.table import Table
 from script import Figures, Workers, command, cpu_s
 from targets import Row, at_least, grid, untargeted
 
-from ema_cli.processes.node_commands import Common, monitor_commands
+from ema_cli.processes.node_commands import NodeOptions, monitor_commands
 from ema_core.commands import THESIS_CHIRP
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
@@ -124,7 +124,7 @@ def try_out(
     with tempfile.TemporaryDirectory(prefix="ema_many_") as place, Graph() as graph:
         graph.listen(FaultEstimate, f"{NAMESPACE}/{FAULT_ESTIMATE}", note, 1000)
         given = [f'history_folder:="{place}/history"', f"most_actuators:={actuators}"]
-        commands = monitor_commands(monitors, Common(assignments=given), Path(place), names)
+        commands = monitor_commands(monitors, NodeOptions(assignments=given), Path(place), names)
         processes = [graph.run(command).pid for command in commands.values()]
         given = (actuators, total, times, monitors, tests)
         publisher = context.Process(target=publish, args=given)

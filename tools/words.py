@@ -55,13 +55,7 @@ NAMES: Final = frozenset(
 """Names of variables that are not nouns of the field."""
 
 UNTREATED: Final = (
-    *(
-        "ema_archive/",
-        "ema_cli/",
-        "ema_study/",
-        "ros2_ws/src/ema_bags/",
-        "ros2_ws/src/ema_bringup/",
-    ),
+    *("ema_archive/", "ema_study/", "ros2_ws/src/ema_bags/", "ros2_ws/src/ema_bringup/"),
     "ema_core/ema_core/consistency.py",
     *(
         f"ema_monitor/ema_monitor/{name}"
@@ -121,14 +115,15 @@ def findings(name: str, content: str) -> list[Finding]:
 def _variables(tree: ast.Module) -> Iterator[Finding]:
     """Yield the variables and arguments whose names are in ``NAMES``."""
     for node in ast.walk(tree):
-        name = ""
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            name = node.id
+            line, name = node.lineno, node.id
         elif isinstance(node, ast.arg) and node.arg != "other":
             # Methods that override a method of Python or numba inherit "other".
-            name = node.arg
+            line, name = node.lineno, node.arg
+        else:
+            continue
         if name in NAMES:
-            yield Finding(node.lineno, name, "the noun of the field")
+            yield Finding(line, name, "the noun of the field")
 
 
 def _matches(begin: int, text: str, better: Mapping[str, str]) -> list[Finding]:

@@ -1,4 +1,4 @@
-"""Options that describe an actuator on its test bench, and the command that it follows."""
+"""Options of a simulated actuator on its test bench, and its command."""
 
 import csv
 from collections.abc import Callable
@@ -27,7 +27,7 @@ _OWN_FIGURES: Final[dict[str, dict[str, Any]]] = {
     "swing": {"start_frequency": 10.0, "end_frequency": 14.0},
     "moves": {"duration": 10.0},
 }
-"""Figures of the shapes that differ from those of a chirp, unless others are given."""
+"""Default parameters of shapes, where they differ from the parameters of a chirp."""
 
 COMMAND_OPTION: Final = click.option(
     "--command",
@@ -40,17 +40,7 @@ COMMAND_OPTION: Final = click.option(
 
 @dataclass(frozen=True)
 class Bench:
-    """A simulated actuator on its test bench, as the options say.
-
-    Attributes
-    ----------
-    description
-        The actuator as it is described, with its nominal parameters.
-    parameters
-        True parameters of the plant.
-    resolutions
-        Resolution of the published columns, by name.
-    """
+    """A simulated actuator on its test bench."""
 
     OPTIONS: ClassVar[tuple[Callable[[ClickCommand], ClickCommand], ...]] = (
         click.option(
@@ -78,9 +68,12 @@ class Bench:
     )
 
     description: ActuatorDescription
+    """Description of the actuator, with its nominal parameters."""
     parameters: ActuatorParameters
+    """True parameters of the plant."""
     settings: BenchSettings
     resolutions: dict[str, float]
+    """Resolution of the published columns, by name."""
     command: Command
     actuator_file: Path | None
     sample_rate: float | None
@@ -89,7 +82,7 @@ class Bench:
     def of(
         cls, parameters: Parameters, sample_rate: float | None = None, shape: str | None = None
     ) -> Self:
-        """Return what options and parameters say; what the description contradicts is printed."""
+        """Return the bench of options and parameters; print contradictions to the description."""
         run = parameters.over(RunSettings())
         file = parameters.path("actuator_file")
         description = load_description(file, is_simulated=True) if file else ActuatorDescription()
@@ -120,7 +113,7 @@ class Bench:
 
 
 def _command(shape: str | None, parameters: Parameters) -> Command:
-    """Return the command of a shape, or of a CSV file, with the figures that are given."""
+    """Return the command of a shape with its parameters, or of a CSV file."""
     shape = shape or str(parameters.values.get("command.shape", THESIS_CHIRP.shape))
     if shape.endswith(".csv"):
         figures = [name for name in _FIGURES if f"command.{name}" in parameters.values]
@@ -148,7 +141,7 @@ def _column(path: Path) -> list[float]:
         try:
             samples.append(float(row[-1]))
         except ValueError as error:
-            # A first line that is no number is a heading.
+            # A first line without a number is a heading.
             if number > 0:
                 raise ValueError(
                     f"{path}: row {number + 1} ends in {row[-1]!r}, expected an angle [rad]"
@@ -157,16 +150,16 @@ def _column(path: Path) -> list[float]:
 
 
 def save_command(path: Path, command: Command, comment: str) -> None:
-    """Write a command as parameters of the actuator, and its length as those of the monitor.
+    """Write a parameter file with a command for the actuator and its length for the monitor.
 
     Parameters
     ----------
     path
         YAML file to write.
     command
-        Any but a custom one.
+        Command of any shape but ``custom``.
     comment
-        Lines that say where it comes from.
+        Lines with the origin of the command.
     """
     figures = {name: getattr(command, name) for name in ("shape", *_FIGURES)}
     content = {

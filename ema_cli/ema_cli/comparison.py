@@ -1,4 +1,4 @@
-"""One window identified by several algorithms, each from the same start."""
+"""Identification of a window by several algorithms from the same start."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,48 +23,35 @@ from ema_monitor.windows.window import Window
 
 @dataclass(frozen=True, eq=False)
 class ComparedRun:
-    """What one algorithm made of the window.
-
-    Attributes
-    ----------
-    evaluations
-        Windows of the model computed until the end of each generation.
-    costs
-        Best cost until then [A^2.s].
-    """
+    """Result of one algorithm."""
 
     estimate: Estimate
     evaluations: list[int]
+    """Cumulative number of simulated windows at the end of each generation."""
     costs: list[float]
+    """Lowest cost so far at the end of each generation [A^2.s]."""
 
     @property
     def search_fitness(self) -> float:
-        """Cost where the search itself ended [A^2.s]; NaN when there was none."""
+        """Cost at the end of the search, before refinement [A^2.s]; NaN without a search."""
         return self.costs[-1] if self.costs else float("nan")
 
 
 @dataclass(frozen=True, eq=False)
 class AlgorithmComparison:
-    """What several algorithms made of one window.
+    """Results of several algorithms for one window."""
 
-    Attributes
-    ----------
-    runs
-        One for each algorithm, in the order asked for.
-    truth
-        True faults of the window, ``(8,)``; None where the bag does not record them.
-    fitness_at_truth
-        Cost at the true faults [A^2.s]; None where they, or a model to judge them by, are missing.
-    """
-
-    found: RecordedWindow
+    recorded: RecordedWindow
     runs: list[ComparedRun]
+    """Results by algorithm, in the order of the request."""
     truth: NDArray[np.float64] | None = None
+    """True faults of the window, ``(8,)``; None if the bag does not record them."""
     fitness_at_truth: float | None = None
+    """Cost at the true faults [A^2.s]; None without true faults or a model."""
 
     @property
     def best(self) -> ComparedRun | None:
-        """Run of lowest cost, a valid one if there is any; None when none has an estimate."""
+        """Run of lowest cost among the valid runs, else among all; None without an estimate."""
         fitted = [run for run in self.runs if np.isfinite(run.estimate.fitness)]
         return min(
             fitted, key=lambda run: (not run.estimate.valid, run.estimate.fitness), default=None
@@ -78,7 +65,7 @@ class AlgorithmComparison:
 
 
 def choose_window(bag_windows: BagWindows, number: int | None) -> RecordedWindow:
-    """Return a window by number, or the first that can be used, or the first of all."""
+    """Return a window by number; without a number the first usable window, else the first."""
     if number is not None:
         if number >= len(bag_windows.windows):
             windows = counted(len(bag_windows.windows), "window")
@@ -101,7 +88,7 @@ def compare_algorithms(
     """Identify a window by each algorithm from the healthy point, with a progress bar."""
     window = recorded.window
     with deferred_signals() as stop, progress_bar() as progress:
-        # So that the computing time of the first algorithm is that of an estimate.
+        # So that the computing time of the first algorithm includes no compilation.
         compile_kernels([calibration.form])
         runs = []
         for algorithm in algorithms:

@@ -1,4 +1,4 @@
-"""Options that say where tasks run, shared by the commands that have many."""
+"""Options of the place where tasks run, shared by the commands with many tasks."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,7 +15,7 @@ from ema_monitor.model.threads import available_cpus, limit_threads
 
 @dataclass(frozen=True)
 class ExecutorOptions:
-    """What the options say, with how many tasks run at once on this machine."""
+    """Kind of executor, number of tasks at once on this machine, and scheduler of a cluster."""
 
     kind: str
     number: int
@@ -23,7 +23,15 @@ class ExecutorOptions:
 
     @contextmanager
     def open(self, stopped: Callable[[], str], kept: str) -> Iterator[Workers]:
-        """Yield the workers; arguments are those of ``stops_in_a_line``."""
+        """Yield the workers; an interrupt, or their loss, ends the command with one line.
+
+        Parameters
+        ----------
+        stopped
+            Returns the line after an interrupt.
+        kept
+            Clause about the results so far, for the line after a loss of workers.
+        """
         try:
             with (
                 stops_in_a_line(stopped, kept),
@@ -36,7 +44,15 @@ class ExecutorOptions:
 
 @contextmanager
 def stops_in_a_line(stopped: Callable[[], str], kept: str) -> Iterator[None]:
-    """Say in one line what an interrupt, or the loss of workers, has left."""
+    """Report an interrupt, or the loss of workers, in one line.
+
+    Parameters
+    ----------
+    stopped
+        Returns the line after an interrupt.
+    kept
+        Clause about the results so far, for the line after a loss of workers.
+    """
     try:
         yield
     except KeyboardInterrupt:
@@ -46,7 +62,7 @@ def stops_in_a_line(stopped: Callable[[], str], kept: str) -> Iterator[None]:
 
 
 def executor_options(command: Command) -> Command:
-    """Give a command the options as its argument ``executor``."""
+    """Add the options to a command, which receives them as its argument ``executor``."""
 
     @click.option(
         "--executor",

@@ -86,11 +86,11 @@ _EXAMPLES: Final = {
 }
 
 ARGUMENTS: Final = "ema.arguments"
-"""Under which name the context of a command holds the whole command line, as words."""
+"""Key of the whole command line, as words, in the context of a command."""
 
 
 class _CommandsOnDemand(click.Group):
-    """Imports a command when it is called, so that none waits for what another one needs."""
+    """Imports a command when it is called, so that no command waits for imports of others."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.meta[ARGUMENTS] = [ctx.info_name or "ema", *args]

@@ -9,18 +9,18 @@ import click
 from ema_core.wording import as_identifier, unknown_name
 
 UNUSABLE: Final = 1
-"""Nothing could be done with the input."""
+"""Exit code: the input cannot be used."""
 
 REFUSED: Final = 3
-"""Some windows have no valid estimate. (2 is click's own, for wrong usage.)"""
+"""Exit code: some windows have no valid estimate. (click uses 2 for wrong usage.)"""
 
 
 @contextmanager
 def errors_as_one_line() -> Iterator[None]:
-    """Turn what is wrong with the input into an error of one line and exit code ``UNUSABLE``."""
+    """Turn errors of the input into an error of one line and exit code ``UNUSABLE``."""
     try:
         yield
-    except BrokenPipeError:  # nobody reads on: click ends quietly
+    except BrokenPipeError:  # the reader has closed the pipe: click ends quietly
         raise
     except (ValueError, OSError) as error:
         words = str(error)
@@ -41,7 +41,7 @@ def values_of_options() -> Iterator[None]:
 
 
 class NameChoice(click.Choice[str]):
-    """One of several names, also written as a label; of a slip it says what was probably meant."""
+    """One of several names, also written as a label; the error for a typo suggests a name."""
 
     def __init__(self, kind: str, names: Iterable[str]) -> None:
         super().__init__(names)
@@ -52,7 +52,7 @@ class NameChoice(click.Choice[str]):
         return as_identifier(str(choice))
 
     def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
-        """Return what is wrong with a value."""
+        """Return the error for an invalid value."""
         return unknown_name(self._kind, str(value), self.choices)
 
 
@@ -80,7 +80,7 @@ class Assignments(click.ParamType):
 def assignments_option(
     option: str, name: str, meaning: str, kind: click.ParamType | None = None
 ) -> Callable[..., Any]:
-    """Return an option that may be repeated: its pairs as one mapping, each name only once."""
+    """Return a repeatable option, whose pairs form one mapping; a repeated name is refused."""
 
     def merged(
         _: click.Context, __: click.Parameter, groups: tuple[list[tuple[str, float]], ...]

@@ -19,7 +19,7 @@ BAG_TO_WRITE: Final = "Bag to write: one file if it ends in .mcap, else a folder
 def output_option(
     meaning: str, *, required: bool = True, dir_okay: bool = True, **more: Any
 ) -> Callable[..., Any]:
-    """Return the options ``output``, a path to write, and ``overwrite``, whether to replace it."""
+    """Return the options ``output``, a path to write, and ``overwrite``, to replace its file."""
     more |= {"required": required, "type": click.Path(path_type=Path, dir_okay=dir_okay)}
     output = click.option("-o", "--output", help=f"{meaning}.", **more)
     replace = click.option("--replace", "overwrite", is_flag=True, help="Replace OUTPUT.")
@@ -27,7 +27,7 @@ def output_option(
 
 
 def require_apart(output: Path, inputs: Iterable[Path]) -> None:
-    """Refuse an output that is an input, or a file of one that is a folder, by whatever name."""
+    """Refuse an output that is an input, or a file in an input folder, under any name."""
     if not output.exists():
         return
     for path in filter(Path.exists, inputs):
@@ -39,9 +39,25 @@ def require_apart(output: Path, inputs: Iterable[Path]) -> None:
 def require_free(
     output: Path, inputs: Iterable[Path], *, overwrite: bool, endings: Sequence[str] = ()
 ) -> None:
-    """Refuse an output that is an input, or any other file unless it is to be replaced.
+    """Refuse an output before the work.
 
-    One with another ending, or in no folder, is refused before the work, too.
+    Parameters
+    ----------
+    output
+        Path to write.
+    inputs
+        Paths of the inputs.
+    overwrite
+        Whether an existing file is replaced.
+    endings
+        Permitted endings of the name; any if empty.
+
+    Raises
+    ------
+    ValueError
+        If the output is an input, exists and is not to be replaced, or has no folder.
+    click.BadParameter
+        If its name has another ending.
     """
     if endings and output.suffix.lower() not in endings:
         raise click.BadParameter(f"{output}: expected a name that ends in {' or '.join(endings)}")
@@ -49,7 +65,7 @@ def require_free(
         raise ValueError(f"{output}: there is no folder {output.parent}: make it first")
     require_apart(output, inputs)
     if not overwrite and (output.exists() or output.is_symlink()):
-        raise ValueError(f"{output} is there already: --replace replaces it")
+        raise ValueError(f"{output} already exists: --replace replaces it")
 
 
 def _as_stamp(_: click.Context, __: click.Parameter, moment: datetime) -> int:
@@ -72,7 +88,7 @@ START_OPTION: Final = click.option(
 
 @contextmanager
 def new_bag(path: Path, *, overwrite: bool = False) -> Iterator["BagWriter"]:
-    """Give a bag to write to; nothing is left of one that could not be written."""
+    """Yield a bag to write to; an incomplete bag is removed."""
     from ema_bags.writer import BagWriter  # ROS only where a bag is written
 
     try:

@@ -1,4 +1,4 @@
-"""Options by parameter name: settings as of a node, by ``-p NAME=VALUE`` and ``--params FILE``."""
+"""Settings of a command by names of node parameters: ``-p NAME=VALUE`` and ``--params FILE``."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ _SECTION: Final = "ros__parameters"
 
 @dataclass(frozen=True)
 class Parameters:
-    """Specified values by name of the parameter; a command may not use all of them."""
+    """Specified values by name of the parameter, more than a command may use."""
 
     values: Mapping[str, Any]
 
@@ -36,7 +36,7 @@ class Parameters:
         Raises
         ------
         click.UsageError
-            When a value is out of range; the message names parameter, value, unit and range.
+            If a value is out of range; the message names parameter, value, unit and range.
         """
         try:
             values = {
@@ -49,7 +49,7 @@ class Parameters:
             raise click.UsageError(f"{prefix}{error}") from error
 
     def path(self, name: str) -> Path | None:
-        """Return the path that a parameter names; None where there is none."""
+        """Return the path in a parameter; None if the parameter is not specified."""
         text = self.values.get(name)
         return Path(text).expanduser() if text else None
 
@@ -57,7 +57,7 @@ class Parameters:
 def settings_options(
     kind: type[Any], node: str = "monitor", more: Iterable[Callable[[Command], Command]] = ()
 ) -> Callable[[Command], Command]:
-    """Return a decorator that gives a command options, gathered in its argument ``options``.
+    """Return a decorator that adds options to a command, which receives them as ``options``.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def settings_options(
         Class with the click options in ``OPTIONS``, dataclasses and prefixes of the parameters in
         ``SECTIONS``, and a class method ``of(parameters, **options)`` that makes the argument.
     node
-        Whose parameters they are.
+        Name of the node with these parameters.
     more
         Further options.
     """
@@ -125,7 +125,7 @@ def names_of(sections: Iterable[tuple[Any, str]]) -> list[str]:
 
 
 def _assigned(assignments: Iterable[str], names: Sequence[str]) -> dict[str, Any]:
-    """Return the values of ``NAME=VALUE``, the value in YAML; ROS's ``:=`` will do as well."""
+    """Return the values of ``NAME=VALUE`` or ROS's ``NAME:=VALUE``, the value in YAML."""
     assigned: dict[str, Any] = {}
     for text in assignments:
         name, equals, value = text.partition("=")
@@ -141,7 +141,7 @@ def _assigned(assignments: Iterable[str], names: Sequence[str]) -> dict[str, Any
 
 
 def instead_of(option: str, command: click.Command) -> str:
-    """Return what a command has in place of an unknown option, for an error; empty for nothing."""
+    """Return a suggestion in place of an unknown option, for an error; empty without any."""
     name = as_identifier(option.lstrip("-")).removeprefix("no_")
     has = {word for item in command.params for word in item.opts}
     if (same := f"--{name.replace('_', '-')}") in has:
@@ -160,7 +160,7 @@ def instead_of(option: str, command: click.Command) -> str:
 
 
 def value_of(text: str) -> Any:
-    """Return a value in YAML; what is none is the text."""
+    """Return a value in YAML, or the text itself if it is no valid YAML."""
     import yaml  # only where there is a value
 
     try:
@@ -170,7 +170,7 @@ def value_of(text: str) -> Any:
 
 
 def parameters_in(path: Path, node: str) -> Iterator[tuple[str, Any]]:
-    """Yield name and value of what a parameter file has for a node, in any namespace."""
+    """Yield name and value of the parameters of a node in a file, in any namespace."""
     from ema_core.yaml_file import load_yaml
 
     try:

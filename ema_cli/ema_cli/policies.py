@@ -1,4 +1,4 @@
-"""Policies of SROS2, a file for each node: what it publishes, receives, answers and asks.
+"""Policies of SROS2, a file for each node: topics, services and actions that it may use.
 
 python -m ema_cli.policies [--namespace /left] [--mapping mapping.yaml] [-o FOLDER]
 """
@@ -73,38 +73,38 @@ _WATCHED_BY_DEMO: Final = (
 
 @dataclass(frozen=True)
 class GraphNames:
-    """Full names of what a node has in the graph, each list in order.
-
-    Attributes
-    ----------
-    namespace, name
-        Of the node.
-    publishes, subscribes
-        Topics; ``*`` at the end stands for any rest.
-    replies, requests
-        Services that it has, and those that it calls.
-    executes
-        Actions that it has.
-    """
+    """Full names of the topics, services and actions of a node, each list in order."""
 
     namespace: str
     name: str
+    """Namespace and name of the node."""
     publishes: tuple[str, ...] = ()
     subscribes: tuple[str, ...] = ()
+    """Topics; ``*`` at the end matches any rest."""
     replies: tuple[str, ...] = ()
     requests: tuple[str, ...] = ()
+    """Services that the node offers, and services that it calls."""
     executes: tuple[str, ...] = ()
+    """Actions that the node offers."""
 
     @property
     def enclave(self) -> str:
-        """Path of the enclave that ``ema`` and the launch files give the node."""
+        """Path of the enclave in which ``ema`` and the launch files start the node."""
         return f"{self.namespace.rstrip('/')}/{self.name}"
 
 
 def node_access(
     namespace: str = topics.NAMESPACE, bridged: Iterable[str] = ()
 ) -> Mapping[str, GraphNames]:
-    """Return what each node has in the graph, by the name of the node."""
+    """Return the topics, services and actions of each node, by the name of the node.
+
+    Parameters
+    ----------
+    namespace
+        Namespace of the nodes.
+    bridged
+        Topics to which the bridge may subscribe.
+    """
     prefix = namespace.rstrip("/")
 
     def full(names: Iterable[str]) -> tuple[str, ...]:
@@ -135,7 +135,7 @@ def node_access(
             executes=("identify_faults",),
         ),
         _node(prefix, "recorder", subscribes=(everything, DIAGNOSTICS), replies=("snapshot",)),
-        # A bag may hold whatever a recorder hears.
+        # A bag may hold any topic to which a recorder subscribes.
         _node(prefix, "player", publishes=(everything, CLOCK), replies=_STEERING),
         _node(prefix, "dashboard", subscribes=shown, requests=full(_ASKED_BY_DASHBOARD)),
         # Nodes of commands, which publish nothing, in namespaces of their names.
@@ -162,7 +162,7 @@ def _node(
     executes: Iterable[str] = (),
     is_managed: bool = True,
 ) -> GraphNames:
-    """Return what a node has, with what all nodes, or all lifecycle nodes, have."""
+    """Return the names of a node, including the names of all nodes, or of all lifecycle nodes."""
     local = f"{prefix}/{name}/"
     services = (*_OF_ALL, *(_OF_LIFECYCLES if is_managed else ()), *replies)
     status = (DIAGNOSTICS, f"{prefix}/{topics.NODE_STATUS}", f"{local}transition_event")
@@ -182,7 +182,7 @@ def _sorted(*names: str) -> tuple[str, ...]:
 
 
 def policy(access: GraphNames) -> str:
-    """Return the policy of a node: an enclave that permits what it has in the graph, no more."""
+    """Return the policy of a node: its enclave permits only its topics, services and actions."""
     root = ElementTree.Element("policy", version=_VERSION)
     enclaves = ElementTree.SubElement(root, "enclaves")
     enclave = ElementTree.SubElement(enclaves, "enclave", path=access.enclave)
@@ -205,7 +205,15 @@ def policy(access: GraphNames) -> str:
 
 
 def policy_files(namespace: str, bridged: Iterable[str] = ()) -> Iterator[tuple[str, str]]:
-    """Yield name and text of the policy file of each node; arguments as of ``node_access``."""
+    """Yield name and text of the policy file of each node.
+
+    Parameters
+    ----------
+    namespace
+        Namespace of the nodes.
+    bridged
+        Topics to which the bridge may subscribe.
+    """
     for name, access in node_access(namespace, bridged).items():
         yield f"{name}.policy.xml", policy(access)
 

@@ -20,9 +20,9 @@ LINES_S: Final = 10.0
 
 
 class _Lines:
-    """What commands call of a progress bar, as lines about the newest task.
+    """Interface of a progress bar, with a line about the newest task at intervals.
 
-    A thread prints them, as a task may say nothing for minutes.
+    A thread prints the lines, as a task may report nothing for minutes.
     """
 
     def __init__(self) -> None:
@@ -77,12 +77,12 @@ class _Lines:
 
 
 def progress_bar() -> AbstractContextManager["Progress"]:
-    """Return a bar, or without a terminal what prints a line after 5 s, then each 10 s.
+    """Return a bar, or without a terminal lines, the first after 5 s, then each 10 s.
 
-    A task may say its ``state``.
+    A task may report its ``state``.
     """
     if not sys.stderr.isatty():
-        # rich is not imported for nobody: it takes as long as `ema info` has.
+        # rich is imported for a terminal only: its import takes as long as `ema info`.
         return cast("Progress", _Lines())
     from rich.console import Console
     from rich.progress import (
@@ -96,7 +96,7 @@ def progress_bar() -> AbstractContextManager["Progress"]:
     )
 
     class State(ProgressColumn):
-        """What a task is doing at the moment, if it says so."""
+        """Current state of a task, if it reports one."""
 
         def render(self, task: Task) -> str:
             return str(task.fields.get("state", ""))

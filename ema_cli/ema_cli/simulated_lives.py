@@ -1,4 +1,4 @@
-"""Simulated lives: their units, their tests as telemetry, and these as bags or as estimates."""
+"""Simulated lives: units, and tests as bags or as estimates."""
 
 import json
 import math
@@ -39,7 +39,7 @@ _PART: Final = ".part"
 
 
 def unit_of_life(seed: int, number: int) -> ActuatorDescription:
-    """Return the built-in actuator with a serial number of its own."""
+    """Return the built-in actuator with the serial number of a life."""
     built_in = ActuatorDescription()
     return replace(built_in, serial_number=f"{built_in.serial_number}-{seed}-{number:04d}")
 
@@ -47,37 +47,28 @@ def unit_of_life(seed: int, number: int) -> ActuatorDescription:
 def calibration_of_life(unit: ActuatorDescription) -> Calibration:
     """Return the calibration of a unit that is like the built-in actuator.
 
-    Simulated units do not scatter: calibrated when new, each has the figures of the built-in one.
+    Simulated units do not scatter: calibrated when new, each has the calibration of the built-in
+    actuator.
     """
     return replace(Calibration.builtin(), serial_number=unit.serial_number)
 
 
 @dataclass(frozen=True, eq=False)
 class LifeTest:
-    """One test of a life, as it is measured.
-
-    Attributes
-    ----------
-    number
-        Running number, from 0; missing tests have one too.
-    hours
-        Service hour [h].
-    start_ns
-        Stamp of its start: so many hours after the life began [ns].
-    faults
-        True faults, ``(8,)``.
-    window
-        What became of its window, as of ``ema_sim.lives``.
-    blocks
-        Telemetry; where there is a gap, blocks are missing.
-    """
+    """One measured test of a life."""
 
     number: int
+    """Running number, from 0, missing tests included."""
     hours: float
+    """Service hour [h]."""
     start_ns: int
+    """Stamp of its start: ``hours`` after the start of the life [ns]."""
     faults: NDArray[np.float64]
+    """True faults, ``(8,)``."""
     window: str
+    """State of its window, one of the names in ``ema_sim.lives``."""
     blocks: list[Telemetry]
+    """Telemetry; blocks are missing in a gap."""
 
 
 def simulated_tests(
@@ -86,7 +77,7 @@ def simulated_tests(
     rng: np.random.Generator,
     begin_ns: int = 0,
 ) -> Iterator[LifeTest]:
-    """Simulate the tests of a life that are not missing, one by one; it begins at a time [ns]."""
+    """Simulate the tests of a life that are not missing; the life begins at ``begin_ns`` [ns]."""
     bench = ActuatorBench(description, BenchSettings(hours_per_cycle=0.0))
     noise = Sensors(NOISE_OF_DISTURBED, {}, rng)
     for number, (hours, faults, window) in enumerate(
@@ -107,7 +98,7 @@ def simulated_tests(
 
 
 def write_test(path: Path, test: LifeTest, description: ActuatorDescription) -> None:
-    """Write a test with its true faults and the service life that was counted before it."""
+    """Write a test with its true faults and the service life before it."""
     with new_bag(path) as writer, SimulatedActuatorBag(writer, description, test.start_ns) as bag:
         bag.begin_cycle(test.number, test.faults, test.hours)
         for block in test.blocks:
@@ -117,7 +108,7 @@ def write_test(path: Path, test: LifeTest, description: ActuatorDescription) -> 
 def with_estimates(
     tests: Iterable[LifeTest], description: ActuatorDescription
 ) -> Iterator[tuple[LifeTest, Estimate]]:
-    """Yield the tests of an actuator with their estimates, valid or not, as of a monitor."""
+    """Yield the tests of an actuator with the estimates of a monitor, valid or not."""
     calibration, diagnosis = calibration_of_life(description), Diagnosis()
     for test in tests:
         finder = WindowFinder(TriggerSettings(), description)
@@ -129,7 +120,7 @@ def with_estimates(
 
 
 def as_line(test: LifeTest, estimate: Estimate) -> str:
-    """Return a test and its estimate as a line of JSON; what is not a number is null."""
+    """Return a test and its estimate as a line of JSON; NaN and infinity are null."""
     record = estimate_record(estimate)
     content = {
         "test": test.number,
@@ -145,30 +136,21 @@ def as_line(test: LifeTest, estimate: Estimate) -> str:
 
 @dataclass(frozen=True)
 class LifeJob:
-    """A life that is to be made.
-
-    Attributes
-    ----------
-    folder
-        Where its folder or file is made.
-    seed, number
-        What is random follows from both.
-    kind
-        Dominant fault; drawn when None.
-    form
-        "bags" or "estimates".
-    start_ns
-        When the life begins [ns].
-    """
+    """A life to be simulated."""
 
     folder: Path
+    """Folder of its folder or file."""
     seed: int
     number: int
+    """Seed of all lives and number of this life, which determine all random values."""
     kind: str | None
+    """Dominant fault; drawn if None."""
     form: str
+    """"bags" or "estimates"."""
     is_constant: bool
     with_repair: bool
     start_ns: int = 0
+    """Stamp of the start of the life [ns]."""
 
     @property
     def name(self) -> str:
@@ -177,7 +159,7 @@ class LifeJob:
 
 
 def make_life(job: LifeJob) -> dict[str, object]:
-    """Make a life on one core; return the line about it, None where there is no end or repair."""
+    """Simulate a life on one core; return its row, with None without an end or a repair."""
     limit_threads(1)
     of_life, of_sensors = np.random.default_rng([job.seed, job.number]).spawn(2)
     limits = {name: HealthLimits().of(name) for name in COMPONENTS}
@@ -194,7 +176,7 @@ def make_life(job: LifeJob) -> dict[str, object]:
             f"2038-01-18: expected a date from 1970-01-01 to {latest:%Y-%m-%d}"
         )
     tests = simulated_tests(life, description, of_sensors, job.start_ns)
-    # Under another name until it is complete; a worker that was killed may have left one.
+    # Under another name until it is complete; a killed worker may have left a part.
     part = job.folder / f"{job.name}{_PART}"
     _remove(part)
     try:
@@ -224,7 +206,7 @@ def make_life(job: LifeJob) -> dict[str, object]:
 
 
 def remove_parts(folder: Path) -> None:
-    """Remove what is left of lives that are not complete."""
+    """Remove the parts of incomplete lives."""
     for part in folder.glob(f"*{_PART}"):
         _remove(part)
 

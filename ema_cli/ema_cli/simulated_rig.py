@@ -33,7 +33,24 @@ class SimulatedRig(ActuatorRig):
         cycles: int,
         causes: Mapping[str, float],
     ) -> list[Window]:
-        """Return a window from each of some test cycles; see `ActuatorRig`."""
+        """Run test cycles of a command, and return the window of each.
+
+        Parameters
+        ----------
+        command
+            Command of a cycle.
+        faults
+            Normalised faults, ``(8,)``.
+        cycles
+            Number of test cycles.
+        causes
+            Hidden causes by name.
+
+        Raises
+        ------
+        ValueError
+            If the command makes no usable window.
+        """
         [seeds] = self._seeds.spawn(1)
         rng = np.random.default_rng(seeds)
         settings = replace(self._options.settings, seed=int(rng.integers(2**62)))
@@ -61,7 +78,7 @@ class SimulatedRig(ActuatorRig):
         if len(windows) != cycles:
             raise ValueError(
                 f"{counted(cycles, 'cycle')} of the command {command.shape} made "
-                f"{counted(len(windows), 'window')}: a test moves to and fro without a rest of "
+                f"{counted(len(windows), 'window')}: a test moves back and forth without a rest of "
                 f"{trigger.rest_s:g} s"
             )
         return windows

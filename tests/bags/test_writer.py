@@ -198,7 +198,7 @@ def test_recording_without_a_message_is_whole(path: Path):
 
 def test_recording_is_not_replaced_unasked(path: Path):
     written = record(path, blocks=3)
-    with pytest.raises(FileExistsError, match="is there already"):
+    with pytest.raises(FileExistsError, match="already exists"):
         BagWriter(path)
     assert as_read(Bag(path)) == written
     written = record(path, blocks=5, overwrite=True)

@@ -227,7 +227,7 @@ def test_folder_that_is_not_empty_is_refused(ema, tmp_path, monkeypatch):
     (tmp_path / "note").touch()
     refused = ema("demo", "-o", tmp_path)
     assert refused.exit_code == 1
-    assert "is there already: give a new or an empty folder" in refused.stderr
+    assert "already exists: give a new or an empty folder" in refused.stderr
     assert [item.name for item in tmp_path.iterdir()] == ["note"]
 
 

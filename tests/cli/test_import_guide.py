@@ -59,7 +59,7 @@ def test_guide_and_options_give_what_the_mapping_by_hand_does(ema, tmp_path, com
     assert (tmp_path / "guided.png").stat().st_size > 10_000
     again = ("--mapping", tmp_path / "guided.yaml", "-o", tmp_path / "again.mcap")
     assert ema(*command, *again).exit_code == 0
-    assert "is there already" in ema(*command, *SET_OPTIONS, "-o", tmp_path / "given.mcap").stderr
+    assert "already exists" in ema(*command, *SET_OPTIONS, "-o", tmp_path / "given.mcap").stderr
 
 
 def test_impossible_answer_is_told_and_asked_for_again(ema, tmp_path, command):

@@ -47,7 +47,7 @@ def test_sites_put_what_they_learnt_together_without_their_tests(ema, site, flee
     assert [len(units) for units in known] == [1, 2, 3]
     assert known[0] < known[1] < known[2]
     result = ema(*together, "-o", both)
-    assert (result.exit_code, "is there already" in result.stderr) == (1, True)
+    assert (result.exit_code, "already exists" in result.stderr) == (1, True)
     assert ema(*together, one, "-o", both, "--replace").exit_code == 0
 
 

@@ -28,7 +28,7 @@ def test_recovered_bag_is_whole_and_holds_every_intact_message(ema, tmp_path: Pa
     }
     assert f"{sum(t.count for t in after.topics.values())} messages on 5 topics" in result.stdout
     again = ema("recover", damaged, "-o", tmp_path / "whole")
-    assert (again.exit_code, "is there already" in again.stderr) == (1, True)
+    assert (again.exit_code, "already exists" in again.stderr) == (1, True)
 
 
 def test_message_of_a_time_that_no_bag_of_ros_has_is_left_out_and_told(ema, tmp_path: Path):

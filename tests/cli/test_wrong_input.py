@@ -54,7 +54,7 @@ NEW = "simulate -o new.mcap"
         (f"{DESIGN} --sigma 0.1,3", 2, ["'3'", "name=value"]),
         (f"{DESIGN} --sigma gain=0", 1, ["gain = 0", "above 0"]),
         ("design --travel 0.01 -o new.csv", 2, ["expected a name that ends in .yaml"]),
-        ("design --travel 0.01 -o junk.yaml", 1, ["is there already: --replace replaces it"]),
+        ("design --travel 0.01 -o junk.yaml", 1, ["already exists: --replace replaces it"]),
         ("import BAG", 2, ["give either --preview or -o OUTPUT"]),
         ("import BAG -o out.mcap", 2, ["--preview` guesses one to check and save"]),
         ("import BAG --mapping junk.yaml -o out.mcap", 1, ["expected a mapping with"]),

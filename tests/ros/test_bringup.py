@@ -15,7 +15,7 @@ from click import UsageError
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from ema_cli.processes.bringup import NODES, node_class, parameter_file, program, ros_arguments
-from ema_cli.processes.node_commands import Common, actuator_commands, monitor_commands
+from ema_cli.processes.node_commands import NodeOptions, actuator_commands, monitor_commands
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
 from ema_ros.rclpy_private import parameter_overrides
@@ -316,7 +316,7 @@ ema:
 
 
 def test_commands_of_many_actuators_and_monitors_name_each(tmp_path):
-    common = Common([parameter_file("simulated")], ["history_folder:=kept"], "/wing")
+    common = NodeOptions([parameter_file("simulated")], ["history_folder:=kept"], "/wing")
     monitors = monitor_commands(2, common, tmp_path, ["left", "right"])
     assert list(monitors) == ["monitor_0", "monitor_1"]
     values, _ = started("monitor", *monitors["monitor_1"][1:])

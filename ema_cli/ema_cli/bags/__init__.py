@@ -1,1 +1,1 @@
-"""What commands read from bags."""
+"""Reading of bags by the commands."""

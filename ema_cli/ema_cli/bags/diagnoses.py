@@ -21,73 +21,51 @@ _LONGEST_LATENCY_S: Final = 600.0
 
 @dataclass
 class DiagnosedWindow:
-    """The diagnosis of one window.
-
-    Attributes
-    ----------
-    window
-        Running number of the window.
-    start_ns, end_ns
-        Stamps of its first and last sample [ns].
-    faults, sigma
-        Estimate and its standard deviation, ``(8,)``; NaN where there is none.
-    valid, reason
-        Whether the estimate may be used, and the reason if not.
-    latency_s
-        From the end of the window to the reception of the estimate [s].
-    cycle
-        Running number of the test cycle; None when the truth is not known.
-    truth
-        True faults, ``(8,)``; None when they are not known.
-    level
-        Level of health; None as long as it is not known.
-    cause
-        Why it is that level, in words; empty when all is well.
-    quantities
-        Change of each quantity of a record; empty for the window of a modelled drive.
-    """
+    """The diagnosis of one window."""
 
     window: int
+    """Running number of the window."""
     start_ns: int
     end_ns: int
+    """Stamps of its first and last sample [ns]."""
     faults: NDArray[np.float64]
     sigma: NDArray[np.float64]
+    """Estimate and its standard deviation, ``(8,)``; NaN without an estimate."""
     valid: bool
     reason: str
+    """Whether the estimate may be used, and the reason if not."""
     latency_s: float
+    """From the end of the window to the reception of the estimate [s]."""
     cycle: int | None = None
+    """Running number of the test cycle; None if the true faults are unknown."""
     truth: NDArray[np.float64] | None = None
+    """True faults, ``(8,)``; None if unknown."""
     level: int | None = None
+    """Level of health; None as long as it is unknown."""
     cause: str = ""
+    """Reason of the level; empty without a warning."""
     quantities: tuple[QuantityChange, ...] = ()
+    """Change of each quantity of a record; empty for the window of a modelled drive."""
 
 
 @dataclass
 class DiagnosisLog:
-    """Diagnoses of one actuator in the order of their windows.
-
-    Attributes
-    ----------
-    actuator_id, serial_number
-        Which actuator; empty as long as there is no estimate.
-    truths
-        True faults by test cycle, in order.
-    limits
-        Values at which life ends, by fault.
-    remarks
-        What is wrong with the bag.
-    """
+    """Diagnoses of one actuator in the order of their windows."""
 
     actuator_id: str = ""
     serial_number: str = ""
+    """Identification of the actuator; empty before the first estimate."""
     truths: list[StampedFaults] = field(default_factory=list)
+    """True faults by test cycle, in order."""
     limits: dict[str, float] = field(default_factory=dict)
+    """Values at which life ends, by fault."""
     remarks: list[str] = field(default_factory=list)
+    """Defects of the bag."""
     _diagnosed: dict[int, DiagnosedWindow] = field(default_factory=dict)
     _levels: dict[int, tuple[int, str]] = field(default_factory=dict)
 
     def add(self, type_name: str, message: Any, received_ns: int) -> None:
-        """Add a message; messages of actuators other than the first estimate's are ignored."""
+        """Add a message, unless it is of another actuator than the first estimate."""
         if type_name == ESTIMATE_TYPE:
             self.actuator_id = self.actuator_id or message.actuator_id
             if message.actuator_id == self.actuator_id:
@@ -111,7 +89,7 @@ class DiagnosisLog:
             self.truths.append(stamped_faults_from_message(message))
         elif type_name == HEALTH_TYPE and message.actuator_id == self.actuator_id:
             stamp_ns = stamp_from_message(message.header.stamp)
-            # One of a window that is published again may judge more, unless it has grown stale.
+            # A health published again for its window may judge more, unless it has become stale.
             if message.level != STALE or stamp_ns not in self._levels:
                 self._levels[stamp_ns] = message.level, message.cause
             self.limits.update({item.name: item.limit for item in message.faults})
@@ -129,12 +107,12 @@ class DiagnosisLog:
 
 
 def quantity_of(message: Any) -> QuantityChange:
-    """Return the change that an ``ema_interfaces/msg/QuantityChange`` has.
+    """Convert an ``ema_interfaces/msg/QuantityChange``.
 
     Raises
     ------
     ValueError
-        When the number of its judgement is unknown.
+        If the number of its judgement is unknown.
     """
     if message.judgement >= len(JUDGEMENTS):
         raise ValueError(f"quantities: judgement = {message.judgement}, expected 0, 1 or 2")
@@ -177,6 +155,6 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
 
 
 def has_latency(diagnoses: list[DiagnosedWindow]) -> bool:
-    """Return whether the latencies are such: that stamps and reception go by the same clock."""
+    """Return whether latencies are meaningful: stamps and reception use the same clock."""
     latencies = np.array([window.latency_s for window in diagnoses])
     return bool(np.all((latencies >= 0.0) & (latencies < _LONGEST_LATENCY_S)))

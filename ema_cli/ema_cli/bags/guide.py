@@ -38,17 +38,23 @@ _SECTIONS: Final[dict[str, tuple[Any, tuple[str, ...], str]]] = {
 def mapping_of(
     source: InputFile, description: ActuatorDescription, entries: Sequence[str], *, asks: bool
 ) -> Mapping:
-    """Return the mapping of a file: guessed, with the entries that are given, and asked for.
+    """Return the mapping of a file: guessed, overridden by entries, completed by answers.
 
     Parameters
     ----------
-    given
-        Entries as texts, such as ``position.unit=mm``; they are not asked for.
+    source
+        File to be mapped.
+    description
+        Actuator of the telemetry.
+    entries
+        Entries as texts, such as ``position.unit=mm``; the user is not asked for them.
+    asks
+        Whether to ask the user for all other entries.
 
     Raises
     ------
     ValueError
-        When a text is not an entry, or the entries make no mapping.
+        If a text is no entry, or the entries make no mapping.
     """
     is_set = {key: value for key, _, value in (item.partition("=") for item in entries)}
     content: dict[str, Any] = {}
@@ -76,7 +82,7 @@ def mapping_of(
 
 
 def _clock(is_set: dict[str, str]) -> Clock | None:
-    """Return the clock that is set; None if its source and its rate are not."""
+    """Return the clock; None if neither its source nor its rate is set."""
     start = "clock."
     texts = {key[len(start) :]: text for key, text in is_set.items() if key.startswith(start)}
     if not {"source", "rate_hz"} & texts.keys():

@@ -1,4 +1,4 @@
-"""How the windows of a bag are identified: options, and the estimates that they give."""
+"""Identification of the windows of a bag: its options, and the estimates."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -35,15 +35,7 @@ SEED_OPTION: Final = click.option(
 
 @dataclass(frozen=True)
 class Identifying(ReadingOptions):
-    """Part of a bag to read, and settings of identification, from the options.
-
-    Attributes
-    ----------
-    calibration_file
-        File of the calibration; None for the shipped one.
-    combining
-        Until when stretches of ordinary motion are combined.
-    """
+    """Part of a bag to read, and settings of identification, from the options."""
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
         *ReadingOptions.OPTIONS,
@@ -70,8 +62,10 @@ class Identifying(ReadingOptions):
     )
 
     calibration_file: Path | None = None
+    """File of the calibration; None for the shipped one."""
     search: SearchSettings = SearchSettings()  # noqa: RUF009 - frozen
     combining: CombinationSettings = CombinationSettings()  # noqa: RUF009 - frozen
+    """Rule for combining stretches of ordinary motion."""
 
     @classmethod
     def of(cls, parameters: Parameters, **options: Any) -> Self:
@@ -86,7 +80,7 @@ class Identifying(ReadingOptions):
         )
 
     def with_calibration_beside(self, bags: Iterable[Path]) -> Self:
-        """Return these options; if they name no calibration, with the one in the bags' folder."""
+        """Return these options; without a calibration, with the calibration in the bags' folder."""
         if self.calibration_file is not None:
             return self
         folders = {bag.parent.resolve(): bag.parent for bag in bags}
@@ -99,12 +93,12 @@ class Identifying(ReadingOptions):
         return replace(self, calibration_file=files[0] if files else None)
 
     def calibration(self) -> AnyCalibration:
-        """Return the calibration; ValueError or OSError if its file is not one."""
+        """Return the calibration; ValueError or OSError if its file cannot be used."""
         file = self.calibration_file
         return Calibration.builtin() if file is None else load_calibration(file)
 
     def calibration_of_model(self) -> Calibration:
-        """Return the calibration as ``calibration``; ValueError for one of an unknown drive."""
+        """Return the calibration; ValueError if it is of an unknown drive or unusable."""
         calibration = self.calibration()
         if isinstance(calibration, Calibration):
             return calibration
@@ -115,7 +109,7 @@ class Identifying(ReadingOptions):
 
     @property
     def calibration_source(self) -> str:
-        """Where the calibration comes from, in words."""
+        """Source of the calibration, as a text."""
         return str(self.calibration_file or "the shipped one of the built-in actuator")
 
     def estimate(

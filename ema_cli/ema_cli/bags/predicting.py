@@ -31,7 +31,7 @@ PROGNOSIS_SECTIONS: Final = (
     (Service, ""),
     (DamageSettings, "damage."),
 )
-"""Dataclasses and prefixes of the parameters that a prognosis rests on."""
+"""Dataclasses and prefixes of the parameters of a prognosis."""
 
 LIMIT_OPTION: Final = assignments_option(
     "--limit", "limits", "Life ends at friction=0.4 or bandwidth=15 [Hz]."
@@ -59,19 +59,7 @@ def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> 
 
 @dataclass(frozen=True)
 class Predicting(Identifying):
-    """Settings of the identification and the prognosis of a unit, from the options.
-
-    Attributes
-    ----------
-    costs
-        What an advice rests on; None when none are given.
-    at_hours
-        Service hour at which the prognosis is made [h]; after the last test when None.
-    archive
-        Folder of an archive that was given as the fleet; None when none was.
-    scenarios
-        Future duties under which the life is predicted, too.
-    """
+    """Settings of the identification and the prognosis of a unit, from the options."""
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
         *Identifying.OPTIONS,
@@ -109,9 +97,13 @@ class Predicting(Identifying):
 
     prognosis: PrognosisSettings = PrognosisSettings()  # noqa: RUF009 - frozen
     costs: Costs | None = None
+    """Costs for an advice; None without advice."""
     at_hours: float | None = None
+    """Service hour at which the prognosis is made [h]; after the last test if None."""
     archive: Path | None = None
+    """Folder of the archive that is the fleet; None without an archive."""
     scenarios: tuple[Scenario, ...] = ()
+    """Future duties under which the life is predicted, too."""
 
     @classmethod
     def of(cls, parameters: Parameters, **options: Any) -> Self:
@@ -142,7 +134,7 @@ def with_growth(
     laws: tuple[str, ...] = (),
     costs: Mapping[str, float] = MappingProxyType({}),
 ) -> Parameters:
-    """Return parameters with the values of options of a name and a value."""
+    """Return parameters with the limits, growth laws and costs of options."""
     values: dict[str, Any] = {}
     by_limit = {name.partition(".")[2]: name for name in names_of(_LIMITS)}
     by_cost = {item.name: f"costs.{item.name}" for item in fields(Costs) if item.name != "unit"}
@@ -164,7 +156,7 @@ def with_growth(
 
 
 def prognosis_over(settings: PrognosisSettings, parameters: Parameters) -> PrognosisSettings:
-    """Return settings of a prognosis with the values that were given."""
+    """Return settings of a prognosis, overridden by parameters."""
     laws = parameters.over(KnownLawTexts(), "known_law.").laws()
     tracker = parameters.over(settings.tracker, "tracker.")
     return replace(

@@ -1,4 +1,4 @@
-"""Which windows of a bag to look at: options, and the windows that they choose."""
+"""Windows of a bag: options of their choice, and their detection."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
@@ -35,18 +35,7 @@ ACTUATOR_OPTION: Final = click.option(
 
 @dataclass(frozen=True)
 class ReadingOptions(Checked):
-    """Part of a bag to read, from the options.
-
-    Attributes
-    ----------
-    accept_defects
-        Whether the options hold even against the bag: the description in ``actuator_file`` is used
-        for a bag that has one too, and a calibration that does not fit it.
-    measured
-        Hidden causes that were measured, as texts, for all windows.
-    measured_max_age_s
-        Age up to which a measurement in the bag holds for a window [s].
-    """
+    """Part of a bag to read, from the options."""
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
         click.option("--actuator-id", help="Which actuator, if BAG holds several."),
@@ -68,7 +57,10 @@ class ReadingOptions(Checked):
     topic: str | None = None
     any_motion: bool = False
     accept_defects: bool = False
+    """Whether the options prevail over the bag: the description in ``actuator_file`` replaces the
+    description in the bag, and a calibration is used although it does not fit."""
     measured: tuple[str, ...] = ()
+    """Measured hidden causes, as texts, for all windows."""
     measured_max_age_s: float = quantity(
         MAX_AGE_S,
         "s",
@@ -76,6 +68,7 @@ class ReadingOptions(Checked):
         1e7,
         "age at the start of a window up to which a measured cause holds for it",
     )
+    """Age up to which a measurement in the bag holds for a window [s]."""
     trigger: TriggerSettings = TriggerSettings()  # noqa: RUF009 - frozen
 
     @classmethod
@@ -97,7 +90,7 @@ MEASURED_OPTION: Final = click.option(
 
 
 def open_recording(path: Path, source: ReadingOptions) -> tuple[Recording, ReadingOptions]:
-    """Return a bag and how to read it; a table is read by the mapping in its folder."""
+    """Open a bag, or a table by the mapping in its folder; return it and the options for it."""
     if path.suffix.lower() not in _TABLES:
         from ema_bags.reader import Bag  # rosbags and mcap only for bags
 
@@ -116,16 +109,16 @@ def read_windows(
     *,
     with_duty: bool = False,
 ) -> BagWindows:
-    """Read a bag and find the windows in its telemetry, with a progress bar.
+    """Read a bag and detect the windows in its telemetry, with a progress bar.
 
     Parameters
     ----------
     on_block
         Called with each block of telemetry.
     bag
-        The bag or the recording of a table, where it is open already.
+        The bag or the recording of a table, if it is open already.
     with_duty
-        Whether to measure the duty that was flown.
+        Whether to measure the flown duty.
     """
     with values_of_options():
         measured = measured_causes_of(source.measured)
@@ -168,7 +161,13 @@ def read_windows(
 def identifiable_windows(
     path: Path, source: ReadingOptions, bag: Recording | None = None
 ) -> BagWindows:
-    """Return the result of ``read_windows``, with at least one window, and print the remarks."""
+    """Read a bag that must have at least one window, and print the remarks.
+
+    Raises
+    ------
+    ValueError
+        If the bag has no window; the message describes the command or the position.
+    """
     windows = read_windows(path, source, bag=bag)
     for remark in windows.remarks:
         click.echo(f"{path}: {remark}", err=True)
@@ -178,7 +177,7 @@ def identifiable_windows(
 
 
 def why_no_window(path: Path, bag_windows: BagWindows, source: ReadingOptions) -> str:
-    """Return why no window was even begun, which describes the command or the position."""
+    """Return the reason why no window began, from the command or the position."""
     settings = source.trigger
     if bag_windows.description.drive == "unknown":
         reason = bag_windows.obstacle or (
@@ -205,7 +204,7 @@ def why_no_window(path: Path, bag_windows: BagWindows, source: ReadingOptions) -
         behaviour = "it never left its rest"
     return (
         f"{path} has no window to diagnose (no excitation): a window is {settings.window_s:g} s of "
-        f"command moving to and fro after a rest (--any-motion: of any motion), and {behaviour}"
+        f"command moving back and forth after a rest (--any-motion: of any motion), and {behaviour}"
         + (f"; {bag_windows.obstacle}" if bag_windows.obstacle else "")
     )
 
@@ -213,13 +212,13 @@ def why_no_window(path: Path, bag_windows: BagWindows, source: ReadingOptions) -
 def _choose_description(
     file: Path, recorded: tuple[ActuatorDescription, ...], *, accept: bool
 ) -> tuple[ActuatorDescription | None, str]:
-    """Return the description to read a bag with, None for the recorded ones, and a warning."""
+    """Return the description for a bag, None for its own descriptions, and a warning."""
     from ema_ros.actuator_file import load_description  # YAML only where there is a file
 
     described = load_description(file)
     if not recorded:
         return described, ""
-    # Those of the actuator as it was described last: that is how it is reported.
+    # Compared with the last recorded description, by which the actuator is reported.
     differences = "; ".join(differing(recorded[-1], described, "the bag", "the file"))
     if not differences:
         return None, ""
@@ -236,7 +235,7 @@ def _choose_description(
 
 
 def differing(first: Any, second: Any, first_place: str, second_place: str) -> Iterator[str]:
-    """Yield name, unit and both values of every field that differs between descriptions."""
+    """Yield name, unit and both values of each field that differs between two descriptions."""
     for field in fields(first):
         there, here = getattr(first, field.name), getattr(second, field.name)
         if field.name in ("parameters", "acquisition"):

@@ -1,4 +1,4 @@
-"""Third-party records as recordings: by a mapping, usually the one in the same folder."""
+"""Third-party records as recordings, by a mapping, which usually is in the same folder."""
 
 import heapq
 from collections import deque
@@ -22,24 +22,32 @@ from ema_ros.actuator_file import load_description, load_descriptions
 
 _PAUSE_NS: Final = 1_000_000_000
 _SIMILAR_RATE: Final = 0.1
-_BLOCK_IN_MEMORY_S: Final = 0.5  # nobody waits for the block's end
+_BLOCK_IN_MEMORY_S: Final = 0.5  # latency does not matter
 
 
 def table_recordings(
     table: Path, actuator_file: Path | None, columns: Sequence[str] = ()
 ) -> Iterator[tuple[list[str], MemoryRecording]]:
-    """Yield the recording made from a table and the mapping in the same folder.
+    """Yield the recordings of a table, by the mapping in the same folder.
 
-    It has the messages of the bag that `ema import` would write.
+    A recording has the messages of the bag that `ema import` would write. The mapping is
+    ``mapping.yaml``, or has the name of the table. Without a description, ``actuator.yaml`` in the
+    table's folder is used, or the built-in actuator.
 
-    The mapping is ``mapping.yaml``, or has the name of the table. Where no description is given,
-    ``actuator.yaml`` in the table's folder is used, or the built-in one. With columns there is a
-    recording of the rows between which none of them changes, with their values.
+    Parameters
+    ----------
+    table
+        CSV or Parquet file.
+    actuator_file
+        Description of the actuator.
+    columns
+        Columns that split the table: each stretch of rows with constant values in these columns is
+        a recording of its own, yielded with these values.
 
     Raises
     ------
     ValueError
-        When there is no mapping, or the table cannot be used.
+        If there is no mapping, or the table cannot be used.
     """
     names = table.with_name("mapping.yaml"), table.with_suffix(".yaml")
     mapping_file = next((name for name in names if name.is_file()), None)
@@ -70,7 +78,8 @@ def actuators_of(
 ) -> list[tuple[Mapping, ActuatorDescription]]:
     """Return mapping and description of each joint, or of the only actuator.
 
-    Descriptions are those of `load_descriptions`.
+    The name of a joint is the name of its actuator, and replaces ``{joint}`` in the file's name.
+    Without a file, the only actuator is the built-in one, and joints have an unknown drive.
     """
     descriptions = load_descriptions(str(actuator_file or ""), mapping.joints)
     return [(mapping.of_joint(unit.actuator_id), unit) for unit in descriptions]
@@ -84,7 +93,7 @@ def described(actuator_file: Path | None) -> ActuatorDescription:
 def read_record(
     source: InputFile, mapping: Mapping, description: ActuatorDescription, *, accepts: bool
 ) -> Imported:
-    """Return the telemetry of a file; defects are printed, or refused."""
+    """Return the telemetry of a file; its defects are printed, and refused unless accepted."""
     file = f"{source.path}, joint {mapping.joint}" if mapping.joint else source.path
     imported = imported_by(source, mapping, description)
     for remark in source.remarks:
@@ -110,7 +119,16 @@ def read_records(
 ) -> list[Imported]:
     """Return the telemetry of files, at the rate of the first one if their rates are similar.
 
-    Arguments are as in ``read_record``. The clocks of loggers differ by a few per cent.
+    The clocks of loggers differ by a few per cent.
+
+    Parameters
+    ----------
+    sources
+        Files of one actuator, in order.
+    mapping, description
+        Mapping and actuator of all files.
+    accepts
+        Whether defects are accepted.
     """
     records = [read_record(source, mapping, description, accepts=accepts) for source in sources]
     period = records[0].description.sample_period
@@ -133,7 +151,7 @@ def imported_by(
     description: ActuatorDescription,
     period: float | None = None,
 ) -> Imported:
-    """Return the telemetry of a file, resampled to a period if given; an error names the file."""
+    """Return the telemetry of a file, resampled to a period [s] if given; errors name the file."""
     try:
         return import_series(source.series(mapping), mapping, description, period)
     except ValueError as error:
@@ -146,7 +164,7 @@ def imported_by(
 def write_records(
     path: Path, actuators: Sequence[Sequence[Imported]], *, overwrite: bool = False
 ) -> None:
-    """Write descriptions and telemetry of actuators, for each one file after the other."""
+    """Write descriptions and telemetry of actuators, the files of each in sequence."""
     from ema_ros import topics
 
     kinds = {name: topics.ACTUATOR_TOPICS[name] for name in (topics.DESCRIPTION, topics.TELEMETRY)}
@@ -166,7 +184,7 @@ def _full_name(topic: str) -> str:
 def _messages(
     actuators: Sequence[Sequence[Imported]], block_s: float
 ) -> Iterator[tuple[str, Any, int, int]]:
-    """Yield topic, message, when it was received and its stamp [ns], in the order received."""
+    """Yield topic, message, time of reception and stamp [ns], in order of reception."""
     of_each = (_messages_of_actuator(records, block_s) for records in actuators)
     return heapq.merge(*of_each, key=lambda item: item[2])
 
@@ -174,7 +192,7 @@ def _messages(
 def _messages_of_actuator(
     records: Sequence[Imported], block_s: float
 ) -> Iterator[tuple[str, Any, int, int]]:
-    """Yield the same of one actuator, file after file."""
+    """Yield topic, message, time of reception and stamp [ns] of one actuator, file after file."""
     from ema_ros.messages import description_to_message, measured_to_message, telemetry_to_message
     from ema_ros.stamps import stamp_from_message
 
@@ -189,14 +207,14 @@ def _messages_of_actuator(
                 message = description_to_message(description, end_ns)
                 yield topic_names.DESCRIPTION, message, end_ns, end_ns
             elif not shift and block.first_index <= index and record is not records[0]:
-                # The next file: one sample at least is missing before it, and its time goes on.
+                # The next file: at least one sample is missing before it, and its time continues.
                 shift = index + 1
                 if block.stamp_ns <= end_ns:
                     shift_ns = end_ns + _PAUSE_NS - block.stamp_ns
             moved = replace(
                 block, stamp_ns=block.stamp_ns + shift_ns, first_index=block.first_index + shift
             )
-            # A temperature comes before the telemetry that it holds for.
+            # A temperature precedes its telemetry.
             before_ns = block.stamp_at(len(block) - 1) - record.shift_ns
             while rises and rises[0].stamp_ns <= before_ns:
                 rise = rises.popleft()
@@ -204,7 +222,7 @@ def _messages_of_actuator(
                 measured = measured_to_message(at_ns, [rise.cause], description.actuator_id)
                 yield topic_names.MEASURED_CAUSES, measured, end_ns, at_ns
             message = telemetry_to_message(moved, description.actuator_id)
-            # What is received never goes back, whatever the stamps do.
+            # Times of reception increase even where stamps go back.
             end_ns = max(end_ns, moved.stamp_at(len(moved) - 1))
             index = max(index, moved.first_index + len(moved) - 1)
             yield topic_names.TELEMETRY, message, end_ns, stamp_from_message(message.header.stamp)

@@ -1,4 +1,4 @@
-"""From bags to the tests of one unit, and its health and life after each of them, and the truth."""
+"""Tests of one unit from bags, with its health, life and true faults after each test."""
 
 import filecmp
 import math
@@ -40,33 +40,22 @@ _ONE_UNIT: Final = "a prognosis is for one unit, give the bags of one unit"
 
 @dataclass(frozen=True)
 class UnitRecord:
-    """What bags say of the tests of one unit.
-
-    Attributes
-    ----------
-    description
-        The unit as it was described last.
-    windows
-        Windows of all bags, those that cannot be used included, in order of time.
-    counts
-        Service life that was counted, in order of time.
-    truths
-        True faults by test cycle, in order of time, where the bags record them.
-    remarks
-        What is wrong with a bag, or was passed over.
-    bags
-        The bag of each window, by the window's last stamp.
-    flown
-        Duty up to the end of each window, by stamp [ns], in order of time.
-    """
+    """The tests of one unit, as its bags record them."""
 
     description: ActuatorDescription
+    """The last description of the unit."""
     windows: list[RecordedWindow]
+    """Windows of all bags, unusable windows included, in order of time."""
     counts: list[Count]
+    """Counts of the service life, in order of time."""
     truths: list[StampedFaults]
+    """True faults by test cycle, in order of time, as far as the bags record them."""
     remarks: list[str]
+    """Defects of bags, and bags that were left out."""
     bags: dict[int, Path] = field(default_factory=dict)
+    """The bag of each window, by the window's last stamp."""
     flown: list[tuple[int, FlownDuty]] = field(default_factory=list)
+    """Flown duty up to the end of each window, by stamp [ns], in order of time."""
 
     def until(self, hours: float) -> Self:
         """Return the record up to a service hour [h]."""
@@ -83,7 +72,7 @@ class UnitRecord:
 
 
 def find_bags(paths: Iterable[Path]) -> list[Path]:
-    """Return the bags that paths name, each once."""
+    """Return the bags in files and folders, each once."""
     bags_by_path: dict[Path, Path] = {}
     for path in paths:
         bags = _bags_in(path)
@@ -142,7 +131,7 @@ def read_unit(
         counted, wrong = read_counts(bag, bag_windows.description)
         counts += counted
         remarks += [f"{path}: {remark}" for remark in wrong]
-        if bag.damage != damage:  # found in what was counted
+        if bag.damage != damage:  # detected while the service life was counted
             remarks.append(f"{path}: {bag.damage}")
     if not read:
         what = "no bag can be read"
@@ -152,7 +141,7 @@ def read_unit(
     tests = [(path, item) for path, bag_windows in read for item in bag_windows.windows]
     if not tests:
         raise ValueError(f"no window to diagnose: {'; '.join(remarks)}")
-    # Of two windows of one bag and stamp, the second is a repetition: that is for the history.
+    # The history needs repeated windows too: the second window of one bag and stamp.
     stamped = (StampedTest(test.start_ns, test.end_ns, str(path), path) for path, test in tests)
     if reasons := unordered(stamped):
         raise ValueError(next(iter(reasons.values())))
@@ -205,7 +194,7 @@ def _require_same_unit(
 
 
 class Step(NamedTuple):
-    """A test, with health and life after it; None when nothing follows from it."""
+    """A test, with health and life after it; None if the test changes neither."""
 
     estimate: Estimate
     outlook: Outlook | None
@@ -213,26 +202,18 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class Course:
-    """Tests of one unit and what followed from them.
-
-    Attributes
-    ----------
-    options
-        How they were identified and followed, with the calibration that was used.
-    steps
-        Tests in order of time, refused ones included; of ordinary motion, each combination.
-    growth
-        What is known of growth after the last of them.
-    scenarios
-        Scenarios of future duty, with the health and life under each after the last test.
-    """
+    """Tests of one unit, with its health and life after each."""
 
     record: UnitRecord
     options: Predicting
+    """Options of the identification and the prognosis."""
     calibration: AnyCalibration
     steps: list[Step]
+    """Tests in order of time, refused tests included; with ordinary motion, combinations."""
     growth: GrowthRecord
+    """Record of the growth after the last test."""
     scenarios: tuple[tuple[Scenario, Outlook], ...] = ()
+    """Scenarios of future duty, with the health and life under each after the last test."""
 
     @property
     def estimates(self) -> list[Estimate]:
@@ -263,7 +244,7 @@ class Course:
 
     @cached_property
     def advice(self) -> Advice | None:
-        """What to do after the last test at the least cost; None without costs or a valid test."""
+        """The action of least cost after the last test; None without costs or a valid test."""
         if self.options.costs is None or not self.outlooks:
             return None
         return advise(self.outlooks[-1], self.options.costs)
@@ -272,11 +253,11 @@ class Course:
 def diagnose_unit(
     paths: Sequence[Path], options: Predicting, *, skips_unreadable: bool = False
 ) -> Course:
-    """Identify the tests in bags and follow them; remarks and refusals go to standard error."""
+    """Identify the tests in bags, and follow health and life; remarks go to standard error."""
     record = read_unit(paths, options, skips_unreadable=skips_unreadable)
     if options.at_hours is not None:
         record = record.until(options.at_hours)
-    # The bags first: those of two units are refused, whatever lies beside them.
+    # The bags first: bags of two units are refused before a calibration is searched for.
     options = options.with_calibration_beside(find_bags(paths))
     calibration = options.calibration()
     for remark in record.remarks:
@@ -318,15 +299,15 @@ def true_faults(course: Course) -> NDArray[np.float64]:
 def true_remaining_life(course: Course) -> NDArray[np.float64]:
     """Return the hours left at each valid test until life truly ended [h], ``(n,)``.
 
-    Life ends when a true fault reaches its limit, or a required performance, computed by the
-    monitor's model from the true faults, fails: between two tests, where the share of the way to
-    the limit passes 1 on a straight line. NaN where the hour or the end is not known.
+    Life ends when a true fault reaches its limit, or when a required performance, computed by the
+    monitor's model from the true faults, fails. Between two tests, the share of the way to the
+    limit is interpolated linearly. NaN where the hour or the end is unknown.
     """
     hours = course.hours
     share = _share_of_the_way(course, true_faults(course))
     left = np.full(len(hours), np.nan)
     end, later = math.nan, None
-    # Backwards: what is left at a test is what is left until the next end after it.
+    # Backwards: the remaining life of a test lasts until the next end after it.
     for i in np.flatnonzero(np.isfinite(hours) & np.isfinite(share))[::-1]:
         if share[i] >= 1.0:
             end = hours[i]

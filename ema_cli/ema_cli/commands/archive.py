@@ -1,4 +1,4 @@
-"""``ema archive``: the bags of a fleet as tables, brought up to date and asked."""
+"""``ema archive``: tables of the results of a fleet's bags, their update and queries."""
 
 import json
 import sys
@@ -266,7 +266,7 @@ def _plain(value: Any) -> Any:
 
 def _print(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     if not sys.stdout.isatty():
-        # For other programs: whole values, a tab between.
+        # For other programs: whole values, separated by tabs.
         click.echo("\t".join(names))
         for row in rows:
             click.echo("\t".join(" ".join(str(_plain(value)).split()) for value in row))

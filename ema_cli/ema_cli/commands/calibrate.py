@@ -44,8 +44,8 @@ def calibrate(
 ) -> None:
     """Calibrate on the windows or records in BAGS of one healthy actuator.
 
-    A load, or another hidden cause, that the bags hold as measured, or that is given by --measured,
-    is taken for known within its sigma. What the windows did not show is named at the end.
+    Measured hidden causes, such as a load, in the bags or by --measured, are fixed within their
+    sigma. Parameters that the windows do not show are listed at the end.
 
     Four or more records of an unknown drive are compared with each other. A record that differs
     from the others is named in a warning and in the calibration. It is used all the same. Their
@@ -123,7 +123,7 @@ def _names(bag: Path, windows: Sequence[RecordedWindow]) -> list[str]:
 def _remarks(
     windows: Sequence[RecordedWindow], names: Sequence[str], calibration: JointCalibration
 ) -> Iterator[str]:
-    """Yield which records are not part of the calibration, and which differ from the others."""
+    """Yield remarks on records that are not used, or that differ from the other records."""
     used: list[str] = []
     stamps = Counter(item.start_ns for item in windows)
     of_records = {record.stamp_ns for record in calibration.baseline.records}
@@ -143,7 +143,7 @@ def _remarks(
 
 
 def _with_labels(calibration: AnyCalibration, output: Path) -> AnyCalibration:
-    """Return a calibration with the labels of the one that it replaces, if of the same unit."""
+    """Return a calibration with the labels of the replaced calibration, if of the same unit."""
     if not output.exists():
         return calibration
     try:

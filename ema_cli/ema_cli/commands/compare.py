@@ -1,4 +1,4 @@
-"""``ema compare``: every algorithm on one window of a bag."""
+"""``ema compare``: several algorithms on one window of a bag."""
 
 import json
 import sys
@@ -23,7 +23,7 @@ from ema_monitor.recordings.windows import BagWindows
 
 
 class _Algorithms(click.ParamType):
-    """Registered names with commas between."""
+    """Registered names, separated by commas."""
 
     name = "names"
 
@@ -89,9 +89,9 @@ def compare(
 def _as_object(comparison: AlgorithmComparison, bag_windows: BagWindows) -> dict[str, Any]:
     truth = comparison.truth
     return {
-        "window": comparison.found.number,
-        "start": round(bag_windows.seconds(comparison.found.start_ns), 9),
-        "end": round(bag_windows.seconds(comparison.found.end_ns), 9),
+        "window": comparison.recorded.number,
+        "start": round(bag_windows.seconds(comparison.recorded.start_ns), 9),
+        "end": round(bag_windows.seconds(comparison.recorded.end_ns), 9),
         "truth": None if truth is None else by_fault(truth),
         "fitness_at_truth": comparison.fitness_at_truth,
         "estimates": [
@@ -133,7 +133,7 @@ def _print(comparison: AlgorithmComparison, title: str) -> None:
 
 
 def table_of_runs(comparison: AlgorithmComparison, title: str) -> Table:
-    """Return how each algorithm fared."""
+    """Return a table with the cost, error and time of each algorithm."""
     runs = comparison.runs
     columns = {
         "algorithm": [run.estimate.algorithm for run in runs],
@@ -151,7 +151,7 @@ def table_of_runs(comparison: AlgorithmComparison, title: str) -> Table:
 
 
 def table_of_faults(comparison: AlgorithmComparison) -> Table:
-    """Return the fault vectors below the true one, and the sigma of the fittest."""
+    """Return a table of the true and the estimated faults, and the sigma of the best estimate."""
     rows = {} if comparison.truth is None else {"truth": comparison.truth}
     rows |= {run.estimate.algorithm: run.estimate.faults for run in comparison.runs}
     title = "fault vectors"

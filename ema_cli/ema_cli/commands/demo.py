@@ -28,12 +28,12 @@ def demo(duration_s: float, output: Path | None, network: bool) -> None:
     """Watch an actuator wear out: its diagnosis live and on the dashboard, then a picture.
 
     When a test shows a failure, a simulated technician repairs the actuator, and it wears again.
-    The folder keeps the history of the tests, with which a restarted monitor goes on.
+    The folder keeps the history of the tests, with which a restarted monitor continues.
 
     ROS_DOMAIN_ID is honoured where it is set; otherwise the demo has a domain of its own.
     """
     with deferred_signals(*ENDING) as stop:
-        # Here, since the signals have to be noted before anything that takes time.
+        # Imported here, since signals must be recorded before slow imports.
         from ema_cli.processes.demo_run import run_demo
 
         run_demo(duration_s, output, stop, network=network)

@@ -161,7 +161,7 @@ def _next_steps(output: Path, options: Bench) -> str:
         f"  ema calibrate healthy.mcap --params {output} -o calibration.yaml",
         f"  ema estimate case.mcap --params {output} --calibration calibration.yaml",
     ]
-    # Nodes know the sample rate by the file of the actuator alone.
+    # Nodes read the sample rate from the file of the actuator only.
     if not rate:
         file_option = f" -p actuator_file:={file}" if file else ""
         steps.append(

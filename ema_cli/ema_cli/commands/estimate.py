@@ -72,7 +72,7 @@ def estimate(bag: Path, options: Identifying, as_json: bool, verbose: bool) -> N
             click.echo(
                 "calibrate this unit: `ema calibrate HEALTHY_BAG -o FILE`, then --calibration FILE"
             )
-    # A recording of a live system ends anywhere: a last window that is cut off is not a failure.
+    # A live recording ends at any time: an incomplete last window is no failure.
     looked_at = [result for result in estimates if result.verdict != SKIPPED]
     if not looked_at or not all(map(_is_answer, looked_at)):
         sys.exit(REFUSED)
@@ -85,12 +85,12 @@ def _is_answer(estimate: Estimate) -> bool:
 
 
 def _distance(estimate: Estimate, i: int) -> float:
-    """Return how far a fault is from its healthy value [-]."""
+    """Return the distance of a fault from its healthy value [-]."""
     return abs(estimate.faults[i] - FAULTS[i].healthy)
 
 
 def _significant(estimate: Estimate) -> list[int]:
-    """Return which faults are significant, the largest first."""
+    """Return the indices of the significant faults, the largest first."""
     return sorted(
         filter(lambda i: estimate.found[i], INDICES), key=lambda i: -_distance(estimate, i)
     )
@@ -128,7 +128,7 @@ def _line(number: int, estimate: Estimate, bag_windows: BagWindows) -> str:
 
 
 def _summary(estimates: Sequence[Estimate]) -> list[str]:
-    """Return how many windows are valid, why others are not, and the largest faults, in lines."""
+    """Return lines with the verdicts, the reasons of refusals and the largest faults."""
     valid = [(number, item) for number, item in enumerate(estimates) if item.valid]
     counts = Counter(item.verdict for item in estimates)
     are_records = any(item.is_of_record for item in estimates)
@@ -138,7 +138,7 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
     what = "estimate" if any(item.stretches for item in estimates) else "window"
     what = "record" if are_records else what
     lines = [f"{counted(len(estimates), what)}: {verdicts}"]
-    # Reasons that differ in their figures only are the same.
+    # Reasons that differ only in their figures count as the same.
     reasons: dict[str, list[str]] = {}
     for entry in estimates:
         if not entry.valid:

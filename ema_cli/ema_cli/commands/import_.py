@@ -97,7 +97,7 @@ def import_(
         return
     assert mapping is not None
     if written is not None:
-        # Before the data are judged: the answers are kept whatever is wrong with them.
+        # Before the data are checked: the answers are kept even if the data are refused.
         written.write_text(mapping_text(mapping), encoding="utf-8")
         click.echo(f"{written}: the mapping")
     sources = [InputFile(file, mapping) for file in files]
@@ -141,7 +141,7 @@ def _draw(bag: Path, picture: Path) -> None:
 
 
 def _preview(file: Path, mapping: Mapping | None, actuator_file: Path | None) -> None:
-    """Print a mapping as YAML, and all else as its comments."""
+    """Print a mapping as YAML, with remarks and defects as comments."""
     source = InputFile(file, mapping)
     lines = [str(file), *source.contents()]
     try:
@@ -156,7 +156,7 @@ def _preview(file: Path, mapping: Mapping | None, actuator_file: Path | None) ->
             for defect in imported.defects:
                 lines.append(f"{'ERROR' if defect.is_error else 'note'}: {defect}")
     except ValueError:
-        _comment(lines, err=True)  # so that a file it is written to holds a mapping or nothing
+        _comment(lines, err=True)  # so that a redirected output holds a mapping or nothing
         raise
     _comment(lines)
     click.echo(mapping_text(mapping), nl=False)

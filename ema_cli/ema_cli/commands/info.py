@@ -29,7 +29,7 @@ def info(bag: Path, options: ReadingOptions) -> None:
     click.echo(text_table(("topic", "type", "messages"), rows))
     if contents.writers:
         click.echo(f"written by {', '.join(contents.writers)}")
-    # Defects of the bag are reported once, also if an actuator cannot be read.
+    # Defects of the bag are reported once, even if an actuator cannot be read.
     remarks: dict[str, None] = {}
     present, chosen = described_actuators(contents), [options]
     if options.actuator_id is None and len(present) > 1:

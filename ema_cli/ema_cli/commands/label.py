@@ -1,4 +1,4 @@
-"""``ema label``: the state of a unit in tests, by its owner."""
+"""``ema label``: tests of a unit in a state that its owner knows."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace

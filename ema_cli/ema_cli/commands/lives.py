@@ -72,7 +72,7 @@ def lives(
     if is_constant and (fault or with_repair):
         raise click.UsageError("--constant excludes --fault and --repair")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ValueError(f"{folder} is there already: give a new or an empty folder")
+        raise ValueError(f"{folder} already exists: give a new or an empty folder")
     folder.mkdir(parents=True, exist_ok=True)
     jobs = [
         LifeJob(folder.resolve(), seed, number, fault, form, is_constant, with_repair, start_ns)

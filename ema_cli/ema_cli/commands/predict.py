@@ -95,7 +95,7 @@ def predict(
         if scenarios:
             Console().print(table_of_scenarios(scenarios))
     if output is not None:
-        # After the figures: they stand, even if the disk is full.
+        # After the figures, which remain even if the disk is full.
         save_picture(draw_course(course), output)
         if not as_json:
             click.echo(f"{output}")

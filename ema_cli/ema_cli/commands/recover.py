@@ -50,7 +50,7 @@ def recover(bag: Path, output: Path, overwrite: bool) -> None:
             try:
                 message = checks[item.topic](item.message)
                 for name in ("log_time_ns", "publish_time_ns"):
-                    # MCAP has room for later ones, and a bag of ROS has not.
+                    # MCAP permits later stamps, a bag of ROS does not.
                     if (time_ns := getattr(item, name)) >= 2**63:
                         what = name.removesuffix("_ns")
                         raise ValueError(f"{what} = {time_ns} ns is outside [0, 2^63) ns")

@@ -184,7 +184,7 @@ def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
 
 
 def _print_table(table: StudyTable) -> None:
-    """Print a table of the thesis, one source below the other."""
+    """Print a table of the thesis, grouped by source."""
     click.echo(f"Table {table.number}: {table.title}")
     for source in table.frame.columns.unique("source"):
         block = table.frame[source].dropna(how="all")

@@ -16,7 +16,7 @@ from ema_cli.processes.bringup import (
     ros_arguments,
 )
 from ema_cli.processes.listener import refuse_running
-from ema_cli.processes.node_commands import Common, actuator_commands, monitor_commands
+from ema_cli.processes.node_commands import NodeOptions, actuator_commands, monitor_commands
 from ema_cli.processes.reach import set_reach
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 from ema_cli.processes.supervisor import POLL_S, Supervisor
@@ -77,15 +77,15 @@ def up(
             parameter_files = (parameter_file("simulated"), *parameter_files)
         elif actuator_ids:
             raise click.UsageError(f"--actuators {actuators}: expected the node actuator as well")
-        common = Common(parameter_files, assignments, namespace)
+        node_options = NodeOptions(parameter_files, assignments, namespace)
         commands = {}
         for node in names:
             if node == "monitor":
-                commands |= monitor_commands(monitors, common, Path(folder), actuator_ids)
+                commands |= monitor_commands(monitors, node_options, Path(folder), actuator_ids)
             elif node == "actuator" and actuator_ids:
-                commands |= actuator_commands(actuator_ids, common)
+                commands |= actuator_commands(actuator_ids, node_options)
             else:
-                commands[node] = [str(program(node)), *ros_arguments(node, **vars(common))]
+                commands[node] = [str(program(node)), *ros_arguments(node, **vars(node_options))]
         # `actuator left` is the node actuator in the namespace left.
         place = f"/{(NAMESPACE if namespace is None else namespace).strip('/')}"
         parts = (node.partition(" ") for node in commands)

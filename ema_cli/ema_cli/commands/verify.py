@@ -50,17 +50,17 @@ _ROUNDING: Final = 1e-6
 
 @dataclass(frozen=True)
 class Verified:
-    """What became of a recorded estimate: ``state``, and the largest difference of a figure [-].
-
-    ``bag`` is its bag in an archive; of the file of a history as a whole, ``window`` is None.
-    """
+    """Result of the verification of a recorded estimate."""
 
     actuator_id: str
     window: int | None
+    """Number of the window; None for a history as a whole."""
     state: str = CANNOT
     difference: float = 0.0
+    """Largest difference of a figure [-]."""
     reason: str = ""
     bag: str = ""
+    """Bag of the estimate in an archive."""
 
     def __str__(self) -> str:
         place = f"{self.bag}: " if self.bag else ""
@@ -91,7 +91,7 @@ class Verified:
 
 
 def _figures(estimate: Estimate) -> Array:
-    """Return the faults, and the changes of the quantities of a record."""
+    """Return the faults and the changes of quantities in an array."""
     compared = estimate.comparison
     changes = [quantity.change for quantity in compared.quantities] if compared else []
     return np.array([*estimate.faults, *changes])
@@ -238,7 +238,7 @@ def _of_archive(folder: Path) -> Iterator[Verified]:
                 if estimate is None:
                     yield replace(verified, reason=why)
                 elif row["calibration_id"] != estimate.calibration_id:
-                    words = f"calibration {row['calibration_id']!r} is not there any more"
+                    words = f"calibration {row['calibration_id']!r} is missing"
                     yield replace(verified, reason=words)
                 else:
                     by = "" if software == estimation_software() else "by other software"
@@ -286,7 +286,7 @@ def _recomputed(
             words = f"calibration {test.calibration_id or 'unknown'} is not given"
             yield replace(verified, reason=words)
         elif test.warm_start and not is_there:
-            yield replace(verified, reason="its search began at an estimate that is not there")
+            yield replace(verified, reason="its search began at an estimate that is missing")
         else:
             verified = _of_any_start(verified, test, before, without_last, window, calibration)
             if verified.state == DIFFERENT and test.warm_start and not is_whole:
@@ -303,7 +303,7 @@ def _of_any_start(
     window: RecordedWindow,
     calibration: AnyCalibration,
 ) -> Verified:
-    """Compare an estimate with those that a monitor makes, whenever it started.
+    """Compare an estimate with the estimates of a monitor for any time of its start.
 
     A monitor that started in the middle of a motion does not know where the window begins in the
     play. A monitor that was killed may have published a test that its history lacks: without it,

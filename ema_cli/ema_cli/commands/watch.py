@@ -186,9 +186,9 @@ def _no_health(places: list[str], listener: _HealthListener) -> str:
 class Completion:
     """Whether a player has ended, and the monitor has identified the played data.
 
-    Reports come once a second and on change, of one monitor or of several that share the actuators:
-    two of the same counts in a row after the end, with an estimate for each window, say of each
-    actuator that nothing is on its way.
+    Reports are published once a second and on change, by a monitor or by several monitors that
+    share the actuators. The data of an actuator are complete after two successive reports with the
+    same counts after the end, and with an estimate for each window.
 
     Attributes
     ----------

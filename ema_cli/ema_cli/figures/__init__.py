@@ -1,1 +1,1 @@
-"""Pictures that the commands draw; their style is that of ``ema_monitor.plot``."""
+"""Pictures of the commands, in the style of ``ema_monitor.plot``."""

@@ -12,7 +12,7 @@ from ema_cli.parameters import Command
 from ema_core.files import complete_file
 
 PICTURES: Final = (".png", ".svg", ".pdf")
-"""How the name of a picture ends."""
+"""Endings of the names of pictures."""
 
 
 def picture_option(default: str = "") -> Callable[[Command], Command]:

@@ -1,4 +1,4 @@
-"""Picture of an estimate in a recording: that of its window, or of its last stretch of motion."""
+"""Picture of an estimate in a recording, at its window or its last stretch of motion."""
 
 from matplotlib.figure import Figure
 
@@ -18,7 +18,26 @@ def draw_fit(
     search: SearchSettings,
     since_ns: int | None = None,
 ) -> Figure:
-    """Return a figure of what was measured and what the model says of it."""
+    """Return a figure of the measured and the simulated telemetry of an estimate.
+
+    Parameters
+    ----------
+    last
+        Window of the estimate, or its last stretch.
+    estimate
+        The estimate to draw.
+    calibration
+        Calibration of the unit.
+    search
+        Settings of the identification.
+    since_ns
+        Stamp at the zero of the time axis [ns]; None for the start of the window.
+
+    Raises
+    ------
+    ValueError
+        If the window cannot be used.
+    """
     window = last.window
     if not isinstance(window, Window):
         raise ValueError(f"window {last.number} cannot be used: {window.reason}")

@@ -1,4 +1,4 @@
-"""Picture of a prognosis: remaining life, growth of the faults, and what ends life."""
+"""Picture of a prognosis: remaining life, growth of the faults, and the end of life."""
 
 from textwrap import fill
 from typing import Any, Final
@@ -71,7 +71,7 @@ def draw_course(course: Course) -> Figure:
     end = newest + hours_ahead(last.rul, newest - float(first))
     _draw_lives(panels[0], course, place, true_remaining_life(course))
     fan, tracker = None, course.growth.tracker
-    # From the tracker's own hours: those of the last test may be refused.
+    # From the hours of the tracker, since the last test may be refused.
     if in_hours and tracker.updates and (ahead := end - tracker.hours) > 0.0:
         times = ahead * np.linspace(0.0, 1.0, _FAN_TIMES)
         fan = tracker.fan(times, last.future)
@@ -96,7 +96,7 @@ def draw_course(course: Course) -> Figure:
 
 
 def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
-    """Return whether a fault is worth a panel: it ends life, gives a warning or truly moved."""
+    """Return whether a fault has a panel: it ends life, gives a warning, or truly changed."""
     name = FAULT_NAMES[i]
     if name not in COMPONENTS:
         return False
@@ -124,7 +124,7 @@ def _draw_lives(
         )
         cone.set_label(_CONE_NAME)
         axes.plot(place, truth, **TRUTH)
-    # Early bands may reach to infinity, and the first medians are the prior's: both hide the rest.
+    # Early bands may reach infinity, and the first medians are prior: both would hide the rest.
     high_median = np.quantile(median[is_predicted], 0.9) if is_predicted.any() else 0.0
     top = np.nanmax([1.0, *(2.0 * truth if np.isfinite(truth).any() else [1.5 * high_median])])
     drawn_high = np.where(np.isinf(high), 10.0 * top, high)
@@ -210,7 +210,7 @@ def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], na
 def _crossing(
     place: NDArray[np.float64], value: NDArray[np.float64], level: float, now: float
 ) -> float:
-    """Return where values crossed a level last, between two tests; now where they did not."""
+    """Return the place between two tests where values last crossed a level; ``now`` if nowhere."""
     left = (level - value) * np.sign(level - value[0])
     before = np.flatnonzero(left > 0.0)
     if not before.size or (k := before[-1]) + 1 == left.size:
@@ -219,7 +219,7 @@ def _crossing(
 
 
 def _mark_life(axes: Axes, now: float, life: RemainingLife, level: float, crossed: float) -> None:
-    """Draw when a limit is reached, 5 % to 95 %, on the limit; when it was, if it has been."""
+    """Draw the time at which a limit is reached, 5 % to 95 %, or was reached, on the limit."""
     if not life.known:
         return
     ends = now + np.array([life.hours_05, life.hours_50, life.hours_95])
@@ -234,7 +234,7 @@ def _mark_events(axes: Axes, course: Course, place: NDArray[np.float64], *, is_n
         (x, event)
         for x, outlook in zip(place, course.outlooks, strict=True)
         for event in (outlook.events if np.isfinite(x) else ())
-        # Where tests are missing, no points are; limits show faults.
+        # Missing tests have no points; limits show faults.
         if event.kind not in (GAP, FAULT)
     ]
     for number, (x, event) in enumerate(marked):
@@ -245,7 +245,7 @@ def _mark_events(axes: Axes, course: Course, place: NDArray[np.float64], *, is_n
                 (x, 0.98),
                 xycoords=axes.get_xaxis_transform(),
                 rotation=90,
-                # An outlier and what it turns out to be at the next test stand side by side.
+                # An outlier, and its interpretation after the next test, stand side by side.
                 ha="left" if number % 2 else "right",
                 va="top",
                 fontsize="x-small",

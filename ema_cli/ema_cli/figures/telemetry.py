@@ -15,14 +15,14 @@ from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.trigger import Refusal
 
 BINS: Final = 8192
-"""Steps of time in an outline: several for each dot of a picture."""
+"""Steps of time in an outline: several for each pixel of a picture."""
 
 
 class Outline:
-    """Least and greatest value of each column in equal steps of time, at most ``BINS`` of them.
+    """Minimum and maximum of each column in at most ``BINS`` equal steps of time.
 
-    The steps begin as two samples and double whenever there are too many. What is earlier than the
-    first sample is left out.
+    A step is two samples at first, and doubles whenever there are too many steps. Samples earlier
+    than the first one are left out.
     """
 
     def __init__(self) -> None:
@@ -41,7 +41,7 @@ class Outline:
             if name not in block.missing:
                 rows[:, number] = getattr(block, name)
         rows[~np.isfinite(rows)] = np.nan
-        # A quarter of the first step later, so that rounded stamps do not fall into the one before.
+        # Shifted by a quarter of the first step: rounded stamps stay in their step.
         late_ns = stamps_ns - (self._start_ns - 0.5e9 * block.sample_period)
         while late_ns[-1] >= BINS * self._step_ns:
             self._double()
@@ -52,9 +52,9 @@ class Outline:
         np.fmax.at(self._high, bins, rows[here])
 
     def lines(self, name: str, first_ns: int) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-        """Return a column as a line to draw: times ``(n,)`` [s] and values ``(n,)``.
+        """Return times [s] and values of a column for a line, each ``(n,)``.
 
-        It is broken, by NaN, where there is no telemetry.
+        NaN interrupts the line where there is no telemetry.
         """
         column = COLUMNS.index(name)
         values = np.stack([self._low[:, column], self._high[:, column]], axis=1)
@@ -87,7 +87,7 @@ def draw_telemetry(bag_windows: BagWindows, outline: Outline) -> Figure:
         axes.plot(t, factor * values, colour, lw=width, label=name)
     refused = [isinstance(window.place, Refusal) for window in bag_windows.windows]
     for colour, is_refused in ((BLUE, False), (VERMILION, True)):
-        # One area for all, broken by NaN: a span of its own for each window takes 40 kB an axis.
+        # One area for all, interrupted by NaN: a span for each window takes 40 kB an axis.
         t = np.array(
             [
                 (bag_windows.seconds(window.start_ns), bag_windows.seconds(window.end_ns), np.nan)

@@ -1,4 +1,4 @@
-"""The nodes of the health monitor and how each is started."""
+"""Nodes of the health monitor, and their programs and arguments."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -43,7 +43,7 @@ def parameter_file(name: str) -> Path:
 
 
 def localhost_profile() -> Path:
-    """Return the profile by which Fast DDS keeps to this machine."""
+    """Return the profile that limits Fast DDS to this machine."""
     return _installed(get_package_share_directory, "ema_bringup", "config", "fastdds_localhost.xml")
 
 
@@ -59,7 +59,7 @@ def _installed(folder_of: Callable[[str], str], package: str, *parts: str) -> Pa
     except PackageNotFoundError as error:
         raise ValueError(f"package {package} is not installed: run `make setup`") from error
     if not path.is_file():
-        raise ValueError(f"{path} is not there: run `make setup`")
+        raise ValueError(f"{path} does not exist: run `make setup`")
     return path
 
 
@@ -70,9 +70,22 @@ def ros_arguments(
     namespace: str | None = None,
     remaps: Mapping[str, str] | None = None,
 ) -> list[str]:
-    """Return the arguments of a program of nodes: their own parameter files, then what is given.
+    """Return the arguments of a program of nodes.
 
-    A single node is in the enclave of its full name, which matters where SROS2 is enabled.
+    A single node is in the enclave of its full name, for SROS2.
+
+    Parameters
+    ----------
+    nodes
+        Names of the nodes, whose parameter files come first.
+    parameter_files
+        Further parameter files.
+    assignments
+        Parameters as ``NAME:=VALUE``, which override the files.
+    namespace
+        Namespace of the nodes.
+    remaps
+        New names of topics, by name.
     """
     arguments = ["--ros-args"]
     for file in (*map(parameter_file, nodes), *parameter_files):
@@ -101,7 +114,7 @@ node_parameters_option: Final = click.option(
 
 
 def _assignment(text: str) -> str:
-    """Return ``NAME=VALUE``, or ROS's ``NAME:=VALUE``, as ROS has it."""
+    """Convert ``NAME=VALUE`` to ROS's ``NAME:=VALUE``."""
     name, equals, value = text.partition("=")
     if not equals:
         raise click.ClickException(f"-p {text!r}: expected NAME=VALUE")
@@ -110,7 +123,7 @@ def _assignment(text: str) -> str:
 
 def assignments_of(parameters: Mapping[str, Any]) -> list[str]:
     """Return parameters as ``name:=value``."""
-    # JSON is YAML that leaves no doubt: a path that looks like a number stays text.
+    # JSON is unambiguous YAML: a path that looks like a number remains a text.
     return [
         f"{name}:={json.dumps(value, ensure_ascii=False)}"
         for name, value in parameters.items()

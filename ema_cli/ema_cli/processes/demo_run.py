@@ -1,4 +1,4 @@
-"""What a demo does: its domain, its folder, its nodes, its end."""
+"""Run of a demo: domain, folder, nodes and end."""
 
 import os
 import time
@@ -27,7 +27,7 @@ SHOWN: Final = ("friction", "backlash", "short_circuit_a")
 """The faults that grow in the demo."""
 
 _NODES: Final = ("recorder", "dashboard", "monitor", "actuator")
-_START_S: Final = 180.0  # the first run ever compiles the kernels
+_START_S: Final = 180.0  # the first run compiles the kernels
 _LAST_CYCLE_S: Final = 10.0
 _LAST_WINDOW_S: Final = 8.0
 _REFRESH_S: Final = 0.25
@@ -46,7 +46,7 @@ def run_demo(
     }
     folder = output or Path("bags", f"demo_{datetime.now():%Y%m%d_%H%M%S}")
     if folder.exists() and any(folder.iterdir()):
-        raise ValueError(f"{folder} is there already: give a new or an empty folder")
+        raise ValueError(f"{folder} already exists: give a new or an empty folder")
     refuse_running([f"{NAMESPACE}/{node}" for node in _NODES], "demo", stop)
     if stop:
         return
@@ -94,7 +94,7 @@ class Technician:
         self._is_repairing = False
 
     def look(self, diagnoses: Sequence[DiagnosedWindow], observer: Observer) -> str:
-        """Repair after a failure that was not seen before; return what was done, in words."""
+        """Repair the actuator after a new failure; return a text for the user, or ""."""
         last = next(
             (window for window in reversed(diagnoses) if window.level in (OK, WARN, ERROR)), None
         )
@@ -120,7 +120,7 @@ def _watch(
     processes: Supervisor,
     stop: StopRequest,
 ) -> None:
-    """Show what is found until the time is over, a node has failed or a signal came."""
+    """Show the diagnoses until the time is over, a node has failed or a signal was received."""
     began, technician = time.monotonic(), Technician()
     first_cycle: float | None = None
     address = ""
@@ -168,7 +168,7 @@ def _await(
 
 
 def _conclude(bag: Path, picture: Path, folder: Path) -> None:
-    # Here, since it takes a second that nobody should have to wait for at the start.
+    # Imported here, since it takes a second, which would delay the start.
     from ema_cli.figures.files import save_picture
     from ema_cli.figures.history import draw_history
 

@@ -1,4 +1,4 @@
-"""ROS domains, each taken by one process of the machine at a time."""
+"""ROS domains, each used by one process of the machine at a time."""
 
 import fcntl
 import itertools
@@ -7,18 +7,18 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
-# Domains above 101 use ports that Linux hands out to other programs.
+# Domains above 101 use ephemeral ports of Linux.
 _DOMAINS = range(1, 102)
 _FOLDER = Path(tempfile.gettempdir(), "ros_domain_locks")
-# Each search goes on behind the one before: a domain just released is not used again at once.
+# Each search starts after the previous domain: a released domain is not reused at once.
 _order = itertools.cycle(_DOMAINS)
 
 
 class Domain:
-    """A domain that no other process has, until it is released or this process ends.
+    """A domain reserved for this process, until it is released or the process ends.
 
-    A process that is started with the lock's descriptor (``pass_fds``) keeps the domain from
-    others for as long as it lives, even when this one was killed.
+    A child process that inherits the descriptor of the lock (``pass_fds``) keeps the domain
+    reserved as long as it runs, even if this process was killed.
     """
 
     def __init__(self) -> None:
@@ -31,14 +31,14 @@ class Domain:
         raise RuntimeError(f"all {count} ROS domains are in use ({_FOLDER}): set ROS_DOMAIN_ID")
 
     def close(self) -> None:
-        """Let others use the domain."""
+        """Release the domain."""
         os.close(self.descriptor)
 
 
 def _locked(number: int) -> int | None:
-    """Return the descriptor of the lock of a domain; None where another process has it."""
+    """Lock a domain and return the descriptor of the lock; None if another process holds it."""
     _FOLDER.mkdir(exist_ok=True)
-    with suppress(PermissionError):  # it is another user's, who has opened it to all
+    with suppress(PermissionError):  # another user's folder, which is open to all
         _FOLDER.chmod(0o1777)
     path = _FOLDER / f"{number}.lock"
     try:

@@ -1,4 +1,4 @@
-"""A node that only listens, in a thread of its own."""
+"""A node that only subscribes, in a separate thread."""
 
 import os
 import threading
@@ -22,7 +22,17 @@ _DISCOVERY_S: Final = 2.0
 
 
 class Listener:
-    """Gives on what it hears; to be used under ``with``."""
+    """Forwards messages of topics; use it under ``with``.
+
+    Parameters
+    ----------
+    name
+        Name of the node.
+    topics
+        Type and quality of service by topic.
+    take
+        Called in the thread of the node with topic and message.
+    """
 
     def __init__(
         self,
@@ -74,7 +84,7 @@ class Listener:
         )
 
     def call(self, service_class: type, name: str, request: Any) -> Any:
-        """Call a service and return what will have the answer."""
+        """Call a service and return the future of the answer."""
         return self._node.create_client(service_class, name).call_async(request)
 
     def _spin(self) -> None:
@@ -89,7 +99,7 @@ class Listener:
 
 
 def refuse_running(nodes: Iterable[str], enclave: str, stop: StopRequest) -> None:
-    """Raise ValueError if one of these nodes, by full name, runs already; this takes 2 s."""
+    """Raise ValueError if a node with one of these full names runs already; this takes 2 s."""
     wanted = {tuple(node.rsplit("/", 1)) for node in nodes}
     with Listener(enclave, {}, lambda *_: None) as listener:
         deadline = time.monotonic() + _DISCOVERY_S

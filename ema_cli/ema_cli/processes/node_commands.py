@@ -14,8 +14,8 @@ from ema_ros.topics import ACTUATOR_TOPICS, NAMESPACE
 
 
 @dataclass(frozen=True)
-class Common:
-    """What all nodes are given, as of ``ros_arguments``."""
+class NodeOptions:
+    """Arguments of all nodes: parameter files, ``NAME:=VALUE``, and namespace."""
 
     parameter_files: Sequence[Path] = ()
     assignments: Sequence[str] = ()
@@ -23,7 +23,7 @@ class Common:
 
 
 def monitor_commands(
-    monitors: int, common: Common, folder: Path, actuators: Sequence[str] = ()
+    monitors: int, options: NodeOptions, folder: Path, actuators: Sequence[str] = ()
 ) -> dict[str, list[str]]:
     """Return the commands of monitors that share the actuators, by the names of their nodes."""
     commands = {}
@@ -32,25 +32,25 @@ def monitor_commands(
         arguments = ros_arguments(
             parameter_files=[
                 file_for(name, file, folder)
-                for file in (parameter_file("monitor"), *common.parameter_files)
+                for file in (parameter_file("monitor"), *options.parameter_files)
             ],
             assignments=[
                 *assignments_of(listed),
-                *common.assignments,
+                *options.assignments,
                 *assignments_of(shard_parameters(index, monitors)),
             ],
-            namespace=common.namespace,
+            namespace=options.namespace,
             remaps={"__node": name},
         )
         commands[name] = [str(program("monitor")), *arguments]
     return commands
 
 
-def actuator_commands(names: Sequence[str], common: Common) -> dict[str, list[str]]:
+def actuator_commands(names: Sequence[str], options: NodeOptions) -> dict[str, list[str]]:
     """Return the commands of simulated actuators that publish on the topics of one namespace."""
     if len(set(names)) < len(names):
         raise click.UsageError(f"--actuators {','.join(names)}: expected names that differ")
-    place = (NAMESPACE if common.namespace is None else common.namespace).rstrip("/")
+    place = (NAMESPACE if options.namespace is None else options.namespace).rstrip("/")
     commands = {}
     for number, name in enumerate(names):
         try:
@@ -62,8 +62,8 @@ def actuator_commands(names: Sequence[str], common: Common) -> dict[str, list[st
         identity = {"actuator_id": name, "seed": number}
         arguments = ros_arguments(
             "actuator",
-            parameter_files=common.parameter_files,
-            assignments=[*assignments_of(identity), *common.assignments],
+            parameter_files=options.parameter_files,
+            assignments=[*assignments_of(identity), *options.assignments],
             namespace=f"{place}/{name}",
             remaps={topic: f"{place}/{topic}" for topic in ACTUATOR_TOPICS},
         )

@@ -1,4 +1,4 @@
-"""What actuator and monitor of a demo say, beside what is true."""
+"""Diagnoses of a demo together with the true faults."""
 
 import threading
 import time
@@ -40,12 +40,12 @@ _TOPICS: Final = {
 
 
 class Observer(Listener):
-    """Takes in what is true and what is found, in a thread of its own; to be used under ``with``.
+    """Collects true faults and diagnoses in a separate thread; use it under ``with``.
 
     Attributes
     ----------
     dashboard_address
-        Where the dashboard serves; empty as long as none has told.
+        Address of the dashboard; empty until it is published.
     """
 
     def __init__(self, name: str) -> None:
@@ -61,14 +61,14 @@ class Observer(Listener):
             return self._history.diagnoses()
 
     def cycles(self) -> int:
-        """Return how many test cycles have begun."""
+        """Return the number of test cycles that have begun."""
         with self._lock:
             return len(self._history.truths)
 
     def cycle_between_windows(self) -> int | None:
-        """Return the test cycle that goes on if its window is over, as in the cycles before.
+        """Return the current test cycle if its window is over, by the times of earlier cycles.
 
-        The telemetry tells how far it is: a busy actuator's stamps are behind the clock.
+        The progress is measured on the telemetry: a busy actuator's stamps lag behind the clock.
         """
         with self._lock:
             truths, diagnoses = self._history.truths, self._history.diagnoses()
@@ -87,9 +87,9 @@ class Observer(Listener):
         return any(window.cycle == cycle for window in self.diagnoses())
 
     def begin_life(self, growth: Mapping[str, Mapping[str, Any]]) -> Any:
-        """Ask the actuator to be healthy and wear again, from the next test cycle on.
+        """Make the actuator healthy and let it wear again, from the next test cycle.
 
-        ``growth`` has the parameters of growth by fault. Returns what will have the answer.
+        ``growth`` has the parameters of growth by fault. Returns the future of the answer.
         """
         request = SetSimulatedFaults.Request(
             faults=faults_to_message(healthy_faults()),

@@ -1,8 +1,8 @@
-"""How far the nodes of a command are heard: on this machine alone, unless ``--network`` is given.
+"""Reach of the nodes of a command: this machine alone, unless ``--network`` is given.
 
-``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` keeps nodes from looking elsewhere, and no more. So
-peers and discovery servers that the environment names are left out, and a profile of Fast DDS,
-which opens its ports on all interfaces, keeps it to loopback and shared memory.
+``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` only limits the discovery by a node. Therefore peers and
+discovery servers in the environment are ignored, and a profile limits Fast DDS, which otherwise
+opens ports on all interfaces, to loopback and shared memory.
 """
 
 import os
@@ -22,13 +22,13 @@ _LOCALHOST_ONLY: Final = "ROS_LOCALHOST_ONLY"
 _ELSEWHERE: Final = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 _NEAR: Final = ("LOCALHOST", "OFF")
 _SHIPPED_PROFILE: Final = 'profile_name="quick_discovery"'
-"""What the profiles of this repository have, and no other."""
+"""Text that only the profiles of this repository contain."""
 
 
 def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ) -> None:
-    """Open the nodes of this process and its children to the network, or close them to it.
+    """Let the nodes of this process and its children reach the network, or this machine alone.
 
-    Settings of the environment that are not followed are reported on stderr.
+    Ignored settings of the environment are reported on stderr.
     """
     if network:
         keeping = [name for name in (RANGE,) if environment.get(name) in _NEAR]
@@ -47,7 +47,7 @@ def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ)
         click.echo(f"nodes keep to this machine: --network lets {settings} have effect", err=True)
     for name in _ELSEWHERE:
         environment.pop(name, None)
-    if environment.get(RANGE) != "OFF":  # which is nearer still
+    if environment.get(RANGE) != "OFF":  # which is narrower still
         environment[RANGE] = "LOCALHOST"
     if _is_shipped(environment.get(PROFILE)):
         environment[PROFILE] = str(localhost_profile())
@@ -56,7 +56,7 @@ def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ)
 def run_node(
     node: str, parameters: Mapping[str, Any], assignments: Sequence[str], *, network: bool
 ) -> NoReturn:
-    """Run a node in this process, which ends with it: ``assignments`` override ``parameters``."""
+    """Run a node until this process ends; ``assignments`` override ``parameters``."""
     set_reach(network)
     arguments = ros_arguments(node, assignments=[*assignments_of(parameters), *assignments])
     sys.exit(import_module(MODULES[node]).main(arguments))
@@ -68,5 +68,5 @@ def _is_shipped(profile: str | None) -> bool:
         return True
     try:
         return _SHIPPED_PROFILE in Path(profile).read_text(encoding="utf-8", errors="replace")
-    except OSError:  # Fast DDS says what is wrong
+    except OSError:  # Fast DDS reports the error
         return False

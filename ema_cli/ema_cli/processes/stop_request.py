@@ -1,4 +1,4 @@
-"""Signals that wait until it does no harm to end."""
+"""Signals that are deferred until the program can end without damage."""
 
 import signal
 from collections.abc import Iterator
@@ -6,16 +6,16 @@ from contextlib import contextmanager
 from typing import Any, Final
 
 ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Signals by which a process is asked to end."""
+"""Signals that request the end of a process."""
 
 
 class StopRequest:
-    """Whether the process was asked to end, and by which signal.
+    """Whether a signal has requested the end of the process, and which.
 
     Attributes
     ----------
     number
-        The first signal; None as long as there was none.
+        The first signal; None before any.
     """
 
     def __init__(self) -> None:
@@ -25,14 +25,14 @@ class StopRequest:
         return self.number is not None
 
     def record(self, number: int, _: Any) -> None:
-        """Handle a signal; since this may interrupt anything, it does nothing else."""
+        """Record the first signal only, since a handler may interrupt any code."""
         if self.number is None:
             self.number = number
 
 
 @contextmanager
 def deferred_signals(*signals: signal.Signals) -> Iterator[StopRequest]:
-    """Record signals, SIGINT if none is named, instead of ending wherever the program is.
+    """Record signals, by default SIGINT, instead of ending at any point of the program.
 
     An interrupt in the middle of a write would leave a damaged recording, and one in the middle of
     a compilation a traceback of the compiler. A SIGHUP that is ignored, as under nohup, stays so.

@@ -16,11 +16,11 @@ _PR_SET_PDEATHSIG: Final = 1
 
 
 class Supervisor(AbstractContextManager["Supervisor", None]):
-    """Starts processes, reports when one ends by itself, and leaves none behind.
+    """Starts processes, reports unexpected ends, and stops all of them in the end.
 
-    Every process has a session of its own, so that a Ctrl-C reaches the supervisor alone, which
-    stops them in order. They get SIGTERM too if the supervisor is killed. To be used from the main
-    thread, under ``with``.
+    Every process has its own session, so that a Ctrl-C reaches the supervisor alone, which stops
+    the processes in order. They receive SIGTERM if the supervisor is killed, too. Use it in the
+    main thread, under ``with``.
 
     Parameters
     ----------
@@ -29,12 +29,12 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
     last
         Name of the process that is stopped after the others, as it records their last messages.
     patience_s
-        How long a process may take to end after SIGTERM, before SIGKILL [s].
+        Time between SIGTERM and SIGKILL [s].
 
     Attributes
     ----------
     failed
-        Names of the processes that ended by themselves and not with exit code 0.
+        Names of the processes that ended by themselves with another exit code than 0.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
         self._patience_s = patience_s
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self.failed: list[str] = []
-        # Loaded here, since a child must not do much between fork and exec.
+        # Loaded here, since a child must do little between fork and exec.
         self._prctl = ctypes.CDLL(None).prctl
 
     def __exit__(self, *_: object) -> None:
@@ -53,7 +53,7 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
 
     @property
     def running(self) -> list[str]:
-        """Names of the processes that run, in the order in which they were started."""
+        """Names of the running processes, in order of their start."""
         return list(self._children)
 
     def start(self, name: str, command: Sequence[str], log: Path | None = None) -> None:
@@ -61,8 +61,12 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
 
         Parameters
         ----------
+        name
+            Name of the process in reports.
+        command
+            Program and arguments.
         log
-            File to which its output goes; that of the supervisor when None.
+            File for its output; None for the output of the supervisor.
         """
         output = log.open("wb") if log else None
         try:
@@ -98,13 +102,13 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
             self._report(f"{name} {how}")
 
     def stop(self, name: str) -> None:
-        """Stop a process, if it runs, and return when it is gone."""
+        """Stop a process, if it runs, and return after its end."""
         self._see_off(self._terminate([name]))
 
     def stop_all(self) -> None:
-        """Stop all processes and return when they are gone.
+        """Stop all processes and return after their end.
 
-        The last one is not stopped before the others are gone or have had a second for it.
+        The last process is stopped after the end of the others, at most a second later.
         """
         leaving = self._terminate([name for name in self._children if name != self._last])
         _wait(leaving.values(), _HEAD_START_S)
@@ -126,7 +130,7 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
                 child.wait()
 
     def _report(self, line: str) -> None:
-        # Nobody may be reading any more; the processes have to be stopped all the same.
+        # The reader may have closed the pipe; the processes must be stopped anyway.
         with suppress(OSError):
             self._output(line)
 

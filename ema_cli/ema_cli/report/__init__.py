@@ -1,1 +1,1 @@
-"""Reports of a unit as one page that needs nothing beside it."""
+"""Reports as one self-contained page."""

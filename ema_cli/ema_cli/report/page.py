@@ -1,4 +1,4 @@
-"""Reports as one page that needs nothing beside it: of a unit, or of the fleet of an archive."""
+"""Reports of a unit, or of the fleet of an archive, as one self-contained page."""
 
 import hashlib
 import io
@@ -49,20 +49,20 @@ _PACKAGES: Final = ("numpy", "numba", "mcap", "rosbags", "pyyaml", "matplotlib",
 _SETTINGS: Final[dict[Any, Any]] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "ema",
-    # Half a dot of a screen: a window of 5,000 samples has ten of them on each.
+    # Half a pixel of a screen: a window of 5,000 samples has ten samples on each pixel.
     "path.simplify_threshold": 0.5,
 }
 _DECIMALS: Final = 1
-"""A figure is 756 points wide, so that a tenth of one is not seen."""
+"""A figure is 756 points wide, so that a tenth of a point is invisible."""
 
 _NUMBER: Final = re.compile(r"-?\d+\.\d+")
 _PATH: Final = re.compile(r'(?<= d=")[^"]+')
 _PLACE: Final = re.compile(r'(?<= (?:x|y)=")-?\d+\.\d+|(?<=translate\()[^)]+')
 _FONT: Final = re.compile(r"(font(?:-family)?: [^;\"]*?)'[^;\"]*sans-serif")
-# It would hold for all of the page.
+# The style would apply to the whole page.
 _STYLE: Final = re.compile(r"<defs><style[^>]*>.*?</style></defs>", re.DOTALL)
 _NAME: Final = re.compile(r'( id="|href="#|url\(#)')
-# Black is that of words and frames.
+# Black is the colour of text and frames.
 _INKS: Final = re.compile(rf"#000000|{INK}", re.IGNORECASE)
 
 
@@ -73,7 +73,21 @@ def report_page(
     command: str,
     notes: Iterable[UnitEvent] = (),
 ) -> str:
-    """Return a report as HTML that refers to nothing outside of itself."""
+    """Return the report of a unit as self-contained HTML.
+
+    Parameters
+    ----------
+    paths
+        Bags and folders of the command.
+    course
+        Tests of the unit, with health and life.
+    verdict
+        Verdict on the unit.
+    command
+        Command line that made the report.
+    notes
+        Events of the unit that persons noted.
+    """
     outlooks, unit = course.outlooks, course.record.description
     faults, requirements, unknown = [], [], ""
     if outlooks:
@@ -81,7 +95,7 @@ def report_page(
     tests, shown = tests_of(course), range(len(FAULTS))
     latest = latest_comparison(course)
     if latest is not None:
-        # A record shows two of the faults at most.
+        # A record shows at most two of the faults.
         shown = [i for i in shown if any(math.isfinite(test["faults"][i][0]) for test in tests)]
         faults = [item for item in faults if math.isfinite(item["value"])]
     calibration = course.calibration
@@ -118,7 +132,7 @@ def report_page(
 
 
 def _compared(comparison: Comparison, ended: str) -> dict[str, Any]:
-    """Return the table of a comparison, and what would lower its smallest changes."""
+    """Return the table of a comparison, and the advice that would lower its smallest changes."""
     smallest = {
         quantity.name: wording.smallest_text(quantity) for quantity in comparison.quantities
     }
@@ -135,7 +149,7 @@ def _compared(comparison: Comparison, ended: str) -> dict[str, Any]:
 
 
 def fleet_page(archive: Path, fleet: FleetSummary, command: str) -> str:
-    """Return the report of a fleet as HTML that refers to nothing outside of itself."""
+    """Return the report of a fleet as self-contained HTML."""
     caption = _survival_in_words(fleet)
     return _page(
         "fleet.html.j2",
@@ -178,14 +192,14 @@ def _page(name: str, command: str, **content: Any) -> str:
 
 
 def _figure(value: float | None, form: str = "z.4f", scale: float = 1.0) -> Markup:
-    """Return a figure rounded for the eye, and exactly for programs."""
+    """Return a figure, rounded as text and exact as data."""
     if value is None or not math.isfinite(value):
         return Markup("–")
     return Markup('<data value="{}">{}</data>').format(value, f"{scale * value:{form}}")
 
 
 def _bags_in_words(fleet: FleetSummary) -> str:
-    """Return how many bags are not, or not wholly, in the tables; "" if there are none."""
+    """Return the numbers of bags that are not, or only in part, in the tables; "" if none."""
     counts = [
         f"{fleet.bags[name]:,} {what}"
         for name, what in (
@@ -213,7 +227,7 @@ def _survival_in_words(fleet: FleetSummary) -> str:
 
 
 def _pictures(course: Course) -> Iterator[tuple[Markup, str]]:
-    """Yield pictures with captions: the fit of the last valid window, the course of all tests."""
+    """Yield pictures with captions: fit of the last valid window, and course of all tests."""
     estimate = next((estimate for estimate in reversed(course.estimates) if estimate.valid), None)
     has_model = estimate is not None and not estimate.is_of_record
     if estimate is not None and has_model and isinstance(course.calibration, Calibration):
@@ -238,7 +252,7 @@ def _pictures(course: Course) -> Iterator[tuple[Markup, str]]:
 
 
 def _files_read(paths: Sequence[Path], course: Course) -> Iterator[tuple[str, str, int, str]]:
-    """Yield path, role, bytes and SHA-256 of the files that a diagnosis rests on."""
+    """Yield path, role, bytes and SHA-256 of the input files of a diagnosis."""
     windows = Counter(course.record.bags[window.end_ns] for window in course.record.windows)
     for bag in find_bags(paths):
         members = (
@@ -259,13 +273,13 @@ def _file(path: Path, role: str) -> tuple[str, str, int, str]:
         with path.open("rb") as content:
             digest = hashlib.file_digest(content, "sha256").hexdigest()
     except OSError as error:
-        # A bag that could not be read is named among the remarks as well.
+        # An unreadable bag is also among the remarks.
         digest = f"not read: {error.strerror}"
     return str(path), role, path.stat().st_size, digest
 
 
 def draw_survival(fleet: FleetSummary) -> Figure:
-    """Return the curve of a fleet with its 90 % interval."""
+    """Return a figure of the survival of a fleet with its 90 % interval."""
     figure, [axes] = stacked_panels([1.0], 3.2)
     steps = [{"age": 0.0, "share": 1.0, "lower": 1.0, "upper": 1.0}, *fleet.survival]
     if fleet.longest_age > steps[-1]["age"]:
@@ -287,7 +301,17 @@ def draw_survival(fleet: FleetSummary) -> Figure:
 
 
 def inline_svg(figure: Figure, name: str, title: str, description: str) -> str:
-    """Return a figure as an ``svg`` element that needs nothing beside it."""
+    """Return a figure as a self-contained ``svg`` element.
+
+    Parameters
+    ----------
+    figure
+        Figure to convert.
+    name
+        Prefix of identifiers, unique in the page.
+    title, description
+        Texts for screen readers.
+    """
     file = io.StringIO()
     with rc_context(_SETTINGS):
         figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})

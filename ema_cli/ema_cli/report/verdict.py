@@ -1,7 +1,4 @@
-"""What a report says of a unit.
-
-First: is it well, what wears, how long does it last, what is to be done; then what that rests on.
-"""
+"""Verdict of a report: state, wear, remaining life and actions, then their basis."""
 
 import math
 from collections import Counter
@@ -38,7 +35,7 @@ _STATES: Final = {OK: "Well", WARN: "Wearing", ERROR: "Failed", STALE: "Unknown"
 
 
 class Shown(NamedTuple):
-    """A fault or required performance as it is shown, ``unit`` with a blank before it."""
+    """Texts and scale of a fault or required performance; ``unit`` begins with a blank."""
 
     label: str
     scale: float
@@ -48,7 +45,7 @@ class Shown(NamedTuple):
 
 
 def shown(item: FaultHealth) -> Shown:
-    """Return a fault or requirement as it is shown."""
+    """Return the texts and the scale of a fault or requirement."""
     unit, scale = shown_in(RequirementLimits.unit(item.name))
     value, limit = beside_limit(scale * item.value, scale * item.limit)
     sigma = scale * item.sigma
@@ -59,7 +56,7 @@ def shown(item: FaultHealth) -> Shown:
 
 
 def life_in_words(life: RemainingLife) -> str:
-    """Return the quantiles of a life that is known [h]."""
+    """Return the quantiles of a known remaining life [h] as a text."""
     return " / ".join(
         "longer" if not math.isfinite(item) else f"{item:,.0f}" if item >= 9.95 else f"{item:.1f}"
         for item in (life.hours_05, life.hours_50, life.hours_95)
@@ -67,7 +64,7 @@ def life_in_words(life: RemainingLife) -> str:
 
 
 def moment(stamp_ns: int) -> str:
-    """Return a stamp as date and time, or since time 0 where it is no date."""
+    """Return a stamp as date and time, or as seconds if it is no date."""
     if stamp_ns < 86_400 * 10**9:
         return f"{stamp_ns * 1e-9:,.2f} s"
     if not has_date(stamp_ns):
@@ -76,7 +73,7 @@ def moment(stamp_ns: int) -> str:
 
 
 def tests_of(course: Course) -> list[dict[str, Any]]:
-    """Return all tests, in order of time."""
+    """Return a row for each test, in order of time."""
     rows = []
     for number, (step, outlook) in enumerate(course.steps):
         path = course.record.bags.get(step.end_ns)
@@ -104,7 +101,7 @@ def tests_of(course: Course) -> list[dict[str, Any]]:
 def limited(
     outlook: Outlook, description: ActuatorDescription
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]], str]:
-    """Return faults, required performance, and why no life is known if that is the same for all."""
+    """Return rows of faults and of required performances, and the common reason of no life."""
     groups = outlook.health.faults, outlook.health.requirements
     lives = [outlook.lives.get(item.name, outlook.rul) for group in groups for item in group]
     reasons = {life.reason for life in lives if not life.known}
@@ -116,14 +113,14 @@ def limited(
 
 
 def is_unjudged(course: Course) -> bool:
-    """Return whether the newest record does not determine the level of the unit."""
+    """Return whether the newest record leaves the level of the unit open."""
     if not course.estimates or course.estimates[-1].comparison is None:
         return False
     return course.now.health.level == STALE
 
 
 def latest_comparison(course: Course) -> tuple[Comparison, str] | None:
-    """Return the comparison of the newest record that has one, and when the record ended."""
+    """Return the newest comparison of a record, and the end of the record as a text."""
     for estimate in reversed(course.estimates):
         if estimate.comparison is not None:
             return estimate.comparison, moment(estimate.end_ns)
@@ -153,7 +150,7 @@ def _limited(
 
 
 def hidden_causes(course: Course) -> list[tuple[str, str, int]]:
-    """Return the hidden causes of valid tests: the latest of each, when, and in how many tests."""
+    """Return the hidden causes of valid tests: last value, time, and number of tests."""
     tests, latest = Counter[str](), dict[str, tuple[str, str]]()
     for estimate in course.estimates:
         for cause in estimate.causes if estimate.valid else ():
@@ -163,7 +160,7 @@ def hidden_causes(course: Course) -> list[tuple[str, str, int]]:
 
 
 def confusions(course: Course) -> list[tuple[str, str, int]]:
-    """Return the pairs that tests could not tell apart, and in how many of them."""
+    """Return the pairs of causes that tests could not distinguish, and the number of tests."""
     counts = Counter(
         pair for estimate in course.estimates if estimate.valid for pair in estimate.alternatives
     )
@@ -175,21 +172,14 @@ def confusions(course: Course) -> list[tuple[str, str, int]]:
 
 @dataclass(frozen=True)
 class UnitVerdict:
-    """The verdict in a few lines, and what to do.
-
-    Attributes
-    ----------
-    level
-        Level of health.
-    lines
-        Whether the unit is well; what wears; how long it lasts; on what that rests.
-    actions
-        What to do, the most important first.
-    """
+    """Verdict on a unit in a few lines, and actions."""
 
     level: int
+    """Level of health."""
     lines: tuple[str, ...]
+    """State, wear, remaining life and basis, a line each."""
     actions: list[str]
+    """Actions, the most important first."""
 
     @property
     def level_name(self) -> str:
@@ -297,7 +287,7 @@ def _lasting(last: Outlook) -> str:
 
 
 def _after_the_last_test(course: Course) -> list[str]:
-    """Return what the last test asks for: to be repeated, or to look at what is no fault."""
+    """Return the actions after the last test: repeat it, or inspect a cause that is no fault."""
     last = course.estimates[-1] if course.estimates else None
     if last is None:
         return ["Repeat the test: the motion shows no fault as well as wanted."]
@@ -323,7 +313,7 @@ def _after_the_last_test(course: Course) -> list[str]:
 
 
 def _after_the_last_record(last: Estimate, comparison: Comparison) -> list[str]:
-    """Return what the last record asks for, and what would lower its smallest changes."""
+    """Return the actions after the last record, and the advice to lower its smallest changes."""
     actions = []
     if not last.valid:
         actions.append(f"Repeat the record of {moment(last.end_ns)}: {finding(comparison)}.")

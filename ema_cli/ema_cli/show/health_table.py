@@ -1,4 +1,4 @@
-"""Published healths of actuators: a table that changes on a terminal, else a line a change."""
+"""Published healths of actuators: a live table on a terminal, else a line for each change."""
 
 import math
 from collections.abc import Sequence
@@ -26,60 +26,46 @@ from ema_ros.stamps import stamp_from_message
 _URGENCY: Final = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}
 _LINES_BESIDE: Final = 6
 _REASONS: Final = 3
-"""Number of actuators, the worst first, whose reasons are shown."""
+"""Number of actuators with reasons, the worst first."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """An actuator as it is shown.
-
-    Attributes
-    ----------
-    place
-        Namespace of its monitor.
-    level
-        Level of its health, as it is worth now.
-    last_level
-        The same; where it is STALE, the one before.
-    health_index
-        As of Health [-]; NaN when unknown.
-    dominant
-        What ends life or is worst, with value, sigma and limit, in words; empty when nothing is.
-    life
-        Quantiles of the remaining life, 5, 50 and 95 % [h]; None when unknown.
-    remove_before
-        Service hour, "now" or empty, in words.
-    test_ns
-        Stamp of its last test [ns]; 0 when there was none.
-    test_age_s
-        Time since then, or since it was heard where its stamps are of another clock [s].
-    why
-        Why the level is what it is, and what was wrong with the last test, in words.
-    """
+    """Row of an actuator."""
 
     place: str
+    """Namespace of its monitor."""
     actuator_id: str
     serial_number: str
     level: int
+    """Current level of its health, STALE after expiry."""
     last_level: int
+    """Level before it became STALE, else ``level``."""
     health_index: float
+    """Health index, 1 for healthy and 0 at a limit [-]; NaN if unknown."""
     dominant: str
+    """Text with value, sigma and limit of the item that ends life or is worst; "" if none is."""
     life: tuple[float, float, float] | None
+    """Quantiles of the remaining life, 5, 50 and 95 % [h]; None if unknown."""
     remove_before: str
+    """Text with the service hour before which to remove the unit, "now", or ""."""
     test_ns: int
+    """Stamp of its last test [ns]; 0 before any."""
     test_age_s: float
+    """Time since its last test, or since its reception if stamps are of another clock [s]."""
     why: str
+    """Reason of the level, and of a refusal of the last test."""
 
     @property
     def content(self) -> tuple[Any, ...]:
-        """What makes it another one; the passing of time does not."""
+        """Content whose change is shown as a new line; ages are left out."""
         index = f"{self.health_index:.2f}"
         return (self.level, index, self.dominant, self.life, self.test_ns, self.why)
 
 
 @dataclass
 class _Actuator:
-    """What was received about an actuator, and when [s]."""
+    """Last messages about an actuator, and their times of reception [s]."""
 
     received: Received | None = None
     refused: Any = None
@@ -122,16 +108,23 @@ class LatestHealths:
             item.refused, item.tested_s = message, now_s
 
     def add_status(self, place: str, message: Any, now_s: float) -> None:
-        """Add a NodeStatus message: the monitor of its actuators is there."""
+        """Add a NodeStatus message, which shows that the monitor of its actuators runs."""
         for telemetry in message.telemetry:
             actuator = self._actuators.get((place, telemetry.actuator_id))
             if actuator is not None:
                 actuator.reported_s = now_s
 
     def rows(self, now_s: float, clock_ns: int, *, is_real: bool = True) -> list[Row]:
-        """Return the actuators whose health is known, the worst first.
+        """Return the actuators with a health, the worst first.
 
-        In simulated time, which is not real, claims end by its clock alone.
+        Parameters
+        ----------
+        now_s
+            Time of a monotonic clock [s].
+        clock_ns
+            Time of the ROS clock [ns].
+        is_real
+            Whether this is real time; in simulated time, healths expire by the ROS clock alone.
         """
         rows = [
             self._row(key, item, item.received, now_s, clock_ns, is_real)
@@ -203,9 +196,9 @@ def _dominant_in_words(health: Any) -> str:
 
 
 def _removal(health: Any) -> str:
-    """Return before which service hour to remove the actuator."""
+    """Return the service hour before which to remove the actuator, "now" or ""."""
     failed = any(item.level == ERROR for item in (*health.faults, *health.requirements))
-    # Recordings of earlier versions have none.
+    # Recordings of earlier versions have no such field.
     hours = health.removal_hours if health.removal_risk > 0.0 else health.rul.hours_05
     if failed or (health.rul.known and hours < SOON_HOURS):
         return "now"
@@ -275,7 +268,7 @@ def _life(row: Row) -> str:
 
 
 def _line(row: Row) -> str:
-    """Return an actuator as one plain line."""
+    """Return the row of an actuator as a plain line."""
     life = _life(row)
     parts = (
         level_in_words(row.level),

@@ -1,4 +1,4 @@
-"""Diagnoses as they come: a table on a terminal, else a line each."""
+"""Live diagnoses: a table on a terminal, else a line each."""
 
 from collections.abc import Sequence
 from itertools import takewhile
@@ -21,7 +21,7 @@ _WIDTH: Final = len("0.000 → 0.000 ± 0.000")
 
 
 class LiveTable(TerminalDisplay):
-    """Shows diagnoses; to be used under ``with``."""
+    """Shows diagnoses; use it under ``with``."""
 
     def __init__(self, fault_names: Sequence[str], console: Console | None = None) -> None:
         super().__init__(console)
@@ -45,7 +45,7 @@ class LiveTable(TerminalDisplay):
         while self._written < len(diagnoses):
             window = diagnoses[self._written]
             is_last = self._written == len(diagnoses) - 1
-            # The health comes just after its estimate.
+            # The health is published just after its estimate.
             if window.level is None and window.valid and is_last and not final:
                 return
             if not self._written:
@@ -58,7 +58,7 @@ class LiveTable(TerminalDisplay):
     def _diagnosed(self, diagnoses: Sequence[DiagnosedWindow], state: str) -> Table:
         cause = ""
         if diagnoses and (last := diagnoses[-1]).cause:
-            # Why the latest level is what it is, and since when it is.
+            # Reason of the latest level, and the cycle in which it began.
             *_, first = takewhile(lambda window: window.level == last.level, reversed(diagnoses))
             cause = f"{_level(last)} since cycle {_cycle(first)}, now: {last.cause}"
         table = self._table(_TITLE, cause, state)

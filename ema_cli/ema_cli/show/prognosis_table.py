@@ -1,4 +1,4 @@
-"""A prognosis as tables, in sentences, and as plain values."""
+"""Prognosis as tables, sentences and plain values."""
 
 import math
 from collections.abc import Sequence
@@ -25,11 +25,11 @@ _ACTIONS: Final = {
 }
 
 WIDENED: Final = 1.05
-"""Widening of predictions from which on it is said."""
+"""Least widening of predictions that is reported."""
 
 
 def as_values(report: Any) -> Any:
-    """Return a report as plain values; what is not a finite number is null."""
+    """Return a report as plain values; NaN and infinity become None."""
     if is_dataclass(report) and not isinstance(report, type):
         return as_values(vars(report))
     if isinstance(report, dict):
@@ -42,7 +42,7 @@ def as_values(report: Any) -> Any:
 
 
 def course_as_values(course: Course) -> list[dict[str, Any]]:
-    """Return what a monitor reports after each test as plain values."""
+    """Return the monitor's report after each test as plain values."""
     values = []
     for step in course.steps:
         item: dict[str, Any] = {
@@ -65,7 +65,7 @@ def course_as_values(course: Course) -> list[dict[str, Any]]:
 def table_of_growth(report: HealthReport, *, are_records: bool = False) -> Table:
     """Return faults and requirements, their limits, growth and remaining life.
 
-    Of records that are compared with a baseline, only the faults that they show.
+    For records that are compared with a baseline, only the faults that they show.
     """
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for heading in ("", "value", "sigma", "limit", f"per\n{TREND_HOURS:g} h"):
@@ -73,7 +73,7 @@ def table_of_growth(report: HealthReport, *, are_records: bool = False) -> Table
     table.add_column("RUL [h]\n5 / 50 / 95 %", justify="right", min_width=18)
     faults, requirements = report.faults, report.requirements
     if are_records:
-        # A record shows two of the faults at most.
+        # A record shows at most two of the faults.
         faults = tuple(item for item in faults if math.isfinite(item.value))
     items = (*faults, *requirements)
     reasons = {item.rul.reason for item in items}
@@ -88,14 +88,14 @@ def table_of_growth(report: HealthReport, *, are_records: bool = False) -> Table
             _figure(scale * item.sigma),
             f"{side} {scale * item.limit:.4g}",
             _figure(scale * TREND_HOURS * item.trend, sign="+"),
-            # What holds for all is below the table.
+            # A common reason is below the table.
             "unknown" if len(reasons) == 1 and not item.rul.known else _life(item.rul),
         )
     return table
 
 
 def table_of_scenarios(reports: Sequence[ScenarioReport]) -> Table:
-    """Return the remaining life under each scenario of future duty, and what ends it."""
+    """Return the remaining life under each scenario of future duty, and the cause of its end."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     table.add_column("scenario")
     for unit in ("h", "cycles", "days"):
@@ -161,12 +161,12 @@ def _life(life: LifeReport) -> str:
 
 
 def _quantiles(values: tuple[float, float, float]) -> str:
-    """Return quantiles as a text; empty where the unit of them is not known."""
+    """Return quantiles as a text; empty if their unit is unknown."""
     return "" if math.isnan(values[0]) else " / ".join(map(_hours, values))
 
 
 def _checked(faults: Sequence[ItemReport]) -> list[str]:
-    """Return how the predictions of the faults that end life held against the tests, as a line."""
+    """Return how tests confirmed the predictions of faults that end life, in a line or none."""
     text = [
         f"{label_of(item.name)} {_figure_of_check(item.calibration)} for the next test, "
         f"{_figure_of_check(item.calibration_ahead)} for {AHEAD} tests ahead"
@@ -202,7 +202,7 @@ def _figure(value: float, sign: str = "") -> str:
 
 
 def advice_in_words(course: Course) -> str:
-    """Return what to do, when, at what cost and why, in a sentence; empty without costs."""
+    """Return action, time, cost and reason in a sentence; empty without costs."""
     advice, costs = course.advice, course.options.costs
     if advice is None or costs is None:
         return ""

@@ -1,4 +1,4 @@
-"""What a terminal shows: levels by word, shape and colour, and a table that is renewed."""
+"""Levels by word, shape and colour, and a live table on a terminal."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -15,16 +15,16 @@ SHAPES: Final[Mapping[int, str]] = MappingProxyType({OK: "●", WARN: "▲", ERR
 COLOURS: Final[Mapping[int, str]] = MappingProxyType(
     {OK: "green", WARN: "yellow", ERROR: "bold red", STALE: "bright_black"}
 )
-"""On a terminal."""
+"""Style of each level on a terminal."""
 
 
 def level_in_words(level: int) -> str:
-    """Return shape and name of a level."""
+    """Return a text with shape and name of a level."""
     return f"{SHAPES[level]} {LEVEL_NAMES[level]}"
 
 
 class TerminalDisplay:
-    """Shows a table in place where there is a terminal; to be used under ``with``."""
+    """Shows a live table if there is a terminal; use it under ``with``."""
 
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or Console()
@@ -40,7 +40,7 @@ class TerminalDisplay:
             self._live.stop()
 
     def _table(self, title: str, *below: str) -> Table:
-        """Return a table without columns so far, with lines below it that are not empty."""
+        """Return a table without columns, with the non-empty lines below it."""
         return Table(
             title=title,
             title_justify="left",

@@ -53,7 +53,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     max_duration_s
         Recorded time after which the next file is begun [s]; 0: never.
     overwrite
-        Whether a recording that is there already is replaced.
+        Whether an existing recording is replaced.
     waits_for_room
         Whether to wait where the recording cannot be written, instead of giving up.
     on_failure
@@ -435,7 +435,7 @@ def _clear(path: Path, overwrite: bool) -> None:
     if not path.exists():
         return
     if not overwrite:
-        raise FileExistsError(f"{path} is there already")
+        raise FileExistsError(f"{path} already exists")
     is_file = path.suffix == ".mcap"
     if is_file and path.is_file():
         path.unlink()

@@ -11,7 +11,7 @@ from ema_core.parameters import NEUTRAL, ActuatorParameters
 from ema_core.settings_file import load_settings
 
 UNKNOWN_SERIAL: Final = "unknown"
-"""Serial number of a joint of which nobody has given one."""
+"""Serial number of a joint without a specified serial number."""
 
 _JOINT: Final = "{joint}"
 
@@ -52,13 +52,13 @@ def load_description(path: Path, *, is_simulated: bool = False) -> ActuatorDescr
 def load_descriptions(file: str, joints: Sequence[str]) -> list[ActuatorDescription]:
     """Return the description of each joint, or of the only actuator if there are no joints.
 
-    A joint gives its actuator the name; ``{joint}`` in the name of the file stands for it. Without
-    a file, the only actuator is the built-in one, and joints have an unknown drive.
+    The name of a joint is the name of its actuator, and replaces ``{joint}`` in the file's name.
+    Without a file, the only actuator is the built-in one, and joints have an unknown drive.
 
     Raises
     ------
     ValueError
-        When a file is no description; the message names it.
+        If a file is no description; the message names it.
     """
     if not joints:
         return [load_description(Path(file)) if file else ActuatorDescription()]
