@@ -7,12 +7,9 @@ a remark with the parameters to check, not a refusal: an actuator may be unusual
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from ema_core.parameters import ActuatorParameters
-
-if TYPE_CHECKING:
-    from ema_core.description import ActuatorDescription
 
 TORQUE_PER_EMF: Final = {"six_step": 1.0, "field_oriented": math.sqrt(3.0) / 2.0}
 """Torque constant over back-EMF constant by drive [-]. Both are between two terminals. Six-step
@@ -155,12 +152,12 @@ def standstill(parameters: ActuatorParameters, drive: str) -> str:
     )
 
 
-def remarks(description: "ActuatorDescription") -> tuple[str, ...]:
-    """Return which coupled parameters of a description contradict each other, a sentence each.
+def remarks(parameters: ActuatorParameters, drive: str) -> tuple[str, ...]:
+    """Return which coupled parameters of an actuator contradict each other, a sentence each.
 
     A drive with an unknown controller is not checked: most of its parameters are not used.
     """
-    p, drive = description.parameters, description.drive
+    p = parameters
     if drive not in TORQUE_PER_EMF:
         return ()
     usual = TORQUE_PER_EMF[drive]

@@ -74,7 +74,7 @@ class ActuatorDescription:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences about coupled parameters that contradict each other."""
-        return remarks(self)
+        return remarks(self.parameters, self.drive)
 
 
 def check_name(what: str, name: object) -> None:

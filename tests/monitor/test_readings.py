@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_core.column_wording import error_text
 from ema_core.commands import Command
 from ema_core.description import ActuatorDescription
 from ema_core.faults import GAIN, healthy_faults
@@ -14,7 +15,7 @@ from ema_core.parameters import ActuatorParameters, constants
 from ema_core.telemetry import Telemetry
 from ema_monitor import calibrate, find_windows, identify
 from ema_monitor.calibration.fit import calibrate_model
-from ema_monitor.identification.defects import wrong_scale
+from ema_monitor.identification.column_scale import wrong_scale
 from ema_monitor.identification.evidence import Evidence
 from ema_monitor.identification.objective import Objective, Relations
 from ema_monitor.model.deviations import COLUMNS, NAMES, hidden_causes
@@ -194,7 +195,7 @@ def test_scale_that_columns_contradict_is_named(telemetry, factors, words):
     [window] = find_windows(scaled(telemetry, **factors))
     scale = wrong_scale(window, PARAMETERS)
     assert scale is not None
-    assert re.match(words, scale.in_words(PARAMETERS))
+    assert re.match(words, error_text(scale))
 
 
 def test_one_factor_of_all_columns_is_taken_for_friction(telemetry):

@@ -10,7 +10,6 @@ import yaml
 
 from ema_bags.inputs.files import InputFile
 from ema_bags.inputs.mapping import (
-    LINEAR,
     AngleSource,
     Clock,
     CurrentSource,
@@ -22,6 +21,7 @@ from ema_bags.inputs.mapping import (
 from ema_cli.parameters import value_of
 from ema_core.description import ActuatorDescription
 from ema_core.settings_file import settings_from
+from ema_core.units import LINEAR
 
 _SECTIONS: Final[dict[str, tuple[Any, tuple[str, ...], str]]] = {
     "position": (AngleSource, ("unit", "lead", "shaft"), ""),

@@ -10,31 +10,16 @@ from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.alignment import shift_if_same
 from ema_monitor.calibration.calibration import LEAST_SCATTER, Calibration
-from ema_monitor.calibration.healthy_model import (
-    WindowGroup,
-    healthy_response,
-    mean_missed,
-    missed,
-    sample_weights,
-)
+from ema_monitor.calibration.description_misfit import description_misfit
+from ema_monitor.calibration.healthy_model import WindowGroup, mean_missed, missed, sample_weights
 from ema_monitor.calibration.unit_fit import UnitFit, fit_unit
 from ema_monitor.model.deviations import N_DEVIATIONS, Deviations
 from ema_monitor.model.measured import measured_columns
-from ema_monitor.model.monitor_model import FORMS, LEARNS_UNIT, MonitorModel, Response, form_of
+from ema_monitor.model.monitor_model import FORMS, LEARNS_UNIT, MonitorModel, form_of
 from ema_monitor.model.readings import TRAVEL, law_slopes
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.relations import law_offset, travel_ratio
 from ema_monitor.windows.window import Window
-
-_CHANGED = 1.5
-_MATTERS = 0.1
-_LOWEST_CORRELATION = 0.5
-_NEAR = 0.4
-_KNOWN_FACTORS = {
-    "position": {180.0 / math.pi: "degrees", 1e3: "mrad"},
-    "speed": {30.0 / math.pi: "rpm", 180.0 / math.pi: "degrees per second", 1e3: "mrad/s"},
-    "current": {1e3: "mA"},
-}
 
 
 def calibrate_model(
@@ -94,9 +79,8 @@ def calibrate_model(
     by_command = [WindowGroup(windows, group) for group in groups]
     nominal = MonitorModel(parameters, form, dt, acquisition=acquisition)
     for group in by_command:
-        if reason := _column_defect(group[0], healthy_response(group[0], nominal)):
-            reason += _examples_that_matter(group[0], nominal)
-            raise ValueError(f"the windows do not fit a healthy actuator as described: {reason}")
+        if misfit := description_misfit(group[0], nominal):
+            raise ValueError(f"the windows do not fit a healthy actuator as described: {misfit}")
     unit = UnitFit(np.zeros(N_DEVIATIONS), np.zeros((N_DEVIATIONS, N_DEVIATIONS)))
     if structural and form in LEARNS_UNIT:
         unit = fit_unit(by_command, nominal)
@@ -145,34 +129,6 @@ def _relations(windows: Sequence[Window], parameters: ActuatorParameters) -> dic
     return {name: float(np.mean(one)) if one else math.nan for name, one in relations.items()}
 
 
-def _examples_that_matter(window: Window, model: MonitorModel) -> str:
-    """Return which parameters have the built-in example's value and matter in a window.
-
-    Nothing is reported for the example itself. A parameter matters if it changes the response by a
-    tenth.
-    """
-    example, actual = ActuatorParameters().as_mapping(), model.parameters.as_mapping()
-    left = [name for name, value in example.items() if actual[name] == value and value]
-    if len(left) >= sum(bool(value) for value in example.values()):
-        return ""
-    expected = healthy_response(window, model)
-    names = []
-    for name in left:
-        try:
-            changed = model.parameters.replace({name: _CHANGED * actual[name]})
-        except ValueError:  # it contradicts another one
-            continue
-        other = MonitorModel(changed, model.form, model.dt, acquisition=model.acquisition)
-        response = healthy_response(window, other)
-        for one, before in ((response.current, expected.current), (response.speed, expected.speed)):
-            if np.linalg.norm(one - before) > _MATTERS * np.linalg.norm(before):
-                names.append(f"{name} = {actual[name]:g}")
-                break
-    if not names:
-        return ""
-    return f"; these have the built-in example's values and matter here: {', '.join(names)}"
-
-
 def _scatter(
     windows: Sequence[Window], model: MonitorModel, mean: Array, h: float
 ) -> tuple[float, float]:
@@ -211,38 +167,3 @@ def _known(scatters: Array) -> tuple[float, float]:
     """Return two scatters, NaN for one so small that it is unknown."""
     current, speed = np.where(scatters > LEAST_SCATTER, scatters, np.nan).tolist()
     return current, speed
-
-
-def _column_defect(window: Window, expected: Response) -> str:
-    """Return which column of a window is wrong by the nominal response, if one is, and how."""
-    measured = window.telemetry
-    travel = window.command - window.command[0]
-    moves = window.moves
-    pairs = {"position": (measured.position - measured.position[0], travel)}
-    if len(measured.speed):
-        pairs["speed"] = (measured.speed[1:], expected.speed[0])
-    if len(measured.current):
-        pairs["current"] = (measured.current[1:] * moves, expected.current[0] * moves)
-    for name, (row, model) in pairs.items():
-        h = window.sample_period
-        factors = {1.0: ""} | _KNOWN_FACTORS[name]
-        if reason := _difference(band_limited(row, h), band_limited(model, h), factors):
-            return f"{name}: {reason}"
-    return ""
-
-
-def _difference(row: Array, model: Array, factors: dict[float, str]) -> str:
-    """Return how a row differs from its expectation; empty when it does not."""
-    size = float(np.linalg.norm(row) * np.linalg.norm(model))
-    correlation = float(row @ model) / size if size > 0.0 else 0.0
-    if abs(correlation) < _LOWEST_CORRELATION:
-        return (
-            f"it has little to do with what the model expects (correlation {correlation:.2f}): "
-            "is it another column?"
-        )
-    ratio = float(row @ model) / float(model @ model)
-    sign = "the sign is reversed" if ratio < 0.0 else ""
-    for factor, unit in factors.items():
-        if abs(abs(ratio) / factor - 1.0) < _NEAR:
-            return " and ".join(filter(None, [sign, unit and f"it seems to be in {unit}"]))
-    return f"it is {ratio:.3g} times what the model expects: is its unit, or the gear ratio, right?"

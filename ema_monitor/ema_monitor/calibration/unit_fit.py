@@ -18,14 +18,27 @@ from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
 from ema_monitor.windows.band import BAND_CORRELATION, band_limited, rms, speed_weight
 from ema_monitor.windows.window import Window
 
+# Measured on five drawn units of twelve windows each; a sigma is that of a fitted deviation.
 _STEPS: Final = 0.05
+"""Step of the difference quotients [20 sigma of the prior]; 0.02 and 0.1 move a unit by up to 1.6
+sigma, as friction has kinks, and hardly the current that the model misses."""
 _SETTLED: Final = 0.02
+"""Step below which a fit has converged [sigma of the prior]: 0.004 moves no deviation by more than
+0.02 sigma, 0.1 moves one by 1.4."""
 _SHARES: Final = ((1.0,), (0.5,), (0.25,), (0.1,), (0.03,))
+"""Shares of a step, one after the other, as each takes a run of all windows. The full step was
+taken each time."""
 _MOST_ITERATIONS: Final = 100
+"""At most 7 were needed."""
 _WORTHWHILE: Final = 0.3
+"""Share of what is left that a further deviation has to explain [-]: 0.15 and 0.6 fit the same
+deviations."""
 _NOTABLE: Final = 0.4
+"""Least size of a further deviation [sigma of the prior]: with 0.2 one more deviation is fitted,
+with 0.8 the model misses up to 12 % more current."""
 _ALWAYS_FITTED: Final = ("lift", "friction", "stribeck_speed", "inertia")
 _LEAST_NOISE: Final = 1e-2
+"""Least noise of the current [A]: 0.005 and 0.02 give the same fits, as real noise is larger."""
 
 
 class UnitFit(NamedTuple):

@@ -68,6 +68,9 @@ _SEEDED: Final = {
     "speed_delay": (-30.0, -25.0, -20.0, -15.0, -10.0, -5.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0),
 }
 _MOST_SEEDS = 4
+# On 40 windows of drawn units: the full step alone gives the same estimates with 2 % fewer
+# evaluations, but none where it leads too far; a gain of 2e-4 takes 3 % more evaluations for the
+# same estimates, one of 2e-2 moves one; 15 iterations give the same estimates.
 _SHARES: Final = ((1.0, 0.5, 0.2, 0.05),)
 _STOPPING: Final = Stopping(iterations=7, gain=2e-3)
 # Share of the cost that a further fit has to take off by the linear model.

@@ -8,11 +8,12 @@ from typing import Final
 import numpy as np
 
 from ema_core.causes import CauseEstimate
+from ema_core.column_errors import Reference, usual_mistake
+from ema_core.column_wording import question
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES, N_FAULTS, FaultVector
 from ema_core.linear import angle_shown
 from ema_monitor.calibration.joint_calibration import JointCalibration, winding_temperature
-from ema_monitor.identification.defects import usual_mistake
 from ema_monitor.identification.estimate import (
     DEPARTED,
     FAILED,
@@ -261,16 +262,17 @@ def _wrong_speed(fine: Fine, description: ActuatorDescription, baseline: Baselin
     if 1.0 / _OTHER_SPEED < factor < _OTHER_SPEED:
         return ""
     column = "position" if fine.speed is None else "speed"
-    asked = usual_mistake(column, factor, description.parameters)
-    return f"the {column} changes {factor:.3g} times as fast as in them: {asked}" if asked else ""
+    mistake = usual_mistake(column, factor, description.parameters.tau)
+    if mistake is None:
+        return ""
+    asked = question(column, mistake, Reference.RECORDS)
+    return f"the {column} changes {factor:.3g} times as fast as in them: {asked}"
 
 
 def _wrong_scale(record: JointRecord, baseline: Baseline, description: ActuatorDescription) -> str:
     """Return why the effort of a record cannot be that of the unit; empty where it can."""
     scale = effort_scale(record, baseline)
-    mistake = ""
-    if scale.is_scaled:
-        mistake = usual_mistake("current", scale.factor, description.parameters)
+    mistake = usual_mistake("current", scale.factor, description.parameters.tau)
     if scale.is_scaled and (mistake or scale.negative is None):
         return scaled_effort_text(scale.factor, mistake)
     return "" if scale.negative is None else negative_text(*scale.negative)

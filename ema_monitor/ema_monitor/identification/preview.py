@@ -16,6 +16,7 @@ from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
 _LOADS: Final = 17
+# A preview is a guess at the cost of a few evaluations: two steps after seventeen loads.
 _SHARES: Final = ((1.0, 0.6, 0.3),)
 _STOPPING: Final = Stopping(iterations=2)
 _NEAR: Final = 0.05

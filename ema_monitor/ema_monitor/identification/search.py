@@ -9,10 +9,13 @@ import numpy as np
 
 from ema_core.arrays import Array
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate, Place
+from ema_core.column_errors import ColumnError
+from ema_core.column_wording import error_text
 from ema_core.description import ActuatorDescription
 from ema_core.faults import SHORT_CIRCUITS, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.defects import drive_defect, mistaken_scale, wrong_scale
+from ema_monitor.identification.column_scale import mistaken_amplitude, wrong_scale
+from ema_monitor.identification.defects import drive_defect
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.inference import Finding, Inference
@@ -191,8 +194,8 @@ class ModelIdentification:
         """Refuse a window that the faults do not explain, where a column is off by a factor."""
         estimate = found.estimate
         parameters = calibration.parameters
-        if mistaken := mistaken_scale(estimate.causes):
-            refused = self._refused(mistaken.in_words(parameters)).estimate
+        if mistaken := mistaken_amplitude(estimate.causes):
+            refused = self._refused(error_text(mistaken)).estimate
             return Finding(replace(refused, evaluations=estimate.evaluations))
         if not estimate.goodness_of_fit > estimate.goodness_limit:
             return found
@@ -200,7 +203,7 @@ class ModelIdentification:
         scale = wrong_scale(window, parameters)
         if scale is None:
             return found
-        if scale.column == "current":
+        if scale.columns == ("current",):
             # Faults take more current, too. A scale looks like turns lost in all three phases, and
             # explains the window by far better.
             lost = float(np.min(np.array(estimate.faults)[SHORT_CIRCUITS]))
@@ -216,8 +219,9 @@ class ModelIdentification:
             ):
                 return found
             gains = [one.value for one in other.causes if one.name == "current_gain"]
-            scale = scale._replace(factor=scale.factor * (1.0 + sum(gains)))
-        refused = self._refused(scale.in_words(parameters)).estimate
+            factor = scale.factor * (1.0 + sum(gains))
+            scale = ColumnError.of(scale.columns, factor, scale.reference, parameters.tau)
+        refused = self._refused(error_text(scale)).estimate
         return Finding(replace(refused, evaluations=estimate.evaluations))
 
     def _search_once(self, premises: _Premises) -> Search:
@@ -277,7 +281,7 @@ class ModelIdentification:
             # A speed in another unit is none that stands still.
             scale = wrong_scale(window, calibration.parameters)
             if scale is not None:
-                return _Defect(scale.in_words(calibration.parameters))
+                return _Defect(error_text(scale))
             return _Defect(failure, is_failure=True)
         fitness = self.settings.fitness
         if reason := calibration.shape_mismatch(window):

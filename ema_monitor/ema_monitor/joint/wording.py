@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
+from ema_core.column_errors import Mistake, Reference
+from ema_core.column_wording import question
 from ema_core.linear import DisplayUnit
 from ema_core.wording import counted, text_table
 from ema_monitor.joint.baseline import Shortcoming
@@ -430,12 +432,14 @@ def standstill_text(standstill: Standstill, effort: DisplayUnit, angle: DisplayU
     return f"{still} at an effort of {acting}: a blocked shaft, an open phase or a frozen sensor"
 
 
-def scaled_effort_text(factor: float, mistake: str) -> str:
-    """Return that an effort is a multiple of the healthy effort; ``mistake`` may name the unit."""
+def scaled_effort_text(factor: float, mistake: Mistake | None) -> str:
+    """Return that an effort is a multiple of the healthy effort, and by which usual mistake."""
+    asked = "a wrong unit or sign, or a failed sensor"
+    if mistake is not None:
+        asked = question("current", mistake, Reference.RECORDS)
     return (
-        f"the effort is {factor:.3g} times the healthy effort: "
-        f"{mistake or 'a wrong unit or sign, or a failed sensor'}; compare the mapping with the "
-        "mapping of the healthy records"
+        f"the effort is {factor:.3g} times the healthy effort: {asked}; compare the mapping with "
+        "the mapping of the healthy records"
     )
 
 

@@ -15,7 +15,12 @@ DIFFERENCE: Final = 5e-3
 
 # Points and starts; the first is a descent from the start.
 _SCREENS: Final = ((1, 1), (96, 4), (600, 12))
+# On 40 windows of drawn units: with gain and step ten times as large or as small, or 10 iterations,
+# evaluations differ by 0.1 % and no estimate by 0.1 sigma; a promise of 0.1 saves 5 % of the
+# evaluations, 1e-3 takes 4 % more, and the mean error is the same within 0.001 % of the range.
 _STOPPING: Final = Stopping(iterations=25, gain=1e-4, step=2e-4, promise=1e-2)
+# Share of the cost by which a screen has to lower it; differences of descents that end in one
+# optimum are smaller by the gain above.
 _AGREEMENT: Final = 0.02
 
 

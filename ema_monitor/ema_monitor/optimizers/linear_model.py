@@ -9,9 +9,9 @@ from ema_core.arrays import Array, Flags
 RIDGE: Final = 1e-9
 """Ridge of a normal matrix, as a share of its largest diagonal entry [-].
 
-Rounding errors of a normal matrix are about 1e-16 of this entry, and a component that a window
-shows contributes 1e-6 or more. With 1e-12, fits of ordinary motion, in which loads and offsets are
-nearly collinear, follow the noise."""
+Rounding errors of a normal matrix are about 1e-16 of this entry. Fits of ordinary motion, in which
+loads and offsets are nearly collinear, depend on this value: change it only with the tests of
+combined stretches."""
 
 _LEAST_CURVATURE: Final = 1e-12
 """Least damping of a component, as a share of the largest diagonal entry [-]: a component without

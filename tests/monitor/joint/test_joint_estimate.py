@@ -10,9 +10,7 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import BACKLASH, FAULT_NAMES, FRICTION
-from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
-from ema_monitor.identification.defects import usual_mistake
 from ema_monitor.identification.estimate import (
     DEPARTED,
     FAILED,
@@ -645,11 +643,3 @@ def test_faster_motion_is_no_mistake(plain):
     refused = identify_record(replace(found, telemetry=telemetry), described(), plain)
     assert "the speed is 3.1 times the speed of the healthy records" in refused.reason
     assert "is it" not in refused.reason
-
-
-@pytest.mark.parametrize("column", ["current", "speed", "position"])
-def test_gear_ratio_in_a_column_is_named(column):
-    parameters = ActuatorParameters(tau=1.0 / 120.0)
-    assert "other side of the gear" in usual_mistake(column, 121.0, parameters)
-    assert "the gear ratio in it twice" in usual_mistake(column, 1.0 / 118.0, parameters)
-    assert not usual_mistake(column, 17.0, parameters)

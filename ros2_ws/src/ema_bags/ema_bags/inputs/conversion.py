@@ -10,11 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.mapping import (
-    CURRENTS,
     ENCODINGS,
-    LINEAR,
     TEMPERATURES,
-    UNITS,
     AngleSource,
     CurrentSource,
     Mapping,
@@ -23,6 +20,7 @@ from ema_bags.inputs.mapping import (
 )
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
+from ema_core.units import CURRENTS, LINEAR, UNITS
 
 _PEAK: Final = {"": 1.0, "peak": 1.0, "rms": math.sqrt(2.0), "power": math.sqrt(2.0 / 3.0)}
 """Amplitude of the phase currents over i_q, by its convention."""

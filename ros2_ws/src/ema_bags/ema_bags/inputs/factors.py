@@ -16,9 +16,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ema_bags.inputs.mapping import ANGLES, SHAFTS, SPEEDS, AngleSource, Mapping, SpeedSource
+from ema_bags.inputs.mapping import SHAFTS, AngleSource, Mapping, SpeedSource
 from ema_bags.inputs.motion import ThinnedMotion
+from ema_core.column_errors import Kind, Mistake, mistaken_unit
 from ema_core.description import ActuatorDescription
+from ema_core.units import ANGLES, SPEEDS
 
 _GAIN_WITHIN: Final = 0.35
 _RATIO_WITHIN: Final = 0.03
@@ -34,25 +36,60 @@ _OVER_SPEED: Final = 3.0
 
 
 @dataclass(frozen=True)
+class Relations:
+    """How columns of a mapping relate as they are.
+
+    Attributes
+    ----------
+    gain
+        Motion of the position over that of the command [-]; None if it is unknown.
+    speed_ratio
+        Derivative of the position over the speed times the gear ratio [-]; None if it is unknown.
+    reach
+        Largest angle of the position [rad].
+    end_stop
+        Angle of the end stop [rad]; None if it is unknown or not exceeded.
+    """
+
+    gain: float | None
+    speed_ratio: float | None
+    reach: float
+    end_stop: float | None
+
+
+@dataclass(frozen=True)
 class MappingChange:
-    """A change of an entry of a mapped quantity, and the evidence for it."""
+    """A change of an entry of a mapped quantity, and the evidence for it.
+
+    Attributes
+    ----------
+    quantity
+        The column that is wrong.
+    mistake
+        What is wrong of it.
+    stated, value
+        Value of the entry in the mapping, and the value that was probably meant.
+    relations
+        The relations that it explains.
+    """
 
     quantity: str
-    entry: str
+    mistake: Mistake
+    stated: Any
     value: Any
-    reason: str
+    relations: Relations
 
     @property
-    def remedy(self) -> str:
-        """What to write in the mapping."""
-        return f"{self.quantity}: {{{self.entry}: {_words(self.value)}}}"
+    def entry(self) -> str:
+        """The entry of the mapping."""
+        return self.mistake.kind.value
 
 
 class _Option(NamedTuple):
     """One interpretation of a quantity; ``factor`` multiplies the mapping's factor."""
 
     factor: float
-    changes: tuple[tuple[str, Any], ...]
+    changes: tuple[tuple[Mistake, Any], ...]
     weight: float
 
 
@@ -93,7 +130,7 @@ def explain(
         if ratio is None:
             return True
         speed = factors["speed"]
-        is_slow = fastest * abs(speed) <= _OVER_SPEED * max(p.omega_max, p.V_max / p.k_e)
+        is_slow = fastest * abs(speed) <= _OVER_SPEED * p.top_speed
         return abs(ratio * position / speed - 1.0) <= _RATIO_WITHIN and is_slow
 
     as_they_are = dict.fromkeys(sources, 1.0)
@@ -116,25 +153,12 @@ def explain(
             best, least = chosen, weight
     if best is None:
         return None
-    facts = []
-    if gain is not None:
-        facts.append(f"the position moves {gain:.4g} times as far as the command")
-    if ratio is not None:
-        facts.append(f"its derivative is {ratio:.4g} times the speed times the gear ratio")
-    if is_known and reach > p.theta_stop:
-        facts.append(
-            f"the position reaches {reach:.4g} rad, the end stop is at {p.theta_stop:g} rad"
-        )
+    over_stop = is_known and reach > p.theta_stop
+    relations = Relations(gain, ratio, reach, p.theta_stop if over_stop else None)
     return [
-        MappingChange(
-            name,
-            entry,
-            value,
-            f"{name} has {entry} {_words(getattr(sources[name], entry))}, {_words(value)} was "
-            f"probably meant ({', '.join(facts)})",
-        )
+        MappingChange(name, mistake, getattr(sources[name], mistake.kind.value), value, relations)
         for name, item in best.items()
-        for entry, value in item.changes
+        for mistake, value in item.changes
     ]
 
 
@@ -172,21 +196,18 @@ def _options(source: AngleSource | SpeedSource, tau: float) -> Iterator[_Option]
         to_other = 1.0 / to_other
     shaft = next(item for item in SHAFTS if item != source.shaft)
     for sign, (unit, size), is_other in itertools.product((1, -1), units.items(), (False, True)):
-        changes: list[tuple[str, Any]] = []
+        changes: list[tuple[Mistake, Any]] = []
         factor = float(sign) * size / units[source.unit]
         if unit != source.unit:
-            changes.append(("unit", unit))
+            changes.append((mistaken_unit(units, unit, source.unit), unit))
         if is_other:
-            changes.append(("shaft", shaft))
+            changes.append((Mistake(Kind.SHAFT, 1.0 / to_other), shaft))
             factor *= to_other
         if sign < 0:
-            changes.append(("sign", -source.sign))
+            changes.append((Mistake(Kind.SIGN, -1.0), -source.sign))
         # Units unusual for a whole angle are considered only if nothing else explains it.
         rare = 0.5 * (unit in ("arcmin", "mrad/s", "mrad")) + 0.2 * is_other
         yield _Option(factor, tuple(changes), len(changes) + rare)
     for scale in (1e3, 1e-3):
-        yield _Option(scale, (("scale", source.scale * scale),), 1.5)
-
-
-def _words(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+        mistake = Mistake(Kind.SCALE, 1.0 / scale)
+        yield _Option(scale, ((mistake, source.scale * scale),), 1.5)

@@ -8,12 +8,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_bags.inputs.change_wording import change_reason
 from ema_bags.inputs.conversion import convert, with_lead
 from ema_bags.inputs.factors import explain
 from ema_bags.inputs.guessed_clock import guess_clock
 from ema_bags.inputs.mapping import (
-    LINEAR,
-    TORQUES,
     AngleSource,
     Clock,
     CurrentSource,
@@ -28,6 +27,7 @@ from ema_bags.inputs.recognition import JointColumns, Recognizer
 from ema_bags.inputs.series import NO_STAMP
 from ema_bags.inputs.tables import TableColumns
 from ema_core.description import ActuatorDescription
+from ema_core.units import LINEAR, TORQUES
 
 JOINT_STATE: Final = "sensor_msgs/msg/JointState"
 _LEAD: Final = 0.005
@@ -283,7 +283,7 @@ def refine(
     for change in explain(motion, mapping, description) or ():
         section = replace(getattr(mapping, change.quantity), **{change.entry: change.value})
         mapping = replace(mapping, **{change.quantity: section})
-        remarks.append(f"{change.quantity}.{change.entry} {change.value}: {change.reason}")
+        remarks.append(f"{change.quantity}.{change.entry} {change.value}: {change_reason(change)}")
     motion = moving(mapping)
     if mapping.current is not None and motion is not None:
         if description.drive == "unknown":

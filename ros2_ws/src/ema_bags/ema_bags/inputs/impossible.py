@@ -8,17 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.inputs.mapping import (
-    CURRENTS,
-    LENGTHS,
-    LINEAR,
-    UNITS,
-    AngleSource,
-    Mapping,
-    SpeedSource,
-)
+from ema_bags.inputs.mapping import AngleSource, Mapping, SpeedSource
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
+from ema_core.units import CURRENTS, LENGTHS, LINEAR, UNITS
 
 _ABSURD: Final = 1e15
 _MOST_IN_A_ROW: Final = 3

@@ -1,6 +1,5 @@
 """What each column of telemetry is made of, in files, bags and topics of other makes."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
@@ -13,30 +12,9 @@ from ema_bags.inputs.field_path import FieldPath
 from ema_core.acquisition import CURRENT_SAMPLINGS, EFFORT_UNITS, Acquisition
 from ema_core.quantity import Checked, quantity, text, texts
 from ema_core.settings_file import load_settings
+from ema_core.units import ANGLES, CURRENTS, FORCES, LENGTHS, LINEAR, LINEAR_SPEEDS, SPEEDS, TORQUES
 from ema_core.wording import unknown_name
 
-ANGLES: Final = {
-    "rad": 1.0,
-    "deg": math.pi / 180.0,
-    "mrad": 1e-3,
-    "turn": 2.0 * math.pi,
-    "arcmin": math.pi / 10800.0,
-}
-SPEEDS: Final = {
-    "rad/s": 1.0,
-    "deg/s": math.pi / 180.0,
-    "rpm": 2.0 * math.pi / 60.0,
-    "turn/s": 2.0 * math.pi,
-    "mrad/s": 1e-3,
-}
-LENGTHS: Final = {"mm": 1e-3, "m": 1.0, "um": 1e-6, "in": 25.4e-3}
-LINEAR_SPEEDS: Final = {"mm/s": 1e-3, "m/s": 1.0}
-LINEAR: Final = LENGTHS | LINEAR_SPEEDS
-CURRENTS: Final = {"A": 1.0, "mA": 1e-3}
-TORQUES: Final = {"N.m": 1.0, "mN.m": 1e-3, "N.cm": 1e-2}
-FORCES: Final = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
-UNITS: Final = ANGLES | SPEEDS | LINEAR | CURRENTS | TORQUES | FORCES
-"""Size of each unit in SI units."""
 TEMPERATURES: Final = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5.0 / 9.0, -160.0 / 9.0)}
 """Factor and addition that convert each unit to degC."""
 TIMES_NS: Final = {

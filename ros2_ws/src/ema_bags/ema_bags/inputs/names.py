@@ -3,17 +3,9 @@
 import re
 from typing import Final
 
-from ema_bags.inputs.mapping import (
-    ANGLES,
-    CURRENTS,
-    FORCES,
-    LENGTHS,
-    LINEAR_SPEEDS,
-    SPEEDS,
-    TEMPERATURES,
-    TORQUES,
-)
+from ema_bags.inputs.mapping import TEMPERATURES
 from ema_bags.inputs.recognition import Hint
+from ema_core.units import ANGLES, CURRENTS, FORCES, LENGTHS, LINEAR_SPEEDS, SPEEDS, TORQUES
 
 _WORDS: Final = {
     "command": r"cmd|command\w*|set|set ?points?|sp|ref|reference|target|tgt|demand\w*|des|"

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.inputs.mapping import ANGLES, SPEEDS
+from ema_core.units import ANGLES, SPEEDS
 
 _MOST_ROWS: Final = 40_000
 _LEAST_ROWS: Final = 50

@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.inputs.mapping import LINEAR, UNITS, AngleSource, Mapping
+from ema_bags.inputs.mapping import AngleSource, Mapping
+from ema_core.units import LINEAR, UNITS
 
 _ANGLES: Final = ("position", "command", "error")
 _BITS: Final = (8, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 24, 32)

@@ -1,0 +1,67 @@
+"""Words for columns of telemetry that are wrong."""
+
+from typing import Final
+
+from ema_core.column_errors import ColumnError, Kind, Mistake, Reference, UnrelatedColumn
+
+_UNITS: Final = {
+    "rad": "in radians",
+    "deg": "in degrees",
+    "turn": "in turns",
+    "deg/s": "in degrees a second",
+    "turn/s": "in turns a second",
+    "/s": "per second",
+    "/min": "per minute",
+}
+_REFERENCES: Final = {
+    Reference.POSITION: "the position asks for",
+    Reference.SPEED: "the speed asks for",
+    Reference.INERTIA: "the inertia asks for",
+    Reference.DRIVE: "the drive asks for",
+    Reference.MODEL: "the model expects",
+    Reference.RECORDS: "the healthy records have",
+}
+
+
+def question(column: str, mistake: Mistake, reference: Reference) -> str:
+    """Return the question whether a column has a mistake."""
+    match mistake.kind:
+        case Kind.SIGN:
+            return "is its sign the other one?"
+        case Kind.SCALE if mistake.factor > 1.0:
+            return "are these thousandths read as whole units?"
+        case Kind.SCALE:
+            return "are whole units read as thousandths?"
+        case Kind.GEAR_RATIO:
+            return "is the gear ratio in it twice, or missing?"
+        case Kind.SHAFT:
+            return "is it of the other side of the gear?"
+        case Kind.AMPLITUDE:
+            given = "a peak" if mistake.unit == "peak" else mistake.unit
+            return f"is {given} given for {'a peak' if mistake.stated == 'peak' else 'RMS'}?"
+        case Kind.UNIT:
+            unit, stated = (_UNITS.get(name, f"in {name}") for name in mistake[2:])
+            if column == "command":
+                return f"is it {unit}, and the position {stated}?"
+            if reference is Reference.RECORDS:
+                return f"is it {unit}, and was {stated}?"
+            return f"is it {unit}?" if mistake.is_of_si else f"is it {unit}, and not {stated}?"
+
+
+def questions(error: ColumnError) -> str:
+    """Return the question whether a column has its usual mistakes, or "" without any."""
+    asked = [question(error.columns[0], one, error.reference) for one in error.mistakes]
+    return ", and ".join(text.rstrip("?") for text in asked) + "?" * bool(asked)
+
+
+def error_text(error: ColumnError | UnrelatedColumn) -> str:
+    """Return which column is wrong, by how much, and the question after its usual mistakes."""
+    reference = _REFERENCES[error.reference]
+    if isinstance(error, UnrelatedColumn):
+        return (
+            f"the {error.column} has little to do with what {reference} (correlation "
+            f"{error.correlation:.2f}): is it another column?"
+        )
+    words = f"the {' and '.join(error.columns)} is {error.factor:.3g} times what {reference}"
+    rest = "the gear ratio" if error.reference is Reference.MODEL else "its scale"
+    return f"{words}: {questions(error) or f'is its unit, or {rest}, right?'}"

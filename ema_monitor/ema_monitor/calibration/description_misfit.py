@@ -1,0 +1,115 @@
+"""Whether a window is that of a healthy actuator as described: its columns and parameters."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ema_core.arrays import Array
+from ema_core.column_errors import NEAR_MODEL, ColumnError, Reference, UnrelatedColumn
+from ema_core.column_wording import error_text
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.calibration.healthy_model import healthy_response
+from ema_monitor.model.monitor_model import MonitorModel, Response
+from ema_monitor.windows.band import band_limited
+from ema_monitor.windows.window import Window
+
+_CHANGED: Final = 1.5
+_MATTERS: Final = 0.1
+_LOWEST_CORRELATION: Final = 0.5
+
+
+@dataclass(frozen=True)
+class DescriptionMisfit:
+    """How a window contradicts the description of its actuator.
+
+    Attributes
+    ----------
+    column
+        The column that is not as the model of the healthy actuator expects.
+    examples
+        Parameters that matter in the window and have the built-in example's value, by name.
+    """
+
+    column: ColumnError | UnrelatedColumn
+    examples: dict[str, float]
+
+    def __str__(self) -> str:
+        if not self.examples:
+            return error_text(self.column)
+        listed = ", ".join(f"{name} = {value:g}" for name, value in self.examples.items())
+        return (
+            f"{error_text(self.column)}; these have the built-in example's values and matter here: "
+            f"{listed}"
+        )
+
+
+def description_misfit(window: Window, model: MonitorModel) -> DescriptionMisfit | None:
+    """Return how a window contradicts the model of the actuator as described; None if it agrees."""
+    column = _wrong_column(window, healthy_response(window, model), model.parameters)
+    if column is None:
+        return None
+    actual = model.parameters.as_mapping()
+    examples = {name: actual[name] for name in _examples_that_matter(window, model)}
+    return DescriptionMisfit(column, examples)
+
+
+def _examples_that_matter(window: Window, model: MonitorModel) -> list[str]:
+    """Return the parameters that have the built-in example's value and matter in a window.
+
+    There is none for the example itself. A parameter matters if it changes the response by a tenth.
+    """
+    example, actual = ActuatorParameters().as_mapping(), model.parameters.as_mapping()
+    left = [name for name, value in example.items() if actual[name] == value and value]
+    if len(left) >= sum(bool(value) for value in example.values()):
+        return []
+    expected = healthy_response(window, model)
+    names = []
+    for name in left:
+        try:
+            changed = model.parameters.replace({name: _CHANGED * actual[name]})
+        except ValueError:  # it contradicts another one
+            continue
+        other = MonitorModel(changed, model.form, model.dt, acquisition=model.acquisition)
+        response = healthy_response(window, other)
+        for changed_row, before in (
+            (response.current, expected.current),
+            (response.speed, expected.speed),
+        ):
+            if np.linalg.norm(changed_row - before) > _MATTERS * np.linalg.norm(before):
+                names.append(name)
+                break
+    return names
+
+
+def _wrong_column(
+    window: Window, expected: Response, parameters: ActuatorParameters
+) -> ColumnError | UnrelatedColumn | None:
+    """Return which column of a window is wrong by the nominal response, if one is, and how."""
+    measured = window.telemetry
+    travel = window.command - window.command[0]
+    moves = window.moves
+    pairs = {"position": (measured.position - measured.position[0], travel)}
+    if len(measured.speed):
+        pairs["speed"] = (measured.speed[1:], expected.speed[0])
+    if len(measured.current):
+        pairs["current"] = (measured.current[1:] * moves, expected.current[0] * moves)
+    for name, (row, model) in pairs.items():
+        h = window.sample_period
+        if wrong := _difference(name, band_limited(row, h), band_limited(model, h), parameters.tau):
+            return wrong
+    return None
+
+
+def _difference(
+    name: str, row: Array, model: Array, tau: float
+) -> ColumnError | UnrelatedColumn | None:
+    """Return how a column differs from its expectation; None if it does not."""
+    size = float(np.linalg.norm(row) * np.linalg.norm(model))
+    correlation = float(row @ model) / size if size > 0.0 else 0.0
+    if abs(correlation) < _LOWEST_CORRELATION:
+        return UnrelatedColumn(name, correlation)
+    ratio = float(row @ model) / float(model @ model)
+    if abs(ratio - 1.0) < NEAR_MODEL:
+        return None
+    return ColumnError.of((name,), ratio, Reference.MODEL, tau)

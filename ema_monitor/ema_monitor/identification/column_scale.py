@@ -1,0 +1,101 @@
+"""Columns of a window that are off by a factor: in another unit than stated, or of another sign.
+
+This shows in three relations: the position follows its command, the speed is the derivative of the
+position, and the current accelerates the known inertia. No fault changes one of these by a factor.
+"""
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+
+from ema_core.arrays import Array
+from ema_core.causes import CauseEstimate
+from ema_core.column_errors import PEAK_FOR_RMS, RMS_FOR_PEAK, ColumnError, Reference
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.windows.window import Window
+
+_SMOOTH_S: Final = 4e-3
+_KNEE: Final = 5.0
+_LEAST_FACTOR: Final = 1.25
+_LEAST_TRACKING: Final = 1.6
+_SURE: Final = 0.03
+_ROUGH: Final = 0.3
+_SAME: Final = 0.02
+_ALIKE: Final = 0.7
+
+
+def mistaken_amplitude(causes: Iterable[CauseEstimate]) -> ColumnError | None:
+    """Return the error of a current whose gain among the causes is that of a peak and an RMS."""
+    for cause in causes:
+        if cause.name != "current_gain":
+            continue
+        factor = 1.0 + cause.value
+        for mistake in (PEAK_FOR_RMS, RMS_FOR_PEAK):
+            if abs(factor / mistake.factor - 1.0) < _SAME:
+                return ColumnError(("current",), factor, Reference.DRIVE, (mistake,))
+    return None
+
+
+def wrong_scale(window: Window, parameters: ActuatorParameters) -> ColumnError | None:
+    """Return the column of a window that is off by a factor; None when none plainly is."""
+    tau = parameters.tau
+    t, h = window.telemetry, window.sample_period
+    count = max(3, round(_SMOOTH_S / h))
+    if t.missing or len(t) < 4 * count:
+        return None
+    kernel = np.full(count, 1.0 / count)
+    command, position, speed, current = (
+        np.convolve(column, kernel, "valid")
+        for column in (t.command, t.position, t.speed, t.current)
+    )
+    moves = np.gradient(position, h) / tau
+    # What the speed is, over the change of the position.
+    speed_scale = _slope(moves, speed)
+    tracking = _slope(command - command.mean(), position - position.mean())
+    if speed_scale is None or tracking is None:
+        return None
+    inertia = (parameters.J_m + parameters.J_u) / parameters.k_t
+    pull = _inertia_of(speed, current, position, h)
+    if _is_off(speed_scale, _LEAST_FACTOR):
+        follows = not _is_off(tracking, _LEAST_TRACKING)
+        if not follows:
+            return ColumnError.of(("position",), 1.0 / speed_scale, Reference.SPEED, tau)
+        # A wrong speed makes the inertia another one, by the inverse factor.
+        if pull is not None and abs(pull / inertia * speed_scale - 1.0) < _ROUGH:
+            return ColumnError.of(("speed",), speed_scale, Reference.POSITION, tau)
+        return ColumnError.of(
+            ("position", "command"), 1.0 / speed_scale, Reference.SPEED, parameters.tau
+        )
+    if _is_off(tracking, _LEAST_TRACKING):
+        return ColumnError.of(("command",), 1.0 / tracking, Reference.POSITION, tau)
+    if pull and _is_off(pull / inertia, _LEAST_FACTOR):
+        return ColumnError.of(("current",), pull / inertia, Reference.INERTIA, tau)
+    return None
+
+
+def _is_off(factor: float, least: float) -> bool:
+    return not 1.0 / least < factor < least
+
+
+def _slope(x: Array, y: Array) -> float | None:
+    """Return how many times ``x`` is in ``y``; None where they are no multiples of each other."""
+    xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
+    return xy / xx if xy**2 > _ALIKE * xx * yy > 0.0 else None
+
+
+def _inertia_of(speed: Array, current: Array, position: Array, h: float) -> float | None:
+    """Return the current that an acceleration takes [A.s^2]; None when that is not determined."""
+    rows = np.stack(
+        [np.gradient(speed, h), speed, np.tanh(speed / _KNEE), position, np.ones_like(speed)], 1
+    )
+    scale = np.maximum(np.abs(rows).max(axis=0), 1e-300)
+    rows = rows / scale
+    found, *_ = np.linalg.lstsq(rows, current, rcond=None)
+    left = current - rows @ found
+    # Neighbours are alike: as if one in ten were a reading of its own.
+    variance = 10.0 * float(left @ left) / max(len(left) - rows.shape[1], 1)
+    covariance = variance * np.linalg.pinv(rows.T @ rows)
+    if np.sqrt(covariance[0, 0]) > _SURE * abs(found[0]):
+        return None
+    return float(found[0] / scale[0])

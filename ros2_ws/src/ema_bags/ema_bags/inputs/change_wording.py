@@ -1,0 +1,38 @@
+"""Words for changes of a mapping."""
+
+from typing import Any
+
+from ema_bags.inputs.factors import MappingChange, Relations
+
+
+def change_remedy(change: MappingChange) -> str:
+    """Return what to write in the mapping."""
+    return f"{change.quantity}: {{{change.entry}: {_words(change.value)}}}"
+
+
+def change_reason(change: MappingChange) -> str:
+    """Return what is probably wrong of a mapping, and the evidence."""
+    return (
+        f"{change.quantity} has {change.entry} {_words(change.stated)}, {_words(change.value)} was "
+        f"probably meant ({', '.join(_facts(change.relations))})"
+    )
+
+
+def _facts(relations: Relations) -> list[str]:
+    facts = []
+    if relations.gain is not None:
+        facts.append(f"the position moves {relations.gain:.4g} times as far as the command")
+    if relations.speed_ratio is not None:
+        facts.append(
+            f"its derivative is {relations.speed_ratio:.4g} times the speed times the gear ratio"
+        )
+    if relations.end_stop is not None:
+        facts.append(
+            f"the position reaches {relations.reach:.4g} rad, the end stop is at "
+            f"{relations.end_stop:g} rad"
+        )
+    return facts
+
+
+def _words(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

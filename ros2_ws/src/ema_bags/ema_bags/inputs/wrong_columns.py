@@ -1,0 +1,138 @@
+"""Columns of a mapping that are wrong: units, signs, shafts and scales, as defects."""
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+from ema_bags.inputs.change_wording import change_reason, change_remedy
+from ema_bags.inputs.factors import explain
+from ema_bags.inputs.input_defect import InputDefect
+from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.motion import ThinnedMotion
+from ema_core.column_errors import Kind, usual_mistakes
+from ema_core.description import ActuatorDescription
+from ema_core.units import CURRENTS
+from ema_core.wording import counted
+
+_RATIO_WITHIN: Final = 0.03
+_CURRENT_SIZE: Final = 8.0
+_OPPOSED: Final = 0.4
+_GAINS_ENERGY: Final = 0.1
+_MUCH: Final = 2.0
+_GAIN: Final = 1.35
+_NAMES: Final = {
+    Kind.SIGN: "sign_reversed",
+    Kind.UNIT: "unit",
+    Kind.SHAFT: "shaft",
+    Kind.SCALE: "scale",
+}
+
+
+def wrong_factors(
+    motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
+) -> Iterator[InputDefect]:
+    """Yield units, signs and shafts that the relations of the columns contradict."""
+    is_unknown = description.drive == "unknown"
+    explained = explain(motion, mapping, description)
+    if explained:
+        is_certain = not is_unknown or motion.is_ample
+        for change in explained:
+            name = f"{change.quantity}_{_NAMES[change.mistake.kind]}"
+            yield InputDefect(
+                name, change_reason(change), change_remedy(change), is_certain=is_certain
+            )
+        return
+    if is_unknown:
+        yield from _unlike(motion)
+        return
+    if explained is not None:
+        return
+    tau, ratio, gain = description.parameters.tau, motion.speed_ratio, motion.gain
+    if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:
+        yield InputDefect(
+            "gear_ratio",
+            f"position and speed give a gear ratio of {_as_ratio(tau * ratio)}, the "
+            f"description has {_as_ratio(tau)}",
+            "are position and speed of the same joint, and are unit and shaft of both right? If "
+            "they are, and tau is as in the data sheet: accept: [gear_ratio]",
+        )
+    if gain is not None and not 0.5 < gain < 2.0:
+        yield InputDefect(
+            "command_position",
+            f"the position moves {gain:.3g} times as far as the command",
+            f"command: {{scale: {gain:.6g}}} if both are of the same shaft, or choose another "
+            "source",
+        )
+
+
+def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
+    """Yield differences between columns of an unknown drive that no unit explains."""
+    if not motion.is_ample:
+        return
+    strokes, ratio, gain = len(motion.strokes), motion.stroke_ratio, motion.gain
+    over = f"over {counted(strokes, 'stroke')}"
+    if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:
+        is_near = 1.0 / _MUCH < ratio < _MUCH
+        why = "elasticity, lag or sampling" if is_near else "no unit, sign or shaft explains it"
+        remedy = "the speed is used as it is" if is_near else "is the speed of the same joint?"
+        text = f"the speed is {1.0 / ratio:.3g} times the derivative of the position {over}: {why}"
+        yield InputDefect("speed_ratio", text, remedy, False, needs_action=not is_near)
+    if gain is not None and not 1.0 / _GAIN < gain < _GAIN:
+        text = f"the position moves {gain:.3g} times as far as the command {over}"
+        remedy = "lag or elasticity, or the command of another joint; it is used as it is"
+        yield InputDefect("command_position", text, remedy, False)
+
+
+def wrong_current(
+    motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
+) -> Iterator[InputDefect]:
+    """Yield a sign or size of the current that acceleration and friction contradict."""
+    source = mapping.measured_current
+    if description.drive == "unknown":
+        correlation = motion.dissipation
+        is_opposed = correlation is not None and correlation < -_OPPOSED
+        # After a step the effort brakes a fast joint; only a wrong sign gains energy from friction.
+        if source is not None and is_opposed and motion.work_share < -_GAINS_ENERGY:
+            yield InputDefect(
+                "current_sign_reversed",
+                "the current brakes where the friction needs it to drive (correlation with the "
+                f"speed {correlation:.2f}, net work {motion.work_share:.0%} of all work)",
+                f"current: {{sign: {-source.sign}}}",
+                is_certain=motion.is_ample,
+            )
+        return
+    relation = motion.current_against_torque(description.parameters)
+    if source is None or relation is None:
+        return
+    slope, correlation = relation
+    if correlation < -_OPPOSED:
+        yield InputDefect(
+            "current_sign_reversed",
+            "the current is negative where the motor accelerates and drives friction in the "
+            f"positive direction (correlation {correlation:.2f})",
+            f"current: {{sign: {-source.sign}}}",
+        )
+        return
+    if correlation < _OPPOSED:
+        return
+    text = (
+        f"the current is {slope:.3g} times as large as inertia and friction of the description need"
+    )
+    for mistake in usual_mistakes("current", description.parameters.tau):
+        factor = mistake.factor
+        if mistake.kind is Kind.SCALE and 1.0 / _CURRENT_SIZE < slope / factor < _CURRENT_SIZE:
+            meant = f"m{source.unit}" if factor > 1.0 else source.unit.removeprefix("m")
+            is_unit = meant in (*CURRENTS, "N.m", "mN.m") and meant != source.unit
+            remedy = f"unit: {meant}" if is_unit else f"scale: {source.scale / factor:g}"
+            yield InputDefect("current_unit", text, f"current: {{{remedy}}}")
+            return
+    if not 1.0 / 30.0 < slope < 30.0:
+        remedy = (
+            "is current.kind right (current or torque, motor or joint)? Are J_m, J_u and the "
+            "friction of the description?"
+        )
+        yield InputDefect("current_size", text, remedy)
+
+
+def _as_ratio(tau: float) -> str:
+    return f"1/{1.0 / tau:.4g}" if tau and math.isfinite(tau) else f"{tau:g}"
