@@ -1,7 +1,7 @@
 """Columns of telemetry that are wrong: which, by which factor, and which usual mistake that is.
 
-Import and bridge judge the columns of a mapping, calibration and identification those of a window
-or a record. `column_wording` puts an error into words.
+Import and bridge judge the columns of a mapping, calibration and identification the columns of a
+window or a record. `column_wording` puts an error into words.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, Self
 from ema_core.units import ANGLES, LENGTHS, SPEEDS
 
 NEAR: Final = 0.1
-"""How far a factor may be from that of a mistake, as a share of it [-]: sensors and faults change
+"""Largest deviation of a factor from the factor of a mistake, as a share of it [-]: sensors and faults change
 a relation between columns by a few per cent, and most mistakes differ by more than twice this."""
 
 NEAR_MODEL: Final = 0.4
@@ -22,7 +22,7 @@ units are off by at most 8 %, and a deviation that is to be fitted may add sever
 
 
 class Kind(Enum):
-    """What is mistaken of a column."""
+    """Kind of a mistake."""
 
     SIGN = "sign"
     UNIT = "unit"
@@ -37,7 +37,7 @@ class Kind(Enum):
 
 
 class Reference(Enum):
-    """What a column is compared with."""
+    """Standard of comparison of a column."""
 
     POSITION = "position"
     SPEED = "speed"
@@ -57,11 +57,11 @@ class Mistake(NamedTuple):
     unit: str = ""
     """Unit or convention of the values."""
     stated: str = ""
-    """Unit or convention that they are taken for."""
+    """Unit or convention in which the values are read."""
 
     @property
     def is_of_si(self) -> bool:
-        """Whether the values are taken for SI units, or the unit does not matter."""
+        """Whether the values are read in SI units, or the unit does not matter."""
         return self.kind is not Kind.UNIT or self.stated in ("rad", "rad/s")
 
 
@@ -95,7 +95,7 @@ class ColumnError:
         """
         usual, within = [*usual_mistakes(columns[0], tau)], NEAR
         if reference is Reference.MODEL:
-            usual = [one for one in usual if one.is_of_si and one.kind is not Kind.AMPLITUDE]
+            usual = [item for item in usual if item.is_of_si and item.kind is not Kind.AMPLITUDE]
             within = NEAR_MODEL
         return cls(columns, factor, reference, _mistakes_of(usual, factor, within))
 
@@ -110,9 +110,9 @@ class UnrelatedColumn:
 
 
 def mistaken_unit(sizes: dict[str, float], unit: str, stated: str) -> Mistake:
-    """Return the mistake to take values of a unit for values of another one.
+    """Return the mistake to read values of a unit in the ``stated`` unit.
 
-    ``sizes`` are those of both in SI units, by name.
+    ``sizes`` has the sizes of both in SI units, by name.
     """
     return Mistake(Kind.UNIT, sizes[stated] / sizes[unit], unit, stated)
 
@@ -140,8 +140,8 @@ _PAIRS: Final = {
         (_PER_MINUTE, "/s", "/min"),
     ],
 }
-"""Units by column that are usually taken for each other: that of the values, and that stated. A
-command is compared with the position."""
+"""Units by column that are usually confused: the unit of the values, and the stated unit. A command
+is compared with the position."""
 
 PEAK_FOR_RMS: Final = Mistake(Kind.AMPLITUDE, math.sqrt(2.0), "peak", "RMS")
 RMS_FOR_PEAK: Final = Mistake(Kind.AMPLITUDE, math.sqrt(0.5), "RMS", "peak")

@@ -37,8 +37,8 @@ def question(column: str, mistake: Mistake, reference: Reference) -> str:
         case Kind.SHAFT:
             return "is it of the other side of the gear?"
         case Kind.AMPLITUDE:
-            given = "a peak" if mistake.unit == "peak" else mistake.unit
-            return f"is {given} given for {'a peak' if mistake.stated == 'peak' else 'RMS'}?"
+            values = "a peak" if mistake.unit == "peak" else mistake.unit
+            return f"is {values} given for {'a peak' if mistake.stated == 'peak' else 'RMS'}?"
         case Kind.UNIT:
             unit, stated = (_UNITS.get(name, f"in {name}") for name in mistake[2:])
             if column == "command":
@@ -50,12 +50,12 @@ def question(column: str, mistake: Mistake, reference: Reference) -> str:
 
 def questions(error: ColumnError) -> str:
     """Return the question whether a column has its usual mistakes, or "" without any."""
-    asked = [question(error.columns[0], one, error.reference) for one in error.mistakes]
+    asked = [question(error.columns[0], item, error.reference) for item in error.mistakes]
     return ", and ".join(text.rstrip("?") for text in asked) + "?" * bool(asked)
 
 
 def error_text(error: ColumnError | UnrelatedColumn) -> str:
-    """Return which column is wrong, by how much, and the question after its usual mistakes."""
+    """Return the wrong column, its factor, and the question after its usual mistakes."""
     reference = _REFERENCES[error.reference]
     if isinstance(error, UnrelatedColumn):
         return (
