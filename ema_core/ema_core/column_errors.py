@@ -13,8 +13,9 @@ from typing import Final, NamedTuple, Self
 from ema_core.units import ANGLES, LENGTHS, SPEEDS
 
 NEAR: Final = 0.1
-"""Largest deviation of a factor from the factor of a mistake, as a share of it [-]: sensors and faults change
-a relation between columns by a few per cent, and most mistakes differ by more than twice this."""
+"""Largest deviation of a factor from the factor of a mistake, as a share of it [-]. Sensors and
+faults change a relation between columns by a few per cent, and the factors of most mistakes differ
+by more than twice this share."""
 
 NEAR_MODEL: Final = 0.4
 """The same of a column and the response of the actuator as described [-]: healthy windows of drawn

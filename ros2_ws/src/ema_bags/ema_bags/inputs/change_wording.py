@@ -11,7 +11,7 @@ def change_remedy(change: MappingChange) -> str:
 
 
 def change_reason(change: MappingChange) -> str:
-    """Return what is probably wrong of a mapping, and the evidence."""
+    """Return the probable mistake of a mapping, and the evidence."""
     return (
         f"{change.quantity} has {change.entry} {_words(change.stated)}, {_words(change.value)} was "
         f"probably meant ({', '.join(_facts(change.relations))})"

@@ -66,7 +66,7 @@ class MappingChange:
     quantity
         The column that is wrong.
     mistake
-        What is wrong of it.
+        The mistake in it.
     stated, value
         Value of the entry in the mapping, and the value that was probably meant.
     relations
