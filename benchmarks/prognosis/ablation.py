@@ -1,13 +1,13 @@
 """What each mechanism of growth pays: the prognosis without it, on the same lives.
 
-    python -m prognosis.ablation [--own N] [--held-out N] [--unseen N] [--constant N] [--thin N]
+    python -m prognosis.ablation [--own N] [--developed N] [--held-out N] [--unseen N] [--thin N]
 
-Lives to failure are by laws that the tracker has ("own"), by laws that nothing was developed with
-("held out", "unseen"), N of each law; no law is known to the tracker. Of every --thin tests one is
-used. Each mechanism is switched
-off alone, by an argument of the tracker's constructor. The fleet prior is switched on: its fleet is
-of units of the own lives, and so of another kind than those of the other sets. Damage is judged on
-lives whose duty changes (``duty.py``).
+Lives to failure are by laws that the tracker has ("own"), by laws that it was developed with, among
+them waves and growth along an S ("developed"), and by laws that nothing was developed with ("held
+out", "unseen"), N of each law; no law is known to the tracker. Of every --thin tests one is used.
+Each mechanism is switched off alone, by an argument of the tracker's constructor. The fleet prior
+is switched on: its fleet is of units of the own lives, and so of another kind than those of the
+other sets. Damage is judged on lives whose duty changes (``duty.py``).
 
 A change is a mean over lives of the difference to the full model on the same estimates, with its
 standard error by bootstrap over lives. What pays makes the figure without it worse by more than
@@ -43,7 +43,7 @@ from prognosis.metrics import cumulative_relative_accuracy
 
 FULL: Final = "full"
 FLEET: Final = "with a fleet of the own lives"
-EVERY: Final = 2
+EVERY: Final = 3
 """Tests from one scored prediction to the next."""
 _DUTY_EVERY: Final = 4
 SAMPLES: Final = 500
@@ -174,6 +174,7 @@ def by_damage(seed: int) -> dict[str, tuple[list[float], list[bool]]]:
 def measure(
     pool: Workers,
     own: int,
+    developed: int,
     held_out: int,
     unseen: int,
     constant: int,
@@ -188,6 +189,7 @@ def measure(
     prior = Fleet(grid_digest(limits), evidence).prior(limits)
     cases: dict[str, list[Scored]] = {
         "own": [*lives.lives_of("growing", own)],
+        "developed": [*foreign_lives.lives_of(SETS["development"], developed)],
         "held out": [*foreign_lives.lives_of(SETS["held out"], held_out)],
         "unseen": [*foreign_lives.lives_of(SETS["unseen"], unseen)],
     }
@@ -272,6 +274,7 @@ main = command(
     "ablation",
     tables=tables,
     own=30,
+    developed=6,
     held_out=7,
     unseen=14,
     constant=20,
