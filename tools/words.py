@@ -55,13 +55,13 @@ NAMES: Final = frozenset(
 """Names of variables that are not nouns of the field."""
 
 UNTREATED: Final = (
-    *("ema_archive/", "ema_study/", "ros2_ws/src/ema_bags/", "ros2_ws/src/ema_bringup/"),
+    *("ema_archive/", "ema_study/", "ros2_ws/src/ema_bags/"),
     "ema_core/ema_core/consistency.py",
     *(
         f"ema_monitor/ema_monitor/{name}"
         for name in (
-            *("calibration", "identification", "node", "prognosis", "recordings"),
-            *("api.py", "calibrations.py", "diagnosis.py", "health.py", "intake.py", "monitor.py"),
+            *("calibration", "identification", "node", "prognosis"),
+            *("api.py", "diagnosis.py", "health.py", "intake.py", "monitor.py"),
             *("reports.py", "unit.py", "unusual_causes.py"),
         )
     ),

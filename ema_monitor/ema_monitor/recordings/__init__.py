@@ -1,6 +1,6 @@
-"""What a recording has for the monitor: its windows, and the counts of service life.
+"""Windows and counts of the service life in a recording.
 
-It needs ``ema_bags``, of the extra ``bags``.
+This package needs ``ema_bags``, of the extra ``bags``.
 """
 
 from ema_monitor.recordings.finding import read_windows as read_windows

@@ -1,4 +1,4 @@
-"""The service life of a unit, as it was counted, in a recording."""
+"""Counts of the service life of a unit in a recording."""
 
 from ema_bags.recording import Recording
 from ema_bags.telemetry import USAGE_TYPE
@@ -12,13 +12,15 @@ def read_counts(bag: Recording, unit: ActuatorDescription) -> tuple[list[Count],
 
     Parameters
     ----------
+    bag
+        The recording.
     unit
-        The unit: counts of others are passed over.
+        Description of the unit; counts of other units are ignored.
 
     Raises
     ------
     ValueError
-        When the messages cannot be decoded.
+        If the messages cannot be decoded.
     """
     counts: list[Count] = []
     remarks: dict[str, None] = {}
@@ -26,11 +28,11 @@ def read_counts(bag: Recording, unit: ActuatorDescription) -> tuple[list[Count],
         message = item.message
         if message.actuator_id != unit.actuator_id:
             continue
-        # A count that names no unit is of the one that is described.
+        # A count without a serial number is of the described unit.
         if message.serial_number not in ("", unit.serial_number):
             remarks[f"usage of serial number {message.serial_number!r} is passed over"] = None
             continue
-        # One that its sender did not stamp was read when it was recorded.
+        # A count without a stamp was read when it was recorded.
         stamp_ns = stamp_from_message(message.header.stamp) or item.log_time_ns
         try:
             counts.append(Count(stamp_ns, message.flight_hours, message.cycles))

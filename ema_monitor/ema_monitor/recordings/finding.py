@@ -1,4 +1,4 @@
-"""Find the windows in a recording without keeping its telemetry."""
+"""Detection of the windows in a recording without keeping its telemetry."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -38,23 +38,27 @@ def read_windows(
     description: ActuatorDescription | None = None,
     measured_max_age_s: float = MAX_AGE_S,
 ) -> BagWindows:
-    """Read a recording and find the windows in the telemetry of one actuator.
+    """Read a recording and detect the windows in the telemetry of one actuator.
 
     Parameters
     ----------
     path
-        The recording: an ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
-    settings, description, measured_max_age_s
-        As of ``find_recorded_windows``.
+        The recording: an ``.mcap`` file, or a folder of ``ros2 bag record``.
+    settings
+        Settings of the detection; default settings if None.
     topic, actuator_id
-        Which telemetry; needed where there is a choice.
+        Telemetry to read, if the recording has a choice.
+    description
+        Description of the actuator; None for the description in the recording.
+    measured_max_age_s
+        Age at the start of a window up to which a recorded measurement holds for it [s].
 
     Raises
     ------
     ValueError
-        When the recording cannot be read, or has no such telemetry or no description.
+        If the recording cannot be read, or has no such telemetry or no description.
     OSError
-        When it cannot be opened.
+        If the recording cannot be opened.
     """
     from ema_bags.reader import Bag  # rosbags and mcap only for bags
 
@@ -74,23 +78,30 @@ def find_recorded_windows(
     on_block: Callable[[Telemetry], None] | None = None,
     with_duty: bool = False,
 ) -> BagWindows:
-    """Find the windows in recorded telemetry, which is kept no longer than needed.
+    """Detect the windows in recorded telemetry, with only its latest blocks in memory.
 
     Parameters
     ----------
+    recorded
+        Telemetry of one actuator in a recording.
+    settings
+        Settings of the detection; default settings if None.
     description
-        The actuator; as the recording describes it when None.
+        Description of the actuator; None for the description in the recording.
     measured
-        Causes that were measured throughout; each replaces the recorded measurements of it.
+        Measured causes for the whole recording; they replace recorded measurements of the same
+        causes.
     measured_max_age_s
         Age at the start of a window up to which a recorded measurement holds for it [s].
+    on_block
+        Called with each block of telemetry.
     with_duty
-        Whether to measure the duty that was flown, for which kernels are compiled.
+        Whether to measure the flown duty, for which kernels are compiled.
 
     Raises
     ------
     ValueError
-        When there is no usable telemetry, or no description.
+        If there is no usable telemetry, or no description.
     """
     bag, unit = recorded.bag, recorded.actuator_id
     if description is None and not recorded.descriptions:
@@ -108,7 +119,7 @@ def find_recorded_windows(
         measures_duty=with_duty,
     )
     finder = intake.finder
-    # Places of the latest blocks, as many as a window may reach back over.
+    # Places of the latest blocks, as many as a window may span.
     latest: _Places = deque()
     first: Telemetry | None = None
     blocks = samples = last_ns = 0
@@ -179,23 +190,23 @@ def find_recorded_windows(
 
 
 def _recorded_window(
-    found: Segment, recorded: RecordedTelemetry, latest: _Places
+    segment: Segment, recorded: RecordedTelemetry, latest: _Places
 ) -> RecordedWindow:
     """Return a window that the last block completed, with the place of its samples."""
-    window, play = found.window, None
+    window, play = segment.window, None
     measured: tuple[CauseEstimate, ...] = ()
     place: WindowPlace | Refusal
     if isinstance(window, Refusal):
         place = window
     else:
         start, samples = window.telemetry.first_index, len(window.telemetry)
-        # It may begin or end among interpolated samples, which are between two blocks.
+        # A window may begin or end among interpolated samples, which are between two blocks.
         first, index, _ = [item for item in latest if item[1] <= start][-1]
         last = next((item for item in latest if item[2] >= start + samples), latest[-1])
         place = WindowPlace(recorded, first, last[0], start - index, samples)
         play, measured = window.play, window.measured
     return RecordedWindow(
-        found.number, found.description, window.start_ns, window.end_ns, play, place, measured
+        segment.number, segment.description, window.start_ns, window.end_ns, play, place, measured
     )
 
 

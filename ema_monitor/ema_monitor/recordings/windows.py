@@ -20,7 +20,7 @@ from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 from ema_ros.messages import StampedFaults
 
-if TYPE_CHECKING:  # an estimate alone needs no prognosis
+if TYPE_CHECKING:  # the import of an estimate needs no prognosis
     from ema_monitor.prognosis.duty.damage import FlownDuty
 
 _KEPT_WINDOWS: Final = 64
@@ -29,21 +29,17 @@ _KEPT_SAMPLES: Final = 2_000_000
 
 @dataclass(frozen=True)
 class WindowPlace:
-    """Where the samples of a window are in a bag.
-
-    Attributes
-    ----------
-    first, last
-        Places of the blocks that hold the first and the last of them.
-    offset, samples
-        Where they begin in the first block, and how many there are.
-    """
+    """Place of the samples of a window in a bag."""
 
     recorded: RecordedTelemetry
     first: MessagePlace
+    """Place of the block with the first sample."""
     last: MessagePlace
+    """Place of the block with the last sample."""
     offset: int
+    """Index of the first sample in the first block."""
     samples: int
+    """Number of samples."""
 
     def read(self) -> Telemetry:
         """Read the samples."""
@@ -54,35 +50,26 @@ class WindowPlace:
 
 @dataclass(frozen=True)
 class RecordedWindow:
-    """A window in a bag, or one that was begun and cannot be used; its telemetry stays there.
-
-    Attributes
-    ----------
-    number
-        Its running number, from 0.
-    description
-        The actuator, as it was described at the time.
-    start_ns, end_ns
-        Stamps of its first and last sample [ns].
-    play
-        Where in its play the motor stands at the start [half-widths]; None when unknown.
-    place
-        Where its samples are, or why it cannot be used.
-    measured
-        Hidden causes that were measured.
-    """
+    """A window in a bag, usable or refused; its telemetry remains in the bag."""
 
     number: int
+    """Running number, from 0."""
     description: ActuatorDescription
+    """Description of the actuator at the time of the window."""
     start_ns: int
+    """Stamp of the first sample [ns]."""
     end_ns: int
+    """Stamp of the last sample [ns]."""
     play: float | None
+    """Position of the motor in its play at the start [half-widths]; None if unknown."""
     place: WindowPlace | Refusal
+    """Place of the samples, or the refusal of the window."""
     measured: tuple[CauseEstimate, ...] = ()
+    """Measured hidden causes."""
 
     @property
     def window(self) -> Window | Refusal:
-        """The window, read from the bag each time, or the reason why there is none."""
+        """The window, read from the bag at each access, or its refusal."""
         if isinstance(self.place, Refusal):
             return self.place
         return Window(self.place.read(), self.play, self.measured)
@@ -90,54 +77,42 @@ class RecordedWindow:
 
 @dataclass(frozen=True)
 class BagWindows:
-    """Content of a bag for one actuator.
-
-    Attributes
-    ----------
-    description
-        The actuator as it was described last.
-    first_ns
-        Stamp of the first sample [ns].
-    sample_period
-        Period of the samples in the first block [s].
-    windows
-        Windows, and those that were begun and cannot be used, in order of time.
-    remarks
-        Defects of the bag, or of its telemetry outside of any window.
-    longest_motion_s
-        Longest motion of the command, or for records of the position, that made no window [s].
-    has_rested
-        Whether the command, or for records the position, was ever at rest.
-    obstacle
-        Why no window could be complete; empty where one could, or nothing is known of it.
-    truths
-        True faults of the actuator by test cycle, in order, where the bag records them.
-    flown
-        Duty by unit, up to the end of each window and of the bag, by stamp [ns]; empty if it was
-        not measured.
-    """
+    """Content of a bag for one actuator."""
 
     description: ActuatorDescription
+    """Last description of the actuator."""
     first_ns: int
+    """Stamp of the first sample [ns]."""
     sample_period: float
+    """Period of the samples in the first block [s]."""
     blocks: int
+    """Number of blocks of telemetry."""
     samples: int
+    """Number of samples."""
     windows: list[RecordedWindow]
+    """Usable and refused windows, in order of time."""
     remarks: list[str]
+    """Defects of the bag, or of its telemetry outside of any window."""
     longest_motion_s: float
+    """Longest motion of the command, or for records of the position, without a window [s]."""
     has_rested: bool
+    """Whether the command, or for records the position, was ever at rest."""
     obstacle: str
+    """Reason why no window could be complete; empty if one could, or if it is unknown."""
     truths: list[StampedFaults]
+    """True faults of the actuator by test cycle, in order, if the bag records them."""
     flown: "dict[UnitKey, list[tuple[int, FlownDuty]]]" = field(default_factory=dict)
+    """Flown duty by unit, up to the end of each window and of the bag, by stamp [ns]; empty if it
+    was not measured."""
 
     @property
     def usable(self) -> Sequence[Window]:
-        """Windows that can be used; each is read from the recording when it is looked at."""
+        """Usable windows, each read from the recording at its access."""
         return WindowsOnDemand(self.windows)
 
     @property
     def kind(self) -> str:
-        """What the windows are called: records, if the drive is unknown."""
+        """Noun for a window: "record" if the drive is unknown, else "window"."""
         return "record" if self.description.drive == "unknown" else "window"
 
     @property
@@ -164,7 +139,7 @@ class BagWindows:
         return (stamp_ns - self.first_ns) * 1e-9
 
     def true_faults(self, start_ns: int) -> NDArray[np.float64] | None:
-        """Return the true faults, ``(8,)``, of a window by its start; None where not recorded."""
+        """Return the true faults of a window by its start, ``(8,)``; None if not recorded."""
         truth = truth_at(self.truths, start_ns)
         return None if truth is None else truth.faults
 
@@ -172,12 +147,12 @@ class BagWindows:
 class WindowsOnDemand(Sequence[Window]):
     """Usable windows that are read from their recording when they are accessed.
 
-    The latest 64 stay in memory, or fewer if they would have more than 2 million samples.
+    The latest 64 windows remain in memory, or fewer if they have more than 2 million samples.
 
     Parameters
     ----------
     windows
-        Windows of one or several recordings; those that cannot be used are left out.
+        Windows of one or several recordings; refused windows are left out.
     """
 
     def __init__(self, windows: Sequence[RecordedWindow]) -> None:

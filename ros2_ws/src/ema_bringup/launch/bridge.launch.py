@@ -1,4 +1,4 @@
-"""A monitor, and its telemetry from the topics of another make.
+"""A monitor, with telemetry from third-party topics.
 
 ros2 launch ema_bringup bridge.launch.py mapping_file:=/path/mapping.yaml
 """

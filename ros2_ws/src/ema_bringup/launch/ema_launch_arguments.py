@@ -1,4 +1,4 @@
-"""Arguments that all launch files of this package have, and the nodes that they make of them."""
+"""Common arguments of the launch files of this package, and nodes by these arguments."""
 
 import sys
 import tempfile
@@ -44,12 +44,21 @@ def launch(
     nodes: Sequence[str],
     **arguments: tuple[str | None, str],
 ) -> LaunchDescription:
-    """Return what a launch file starts, with its arguments.
+    """Return the description of a launch file.
 
-    What is given and not declared is refused; launch would ignore it. Included by another launch
-    file, what is given may be for that one, and is not checked. Each of the nodes has an argument
-    for its parameter file. Of other arguments default and description are given; without a default
-    one is required.
+    Undeclared arguments, which launch would ignore, are refused, unless another launch file
+    includes this one: then they may be arguments of the other file.
+
+    Parameters
+    ----------
+    file
+        Path of the launch file.
+    make_nodes
+        Returns the nodes.
+    nodes
+        Names of the nodes, each with an argument for its parameter file.
+    arguments
+        Default and description of further arguments; required ones have the default None.
     """
     config = PathJoinSubstitution([FindPackageShare("ema_bringup"), "config"])
     files = {
@@ -67,12 +76,12 @@ def launch(
     def check(context: LaunchContext) -> list[Any]:
         if not any(Path(argument).name == Path(file).name for argument in sys.argv):
             return []
-        known = [argument.name for argument in declared]
-        given = [argument.partition(":=")[0] for argument in context.argv if ":=" in argument]
-        unknown = [name for name in given if name not in known]
+        names = [argument.name for argument in declared]
+        specified = [argument.partition(":=")[0] for argument in context.argv if ":=" in argument]
+        unknown = [name for name in specified if name not in names]
         if unknown:
             raise RuntimeError(
-                f"{Path(file).name} has no argument {', '.join(unknown)}; it has {', '.join(known)}"
+                f"{Path(file).name} has no argument {', '.join(unknown)}; it has {', '.join(names)}"
             )
         return []
 
@@ -86,9 +95,9 @@ def value_of(context: LaunchContext, name: str) -> str:
 
 
 def chosen(context: LaunchContext, *names: str) -> dict[str, str]:
-    """Return the values of arguments that do not leave the parameter as it is configured."""
-    given = {name: value_of(context, name) for name in names}
-    return {name: value for name, value in given.items() if value != AS_CONFIGURED}
+    """Return the values of the arguments that override the parameter file."""
+    values = {name: value_of(context, name) for name in names}
+    return {name: value for name, value in values.items() if value != AS_CONFIGURED}
 
 
 def flag_of(context: LaunchContext, name: str) -> bool:
@@ -112,30 +121,44 @@ def node(
     respawns: bool = True,
     **options: Any,
 ) -> Node:
-    """Return a node by the common arguments; namespace, name and file may be others.
+    """Return a node by the common arguments.
 
-    Its parameters override those of its parameter file. If everything ends with it, or it does not
-    respawn, it is never started again.
+    Parameters
+    ----------
+    context
+        Context of the launch, with the values of the arguments.
+    name, package
+        Name of the node and of its package.
+    namespace, node_name, file
+        Namespace, name and parameter file, if they differ from the common arguments.
+    parameters
+        Parameters that override the parameter file.
+    ends_all
+        Whether the end of the node ends the launch; such a node is not started again.
+    respawns
+        Whether the node is started again after its end, if the argument ``respawn`` is true.
+    options
+        Further arguments of the ``Node``.
     """
     file = file or value_of(context, f"{name}_params")
     _require_file(name, file)
-    own = {"autostart": flag_of(context, "autostart"), **(parameters or {})}
+    overrides = {"autostart": flag_of(context, "autostart"), **(parameters or {})}
     if flag_of(context, "use_sim_time"):
-        own["use_sim_time"] = True
-    # Launch would read a text as YAML: an empty one, or a name such as 4711, would be no text.
-    texts = {key: value for key, value in own.items() if isinstance(value, str)}
-    own |= {key: ParameterValue(value, value_type=str) for key, value in texts.items()}
+        overrides["use_sim_time"] = True
+    # Launch would parse texts as YAML: an empty text, or a name such as 4711, would be no text.
+    texts = {key: value for key, value in overrides.items() if isinstance(value, str)}
+    overrides |= {key: ParameterValue(value, value_type=str) for key, value in texts.items()}
     if ends_all:
         options["on_exit"] = Shutdown(reason=f"the {name} has ended")
     place = namespace or value_of(context, "namespace")
-    # Of the node's full name; it matters where SROS2 is enabled.
+    # The enclave of the node's full name, for SROS2.
     enclave = "/".join(("", *filter(None, (place.strip("/"), node_name or name))))
     return Node(
         package=package,
         executable=f"{name}_node",
         name=node_name or name,
         namespace=place,
-        parameters=[file, own],
+        parameters=[file, overrides],
         ros_arguments=["--log-level", value_of(context, "log_level"), "--enclave", enclave],
         respawn=respawns and not ends_all and flag_of(context, "respawn"),
         respawn_delay=2.0,
@@ -146,14 +169,14 @@ def node(
 
 
 def monitors(context: LaunchContext, count: str = "1", **parameters: Any) -> list[Node]:
-    """Return monitors that share the actuators; what is not given is as in their parameter file."""
+    """Return monitors that share the actuators; parameters override their parameter file."""
     try:
         names = monitor_names(int(count))
     except ValueError as error:
         raise RuntimeError(f"monitors:={count}: expected a whole number from 1 on") from error
-    own = chosen(context, "calibration_file", "history_folder") | parameters
+    overrides = chosen(context, "calibration_file", "history_folder") | parameters
     if len(names) == 1:
-        return [node(context, "monitor", "ema_monitor", parameters=own)]
+        return [node(context, "monitor", "ema_monitor", parameters=overrides)]
     file = Path(value_of(context, "monitor_params"))
     _require_file("monitor", str(file))
     folder = Path(tempfile.mkdtemp(prefix="ema_"))
@@ -164,7 +187,7 @@ def monitors(context: LaunchContext, count: str = "1", **parameters: Any) -> lis
             "ema_monitor",
             node_name=name,
             file=str(file_for(name, file, folder)),
-            parameters=own | shard_parameters(index, len(names)),
+            parameters=overrides | shard_parameters(index, len(names)),
         )
         for index, name in enumerate(names)
     ]

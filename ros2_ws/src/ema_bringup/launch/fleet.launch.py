@@ -3,8 +3,8 @@ r"""Simulated actuators, monitors with a calibration for each of them, and the d
 ros2 launch ema_bringup fleet.launch.py actuators:=left,right \
     calibration_file:=/path/{actuator_id}.yaml
 
-One monitor follows all, with ``monitors:=N`` each of N a share of them.
-Each actuator has a namespace of its own below the one of the monitor, and publishes on the topics
+One monitor follows all actuators; with ``monitors:=N``, each of N monitors follows a share.
+Each actuator has its own namespace below the namespace of the monitor, and publishes on the topics
 of the monitor by remapping.
 """
 
@@ -41,7 +41,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
     names = [name.strip() for name in ema.value_of(context, "actuators").split(",")]
     if len(set(names)) < len(names) or "" in names:
         raise RuntimeError(f"actuators:={','.join(names)}: expected names that differ")
-    # Without a calibration of their own they are units of the one that is shipped.
+    # Without their own calibrations they are units of the shipped calibration.
     is_calibrated = bool(ema.chosen(context, "calibration_file").get("calibration_file"))
     actuators = [
         ema.node(
@@ -55,7 +55,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
         )
         for number, name in enumerate(names)
     ]
-    # Of actuators that are listed, monitors have equal shares.
+    # Monitors have equal shares of listed actuators.
     count = ema.value_of(context, "monitors")
     monitors = ema.monitors(context, count, **({"actuators": names} if count != "1" else {}))
     return [*actuators, *monitors, ema.node(context, "dashboard", "ema_dashboard")]

@@ -2,7 +2,7 @@
 
 ros2 launch ema_bringup monitor.launch.py calibration_file:=/path/calibration.yaml
 
-With ``monitors:=N`` there are N of them, and each follows a share of the actuators.
+With ``monitors:=N`` there are N monitors, and each follows a share of the actuators.
 """
 
 import sys

@@ -52,7 +52,7 @@ def _nodes(context: LaunchContext) -> list[Any]:
     ]
     done = {"on_exit": Shutdown(reason="the diagnosis is complete")} if ends else {}
     return [
-        # Its time is that of the recording, whatever the others follow.
+        # The monitor follows the time of the recording, even if other nodes do not.
         *ema.monitors(context, use_sim_time=True),
         ema.node(context, "dashboard", "ema_dashboard"),
         ExecuteProcess(cmd=command, output="screen", **done),
