@@ -29,7 +29,7 @@ ALGORITHM_OPTION: Final = click.option(
     help=f"{', '.join(ALGORITHMS)}; by default {SearchSettings.algorithm}.",
 )
 SEED_OPTION: Final = click.option(
-    "--seed", type=click.IntRange(0), metavar="N", help="Of the algorithm."
+    "--seed", type=click.IntRange(0), metavar="N", help="Seed of the algorithm."
 )
 
 
@@ -52,7 +52,7 @@ class Identifying(ReadingOptions):
             "--calibration",
             "calibration_file",
             type=click.Path(path_type=Path, dir_okay=False),
-            help="Default: calibration.yaml beside BAG, or shipped.",
+            help="Default: calibration.yaml in BAG's folder, or shipped.",
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (

@@ -44,7 +44,7 @@ GROWTH_OPTIONS: Final[tuple[Callable[[Command], Command], ...]] = (
         "laws",
         multiple=True,
         metavar="FAULT=LAW",
-        help=f"A law of growth that is known, {FORM}.",
+        help=f"Known growth law of a fault, {FORM}.",
     ),
     LIMIT_OPTION,
 )
@@ -69,7 +69,7 @@ class Predicting(Identifying):
             "--fleet",
             "fleet_file",
             type=click.Path(path_type=Path, exists=True),
-            help="How other units grew, a file of `ema learn-fleet`.",
+            help="Growth of other units, a file of `ema learn-fleet`.",
         ),
         click.option(
             "--scenarios",

@@ -38,7 +38,7 @@ class ReadingOptions(Checked):
     """Part of a bag to read, from the options."""
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
-        click.option("--actuator-id", help="Which actuator, if BAG holds several."),
+        click.option("--actuator-id", help="Actuator, if BAG has several."),
         ACTUATOR_OPTION,
         click.option("--topic", help="Topic of the telemetry, if BAG has several."),
         click.option(

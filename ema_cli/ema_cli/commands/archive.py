@@ -206,7 +206,7 @@ def status_(folder: Path, as_json: bool) -> None:
 @archive.command("query")
 @_ARCHIVE
 @click.argument("question", metavar="[SQL]", required=False)
-@click.option("--json", "as_json", is_flag=True, help="Print a list, an object a row.")
+@click.option("--json", "as_json", is_flag=True, help="Print a list with an object per row.")
 def query_(folder: Path, question: str | None, as_json: bool) -> None:
     """Ask the tables in SQL, such as "select * from worst_first limit 20".
 

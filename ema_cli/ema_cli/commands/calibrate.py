@@ -44,12 +44,12 @@ def calibrate(
 ) -> None:
     """Calibrate on the windows or records in BAGS of one healthy actuator.
 
-    Measured hidden causes, such as a load, in the bags or by --measured, are fixed within their
-    sigma. Parameters that the windows do not show are listed at the end.
+    Measured hidden causes, such as a load, in the bags or by --measured, are used with their sigma.
+    Parameters that the windows do not show are listed at the end.
 
     Four or more records of an unknown drive are compared with each other. A record that differs
-    from the others is named in a warning and in the calibration. It is used all the same. Their
-    days are UTC days: a session across midnight UTC counts as two.
+    from the others is used, and named in a warning and in the calibration. Days of records are UTC
+    days: a session across midnight UTC counts as two.
 
     Exit code 3 means that a bag records simulated faults: its unit is not healthy.
     """
@@ -69,7 +69,7 @@ def calibrate(
         if bag_windows.simulated_faults:
             words = f"{bag} records simulated faults: the unit is not healthy"
             if not options.accept_defects:
-                accept = "--accept-defects calibrates with it all the same"
+                accept = "--accept-defects calibrates with it nevertheless"
                 click.echo(f"Error: {words}; {accept}", err=True)
                 sys.exit(REFUSED)
             click.echo(f"warning: {words}", err=True)

@@ -44,15 +44,17 @@ class _Algorithms(click.ParamType):
     "--algorithms",
     default=",".join(ALGORITHMS),
     type=_Algorithms(),
-    help="Which to compare, with commas between.",
+    help="Algorithms, separated by commas.",
 )
 @click.option(
     "--window",
     "number",
     type=click.IntRange(0),
-    help="Which window, from 0; by default the first that can be used.",
+    help="Number of the window, from 0; by default the first usable one.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one object, an estimate an algorithm.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print one object with an estimate per algorithm."
+)
 def compare(
     bag: Path, options: Identifying, algorithms: list[str], number: int | None, as_json: bool
 ) -> None:

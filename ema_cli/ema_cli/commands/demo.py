@@ -15,7 +15,7 @@ from ema_cli.processes.stop_request import ENDING, deferred_signals
     "duration_s",
     default=60.0,
     type=click.FloatRange(5.0, 86400.0),
-    help="Length from the first test cycle on [s].",
+    help="Duration from the first test cycle [s].",
 )
 @click.option(
     "-o",

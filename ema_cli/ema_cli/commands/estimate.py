@@ -39,8 +39,8 @@ _FINDING_WIDTH: Final = 200
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
 @settings_options(Identifying, more=[ALGORITHM_OPTION])
-@click.option("--json", "as_json", is_flag=True, help="Print a list, an object a window.")
-@click.option("-v", "--verbose", is_flag=True, help="Print a table a window.")
+@click.option("--json", "as_json", is_flag=True, help="Print a list with an object per window.")
+@click.option("-v", "--verbose", is_flag=True, help="Print a table per window.")
 def estimate(bag: Path, options: Identifying, as_json: bool, verbose: bool) -> None:
     """Name the faults in each window of BAG, with their uncertainty.
 

@@ -24,24 +24,24 @@ from ema_core.wording import counted
     "--mapping",
     "mapping_file",
     type=click.Path(path_type=Path),
-    help="YAML file that says what the columns of telemetry are made of (docs/inputs.md).",
+    help="YAML file that maps the columns of FILE to telemetry (docs/inputs.md).",
 )
 @click.option(
     "--preview",
     is_flag=True,
-    help="Print the mapping, guessed unless one is given, and what is wrong; write nothing.",
+    help="Print the mapping, by default a guess, and the defects; write nothing.",
 )
 @click.option(
     "--guide",
     is_flag=True,
-    help="Ask for the mapping; it is written beside OUTPUT, with a picture.",
+    help="Ask for the mapping, and write it next to OUTPUT, with a picture.",
 )
 @click.option(
     "--set",
     "entries",
     multiple=True,
     metavar="ENTRY=VALUE",
-    help="Entry of the guessed mapping, not to be asked for: position.unit=mm.",
+    help="Entry of the mapping in place of a guess or question: position.unit=mm.",
 )
 @click.option(
     "--actuator",
@@ -49,9 +49,7 @@ from ema_core.wording import counted
     type=click.Path(path_type=Path),
     help="YAML file with the description of the actuator; default: the built-in one.",
 )
-@click.option(
-    "--accept-defects", is_flag=True, help="Write the bag whatever is wrong with the data."
-)
+@click.option("--accept-defects", is_flag=True, help="Write the bag despite defects of the data.")
 @output_option(BAG_TO_WRITE, required=False)
 def import_(
     files: tuple[Path, ...],

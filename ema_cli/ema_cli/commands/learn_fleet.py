@@ -27,7 +27,7 @@ from ema_monitor.prognosis.sentences import label_of
     type=click.Path(path_type=Path, exists=True),
 )
 @output_option(f"File to write; its name ends in {SUFFIX}")
-@click.option("--name", default="", help='What the fleet is called, as in "A320 flaps".')
+@click.option("--name", default="", help='Name of the fleet, such as "A320 flaps".')
 @LIMIT_OPTION
 def learn_fleet(
     histories: tuple[Path, ...], output: Path, name: str, limits: dict[str, float], overwrite: bool

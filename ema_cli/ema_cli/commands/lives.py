@@ -31,12 +31,12 @@ INDEX: Final = "lives.csv"
     "--seed",
     default=0,
     type=click.IntRange(0),
-    help="Of everything random. The same seed makes the same lives, however many.",
+    help="Seed. The same seed makes the same lives, for any number of lives.",
 )
 @click.option(
     "--fault",
     type=NameChoice("fault", TYPICAL),
-    help="Dominant fault; drawn for each life when not given.",
+    help="Dominant fault; by default drawn for each life.",
 )
 @click.option(
     "--as",

@@ -24,7 +24,7 @@ from ema_monitor.joint.moves import MoveSeries, MoveVerdict
 )
 @click.option("--limit", type=float, required=True, help="Ratio to healthy at which life ends.")
 @click.option(
-    "--reference", type=int, default=5, help="How many of the first tests are taken for healthy."
+    "--reference", type=int, default=5, help="Number of the first tests, which are healthy."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def moves(table: Path, mapping_file: Path, limit: float, reference: int, as_json: bool) -> None:

@@ -52,7 +52,7 @@ def _figure(text: str) -> float | None:
 
 @click.command("new-actuator")
 @click.option("--actuator-id", default="actuator", help="Name of the actuator in its system.")
-@click.option("--serial-number", default="1", help="Of the unit.")
+@click.option("--serial-number", default="1", help="Serial number of the unit.")
 @_figure_options
 @output_option("YAML file to write", dir_okay=False)
 def new_actuator(

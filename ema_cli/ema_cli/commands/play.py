@@ -22,7 +22,7 @@ from ema_cli.processes.reach import run_node
 @click.option(
     "--only-actuator",
     is_flag=True,
-    help="Play what the actuator sent and no estimates, so that a monitor diagnoses it anew.",
+    help="Play the actuator's messages without estimates, for a new diagnosis by a monitor.",
 )
 @click.option(
     "--stay", is_flag=True, help="Stay at the end, so that the dashboard can go back, until Ctrl-C."

@@ -34,7 +34,7 @@ from ema_monitor.windows.trigger import Refusal
     "--history",
     "as_history",
     is_flag=True,
-    help="Draw the recorded estimates over test cycles, beside the truth where that is recorded.",
+    help="Draw the recorded estimates, and true faults if recorded, over test cycles.",
 )
 @picture_option("; by default beside the bag")
 def plot(

@@ -64,7 +64,7 @@ def _number_of_table(_: click.Context, __: click.Parameter, number: int | None) 
     type=int,
     metavar="NUMBER",
     callback=_number_of_table,
-    help="Repeat one table of the thesis, by its number there.",
+    help="Repeat one table, by its number in the thesis.",
 )
 @click.option(
     "--model",

@@ -32,14 +32,14 @@ from ema_ros.topics import NAMESPACE
     "parameter_files",
     multiple=True,
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Further ROS parameter file, for all nodes; it overrides those that are shipped.",
+    help="Further ROS parameter file, for all nodes; it overrides the shipped files.",
 )
 @node_parameters_option
 @click.option("--namespace", help="Namespace of the nodes instead of /ema.")
 @click.option(
     "--actuators",
     metavar="NAME,...",
-    help="Names of simulated actuators instead of one, each in a namespace of its own.",
+    help="Names of several simulated actuators, each in its own namespace.",
 )
 @click.option(
     "--monitors",

@@ -156,7 +156,7 @@ def _alternative_of(confusion: Any) -> Alternative:
     multiple=True,
     help="A bag with telemetry of the tests in a HISTORY; may be repeated.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one list, an object an estimate.")
+@click.option("--json", "as_json", is_flag=True, help="Print a list with an object per estimate.")
 def verify(
     recorded: Path, calibration_files: tuple[Path, ...], bags: tuple[Path, ...], as_json: bool
 ) -> None:

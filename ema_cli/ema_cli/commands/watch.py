@@ -46,7 +46,7 @@ _DISCOVERY_S: Final = 3.0
 @click.option(
     "--until-played",
     is_flag=True,
-    help="End when a player there has ended and the monitor has identified what it played.",
+    help="End after a player has ended and the monitor has identified the played data.",
 )
 @network_option
 def watch(namespaces: tuple[str, ...], until_played: bool, network: bool) -> None:

@@ -18,7 +18,7 @@ from ema_monitor.prognosis.sentences import TREND_HOURS, label_of, shown_in
 from ema_monitor.reports import HealthReport, ItemReport, LifeReport, ScenarioReport, health_report
 
 _ACTIONS: Final = {
-    "continue": "Go on, and decide anew after the next test",
+    "continue": "Continue, and decide again after the next test",
     "inspect": "Inspect",
     "remove": "Remove",
     "unknown": "No advice",

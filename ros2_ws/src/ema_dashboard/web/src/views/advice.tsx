@@ -5,7 +5,7 @@ import { hours, percent, significant } from "../format.ts";
 import { ACTIONS, type Advice } from "../messages.ts";
 
 const WHAT: Record<string, (at: string) => string> = {
-  continue: (at) => `Continue, and decide anew ${at}`,
+  continue: (at) => `Continue, and decide again ${at}`,
   inspect: (at) => `Inspect ${at}`,
   remove: (at) => `Remove ${at}`,
 };
