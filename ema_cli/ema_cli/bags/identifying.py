@@ -52,7 +52,7 @@ class Identifying(ReadingOptions):
             "--calibration",
             "calibration_file",
             type=click.Path(path_type=Path, dir_okay=False),
-            help="Default: calibration.yaml in BAG's folder, or shipped.",
+            help="Default: calibration.yaml next to BAG, or shipped.",
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
