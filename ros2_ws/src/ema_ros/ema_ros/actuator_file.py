@@ -63,7 +63,7 @@ def load_descriptions(file: str, joints: Sequence[str]) -> list[ActuatorDescript
     if not joints:
         return [load_description(Path(file)) if file else ActuatorDescription()]
     if not file:
-        neutral = ActuatorParameters(**NEUTRAL)
+        neutral = replace(ActuatorParameters(), **NEUTRAL)
         return [
             ActuatorDescription(joint, UNKNOWN_SERIAL, "", drive="unknown", parameters=neutral)
             for joint in joints
