@@ -6,6 +6,7 @@ from bisect import bisect
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from heapq import nlargest
 from itertools import islice
 from typing import Final, NamedTuple
 
@@ -39,7 +40,7 @@ from ema_monitor.prognosis.history_entry import (
     UnitEvent,
     UnusedCycle,
 )
-from ema_monitor.prognosis.intermittent import Intermittent
+from ema_monitor.prognosis.intermittent import LATEST_TESTS, Intermittent
 from ema_monitor.prognosis.notes import Notes
 from ema_monitor.prognosis.order import Place, is_after_step, moved, place_of
 from ema_monitor.prognosis.outlook import Claim, Outlook, unknown_outlook
@@ -48,7 +49,12 @@ from ema_monitor.prognosis.requirements.requirements import (
     RequirementLimits,
     requirements_of,
 )
-from ema_monitor.prognosis.sentences import cause_of_level, label_of, recurrence_in_words
+from ema_monitor.prognosis.sentences import (
+    cause_of_level,
+    failures_in_words,
+    label_of,
+    recurrence_in_words,
+)
 from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.prognosis.shown import LastShown, recent_faults, recent_from_ns
@@ -219,7 +225,12 @@ class Unit:
         """Record a test without a valid estimate; return the outlook if it is the newest one."""
         before = self.history.newest
         self.history.append(test)
-        if self.history.newest is not test:
+        is_newest = self.history.newest is test
+        if test.verdict == FAILED and is_newest:
+            self._intermittent.add_failure(test.stamp_ns)
+        elif test.verdict == FAILED:
+            self._intermittent = self._intermittent_by_all()
+        if not is_newest:
             return None
         if self._by_valid is None:
             self._by_valid = self._outlook(parameters)
@@ -467,13 +478,16 @@ class Unit:
         return LastShown(self._settings.limits, (*self.history.entries, *self.history.late))
 
     def _intermittent_by_all(self) -> Intermittent:
-        """Return the faults that come and go by all tests, and the notes of persons after each."""
+        """Return what comes and goes by all tests, and the notes of persons after each."""
         result, assessments = Intermittent(self._settings.limits), self.history.assessments
-        every = (*self.history.entries, *self.history.late)
-        for entry in sorted(every, key=lambda one: one.stamp_ns):
-            result.add(entry.estimate)
-            found = assessments.get(entry.stamp_ns)
-            for event in found.events if found else ():
+        for test in sorted(self.history.tests, key=lambda test: test.stamp_ns):
+            if isinstance(test, UnusedCycle):
+                if test.verdict == FAILED:
+                    result.add_failure(test.stamp_ns)
+                continue
+            result.add(test.estimate)
+            assessment = assessments.get(test.stamp_ns)
+            for event in assessment.events if assessment else ():
                 if event.kind == NOTE:
                     result.acknowledge(self._time_of(event.stamp_ns))
         return result
@@ -546,7 +560,7 @@ class Unit:
         outlook = outlook_of(
             self.growth, self._settings, requirements, shown, recent, self._intermittent.faults
         )
-        outlook = self._confirmed(outlook)
+        outlook = self._after_failures(self._confirmed(outlook))
         # The probability that a test gives no valid estimate is that of Laplace's rule.
         missing = max(entries[-1].cycles - entries[0].cycles + 1 - len(entries), 0)
         reason = "; ".join(filter(None, [outlook.health.reason, self._worn_baseline()]))
@@ -603,6 +617,34 @@ class Unit:
             return outlook
         words = f"{departure}, in an earlier record: the next record must confirm that it has ended"
         return replace(outlook, health=warned(outlook.health), departure=words)
+
+    def _after_failures(self, outlook: Outlook) -> Outlook:
+        """Return the outlook with a failure of an earlier test that no later tests have ended.
+
+        As many tests end it as a level needs to fall; one that comes and goes, a person.
+        """
+        judged = (
+            test for test in self.history.tests if isinstance(test, Entry) or test.verdict == FAILED
+        )
+        needed = self._settings.level_confirmations
+        latest = nlargest(max(needed, LATEST_TESTS), judged, key=lambda test: test.stamp_ns)
+        tests_since, reason = next(
+            (
+                (since, test.reason)
+                for since, test in enumerate(latest)
+                if isinstance(test, UnusedCycle)
+            ),
+            (len(latest), ""),
+        )
+        recurrence = self._intermittent.failure
+        if recurrence is not None:
+            words = failures_in_words(reason, recurrence)
+        elif reason and tests_since < needed:
+            words = f"{reason}, in an earlier test: the next test must confirm that it has ended"
+        else:
+            return outlook
+        departure = "; ".join(filter(None, [outlook.departure, words]))
+        return replace(outlook, health=warned(outlook.health), departure=departure)
 
     def _last_level(self, outlook: Outlook) -> int:
         """Return the level before a test that leaves it open; STALE for any other test."""

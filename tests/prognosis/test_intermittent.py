@@ -114,3 +114,60 @@ def test_tests_that_hide_the_fault_tell_nothing_of_it():
     assert outlook is not None
     assert outlook.health.level == ERROR
     assert "intermittent" not in cause_of_level(outlook)
+
+
+def failing(course: str, settings: PrognosisSettings, unit: Unit, first: int = 0) -> list[Outlook]:
+    """Outlooks after tests that failed (f) or were healthy (.)."""
+    made = []
+    for number, letter in enumerate(course, first):
+        test = made_test(number, valid=letter == ".", failed=letter == "f", friction=0.02)
+        outlook = unit.update(test, None, settings)
+        assert outlook is not None
+        made.append(outlook)
+    return made
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=["no hours", "hours"])
+@pytest.mark.parametrize("every", [2, 3, 4, 9])
+def test_failure_that_comes_and_goes_is_never_ok_again(settings: PrognosisSettings, every: int):
+    course = "." * 5 + ("." * (every - 1) + "f") * 3 + "." * 4
+    made = failing(course, settings, Unit(History(*UNIT), settings))
+    again = 5 + 2 * every - 1
+    assert made[again].health.level == ERROR
+    assert min(levels(made[again:])) >= WARN
+    assert max(one.health.health_index for one in made[again:]) < 1.0
+    words = cause_of_level(made[-1])
+    assert "an intermittent failure: " in words
+    assert "the latest by a phase is open; a note of a person on its event" in words
+
+
+def test_failure_ends_with_as_many_tests_as_a_level_needs_to_fall():
+    settings = SETTINGS[1]
+    for confirmations in (1, 2, 4):
+        of = replace(settings, level_confirmations=confirmations)
+        made = failing("....f......", of, Unit(History(*UNIT), of))
+        expected = [OK] * 4 + [ERROR] + [WARN] * (confirmations - 1) + [OK] * (7 - confirmations)
+        assert levels(made) == expected
+        if confirmations > 1:
+            words = "a phase is open, in an earlier test: the next test must confirm"
+            assert words in cause_of_level(made[5])
+            assert made[5].health.health_index < 1.0
+
+
+def test_person_acknowledges_an_intermittent_failure_also_after_a_restart(tmp_path: Path):
+    settings, path = SETTINGS[1], tmp_path / "unit.sqlite"
+    unit = Unit(History(*UNIT, path), settings)
+    made = failing("...f.f..", settings, unit)
+    assert made[-1].health.level == WARN
+    unit.history.close()
+    unit = Unit(History(*UNIT, path), settings)
+    outlook = unit.resume(None, settings)
+    assert outlook is not None
+    assert outlook.health.level == WARN
+    unit.note("Ada", "connector replaced", FIRST_NS + 5 * PERIOD_NS)
+    assert failing("..", settings, unit, first=8)[-1].health.level == OK
+    unit.history.close()
+    again = Unit(History(*UNIT, path), settings)
+    assert failing("..", settings, again, first=10)[-1].health.level == OK
+    assert failing("f.f...", settings, again, first=12)[-1].health.level == WARN
+    again.history.close()

@@ -1,4 +1,4 @@
-"""Faults that come and go: beyond their limit in some of the latest tests, within it in others."""
+"""Faults and failures that come and go: there in some of the latest tests, gone in others."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -18,65 +18,97 @@ OCCURRENCES: Final = 2
 """Times that it must have come in them: one occurrence may be an error of the estimate."""
 
 
-_StampedDistance = tuple[int, float]
+class _Sign:
+    """A sign of damage in the latest tests that were conclusive about it.
+
+    Attributes
+    ----------
+    recurrence
+        How often it came, once it is intermittent; None before.
+    """
+
+    def __init__(self) -> None:
+        self.recurrence: Recurrence | None = None
+        # Stamps [ns], and distances from healthy, 0 if it had gone.
+        self._latest = deque[tuple[int, float]](maxlen=LATEST_TESTS)
+        # Stamps of the tests in which it came while it was intermittent [ns].
+        self._stamps_ns = set[int]()
+
+    def add(self, stamp_ns: int, distance: float) -> bool:
+        """Add the next conclusive test; return whether it is intermittent from this test on."""
+        before = self.recurrence
+        self._latest.append((stamp_ns, distance))
+        self._judge(stamp_ns if distance else 0)
+        return before is None and self.recurrence is not None
+
+    def acknowledge(self, stamp_ns: int) -> None:
+        """End it if it came in the test of a stamp [ns]; later tests count."""
+        if stamp_ns not in self._stamps_ns:
+            return
+        later = [test for test in self._latest if test[0] > stamp_ns]
+        self._latest = deque(later, maxlen=LATEST_TESTS)
+        self._stamps_ns = {stamp for stamp in self._stamps_ns if stamp > stamp_ns}
+        self.recurrence = None
+        self._judge(0)
+
+    def _judge(self, came_ns: int) -> None:
+        """Note whether it is intermittent; it came in the test of a stamp [ns], 0: did not."""
+        distances = [distance for _, distance in self._latest]
+        if self.recurrence is None and _times(distances) < OCCURRENCES:
+            return
+        worst = max(max(distances), self.recurrence.worst if self.recurrence else 0.0)
+        times = sum(distance > 0.0 for distance in distances)
+        self.recurrence = Recurrence(times, len(distances), worst)
+        self._stamps_ns |= {came_ns} - {0}
 
 
 class Intermittent:
-    """Follows which faults have come and gone, test by test.
+    """Follows which faults, and which failures, have come and gone, test by test.
 
     A fault has come if its lower 95 % bound is beyond its limit, and gone if its upper one is
     within half of it; other tests leave it open, for example if the fault is near its limit. A
-    fault that comes again is intermittent from that test on, until a person acknowledges it.
+    failure has come with a test that found the actuator or a sensor out of order, and gone with a
+    valid one. What comes again is intermittent from that test on, until a person acknowledges it.
 
     Parameters
     ----------
     limits
         Limits at which life ends.
-
-    Attributes
-    ----------
-    faults
-        Intermittent faults by name.
     """
 
     def __init__(self, limits: HealthLimits) -> None:
         self._limits = limits
-        self.faults: dict[str, Recurrence] = {}
-        # By component, stamps of the latest conclusive tests [ns], and distances, 0 if it had gone.
-        self._latest = {name: deque[_StampedDistance](maxlen=LATEST_TESTS) for name in COMPONENTS}
-        # Stamps of the tests in which an intermittent fault came [ns].
-        self._stamps_ns = {name: set[int]() for name in COMPONENTS}
+        self._faults = {name: _Sign() for name in COMPONENTS}
+        self._failure = _Sign()
+
+    @property
+    def faults(self) -> dict[str, Recurrence]:
+        """Intermittent faults by name."""
+        return {name: sign.recurrence for name, sign in self._faults.items() if sign.recurrence}
+
+    @property
+    def failure(self) -> Recurrence | None:
+        """How often tests failed, if failures are intermittent; its distance says nothing."""
+        return self._failure.recurrence
 
     def add(self, estimate: Estimate) -> list[str]:
-        """Add the next test; return the faults that are intermittent from it on."""
-        before = set(self.faults)
-        for name, latest in self._latest.items():
+        """Add the next valid test; return the faults that are intermittent from it on."""
+        self._failure.add(estimate.end_ns, 0.0)
+        new = []
+        for name, sign in self._faults.items():
             distance = _distance(estimate, name, self._limits)
-            if distance is not None:
-                latest.append((estimate.end_ns, distance))
-                self._judge(name, estimate.end_ns if distance else 0)
-        return [name for name in self.faults if name not in before]
+            if distance is not None and sign.add(estimate.end_ns, distance):
+                new.append(name)
+        return new
+
+    def add_failure(self, stamp_ns: int) -> None:
+        """Add the next test, at a stamp [ns], that found the actuator or a sensor out of order."""
+        self._failure.add(stamp_ns, 1.0)
 
     def acknowledge(self, stamp_ns: int) -> None:
-        """End the intermittent faults that came in the test of a stamp [ns]; later ones count."""
-        for name in list(self.faults):
-            if stamp_ns in self._stamps_ns[name]:
-                later = [one for one in self._latest[name] if one[0] > stamp_ns]
-                self._latest[name] = deque(later, maxlen=LATEST_TESTS)
-                self._stamps_ns[name] = {one for one in self._stamps_ns[name] if one > stamp_ns}
-                del self.faults[name]
-                self._judge(name, 0)
-
-    def _judge(self, name: str, came_ns: int) -> None:
-        """Note whether a fault is intermittent; it came in the test of a stamp [ns], 0: did not."""
-        distances = [distance for _, distance in self._latest[name]]
-        known = self.faults.get(name)
-        if known is None and _times(distances) < OCCURRENCES:
-            return
-        worst = max(max(distances), known.worst if known else 0.0)
-        times = sum(distance > 0.0 for distance in distances)
-        self.faults[name] = Recurrence(times, len(distances), worst)
-        self._stamps_ns[name] |= {came_ns} - {0}
+        """End what is intermittent and came in the test of a stamp [ns]; later tests count."""
+        for sign in (*self._faults.values(), self._failure):
+            sign.acknowledge(stamp_ns)
 
 
 def _times(distances: Iterable[float]) -> int:

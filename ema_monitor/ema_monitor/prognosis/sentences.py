@@ -79,6 +79,21 @@ def recurrence_in_words(name: str, recurrence: Recurrence) -> str:
     )
 
 
+def failures_in_words(reason: str, recurrence: Recurrence) -> str:
+    """Return that a failure comes and goes, why the latest test failed, and how to acknowledge it.
+
+    Parameters
+    ----------
+    reason
+        Of the latest test that failed; empty if it is not known any more.
+    """
+    words = (
+        f"an intermittent failure: {recurrence.times} of the latest {recurrence.tests} tests failed"
+    )
+    latest = f", the latest by {reason}" if reason else ""
+    return f"{words}{latest}; a note of a person on its event acknowledges it"
+
+
 def reason_of(outlook: Outlook) -> str:
     """Return why something is unknown or stale; empty otherwise."""
     return "; ".join(dict.fromkeys(filter(None, [outlook.health.reason, outlook.rul.reason])))
