@@ -1,5 +1,6 @@
 """Monitor of one actuator: telemetry in, what happened out. It needs no ROS."""
 
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +10,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import Generation
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
@@ -95,7 +97,12 @@ class Monitor:
         self.unit = Unit(History(*key, path), self._settings.prognosis)
 
     def feed(self, telemetry: Telemetry) -> Iterator[Event]:
-        """Yield what a block of telemetry leads to, in its order."""
+        """Yield what a block of telemetry leads to, in its order.
+
+        Blocks are fed in the order in which they were received. If the clock of their stamps goes
+        back, the level is unknown (``STALE``) until tests are later than before. If the clock of
+        this computer went back as well, or ``has_clock`` is false, the order of feeding counts.
+        """
         return self._follow(self._intake.feed(telemetry))
 
     def count(self, count: Count) -> None:
@@ -139,6 +146,16 @@ class Monitor:
                 )
             )
 
+    def _reception_of(self, estimate: Estimate) -> int:
+        """Return the time [ns] if a test has to be ordered by its reception, else 0.
+
+        Telemetry is fed in the order in which it was received: a stamp that is not later than the
+        newest test's is of a clock that went back, or of another recording.
+        """
+        newest = self.unit.history.newest
+        is_later = newest is None or estimate.end_ns > newest.stamp_ns
+        return 0 if is_later and self._settings.prognosis.has_clock else time.time_ns()
+
     def _assess(self, found: Iterable[Generation | Diagnosed]) -> Iterator[Event]:
         for one in found:
             if not isinstance(one, Diagnosed):
@@ -146,7 +163,11 @@ class Monitor:
             yield one
             use = self._intake.take_use(self.unit.history.unit, one.estimate.end_ns)
             outlook = self.unit.update(
-                one.estimate, self._calibration.unit_parameters, self._settings.prognosis, *use
+                one.estimate,
+                self._calibration.unit_parameters,
+                self._settings.prognosis,
+                *use,
+                received_ns=self._reception_of(one.estimate),
             )
             if outlook is not None:
                 yield outlook
