@@ -15,6 +15,7 @@ from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.calibration.plausible import implausible
 from ema_monitor.calibration.stored import MOST_BYTES, is_calibration_file
+from ema_monitor.faulty_baseline import fault_instead
 from ema_monitor.joint.window_baseline import WindowBaseline
 from ema_monitor.windows.window import Window
 
@@ -76,7 +77,10 @@ def calibrate(
     if description.drive == "unknown":
         return calibrate_joint(windows, description)
     made = calibrate_model(windows, description, form)
-    if not accepted_by and (reason := implausible(made, windows[0])):
+    reason = "" if accepted_by else implausible(made, windows[0])
+    if not accepted_by and not reason:
+        reason = fault_instead(made, windows, description)
+    if reason:
         raise ValueError(
             f"the windows are implausible for a healthy unit of this description: {reason}; check "
             "unit and description, or name who accepts it: force and person of ~/calibrate, "

@@ -34,6 +34,8 @@ def windows(
         ({"backlash": 0.3}, "of the current"),
         ({"backlash": 0.6}, "of the current"),
         ({"short_circuit_a": 0.15}, "turns a is"),
+        ({"short_circuit_a": 0.45}, "would explain them as well"),
+        ({"short_circuit_a": 0.5}, "would explain them as well"),
         ({"eccentricity": 0.3}, "eccentricity cos is"),
         ({"eccentricity": 0.7}, "of the current"),
         ({"gain": 0.8}, "loop gain is"),
