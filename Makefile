@@ -115,7 +115,7 @@ campaign: setup ## attack the monitor for hours: kills, disturbed graphs, walks,
 words: ## words in texts, docstrings and comments that a reader stumbles over
 	@python3 tools/words.py
 
-size: ## lines of code, packages, circles and the largest file, for information
+size: ## lines of code, packages and the largest file, for information
 	@python3 tools/size.py
 
 calibration: setup ## the shipped calibration anew, after a change of either model

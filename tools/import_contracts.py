@@ -1,4 +1,4 @@
-"""A contract type for import-linter: it lists what may be imported, not what may not."""
+"""Contract types for import-linter."""
 
 import sys
 from fnmatch import fnmatch
@@ -43,4 +43,29 @@ class OnlyContract(Contract):
         """Print the imports that are not allowed."""
         for stranger in check.metadata["strangers"]:
             output.print_error(f"- {stranger}", bold=False)
+        output.new_line()
+
+
+class ContainersContract(Contract):
+    """No module imports a package that contains it.
+
+    Without such imports, and without circles between siblings, there is no circle of modules.
+    """
+
+    type_name = "containers"
+
+    def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
+        """Collect the imports of containing packages."""
+        inward = [
+            f"{importer} -> {imported}"
+            for importer in sorted(graph.modules)
+            for imported in sorted(graph.find_modules_directly_imported_by(importer))
+            if importer.startswith(f"{imported}.")
+        ]
+        return ContractCheck(kept=not inward, metadata={"inward": inward})
+
+    def render_broken_contract(self, check: ContractCheck) -> None:
+        """Print the imports of containing packages."""
+        for found in check.metadata["inward"]:
+            output.print_error(f"- {found}", bold=False)
         output.new_line()

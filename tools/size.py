@@ -1,11 +1,9 @@
 #!/usr/bin/env python3
 """How large the repository is: `make size`. For information: no figure is a goal."""
 
-import re
 import statistics
 import subprocess
 from collections.abc import Iterable
-from itertools import combinations
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -39,21 +37,6 @@ def lines(paths: Iterable[Path]) -> int:
     return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths)
 
 
-def circles() -> list[tuple[str, str]]:
-    """Return the pairs of folders of ema_monitor that import each other."""
-    known: dict[str, set[str]] = {}
-    for path in tracked(f"{MONITOR}*.py"):
-        folder, *rest = path.relative_to(ROOT / MONITOR).parts
-        if rest:
-            text = path.read_text(encoding="utf-8")
-            known.setdefault(folder, set()).update(re.findall(r"from ema_monitor\.(\w+)[. ]", text))
-    return [
-        (one, other)
-        for one, other in combinations(sorted(known), 2)
-        if other in known[one] and one in known[other]
-    ]
-
-
 def measured() -> list[Row]:
     """Return all measures."""
     production = tracked("ema_*/*.py", "ros2_ws/*.py")
@@ -63,14 +46,12 @@ def measured() -> list[Row]:
         for path in tracked("*package.xml")
         if path.parent.name not in ("ema_interfaces", "ema_bringup")
     ]
-    pairs = circles()
     return [
         Row("production Python, lines", sum(sizes)),
         Row("  of it ema_monitor", lines(tracked(f"{MONITOR}*.py"))),
         Row("tests, lines", lines(tracked("tests/*.py"))),
         Row("benchmarks, lines", lines(tracked("benchmarks/*.py"))),
         Row("packages beside ema_interfaces and ema_bringup", len(packages)),
-        Row("pairs of folders of ema_monitor that import each other", len(pairs)),
         Row("median lines of a file", statistics.median(sizes)),
         Row("largest file, lines", max(sizes)),
     ]
@@ -80,8 +61,6 @@ def main() -> None:
     """Print the table."""
     for measure, value in measured():
         print(f"{measure:58}{value:>10,.0f}")
-    for first, second in circles():
-        print(f"  {first} and {second} import each other")
 
 
 if __name__ == "__main__":
