@@ -101,11 +101,11 @@ def try_out(joints: int, block_s: float, count: int) -> Figures:
         node.trigger_configure()
         node.trigger_activate()
         estimates: list[FaultEstimate] = []
-        node.estimates.publish = estimates.append  # pyright: ignore[reportAttributeAccessIssue]
+        node.outputs.estimates.publish = estimates.append  # pyright: ignore[reportAttributeAccessIssue]
         for number in range(joints):
             name, serial = f"joint_{number}", f"{JOINT.upper()}-{number % _UNITS}"
             unit = replace(description, actuator_id=name, serial_number=serial)
-            node.units.receive_description(description_to_message(unit))
+            node.receiver.receive_description(description_to_message(unit))
         length_s = len(records[0][0]) * description.sample_period + 2.0 * PAUSE_S
         start_ns = time.time_ns() - round((count + 2) * length_s * 1e9)
         spent_s = once_s = 0.0
@@ -120,8 +120,8 @@ def try_out(joints: int, block_s: float, count: int) -> Figures:
                 for joint in range(joints):
                     message = deserialize_message(blocks[joint % _UNITS], TelemetryBlock)
                     message.actuator_id = f"joint_{joint}"
-                    node.units.receive_telemetry(message)
-                while len(node.worker.queue):  # in real time the worker has this long
+                    node.receiver.receive_telemetry(message)
+                while len(node.work.worker.queue):  # in real time the worker has this long
                     time.sleep(0.01)
                 if part:
                     continue

@@ -27,17 +27,19 @@ from ema_interfaces.msg import Health, NodeStatus, TelemetryStatus
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.intake import Intake
-from ema_monitor.node.actuator import Actuator
-from ema_monitor.node.messages import summary_of
-from ema_monitor.node.receiver_clock import Moment, ReceiverClock
-from ema_monitor.node.unit_status import unit_tasks
+from ema_monitor.node.moment import Moment
+from ema_monitor.node.publish.actuator_status import ActuatorStatus
+from ema_monitor.node.publish.messages import summary_of
+from ema_monitor.node.publish.unit_status import unit_tasks
+from ema_monitor.node.receive.arrivals import Arrivals
+from ema_monitor.node.receive.receiver_clock import ReceiverClock
 from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, TrackerSettings
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import StampedTest, unordered
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
+from ema_monitor.windows.finder import WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.claims import Claims
 
@@ -143,13 +145,14 @@ class Claimed(Walk):
         moment, back_ns = self.receiver_clock.read()
         if back_ns:
             for actuator in self.actuators.values():
-                actuator.end_claim("the clock went back")
+                actuator.health.end_claim("the clock went back")
         return moment
 
     def _start(self) -> None:
         """Start a monitor; it reads the histories that are there."""
         self.is_running = self.is_active = True
         self.units, self.actuators = {}, {}
+        self.arrivals = dict[str, Arrivals]()
         folder = Path(self._folder.name)
         boot = self.boot
         self.receiver_clock = ReceiverClock(
@@ -163,17 +166,19 @@ class Claimed(Walk):
             path = folder / f"{name}.sqlite"
             unit = Unit(History(name, "1", path), _SETTINGS[name], author=_AUTHOR)
             moment = self._moment()
-            actuator = Actuator(Intake(name, TriggerSettings()), self._publish, moment.steady_ns)
+            finder, arrivals = WindowFinder(TriggerSettings()), Arrivals()
+            actuator = ActuatorStatus(name, finder, self._publish, moment.steady_ns, arrivals)
             # The drive sends telemetry while it moves or rests.
             for before in range(20, 0, -1):
                 end_ns = self._stamp_ns(name, 0.1 * before)
                 steady_ns = round((self.clock_s - 0.1 * before) * _S)
-                actuator.arrivals.add(end_ns - _S // 10, end_ns, steady_ns)
+                arrivals.add(end_ns - _S // 10, end_ns, steady_ns)
             description = ActuatorDescription(actuator_id=name, serial_number="1")
-            actuator.finder.describe(description)
+            finder.describe(description)
             self.units[name], self.actuators[name] = unit, actuator
+            self.arrivals[name] = arrivals
             if (outlook := unit.resume(None, _SETTINGS[name])) is not None:
-                actuator.resume(description, outlook, moment)
+                actuator.health.resume(description, outlook, moment)
         self._report()
 
     def _report(self) -> None:
@@ -182,7 +187,7 @@ class Claimed(Walk):
             moment = self._moment()
             for actuator in self.actuators.values():
                 if self.is_active:
-                    actuator.publish_if_stale(_LIMIT_S, moment)
+                    actuator.expire(_LIMIT_S, moment)
             telemetry = [TelemetryStatus(actuator_id=name) for name in self.actuators]
             status = NodeStatus(node=_AUTHOR, kind=NodeStatus.MONITOR, telemetry=telemetry)
             self.claims.note_status(status.node, self.clock_s)
@@ -208,7 +213,7 @@ class Claimed(Walk):
 
     def _arrive(self, name: str, end_ns: int, pace: float) -> bool:
         """Receive the telemetry of a test, up to now; return whether that shows that it is new."""
-        arrivals, now_ns, block_ns = self.actuators[name].arrivals, self.clock_s * _S, _S // 10
+        arrivals, now_ns, block_ns = self.arrivals[name], self.clock_s * _S, _S // 10
         for before in range(5, 0, -1):
             block_end_ns = end_ns - (before - 1) * block_ns
             received_ns = round(now_ns - pace * (before - 1) * block_ns)
@@ -329,7 +334,7 @@ class Claimed(Walk):
         """The monitor is told to stop."""
         self.is_active = False
         for actuator in self.actuators.values():
-            actuator.withdraw_health("the monitor is not active")
+            actuator.health.withdraw("the monitor is not active")
         self._pass(1.0)
 
     @precondition(lambda self: not self.is_active)
@@ -420,7 +425,7 @@ class Claimed(Walk):
         """A client asks the monitor for a prediction."""
         unit = self.units[name]
         if unit.history.entries:
-            outlook = self.actuators[name].worth(
+            outlook = self.actuators[name].health.worth(
                 unit.outlook(None, _SETTINGS[name]), self._moment()
             )
             assert self._knows(name) or outlook.health.level != OK, "a prediction says OK"

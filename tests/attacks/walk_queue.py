@@ -8,7 +8,7 @@ from hypothesis.stateful import invariant, precondition, rule
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_monitor.node.window_queue import MOST_REFUSALS, QueueClosedError, WindowQueue
+from ema_monitor.node.work.window_queue import MOST_REFUSALS, QueueClosedError, WindowQueue
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window

@@ -24,7 +24,7 @@ from ema_monitor.diagnosis import Diagnosed, Diagnosis, diagnose
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.joint.comparison import INERTIA
 from ema_monitor.model.threads import limit_threads
-from ema_monitor.node.messages import estimate_to_message
+from ema_monitor.node.publish.messages import estimate_to_message
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.windows.finder import Segment, WindowFinder

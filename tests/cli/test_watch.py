@@ -27,7 +27,7 @@ from ema_interfaces.msg import (
     RemainingUsefulLife,
     TelemetryStatus,
 )
-from ema_monitor.node.messages import estimate_to_message
+from ema_monitor.node.publish.messages import estimate_to_message
 from ema_ros.stamps import stamp_to_message
 from ema_ros.topics import FAULT_ESTIMATE, HEALTH, MONITOR_TOPICS, NAMESPACE, NODE_STATUS
 

@@ -19,8 +19,8 @@ from ema_monitor.identification.estimate import refusal
 from ema_monitor.identification.search import Generation, ModelIdentification, Search
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
-from ema_monitor.node import worker as identification_worker
-from ema_monitor.node.worker import IdentificationWorker
+from ema_monitor.node.work import worker as identification_worker
+from ema_monitor.node.work.worker import IdentificationWorker
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -36,30 +36,33 @@ def found(number: int, window: Window | Refusal = WINDOW) -> Segment:
     return Segment(number, ActuatorDescription(), window)
 
 
-class Units(dict[str, Any]):
-    publish_estimate: Any
-
-
 class Published:
     """What a worker publishes as a node does; windows are refused for lack of a calibration."""
 
     def __init__(self) -> None:
         self.estimates: list[tuple[int, str]] = []
         self.errors: list[str] = []
-        self.search = SimpleNamespace(value=SearchSettings())
-        self.combining = SimpleNamespace(value=CombinationSettings())
-        self.prognosis = SimpleNamespace(estimates=lambda _: [])
-        self.store = SimpleNamespace(of=lambda _: "no calibration")
-        self.operation = SimpleNamespace(value=SimpleNamespace(waiting_windows=None))
-        self.get_parameter = lambda _: SimpleNamespace(value=True)
-        self.unit = SimpleNamespace(diagnosis=None, tally=Tally())
-        self.units = Units({"flap": self.unit})
-        self.units.publish_estimate = self.publish_estimate
+        self.settings = SimpleNamespace(
+            search=SimpleNamespace(value=SearchSettings()),
+            combining=SimpleNamespace(value=CombinationSettings()),
+            operation=SimpleNamespace(value=SimpleNamespace(waiting_windows=None)),
+        )
+        self.status = SimpleNamespace(tally=Tally())
         self.hold: Callable[[], Any] = lambda: None
         self._changed = threading.Condition()
 
     def worker(self) -> IdentificationWorker:
-        return IdentificationWorker(cast(Any, self))
+        worker = IdentificationWorker(
+            results=cast(Any, self),
+            histories=cast(Any, SimpleNamespace(estimates=lambda _: [])),
+            actuators=cast(Any, {"flap": self.status}),
+            settings=cast(Any, self.settings),
+            store=cast(Any, SimpleNamespace(of=lambda _: "no calibration")),
+            log=cast(Any, self),
+            is_simulated=True,
+        )
+        worker.follow("flap")
+        return worker
 
     def until(self, condition: Callable[[], bool]) -> None:
         with self._changed:
@@ -77,7 +80,7 @@ class Published:
         self.report_end(f"{where}: {what}", repr(error))
         return f"{what} failed: {error!r}"
 
-    def publish_estimate(self, found: Diagnosed, window: Any = None) -> None:
+    def publish(self, found: Diagnosed, window: Any = None) -> None:
         self.hold()
         self._note(self.estimates, (found.number, found.estimate.reason))
 
@@ -106,13 +109,13 @@ def may_identify(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
 def test_settings_that_motion_cannot_be_combined_with_are_named_without_a_traceback(
     published: Published,
 ):
-    published.search.value = SearchSettings(fitness="least_squares")
+    published.settings.search.value = SearchSettings(fitness="least_squares")
     worker = published.worker()
     worker.start()
     worker.add(replace(found(0), is_stretch=True))
-    wait_for(lambda: published.unit.tally.reason, "the reason")
+    wait_for(lambda: published.status.tally.reason, "the reason")
     worker.stop()
-    assert "'least_squares'" in published.unit.tally.reason
+    assert "'least_squares'" in published.status.tally.reason
     assert (published.errors, published.estimates) == ([], [])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ema_core.description import ActuatorDescription
-from ema_monitor.node.window_queue import MOST_REFUSALS, WindowQueue
+from ema_monitor.node.work.window_queue import MOST_REFUSALS, WindowQueue
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window

@@ -11,7 +11,7 @@ SCRIPT = """
 import importlib, json, pkgutil
 import numpy as np
 from numba.core.dispatcher import Dispatcher
-from ema_monitor.node.kernels import STEPS
+from ema_monitor.node.work.kernels import STEPS
 from ema_monitor.prognosis import growth
 from ema_monitor.prognosis.growth.tracker import Tracker
 from tests.prognosis.tracked_lives import observed

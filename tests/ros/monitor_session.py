@@ -103,10 +103,11 @@ class MonitorSession(Probe):
 
     def mount(self, description: ActuatorDescription = FLAP) -> None:
         """Describe a unit, and wait until the monitor knows of it."""
-        units = self.node.units
+        actuators = self.node.actuators
         self.describe(description)
         wait_for(
-            lambda: "flap" in units and units["flap"].description == description, "the description"
+            lambda: "flap" in actuators and actuators["flap"].description == description,
+            "the description",
         )
 
     def describe_from_a_node_of_its_own(self, description: ActuatorDescription) -> None:

@@ -6,7 +6,7 @@ from typing import Any, cast
 import pytest
 
 from ema_core.levels import OK, WARN
-from ema_monitor.node.admission import Admission, Selection, Shard, shard_of
+from ema_monitor.node.receive.admission import Admission, Selection, Shard, shard_of
 from ema_monitor.node.settings import Operation
 
 NAMES = tuple(f"flap_{number}" for number in range(200))

@@ -7,12 +7,14 @@ from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, STALE
 from ema_interfaces.msg import Health, NodeStatus, TelemetryStatus
 from ema_monitor.diagnosis import Diagnosed
-from ema_monitor.intake import Intake
-from ema_monitor.node.actuator import Actuator
-from ema_monitor.node.receiver_clock import Moment, ReceiverClock
+from ema_monitor.node.moment import Moment
+from ema_monitor.node.publish.actuator_status import ActuatorStatus
+from ema_monitor.node.receive.arrivals import Arrivals
+from ema_monitor.node.receive.receiver_clock import ReceiverClock
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
+from ema_monitor.windows.finder import WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.claims import Claims, Received
 from ema_ros.stamps import stamp_to_message
@@ -24,10 +26,12 @@ LIVE = PrognosisSettings(good_for_s=30.0)
 FLAP = ActuatorDescription(actuator_id=UNIT[0], serial_number=UNIT[1])
 
 
-def judged() -> tuple[Actuator, list[Health]]:
+def judged() -> tuple[ActuatorStatus, list[Health]]:
     """An actuator with a healthy test that has just ended, at second 1000 of the steady clock."""
     published: list[Health] = []
-    actuator = Actuator(Intake("flap", TriggerSettings()), published.append, 1000 * S)
+    actuator = ActuatorStatus(
+        "flap", WindowFinder(TriggerSettings()), published.append, 1000 * S, Arrivals()
+    )
     actuator.finder.describe(FLAP)
     test = made_test(0, friction=0.02)
     outlook = Unit(History(*UNIT), LIVE).update(test, None, LIVE, received_ns=test.end_ns)
@@ -41,12 +45,15 @@ def test_level_of_a_monitor_expires_whatever_its_clock_does(step_s: int):
     actuator, published = judged()
     for passed_s in range(1, 40):
         now = Moment(FIRST_NS + (passed_s + step_s) * S, (1000 + passed_s) * S)
-        actuator.publish_if_stale(30.0, now)
+        actuator.expire(30.0, now)
         assert (published[-1].level == STALE) == (passed_s > 30)
     # It is silent as well.
     assert actuator.is_silent
     # What ended does not come back, though the clock does.
-    assert actuator.resume(FLAP, actuator.outlook, Moment(FIRST_NS + S, 1040 * S)) is not None
+    assert (
+        actuator.health.resume(FLAP, actuator.health.outlook, Moment(FIRST_NS + S, 1040 * S))
+        is not None
+    )
     assert published[-1].level == STALE
 
 
@@ -78,8 +85,8 @@ def test_simulated_time_that_goes_back_does_not_go_back_for_claims():
 def test_level_ends_with_its_claim_when_the_clock_has_gone_back():
     actuator, published = judged()
     moment = Moment(FIRST_NS + S, 1001 * S)
-    actuator.publish_if_stale(30.0, moment)
-    assert actuator.end_claim("the clock went back by 2 s") is not None
+    actuator.expire(30.0, moment)
+    assert actuator.health.end_claim("the clock went back by 2 s") is not None
     assert (published[-1].level, published[-1].last_level) == (STALE, OK)
     assert published[-1].reason.startswith("the clock went back")
 

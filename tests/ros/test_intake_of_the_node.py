@@ -33,7 +33,7 @@ def test_node_and_monitor_give_a_unit_the_same_tests():
     alone = Monitor(FLAP, settings=MonitorSettings(measured_max_age_s=MAX_AGE_S))
     with monitor({"measured_max_age_s": MAX_AGE_S}) as session:
         session.mount()
-        units = session.node.units
+        sources = session.node.sources
         for number in range(CYCLES):
             blocks = source.cycle()
             begin_ns, hours = blocks[0].stamp_ns, 100.0 * number
@@ -46,8 +46,8 @@ def test_node_and_monitor_give_a_unit_the_same_tests():
             session.send(topics.USAGE, usage_at_cycle(FLAP, begin_ns, hours, number))
             wait_for(
                 lambda stamp_ns=begin_ns, hours=hours: (
-                    units._measurements.at("flap", stamp_ns, MAX_AGE_S)
-                    and (count := units._counts.latest(FLAP.unit_key, stamp_ns))
+                    sources.measurements.at("flap", stamp_ns, MAX_AGE_S)
+                    and (count := sources.counts.latest(FLAP.unit_key, stamp_ns))
                     and count.hours == hours
                 ),
                 "the measurement and the count",
@@ -58,7 +58,7 @@ def test_node_and_monitor_give_a_unit_the_same_tests():
             alone.count(Count(begin_ns, hours, number + 1))
             for block in blocks:
                 list(alone.feed(block))
-        live = session.node.prognosis._of(FLAP)
+        live = session.node.histories.of(FLAP)
         wait_for(lambda: len(live.history.entries) == CYCLES, "the history")
         entries = live.history.entries
         for one, other in zip(entries, alone.unit.history.entries, strict=True):

@@ -9,8 +9,8 @@ from rclpy.parameter import Parameter
 from ema_core.levels import WARN
 from ema_interfaces.msg import Health
 from ema_interfaces.srv import GetHistory
-from ema_monitor.node.admission import shard_of
 from ema_monitor.node.monitor_node import MonitorNode
+from ema_monitor.node.receive.admission import shard_of
 from ema_ros import topics
 from ema_ros.executor import NodeExecutor
 
@@ -57,7 +57,7 @@ def test_one_beyond_the_limit_is_refused_and_followed_once_there_is_room():
         # Its description is not sent again: a latched topic sends it once.
         session.feed(blocks[2:], "tab")
         session.until(lambda: session.estimates("tab"))
-        assert set(session.node.units) == {"flap", "tab"}
+        assert set(session.node.actuators) == {"flap", "tab"}
         # After its estimate its own status is reported, and that of all once a second.
         [changed, *_] = session.until(lambda: reports(session))
         assert {"tab telemetry", "tab history", "input", "identification"} <= changed
@@ -74,7 +74,7 @@ def test_listed_actuators_are_followed_alone_and_one_that_is_silent_is_seen():
         session.feed(blocks[:2])
         session.until(lambda: figure(session, "messages of actuators not listed") == "3")
         session.until_status("input", "2 actuators monitored")
-        assert set(session.node.units) == {"flap", "rudder"}
+        assert set(session.node.actuators) == {"flap", "rudder"}
         assert "not listed in the parameter actuators" in get_history(session, "tab").message
 
 
@@ -105,7 +105,7 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
             session.feed(Source().cycle(), name)
         session.until(lambda: {item.actuator_id for item in session.received("all")} == set(names))
         assert [len(session.estimates(name)) for name in names] == [1] * 4
-        followed = [set(node.units) for node in (session.node, other)]
+        followed = [set(node.actuators) for node in (session.node, other)]
         assert followed == [{n for n in names if shards[n] == shard} for shard in (0, 1)]
         # Each status is of one node, and each unit has a file that one of them writes.
         nodes = {0: "/ema/monitor", 1: "/ema/monitor_1"}

@@ -14,7 +14,7 @@ from ema_cli.bags.identifying import Identifying
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultEstimate, HiddenCause, MeasuredCauses
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.node.messages import estimate_to_message
+from ema_monitor.node.publish.messages import estimate_to_message
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros import topics
 from ema_ros.stamps import stamp_from_message, stamp_to_message
@@ -111,7 +111,7 @@ def session() -> Iterator[MonitorSession]:
 def live(session: MonitorSession, cycles, messages) -> list[FaultEstimate]:
     for message in messages:
         session.send(topics.MEASURED_CAUSES, message)
-    log = session.node.units._measurements
+    log = session.node.sources.measurements
     wait_for(lambda: len(log.at("flap", window_start(2))) == 2, "the measurements")
     found = []
     for blocks in cycles:
@@ -161,7 +161,7 @@ WRONG: dict[str, tuple[Callable[[], MeasuredCauses], str]] = {
 @pytest.mark.parametrize("case", WRONG)
 def test_impossible_measurement_is_named_and_counted(session: MonitorSession, case: str):
     make, said = WRONG[case]
-    before = session.node.units["flap"].defect_count
+    before = session.node.actuators["flap"].defect_count
     session.send(topics.MEASURED_CAUSES, make())
     status = session.until_status("flap telemetry", said, WARN)
     assert {item.key: item.value for item in status.values}["defects"] == str(before + 1)
@@ -174,4 +174,4 @@ def test_measurement_of_nobody_or_of_an_unknown_actuator(session: MonitorSession
     session.send(topics.MEASURED_CAUSES, measurement(S, 11.0, actuator_id="tab"))
     session.until_status("input", "'tab': measured cause load_torque = 11.0", WARN)
     session.send(topics.MEASURED_CAUSES, measurement(S, actuator_id="tab"))
-    assert "tab" not in session.node.units
+    assert "tab" not in session.node.actuators

@@ -46,7 +46,7 @@ def calibrate(session: MonitorSession, **request: Any) -> Any:
 
 
 def waiting_calls(session: MonitorSession) -> list[Any]:
-    return [queue for unit in session.node.units.values() for queue in unit.awaiting]
+    return session.node.work.worker.of("flap").awaiting
 
 
 def until_waited_for(session: MonitorSession) -> None:
@@ -94,7 +94,7 @@ def test_default_is_what_the_monitor_does_itself(session: MonitorSession):
 def test_impossible_goal_is_rejected_and_log_and_status_have_the_reason(
     session: MonitorSession, goal: dict[str, Any], texts: list[str], capfd
 ):
-    session.node._calls._rejections = Throttle(1000.0)
+    session.node.work.calls._rejections = Throttle(1000.0)
     assert not any(Goal(session, **goal).is_accepted for _ in range(3))
     said = capfd.readouterr().err
     assert said.count("is rejected") == 1
@@ -284,10 +284,10 @@ def test_request_that_fails_unexpectedly_is_answered(session: MonitorSession, mo
     def fail(*_: Any) -> None:
         raise OverflowError("too large")
 
-    monkeypatch.setattr(session.node.store, "load", fail)
+    monkeypatch.setattr(session.node.work.calls._store, "load", fail)
     answer = calibrate(session, load=True, file="x.yaml", **FORCED)
     assert (answer.success, answer.message) == (False, "failed: OverflowError('too large')")
-    monkeypatch.setattr(session.node._calls, "_identify_for", fail)
+    monkeypatch.setattr(session.node.work.calls, "_identify_for", fail)
     _, result = Goal(session).result()
     assert (result.success, result.message) == (False, "failed: OverflowError('too large')")
 

@@ -11,7 +11,7 @@ from rosgraph_msgs.msg import Clock
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_interfaces.msg import Health, HealthSummary, Usage
 from ema_interfaces.srv import Calibrate, ForgetActuator, PredictRemainingLife
-from ema_monitor.node.messages import summary_of, unknown_estimate
+from ema_monitor.node.publish.messages import summary_of, unknown_estimate
 from ema_ros import topics
 from ema_ros.messages import description_to_message
 from ema_ros.stamps import stamp_to_message
@@ -114,13 +114,13 @@ def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_anew(session
     session.feed(Source().cycle())
     assert session.next_estimate().window == 0
     session.describe_from_a_node_of_its_own(replace(FLAP, serial_number="SIM-0002"))
-    session.until(lambda: session.node.units["flap"].description != FLAP)
+    session.until(lambda: session.node.actuators["flap"].description != FLAP)
     assert forget("flap").success
     session.feed(Source().cycle())
     assert session.next_estimate().serial_number == "SIM-0002"
     # A bridge that begins anew describes once, and counts its samples from 1.
     session.describe_from_a_node_of_its_own(FLAP)
-    session.until(lambda: session.node.units["flap"].description == FLAP)
+    session.until(lambda: session.node.actuators["flap"].description == FLAP)
     session.feed(Source().cycle())
     assert session.next_estimate().valid
 
@@ -131,7 +131,7 @@ def test_settings_that_change_in_a_window_refuse_it_and_hold_from_the_next_one(s
     blocks = source.cycle()
     middle = in_window(blocks)
     session.feed(blocks[:middle])
-    session.until(lambda: session.node.units["flap"].finder.blocks == middle)
+    session.until(lambda: session.node.actuators["flap"].finder.blocks == middle)
     changes = {"window_s": 0.4, "algorithm": "pso", "budget": 700}
     changes |= {"limits.friction": 0.1, "costs.unit": "guineas"}
     assert all(r.successful for r in session.set_parameters(**changes))

@@ -14,11 +14,12 @@ from ema_monitor import CombinationSettings, identify_motion
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.estimate import refusal
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.intake import Intake
-from ema_monitor.node.actuator import Actuator
-from ema_monitor.node.receiver_clock import Moment
-from ema_monitor.node.unit_status import unit_tasks
+from ema_monitor.node.moment import Moment
+from ema_monitor.node.publish.actuator_status import ActuatorStatus
+from ema_monitor.node.publish.unit_status import unit_tasks
+from ema_monitor.node.receive.arrivals import Arrivals
 from ema_monitor.prognosis.outlook import unknown_outlook
+from ema_monitor.windows.finder import WindowFinder
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_ros.stamps import stamp_from_message
 from ema_sim.actuator import SimulatedActuator
@@ -68,8 +69,7 @@ def test_a_stretch_is_not_identified_as_a_test_cycle(moves: list[Telemetry]):
     with monitor(MOTION) as session:
         session.describe()
         session.feed(moves[:20])
-        units = session.node.units
-        session.until(lambda: (unit := units.get("flap")) and unit.latest)
+        session.until(lambda: session.node.work.worker.of("flap").latest)
         status, result = Goal(session, algorithm="pso").result()
         assert (status, result.success) == (GoalStatus.STATUS_ABORTED, False)
         assert "set `windows` to 'test_cycle'" in result.message
@@ -77,9 +77,8 @@ def test_a_stretch_is_not_identified_as_a_test_cycle(moves: list[Telemetry]):
 
 def test_an_estimate_of_later_motion_ends_a_defect():
     """Stretches are counted apart from the estimates that are made of them."""
-    unit = Actuator(
-        Intake(FLAP.actuator_id, TriggerSettings(windows="any_motion")), lambda _: None, 0
-    )
+    finder = WindowFinder(TriggerSettings(windows="any_motion"))
+    unit = ActuatorStatus(FLAP.actuator_id, finder, lambda _: None, 0, Arrivals())
     unit.finder.describe(FLAP)
     unit.finder.windows = 40
     unit.add_defect("the description is impossible")

@@ -15,7 +15,7 @@ from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Advice, Health, HealthForecast
 from ema_interfaces.srv import GetHistory, NoteEvent
 from ema_monitor.identification.window_fit import MOST_VALUES
-from ema_monitor.node.follow_ups import MOST_WAITING, FollowUps
+from ema_monitor.node.work.follow_ups import MOST_WAITING, FollowUps
 from ema_monitor.unit import Unit
 from ema_ros import topics
 
@@ -163,7 +163,7 @@ def test_note_of_a_person_is_published_and_in_the_history(session: MonitorSessio
 
 def test_the_oldest_are_dropped_and_counted():
     begun, may_go_on, done = threading.Event(), threading.Event(), []
-    follow_ups = FollowUps(Mock())
+    follow_ups = FollowUps(Mock(), Mock(), Mock(), Mock(), Mock())
 
     def wait() -> None:
         begun.set()
@@ -200,7 +200,7 @@ def test_telemetry_is_received_while_a_prognosis_is_made(
         assert begun.wait(DEADLINE_S)
         try:
             session.feed([cycles[1].part(0, 5000)])
-            wait_for(lambda: session.node.units["flap"].finder.blocks == 2, "the second block")
+            wait_for(lambda: session.node.actuators["flap"].finder.blocks == 2, "the second block")
             assert not session.healths()
         finally:
             go_on.set()

@@ -24,7 +24,7 @@ def feed_motion(session: MonitorSession, seconds: int) -> None:
         Telemetry(START_NS + number * S, H, 1 + 100 * number, second, second, second, second)
         for number in range(seconds)
     )
-    finder = session.node.units["flap"].finder
+    finder = session.node.actuators["flap"].finder
     wait_for(lambda: finder.blocks == seconds, "the telemetry")
 
 
@@ -44,7 +44,7 @@ def test_record_ends_when_the_actuator_is_silent():
         session.mount(UNKNOWN)
         feed_motion(session, 6)
         until_it_is(START_NS + 9 * S)
-        assert session.node.units["flap"].finder.windows == 0
+        assert session.node.actuators["flap"].finder.windows == 0
         # An actuator counts as silent after 10 s.
         until_it_is(START_NS + 20 * S)
         estimate = session.next_estimate()

@@ -14,7 +14,7 @@ from lifecycle_msgs.msg import Transition
 
 from ema_core.levels import OK, STALE, WARN
 from ema_core.telemetry import Telemetry
-from ema_monitor.node.actuator import Actuator
+from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.unit import Unit
 
 from ..waiting import DEADLINE_S, wait_for
@@ -90,7 +90,7 @@ def test_what_fails_after_an_estimate_says_so_and_a_unit_that_is_fitted_begins_w
         assert "the prognosis failed: FloatingPointError('made up')" in answer.message
         assert predict(session, 1.0).success
         with monkeypatch.context() as patched:
-            patched.setattr(Actuator, "record", fail)
+            patched.setattr(ActuatorStatus, "record", fail)
             session.feed(cycles[1:2])
             words = "publishing health failed: FloatingPointError"
             session.until_status("flap telemetry", words)
@@ -129,7 +129,7 @@ def test_telemetry_is_received_while_a_history_is_read(
                 use(session, hours, 1)
             # Once an impossible count is reported, all before it have been received.
             session.until_status("flap telemetry", "flight_hours = -1 h")
-            wait_for(lambda: session.node.units["flap"].finder.blocks == 1, "the block")
+            wait_for(lambda: session.node.actuators["flap"].finder.blocks == 1, "the block")
             assert not session.healths()
         finally:
             go_on.set()

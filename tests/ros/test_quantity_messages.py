@@ -10,7 +10,7 @@ from ema_cli.bags.diagnoses import DiagnosisLog
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import FaultEstimate, QuantityChange
 from ema_monitor.joint.comparison import JUDGEMENTS, Judgement
-from ema_monitor.node.messages import estimate_to_message, unknown_estimate
+from ema_monitor.node.publish.messages import estimate_to_message, unknown_estimate
 
 UNIT = ActuatorDescription()
 

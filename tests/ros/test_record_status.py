@@ -9,12 +9,13 @@ from ema_core.levels import WARN
 from ema_core.telemetry import Telemetry
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.health import HealthLimits
-from ema_monitor.intake import Intake
-from ema_monitor.node.actuator import Actuator
-from ema_monitor.node.receiver_clock import Moment
+from ema_monitor.node.moment import Moment
+from ema_monitor.node.publish.actuator_status import ActuatorStatus
+from ema_monitor.node.publish.unit_status import unit_tasks
+from ema_monitor.node.receive.arrivals import Arrivals
 from ema_monitor.node.settings import Operation
-from ema_monitor.node.unit_status import unit_tasks
 from ema_monitor.prognosis.outlook import outlook_of_one
+from ema_monitor.windows.finder import WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 
 from ..monitor.comparisons import CASES, compared
@@ -24,8 +25,12 @@ UNKNOWN = ActuatorDescription(sample_period=H, drive="unknown")
 SECOND = 0.3 * np.sin(2.0 * np.pi * H * np.arange(1.0, 101.0))
 
 
-def actuator(description: ActuatorDescription, settings: TriggerSettings | None = None) -> Actuator:
-    unit = Actuator(Intake("flap", settings or TriggerSettings()), lambda _: None, 0)
+def actuator(
+    description: ActuatorDescription, settings: TriggerSettings | None = None
+) -> ActuatorStatus:
+    unit = ActuatorStatus(
+        "flap", WindowFinder(settings or TriggerSettings()), lambda _: None, 0, Arrivals()
+    )
     unit.finder.describe(description)
     return unit
 

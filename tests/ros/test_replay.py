@@ -16,7 +16,7 @@ from ema_core.faults import fault_vector
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_interfaces.msg import FaultEstimate
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.node.messages import estimate_to_message
+from ema_monitor.node.publish.messages import estimate_to_message
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_sim.actuator import SimulatedActuator
 

@@ -16,7 +16,7 @@ from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import DutyScenario, ScenarioLife, Usage
 from ema_interfaces.srv import PredictRemainingLife
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.node.messages import health_to_message, message_of, scenarios_from_messages
+from ema_monitor.node.publish.messages import health_to_message, message_of, scenarios_from_messages
 from ema_monitor.prognosis.duty.course import REFERENCE_TESTS
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.settings import PrognosisSettings

@@ -10,15 +10,16 @@ from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.telemetry import Telemetry
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.health import HealthLimits
-from ema_monitor.intake import Intake
-from ema_monitor.node.actuator import Actuator
-from ema_monitor.node.receiver_clock import Moment
-from ema_monitor.node.unit_status import unit_tasks
+from ema_monitor.node.moment import Moment
+from ema_monitor.node.publish.actuator_status import ActuatorStatus
+from ema_monitor.node.publish.unit_status import unit_tasks
+from ema_monitor.node.receive.arrivals import Arrivals
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import UnusedCycle
 from ema_monitor.prognosis.outlook import outlook_of_one, unknown_outlook
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
+from ema_monitor.windows.finder import WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import LONGEST_CODE, Task, fault_code, status_message
 from ema_ros.throttle import Throttle
@@ -69,21 +70,21 @@ def test_line_that_repeats_is_let_through_now_and_then_with_how_often_it_came():
 
 
 def test_telemetry_that_stops_is_not_ok_though_estimates_were_valid():
-    unit = Actuator(Intake("flap", TriggerSettings()), lambda _: None, 0)
+    unit = ActuatorStatus("flap", WindowFinder(TriggerSettings()), lambda _: None, 0, Arrivals())
     unit.finder.describe(ActuatorDescription())
     zeros = np.zeros(10)
     unit.finder.feed(Telemetry(0, 1e-4, 1, zeros, zeros, zeros, zeros))
     unit.valid = 6
     seen = []
     for now_s in (9, 11):
-        unit.publish_if_stale(1e6, Moment(now_s * 10**9, now_s * 10**9))
+        unit.expire(1e6, Moment(now_s * 10**9, now_s * 10**9))
         task = unit_tasks(unit, 0)[0]
         seen.append((task.level, task.message))
     assert seen == [(OK, "6 valid estimates"), (STALE, "no telemetry any more; 6 valid estimates")]
 
 
 def test_level_of_a_fault_agrees_with_its_value_or_says_what_is_missing():
-    unit = Actuator(Intake("flap", TriggerSettings()), lambda _: None, 0)
+    unit = ActuatorStatus("flap", WindowFinder(TriggerSettings()), lambda _: None, 0, Arrivals())
     description, settings = ActuatorDescription(), PrognosisSettings()
     unit.finder.describe(description)
     seen, tests = [], Unit(History("flap", "SIM-0001"), settings)
@@ -99,9 +100,9 @@ def test_level_of_a_fault_agrees_with_its_value_or_says_what_is_missing():
         (ERROR, "0.02, limit 0.5; OK once later tests confirm it"),
         (OK, "0.02, limit 0.5"),
     ]
-    item = replace(unit.outlook.health.faults[0], name="bandwidth", value=16.4, limit=12.0)
-    health = replace(unit.outlook.health, requirements=(item,))
-    unit.outlook = replace(unit.outlook, health=health)
+    item = replace(unit.health.outlook.health.faults[0], name="bandwidth", value=16.4, limit=12.0)
+    health = replace(unit.health.outlook.health, requirements=(item,))
+    unit.health.outlook = replace(unit.health.outlook, health=health)
     [task] = [one for one in unit_tasks(unit, 0) if one.name == "flap bandwidth"]
     assert task.message.startswith("16.4 Hz, limit 12 Hz")
     assert [*task.values] == ["value [Hz]", "sigma [Hz]", "limit [Hz]"]
@@ -109,7 +110,7 @@ def test_level_of_a_fault_agrees_with_its_value_or_says_what_is_missing():
 
 def health_task(name: str) -> Task:
     """The status of the health after a record that gives a comparison."""
-    unit = Actuator(Intake("flap", TriggerSettings()), lambda _: None, 0)
+    unit = ActuatorStatus("flap", WindowFinder(TriggerSettings()), lambda _: None, 0, Arrivals())
     description = ActuatorDescription()
     unit.finder.describe(description)
     estimate = compared(CASES[name])

@@ -10,13 +10,13 @@ from ema_core.description import ActuatorDescription
 from ema_core.levels import LEVEL_NAMES, STALE
 from ema_interfaces.msg import Health
 from ema_monitor.diagnosis import Diagnosed
-from ema_monitor.intake import Intake
-from ema_monitor.node.actuator import Actuator
-from ema_monitor.node.arrivals import Arrivals
-from ema_monitor.node.receiver_clock import ReceiverClock
+from ema_monitor.node.publish.actuator_status import ActuatorStatus
+from ema_monitor.node.receive.arrivals import Arrivals
+from ema_monitor.node.receive.receiver_clock import ReceiverClock
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit
+from ema_monitor.windows.finder import WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 
 from ..prognosis.made_tests import FIRST_NS, UNIT, made_test
@@ -47,24 +47,29 @@ class Bench:
         )
         path = self.folder / "flap+SIM-0001.sqlite" if self.folder else None
         self.unit = Unit(History(*UNIT, path), self.settings)
-        self.actuator = Actuator(
-            Intake("flap", TriggerSettings()), self.published.append, self.steady_ns
+        self.arrivals = Arrivals()
+        self.actuator = ActuatorStatus(
+            "flap",
+            WindowFinder(TriggerSettings()),
+            self.published.append,
+            self.steady_ns,
+            self.arrivals,
         )
         self.actuator.finder.describe(FLAP)
         self.moment()
         if (outlook := self.unit.resume(None, self.settings)) is not None:
-            self.actuator.resume(FLAP, outlook, self.moment())
+            self.actuator.health.resume(FLAP, outlook, self.moment())
 
     def moment(self):
         moment, back_ns = self.clock.read()
         if back_ns:
-            self.actuator.end_claim("the clock went back")
+            self.actuator.health.end_claim("the clock went back")
         return moment
 
     def wait(self, seconds: float, step_s: float = 0.0) -> None:
         self.steady_ns += round(seconds * S)
         self.clock_ns += round((seconds + step_s) * S)
-        self.actuator.publish_if_stale(30.0, self.moment())
+        self.actuator.expire(30.0, self.moment())
 
     def test(self, end_ns: int | None = None, *, pace: float = 1.0, friction: float = 0.02) -> str:
         """Receive a test of 0.5 s at a share of the time in which it was measured."""
@@ -72,12 +77,12 @@ class Bench:
         for block in range(10):
             self.wait(0.1 * pace)
             block_end_ns = end_ns - (9 - block) * BLOCK_NS
-            self.actuator.arrivals.add(block_end_ns - BLOCK_NS, block_end_ns, self.steady_ns)
+            self.arrivals.add(block_end_ns - BLOCK_NS, block_end_ns, self.steady_ns)
         made = made_test(self.tests, seed=3, friction=friction)
         estimate = replace(made, start_ns=end_ns - S // 2, end_ns=end_ns)
         self.tests += 1
         now = self.moment()
-        is_live = self.actuator.arrivals.are_live(end_ns)
+        is_live = self.arrivals.are_live(end_ns)
         outlook = self.unit.update(
             estimate, None, self.settings, received_ns=now.clock_ns, is_live=is_live
         )
@@ -141,8 +146,8 @@ def test_stored_test_with_stamps_that_show_no_date_is_no_ok(
     for _ in range(20 * streams):
         bench.wait(0.1)
         end_ns = bench.clock_ns + round((ahead_s - 10.0) * S)
-        bench.actuator.arrivals.add(end_ns - BLOCK_NS, end_ns, bench.steady_ns)
-    assert bench.actuator.arrivals.has_streamed == streams
+        bench.arrivals.add(end_ns - BLOCK_NS, end_ns, bench.steady_ns)
+    assert bench.arrivals.has_streamed == streams
     if ahead_s < 0.0 and not streams:
         assert bench.test(bench.clock_ns + round(ahead_s * S), pace=0.0) == "OK"
         return

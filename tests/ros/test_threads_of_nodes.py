@@ -14,8 +14,8 @@ from ema_bags.recorder_node import RecorderNode
 from ema_bags.writer import BagWriter
 from ema_core import steady_thread
 from ema_dashboard.dashboard_node import DashboardNode
-from ema_monitor.node.follow_ups import FollowUps
 from ema_monitor.node.monitor_node import MonitorNode
+from ema_monitor.node.work.follow_ups import FollowUps
 from ema_ros import run as running
 from ema_ros.executor import NodeExecutor
 from ema_ros.managed_node import ManagedNode

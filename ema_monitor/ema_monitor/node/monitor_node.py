@@ -1,243 +1,162 @@
 """The monitor node: telemetry in, estimates and health out."""
 
-import time
-import traceback
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.lifecycle.publisher import LifecyclePublisher
-
 from ema_core.description import ActuatorDescription
-from ema_interfaces.msg import Health, NodeStatus
+from ema_interfaces.msg import NodeStatus
 from ema_monitor.calibrations import CalibrationStore
-from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identification.tally import CombinationSettings
-from ema_monitor.node.actuators import Actuators
-from ema_monitor.node.admission import Admission, Selection, Shard
-from ema_monitor.node.calls import MonitorCalls
-from ema_monitor.node.follow_ups import FollowUps
-from ema_monitor.node.kernels import compile_monitor_kernels
-from ema_monitor.node.messages import summary_of
-from ema_monitor.node.prognosis import MonitorPrognosis
-from ema_monitor.node.settings import Files, Operation, folder_of
-from ema_monitor.node.unit_status import telemetry_status, unit_tasks
-from ema_monitor.node.worker import IdentificationWorker
-from ema_monitor.prognosis.advice import Costs
+from ema_monitor.node.publish.actuators import Actuators
+from ema_monitor.node.publish.log import Log
+from ema_monitor.node.publish.outputs import Outputs
+from ema_monitor.node.receive.admission import Admission, Selection, Shard
+from ema_monitor.node.receive.receiver import Receiver
+from ema_monitor.node.receive.receiver_clock import ReceiverClock
+from ema_monitor.node.receive.source import Sources
+from ema_monitor.node.settings import Files, MonitorSettings, folder_of
+from ema_monitor.node.work.histories import Histories
+from ema_monitor.node.work.kernels import compile_monitor_kernels
+from ema_monitor.node.work.work import Work
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.windows.trigger import TriggerSettings
-from ema_ros import topics
 from ema_ros.actuator_file import load_description
-from ema_ros.latched_subscription import subscribe_latched
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
-from ema_ros.settings import LiveSettings, declare, read
-from ema_ros.status import ERROR, STALE, Task
-from ema_ros.throttle import Throttle
+from ema_ros.settings import declare, read
+from ema_ros.status import Task
 
-_LOG_PERIOD_S: Final = 30.0
 _STALE_CHECK_S: Final = 1.0
-_NOT_ACTIVE: Final = "the monitor is not active"
+_CLOCK_FILE: Final = "clock.json"
 
 
 class MonitorNode(ManagedNode):
     """Monitors the actuators whose telemetry it receives: publishes their faults and health.
 
-    Telemetry is received in one thread and windows are identified in another, in the order in
-    which they end. ``docs/nodes.md`` describes topics, services and parameters.
+    It has three parts: what is received gives windows, from which the work makes estimates and
+    health, which are published. Telemetry is received in one thread and windows are identified in
+    another, in the order in which they end. ``docs/nodes.md`` describes topics, services and
+    parameters.
     """
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("monitor", **kwargs)
-        self.search = LiveSettings(self, SearchSettings)
-        self.combining = LiveSettings(self, CombinationSettings)
-        self.costs = LiveSettings(self, Costs, "costs.")
-        self.operation = LiveSettings(self, Operation)
-        trigger = LiveSettings(
-            self, TriggerSettings, on_change=lambda new: self.units.restart(new)
-        ).value
+        self.settings = MonitorSettings(self, self._restart)
         declare(self, Selection)
         declare(self, Shard, "shard.")
         declare(self, Files)
-        chosen, shard = read(self, Selection), read(self, Shard, "shard.")
-        self.units = Actuators(self, Admission(chosen, shard, self.operation), trigger)
-        self.prognosis = MonitorPrognosis(self)
-        self.worker = IdentificationWorker(self)
-        self.follow_ups = FollowUps(self)
-        self._throttle = Throttle(_LOG_PERIOD_S)
-        # One of each topic for each actuator, so that each is latched.
-        self._latched: dict[tuple[str, str], LifecyclePublisher] = {}
-        self.is_active = False
+        self._selection, self._shard = read(self, Selection), read(self, Shard, "shard.")
+        self._log = Log(self)
 
     def configure(self) -> None:
-        """Read the files, compile the kernels, and create what publishes and serves."""
+        """Read the files, compile the kernels, and build the parts."""
         files = read(self, Files)
-        self.store = CalibrationStore(files.calibration_file, folder_of(files.calibration_folder))
+        store = CalibrationStore(files.calibration_file, folder_of(files.calibration_folder))
         described = load_description(Path(files.actuator_file)) if files.actuator_file else None
         if "{" not in files.calibration_file:
-            reason = self.store.of(described or ActuatorDescription())
+            reason = store.of(described or ActuatorDescription())
             if isinstance(reason, str):
-                self.get_logger().warning(reason)
+                self._log.warning(reason)
         fleet = Fleet.read(folder_of(files.fleet_file)) if files.fleet_file else None
         # Now, as no window waits for them yet.
-        compile_monitor_kernels(self)
-        message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
-        self.estimates = self.add_publisher(message_class, topics.FAULT_ESTIMATE, qos)
-        self._calls = MonitorCalls(self)
-        # On the clock of the system, a backward step would stop it; on simulated time it does not.
-        is_simulated = self.get_parameter("use_sim_time").value
-        add_timer = self.create_timer if is_simulated else self.add_timer
-        add_timer(_STALE_CHECK_S, self.units.check)
-        self.prognosis.begin(files.history_folder, fleet)
-        self.units.begin(self.prognosis.folder)
-        self.units.expect_listed()
-        if words := self.units.admission.list_in_words():
-            self.get_logger().info(words)
+        compile_monitor_kernels(lambda: self.is_ending, self.report_progress)
+        self._build(files, store, fleet)
+        self.receiver.expect_listed()
         if described is not None:
-            if reason := self.units.admission.why_not(described.actuator_id):
-                name = described.actuator_id
-                self.get_logger().info(f"{name} of actuator_file is not followed: {reason}")
-            else:
-                self.units.describe(described)
+            self.receiver.expect_described(described)
+
+    def _build(self, files: Files, store: CalibrationStore, fleet: Fleet | None) -> None:
+        """Build what publishes, what works and what receives, and connect them."""
+        settings, log, namespace = self.settings, self._log, self.unit_namespace
+        is_simulated = bool(self.get_parameter("use_sim_time").value)
+        folder = files.histories(is_simulated=is_simulated)
+        clock = ReceiverClock(
+            self._now_ns, is_simulated=is_simulated, kept=folder / _CLOCK_FILE if folder else None
+        )
+        admission = Admission(self._selection, self._shard, settings.operation)
+        self.histories = Histories(
+            folder,
+            lambda: settings.prognosis(fleet),
+            self.get_fully_qualified_name(),
+            namespace,
+            log,
+        )
+        self.outputs = Outputs(self.add_publisher, self.destroy_lifecycle_publisher)
+        self.actuators = Actuators(
+            clock.read, settings.operation, admission.why_not, self.histories.rewind, log
+        )
+        self.sources = Sources(settings.trigger.value, settings.operation, self.actuators.lock)
+        self.work = Work(
+            self,
+            self.histories,
+            self.sources,
+            self.actuators,
+            self.outputs,
+            settings,
+            store,
+            self._now_ns,
+            log,
+            is_simulated=is_simulated,
+        )
+        self.receiver = Receiver(
+            admission,
+            self.sources,
+            self.work.worker,
+            self.work.results,
+            self.actuators,
+            self.outputs,
+            settings.operation,
+            self._now_ns,
+            namespace,
+            log,
+        )
+        self.receiver.serve(self)
+        # On the clock of the system, a backward step would stop it; on simulated time it does not.
+        add_timer = self.create_timer if is_simulated else self.add_timer
+        add_timer(_STALE_CHECK_S, self.receiver.check)
 
     def activate(self) -> None:
         """Subscribe, and identify what is received."""
-        self.is_active = True
-        self.follow_ups.start()
-        self.worker.start()
-        with self.units.lock:
-            for unit in self.units.values():
-                if unit.description is not None:
-                    self.prognosis.describe(unit.description)
-        group, units = MutuallyExclusiveCallbackGroup(), self.units
-        known = topics.ACTUATOR_TOPICS | topics.SYSTEM_TOPICS
-        for name, callback in (
-            (topics.USAGE, units.receive_usage),
-            (topics.DESCRIPTION, units.receive_description),
-        ):
-            subscribe_latched(self, known[name][0], name, callback, group)
-        for name, callback in (
-            (topics.MEASURED_CAUSES, units.receive_measured),
-            (topics.TELEMETRY, units.receive_telemetry),
-        ):
-            kind = known[name][0]
-            self.create_subscription(kind, name, callback, topics.STREAM, callback_group=group)
+        self.actuators.is_active = True
+        self.work.start()
+        self.receiver.subscribe(self)
 
     def deactivate(self) -> None:
         """Refuse the windows that still wait; nothing is known any more."""
-        with self.units.lock:
-            self.is_active = False
-        self.worker.stop()
-        for segment in self.units.finish():
-            self.worker.refuse(segment, "")
-        self.follow_ups.stop()
-        with self.units.lock:
-            for unit in self.units.values():
-                unit.withdraw_health(_NOT_ACTIVE)
+        with self.actuators.lock:
+            self.actuators.is_active = False
+        self.work.stop(self.receiver.finish)
+        self.actuators.withdraw()
 
     def clean_up(self) -> None:
-        """Forget the actuators."""
-        self.prognosis.end()
-        self._latched.clear()
-        self.follow_ups.dropped = 0
-        self.units.clear()
+        """Close the histories, and forget the actuators."""
+        self.histories.close()
+        self.outputs.clear()
+        self.actuators.clear()
+        self.sources.clear()
 
     def counts(self) -> NodeStatus:
         """Return what is counted of each actuator, and of all of them."""
-        queue = self.worker.queue
-        with self.units.lock:
-            telemetry = [
-                telemetry_status(unit, queue.dropped[name]) for name, unit in self.units.items()
-            ]
-        return NodeStatus(
-            kind=NodeStatus.MONITOR,
-            telemetry=telemetry,
-            windows_waiting=len(queue),
-            windows_dropped=sum(queue.dropped.values()),
-            refusals_dropped=sum(queue.unanswered.values()),
-            follow_ups_dropped=self.follow_ups.dropped,
-        )
+        telemetry = self.actuators.telemetry(self.work.worker.queue.dropped)
+        status = NodeStatus(kind=NodeStatus.MONITOR, telemetry=telemetry)
+        self.work.count(status)
+        return status
 
     def tasks(self, actuator_id: str = "") -> list[Task]:
         """Return the status of one actuator and of the identification; of each one when empty."""
-        queue, follow_ups = self.worker.queue, self.follow_ups
-        level, message = self.worker.status()
-        if self.is_active and follow_ups.thread.failure:
-            failures = [message] if level == ERROR else []
-            level, message = ERROR, "; ".join([*failures, follow_ups.thread.failure])
-        status = self.counts()
-        counts = {
-            "windows dropped": status.windows_dropped,
-            "refusals dropped": status.refusals_dropped,
-        }
-        waiting, admission = status.windows_waiting, self.units.admission
-        with self.units.lock:
-            is_heard = any(one.finder.blocks and not one.is_silent for one in self.units.values())
-            received = admission.status(self.units, is_heard=is_heard)
-            counts |= admission.figures(self.units)
-            units = [
-                task
-                for name, unit in self.units.items()
-                if actuator_id in ("", name)
-                for task in unit_tasks(unit, waiting, queue.dropped[name])
-            ]
-        if not self.is_active:
-            units = [
-                replace(one, level=STALE, message=f"{_NOT_ACTIVE}, before: {one.message}")
-                for one in units
-            ]
-        figures = {
-            "follow-ups waiting": follow_ups.waiting,
-            "follow-ups dropped": status.follow_ups_dropped,
-            "ends of threads": self.worker.thread.ends + follow_ups.thread.ends,
-            "goal rejected": self._calls.rejected or "none",
-        }
+        queue = self.work.worker.queue
         return [
-            *units,
-            *self.prognosis.tasks(actuator_id),
-            Task("input", *received, self.hardware_id, counts),
-            Task("identification", level, message, self.hardware_id, figures),
+            *self.actuators.tasks(actuator_id, len(queue), queue.dropped),
+            *self.histories.tasks(actuator_id),
+            self.receiver.task(self.hardware_id),
+            self.work.task(self.hardware_id),
         ]
 
-    def warn(self, actuator_id: str, text: str, *, is_first: bool = False) -> None:
-        """Log what is wrong now and then, and the first of its kind in the status at once."""
-        passed = self._throttle.passed(f"{actuator_id or 'input'}: {text}", time.monotonic())
-        if passed is not None:
-            self.get_logger().warning(passed)
-        if is_first:
-            self.report(self.tasks(actuator_id))
+    def _restart(self, trigger: TriggerSettings) -> None:
+        if self.is_configured:
+            self.receiver.restart(trigger)
 
-    def failed(self, where: str, what: str, error: Exception) -> str:
-        """Log what has just failed, with its traceback, and return the reason."""
-        reason = f"{what} failed: {error!r}"
-        self.get_logger().error(f"{where or 'actuator'}: {reason}\n{traceback.format_exc()}")
-        return reason
-
-    def add_publishers(self, actuator_id: str) -> None:
-        """Create the publishers of an actuator."""
-        # Listening for what others want takes long where there are many publishers.
-        quiet = bool(self._latched)
-        for topic, (message_class, qos) in topics.MONITOR_TOPICS.items():
-            if qos is topics.LATCHED:
-                publisher = self.add_publisher(message_class, topic, qos, quiet=quiet)
-                self._latched[topic, actuator_id] = publisher
-
-    def publish_health(self, health: Health) -> None:
-        """Publish the health of an actuator, whole and in a few lines."""
-        self.publish(topics.HEALTH, health)
-        self.publish(topics.HEALTH_SUMMARY, summary_of(health))
-
-    def publish(self, topic: str, message: Any) -> None:
-        """Publish what is latched of an actuator, unless that is forgotten."""
-        publisher = self._latched.get((topic, message.actuator_id))
-        if publisher is not None:
-            publisher.publish(message)
-
-    def remove_publishers(self, actuator_id: str) -> None:
-        """Remove the publishers of an actuator."""
-        for key in [key for key in self._latched if key[1] == actuator_id]:
-            self.destroy_lifecycle_publisher(self._latched.pop(key))
+    def _now_ns(self) -> int:
+        return self.get_clock().now().nanoseconds
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,12 +1,27 @@
-"""Settings of the monitor node beside those of the library."""
+"""Settings of the monitor node: its own ones, and those of the library as parameters."""
 
 import os
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from rclpy.node import Node
+
 from ema_core.quantity import Checked, flag, quantity, text
+from ema_monitor.health import HealthLimits
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.model.measurements import MAX_AGE_S
+from ema_monitor.prognosis.advice import Costs
+from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.fleet import Fleet
+from ema_monitor.prognosis.growth.settings import KnownLawTexts, TrackerSettings
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+from ema_monitor.prognosis.service import Service
+from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.windows.trigger import TriggerSettings
+from ema_ros.settings import LiveSettings
 
 IN_MEMORY: Final = "memory"
 """Folder of the histories that stands for none; launch files take no empty argument."""
@@ -36,6 +51,14 @@ class Files(Checked):
         "",
         "how other units of the model grew, a file that `ema learn-fleet` wrote; empty: not known",
     )
+
+    def histories(self, *, is_simulated: bool) -> Path | None:
+        """Return the folder of the histories; None for memory alone, as in simulated time.
+
+        A bag that is replayed must not mix with tests of the actuator itself.
+        """
+        is_on_disk = self.history_folder not in ("", IN_MEMORY) and not is_simulated
+        return folder_of(self.history_folder) if is_on_disk else None
 
 
 @dataclass(frozen=True)
@@ -88,6 +111,46 @@ class Operation(Checked):
     def good_for(self, longest_s: float) -> float:
         """Return how long a level holds after a test that lasts up to ``longest_s`` [s]."""
         return _PERIODS * max(self.expected_period_s, longest_s)
+
+
+class MonitorSettings:
+    """The settings of a monitor that can be changed at any time, each as it is at present.
+
+    Parameters
+    ----------
+    node
+        Has them as its parameters.
+    restart
+        Called with new settings of the windows.
+    """
+
+    def __init__(self, node: Node, restart: Callable[[TriggerSettings], None]) -> None:
+        self.search = LiveSettings(node, SearchSettings)
+        self.combining = LiveSettings(node, CombinationSettings)
+        self.costs = LiveSettings(node, Costs, "costs.")
+        self.operation = LiveSettings(node, Operation)
+        self.trigger = LiveSettings(node, TriggerSettings, on_change=restart)
+        self.limits = LiveSettings(node, HealthLimits, "limits.")
+        self.requirements = LiveSettings(node, RequirementLimits, "requirements.")
+        self.tracker = LiveSettings(node, TrackerSettings, "tracker.")
+        self.laws = LiveSettings(node, KnownLawTexts, "known_law.")
+        self.service = LiveSettings(node, Service)
+        self.damage = LiveSettings(node, DamageSettings, "damage.")
+
+    def prognosis(self, fleet: Fleet | None) -> PrognosisSettings:
+        """Return the settings of prognoses, with the growth of a fleet."""
+        operation = self.operation.value
+        return PrognosisSettings(
+            self.limits.value,
+            self.requirements.value,
+            replace(self.tracker.value, laws=self.laws.value.laws()),
+            self.service.value,
+            fleet,
+            self.damage.value,
+            good_for_s=operation.good_for_s,
+            level_confirmations=operation.level_confirmations,
+            has_clock=operation.has_clock,
+        )
 
 
 def folder_of(text: str) -> Path:

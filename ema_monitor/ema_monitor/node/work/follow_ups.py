@@ -3,21 +3,21 @@
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.steady_thread import SteadyThread
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibrations import CalibrationStore
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.window_fit import window_fit
-from ema_monitor.node.messages import advice_to_message, forecast_to_message, window_fit_to_message
+from ema_monitor.node.publish.log import Log
+from ema_monitor.node.publish.outputs import Outputs
+from ema_monitor.node.settings import MonitorSettings
+from ema_monitor.node.work.histories import Histories
 from ema_monitor.prognosis.advice import advise
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.windows.window import Window
-from ema_ros import topics
-
-if TYPE_CHECKING:
-    from ema_monitor.node.monitor_node import MonitorNode
 
 _JOIN_S: Final = 5.0
 MOST_WAITING: Final = 400
@@ -30,17 +30,41 @@ class FollowUps:
     Where it does not keep up, the oldest are dropped: each is soon replaced by that of a later
     test, and what is written to a history is written with the next.
     The number of these is ``dropped``.
+
+    Parameters
+    ----------
+    outputs
+        Publishes it.
+    histories
+        Keep what was found after a test.
+    settings
+        Settings of the monitor.
+    store
+        Calibrations of the actuators.
+    log
+        Log of the monitor.
     """
 
-    def __init__(self, node: "MonitorNode") -> None:
-        self._node = node
+    def __init__(
+        self,
+        outputs: Outputs,
+        histories: Histories,
+        settings: MonitorSettings,
+        store: CalibrationStore,
+        log: Log,
+    ) -> None:
+        self._outputs = outputs
+        self._histories = histories
+        self._settings = settings
+        self._store = store
+        self._log = log
         self._queue: deque[Callable[[], None]] = deque()
         self._changed = threading.Condition()
         self.dropped = 0
         self._prepare()
 
     def _prepare(self) -> None:
-        self.thread = SteadyThread("follow-ups", self._run, self._node.report_end)
+        self.thread = SteadyThread("follow-ups", self._run, self._log.report_end)
 
     @property
     def waiting(self) -> int:
@@ -61,28 +85,25 @@ class FollowUps:
 
     def follow_health(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
         """Publish what follows from a health that has been published."""
-        publish, costs = self._node.publish, self._node.costs.value
+        outputs, costs = self._outputs, self._settings.costs.value
 
         def publish_advice() -> None:
             advice, outlook = advise(forecaster.outlook, costs), forecaster.outlook
-            message = advice_to_message(advice, outlook, costs.unit, description)
-            publish(topics.ADVICE, message)
+            outputs.publish_advice(advice, outlook, costs.unit, description)
 
-        self._add(
-            lambda: publish(topics.HEALTH_FORECAST, forecast_to_message(forecaster, description))
-        )
+        self._add(lambda: outputs.publish_forecast(forecaster, description))
         self._add(publish_advice)
-        self._add(lambda: self._node.prognosis.write_assessment(description))
+        self._add(lambda: self._histories.write_assessment(description))
 
     def follow_estimate(self, found: Diagnosed, window: Window) -> None:
         """Publish the fit of an estimate of one window that has been published."""
-        calibration = self._node.store.of(found.description)
+        calibration = self._store.of(found.description)
         if not isinstance(calibration, Calibration):
             return
 
         def publish_fit() -> None:
             fit = window_fit(window, found.estimate, calibration)
-            self._node.publish(topics.WINDOW_FIT, window_fit_to_message(fit, found))
+            self._outputs.publish_fit(fit, found)
 
         self._add(publish_fit)
 
@@ -107,4 +128,4 @@ class FollowUps:
             try:
                 job()
             except Exception as error:
-                self._node.failed("follow-ups", "what follows from a test", error)
+                self._log.failed("follow-ups", "what follows from a test", error)

@@ -1,35 +1,39 @@
-"""What others ask of a monitor: calibrate, forget, identify with an algorithm of choice."""
+"""What others ask of a monitor: calibrate, identify with an algorithm of choice."""
 
 import threading
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted, one_line
 from ema_interfaces.action import IdentifyFaults
-from ema_interfaces.srv import Calibrate, ForgetActuator
+from ema_interfaces.srv import Calibrate
 from ema_monitor.calibration.joint_calibration import JointCalibration
-from ema_monitor.calibrations import calibrate
+from ema_monitor.calibrations import CalibrationStore, calibrate
 from ema_monitor.diagnosis import Identification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.measured import measured_ranges
-from ema_monitor.node.actuator import Actuator
-from ema_monitor.node.messages import estimate_to_message, unknown_estimate
+from ema_monitor.node.publish.actuator_status import ActuatorStatus
+from ema_monitor.node.publish.actuators import NOT_ACTIVE, Actuators
+from ema_monitor.node.publish.log import Log
+from ema_monitor.node.publish.messages import estimate_to_message, unknown_estimate
+from ema_monitor.node.settings import MonitorSettings
+from ema_monitor.node.work.prognosis import Prognosis
+from ema_monitor.node.work.results import Results
+from ema_monitor.node.work.worker import IdentificationWorker
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 from ema_ros import topics
 from ema_ros.executor import SeparateCallbackGroup
+from ema_ros.managed_node import ManagedNode
 from ema_ros.messages import faults_to_message
 from ema_ros.throttle import Throttle
-
-if TYPE_CHECKING:
-    from ema_monitor.node.monitor_node import MonitorNode
 
 _POLL_S: Final = 0.1
 _MOST_GOALS: Final = 2
@@ -38,9 +42,28 @@ _REJECTION_S: Final = 1.0
 
 
 class MonitorCalls:
-    """The services ``~/calibrate`` and ``~/forget_actuator`` and the action ``~/identify_faults``.
+    """The service ``~/calibrate`` and the action ``~/identify_faults``.
 
     Calibration and identification may last long, in threads that receive no telemetry.
+
+    Parameters
+    ----------
+    node
+        Offers them.
+    worker
+        Has the windows of each actuator.
+    prognosis
+        Says whether a unit is healthy.
+    results
+        Publishes the health by a new calibration.
+    actuators
+        Status and health of each actuator that is followed.
+    settings
+        Settings of the monitor.
+    store
+        Calibrations of the actuators.
+    log
+        Log of the monitor.
 
     Attributes
     ----------
@@ -48,17 +71,31 @@ class MonitorCalls:
         Why the latest goal was rejected; empty when it was accepted.
     """
 
-    def __init__(self, node: "MonitorNode") -> None:
-        self._node = node
-        self._log = node.get_logger()
+    def __init__(
+        self,
+        node: ManagedNode,
+        worker: IdentificationWorker,
+        prognosis: Prognosis,
+        results: Results,
+        actuators: Actuators,
+        settings: MonitorSettings,
+        store: CalibrationStore,
+        log: Log,
+    ) -> None:
+        self._worker = worker
+        self._prognosis = prognosis
+        self._results = results
+        self._actuators = actuators
+        self._settings = settings
+        self._store = store
+        self._log = log
+        self._is_stopping: Callable[[], bool] = node.stopping.is_set
         self.rejected = ""
         self._rejections = Throttle(_REJECTION_S)
         self._free_goals = threading.Semaphore(_MOST_GOALS)
         node.create_service(
             Calibrate, "~/calibrate", self._calibrate, callback_group=SeparateCallbackGroup()
         )
-        # In the thread that receives telemetry: nothing is received in the middle of it.
-        node.create_service(ForgetActuator, "~/forget_actuator", self._forget)
         ActionServer(
             node,
             IdentifyFaults,
@@ -74,31 +111,31 @@ class MonitorCalls:
     def _calibrate(
         self, request: Calibrate.Request, response: Calibrate.Response
     ) -> Calibrate.Response:
-        _, description = self._node.units.find(request.actuator_id)
+        _, description = self._actuators.find(request.actuator_id)
         person = one_line("person", request.person, 60) if request.person or request.force else ""
         self._log.info(f"{description.actuator_id}: calibration is requested")
-        before = self._node.store.of(description)
+        before = self._store.of(description)
         if not request.force:
             self._require_no_alarm(description)
         if request.load:
-            calibration, path = self._node.store.load(description, request.file)
+            calibration, path = self._store.load(description, request.file)
             message = f"loaded from {path}"
         else:
-            path = self._node.store.prepare(description, request.file)
+            path = self._store.prepare(description, request.file)
             windows = list(self._healthy_windows(description.actuator_id, request.windows))
             if not request.force:
                 self._require_no_alarm(description)
             accepted_by = person if request.force else ""
-            has_clock = self._node.operation.value.has_clock
+            has_clock = self._settings.operation.value.has_clock
             if description.drive == "unknown" and not has_clock:
                 windows = [one.without_date() for one in windows]
             calibration = calibrate(windows, description, accepted_by=accepted_by)
-            self._node.store.keep(description, calibration, path)
+            self._store.keep(description, calibration, path)
             message = f"made of {counted(len(windows), 'window')}"
             if taken := measured_ranges(window.measured for window in windows):
                 message += f"; measured causes: {taken}"
             message += f" and stored in {path}"
-            if not self._node.store.is_used_again(description, path):
+            if not self._store.is_used_again(description, path):
                 message += "; calibration_file has to name it for it to be used after a restart"
             if isinstance(calibration, JointCalibration) and calibration.outliers:
                 message += f"; {'; '.join(map(str, calibration.outliers))}"
@@ -106,10 +143,12 @@ class MonitorCalls:
             words = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
             message += f"; not learned from the healthy windows: {words}"
         if isinstance(before, str) or before.calibration_id != calibration.calibration_id:
-            self._node.prognosis.change_baseline(
+            outlook = self._prognosis.change_baseline(
                 description, person, calibration.calibration_id, is_forced=request.force
             )
-        self._node.prognosis.describe(description)
+            if outlook is not None:
+                self._actuators.tell(description.actuator_id, outlook.events)
+        self._results.prepare(description)
         self._log.info(f"calibration: {message}")
         response.success, response.message = True, message
         response.calibration_id = calibration.calibration_id
@@ -117,31 +156,21 @@ class MonitorCalls:
 
     def _require_no_alarm(self, description: ActuatorDescription) -> None:
         """Raise ValueError if the newest test of the unit gives a warning or failure."""
-        if alarm := self._node.prognosis.alarm(description):
+        if alarm := self._prognosis.alarm(description):
             raise ValueError(
                 f"unit {description.serial_number!r} of {description.actuator_id!r} is not "
                 f"healthy: {alarm}; a calibration would take its present state for healthy: repair "
                 "it first, or set force and person"
             )
 
-    def _forget(
-        self, request: ForgetActuator.Request, response: ForgetActuator.Response
-    ) -> ForgetActuator.Response:
-        self._node.units.forget(request.actuator_id)
-        self._log.info(f"{request.actuator_id}: forgotten")
-        response.success = True
-        response.message = (
-            f"{request.actuator_id!r} is forgotten; it is monitored again with its next message"
-        )
-        return response
-
     def _healthy_windows(self, actuator_id: str, number: int) -> Iterator[Window]:
         """Yield the next windows of an actuator without those that cannot be used."""
         if not 1 <= number <= _MOST_WINDOWS:
             raise ValueError(f"windows = {number}: expected 1 to {_MOST_WINDOWS} healthy windows")
-        unit, _ = self._node.units.find(actuator_id)
+        unit, _ = self._actuators.find(actuator_id)
         timeout_s = self._timeout_s(unit)
-        with unit.next_windows() as windows, unit.calibrating():
+        work = self._worker.of(unit.actuator_id)
+        with work.next_windows() as windows, unit.calibrating():
             for made in range(number):
                 deadline_s = time.monotonic() + timeout_s
                 refused = ""
@@ -156,9 +185,9 @@ class MonitorCalls:
                         f"{number}{refused}"
                     )
 
-    def _timeout_s(self, unit: Actuator) -> float:
+    def _timeout_s(self, unit: ActuatorStatus) -> float:
         """Return how long to wait for the next window, or for the next record, which is longer."""
-        timeout_s = self._node.operation.value.calibration_timeout_s
+        timeout_s = self._settings.operation.value.calibration_timeout_s
         return timeout_s + unit.finder.longest_s if unit.finder.finds_records else timeout_s
 
     def _next(
@@ -174,17 +203,17 @@ class MonitorCalls:
         return None
 
     def _require_active(self) -> None:
-        if not self._node.is_active or self._node.stopping.is_set():
-            raise ValueError("the monitor is not active")
+        if not self._actuators.is_active or self._is_stopping():
+            raise ValueError(NOT_ACTIVE)
 
     def _accept_or_reject(self, request: IdentifyFaults.Goal) -> GoalResponse:
         """Reject impossible goals, and those that would take the processor from the telemetry."""
         try:
             self._require_active()
-            unit, _ = self._node.units.find(request.actuator_id)
+            unit, _ = self._actuators.find(request.actuator_id)
             self._search_for(request)
             if not request.next_window:
-                _latest(unit)
+                self._latest(unit)
             if not self._free_goals.acquire(blocking=False):
                 raise ValueError(f"{_MOST_GOALS} run already")
         except ValueError as error:
@@ -192,7 +221,7 @@ class MonitorCalls:
             text = f"a goal of identify_faults is rejected: {error}"
             if (passed := self._rejections.passed(text, time.monotonic())) is not None:
                 self._log.warning(passed)
-                self._node.report()
+                self._log.report()
             return GoalResponse.REJECT
         self.rejected = ""
         return GoalResponse.ACCEPT
@@ -221,7 +250,7 @@ class MonitorCalls:
 
     def _identify_for(self, goal: Any, result: IdentifyFaults.Result) -> None:
         """Identify the window that a goal asks for, unless it is cancelled."""
-        unit, _ = self._node.units.find(goal.request.actuator_id)
+        unit, _ = self._actuators.find(goal.request.actuator_id)
         search = self._search_for(goal.request)
         segment = self._window(unit, goal)
         if segment is None:
@@ -233,7 +262,7 @@ class MonitorCalls:
                 "`algorithm`; for a test cycle set `windows` to 'test_cycle'"
             )
         # No warm start: the result depends on the window and the goal alone.
-        calibration = self._node.store.of(segment.description)
+        calibration = self._store.of(segment.description)
         run = Identification(segment.window, segment.description, calibration, search)
         for generation in run:
             if goal.is_cancel_requested:
@@ -252,7 +281,7 @@ class MonitorCalls:
             result.success, result.message = run.estimate.valid, run.estimate.reason
 
     def _search_for(self, request: IdentifyFaults.Goal) -> SearchSettings:
-        default = self._node.search.value
+        default = self._settings.search.value
         return replace(
             default,
             seed=request.seed,
@@ -260,19 +289,19 @@ class MonitorCalls:
             budget=request.budget or default.budget,
         )
 
-    def _window(self, unit: Actuator, goal: Any) -> Segment | None:
+    def _window(self, unit: ActuatorStatus, goal: Any) -> Segment | None:
         """Return the window of a goal; None when it is cancelled before there is one."""
         if not goal.request.next_window:
-            return _latest(unit)
+            return self._latest(unit)
         timeout_s = self._timeout_s(unit)
-        with unit.next_windows() as windows:
+        with self._worker.of(unit.actuator_id).next_windows() as windows:
             segment = self._next(windows, time.monotonic() + timeout_s, goal)
         if segment is None and not goal.is_cancel_requested:
             raise ValueError(f"no window came for {timeout_s:g} s")
         return segment
 
-
-def _latest(unit: Actuator) -> Segment:
-    if unit.latest is None:
-        raise ValueError(f"actuator {unit.actuator_id!r} has had no complete window so far")
-    return unit.latest
+    def _latest(self, unit: ActuatorStatus) -> Segment:
+        latest = self._worker.of(unit.actuator_id).latest
+        if latest is None:
+            raise ValueError(f"actuator {unit.actuator_id!r} has had no complete window so far")
+        return latest

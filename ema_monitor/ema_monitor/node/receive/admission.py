@@ -95,10 +95,6 @@ class Admission:
         self._all_listed = selection.actuators
         self._shard = shard
         self._operation = operation
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget what was received."""
         self._counts: Counter[str] = Counter()
         # Of wrong messages of nobody, and of refused ones, the latest.
         self._latest: dict[str, str] = {}

@@ -10,7 +10,7 @@ from ema_core.wording import beside_limit
 from ema_interfaces.msg import TelemetryStatus
 from ema_monitor.health import FaultHealth
 from ema_monitor.joint.comparison import FAULTS_OF_RECORDS, Comparison
-from ema_monitor.node.actuator import Actuator
+from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_ros.status import (
     CHECK_FUNCTION,
@@ -26,7 +26,7 @@ _LARGEST_COUNT: Final = 2**64 - 1
 """Largest count of a message: sample numbers that jump to and fro may add up to more."""
 
 
-def telemetry_status(unit: Actuator, dropped: int = 0) -> TelemetryStatus:
+def telemetry_status(unit: ActuatorStatus, dropped: int = 0) -> TelemetryStatus:
     """Return what is counted of an actuator, of which ``dropped`` windows had to give way."""
     return TelemetryStatus(
         actuator_id=unit.actuator_id,
@@ -41,16 +41,16 @@ def telemetry_status(unit: Actuator, dropped: int = 0) -> TelemetryStatus:
     )
 
 
-def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
+def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Task]:
     """Return the status of telemetry and health, and of each fault.
 
     ``waiting`` windows of all actuators wait, and ``dropped`` ones of this one had to give way.
     """
-    health, life = unit.outlook.health, unit.outlook.rul
+    health, life = unit.health.outlook.health, unit.health.outlook.rul
     figures = {
         "health index": health.health_index,
         "confidence": health.confidence,
-        "flight hours [h]": unit.outlook.hours,
+        "flight hours [h]": unit.health.outlook.hours,
         "remaining life 5 % [h]": life.hours_05,
         "remaining life 50 % [h]": life.hours_50,
         "remaining life 95 % [h]": life.hours_95,
@@ -58,15 +58,15 @@ def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
     faults = _shown_by(unit.description, health.faults)
     rated = (*faults, *health.requirements)
     figures |= {f"{item.name}{_unit(item, ' [{}]')}": item.value for item in rated}
-    if unit.comparison is not None:
-        figures |= _figures_of(unit.comparison)
-    level, known = health.level, unit.outlook.known_level
+    if unit.health.comparison is not None:
+        figures |= _figures_of(unit.health.comparison)
+    level, known = health.level, unit.health.outlook.known_level
     is_stale = level == STALE
     summary = "unknown" if is_stale else LEVEL_NAMES[level]
     if is_stale and known != STALE:
         summary = f"unknown, last {LEVEL_NAMES[known]}"
-    if unit.outlook.dominant:
-        summary += f": {unit.outlook.dominant}"
+    if unit.health.outlook.dominant:
+        summary += f": {unit.health.outlook.dominant}"
     if health.reason:
         summary += f" ({health.reason})"
     items = [(item, OFF_SPEC) for item in health.requirements]
@@ -106,7 +106,7 @@ def _figures_of(comparison: Comparison) -> dict[str, float]:
     return figures
 
 
-def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
+def _telemetry_task(unit: ActuatorStatus, waiting: int, dropped: int) -> Task:
     finder, category = unit.finder, ""
     if unit.is_listed and unit.description is None and not finder.blocks:
         level, message = WARN, "listed, and nothing received from it yet"
@@ -156,9 +156,9 @@ def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
     return Task(name, level, message, unit.hardware_id, counts, category)
 
 
-def _item_task(unit: Actuator, item: FaultHealth, end: str) -> Task:
+def _item_task(unit: ActuatorStatus, item: FaultHealth, end: str) -> Task:
     is_known = is_finite_number(item.value)
-    is_stale = not is_known or unit.outlook.health.level == STALE
+    is_stale = not is_known or unit.health.outlook.health.level == STALE
     level = STALE if is_stale else item.level
     of = _unit(item, " {}")
     message = "not known"

@@ -13,7 +13,6 @@ from ema_monitor.model.monitor_model import FORMS, compile_kernels
 from ema_monitor.prognosis.duty.meter import count_travel
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.tracker import Tracker
-from ema_ros.managed_node import ManagedNode
 
 _FOLLOWED: Final = 3
 _TELL_S: Final = 1.0
@@ -40,11 +39,14 @@ STEPS: Final[Mapping[str, Callable[[], object]]] = MappingProxyType(
 """What is compiled, or loaded from the cache, by name: what an estimate and its health wait for."""
 
 
-def compile_monitor_kernels(node: ManagedNode) -> None:
+def compile_monitor_kernels(
+    is_ending: Callable[[], bool], report_progress: Callable[[str], None]
+) -> None:
     """Compile the kernels, or load them from the cache, and wait for it.
 
     They are compiled in a thread of their own, which cannot be interrupted: it is left alone where
-    the node ends. Once a second the node tells what is compiled.
+    the node ends, as ``is_ending`` returns. Once a second ``report_progress`` is called with what
+    is compiled.
 
     Raises
     ------
@@ -67,11 +69,11 @@ def compile_monitor_kernels(node: ManagedNode) -> None:
         while thread.is_alive():
             thread.join(0.1)
             now_s = time.monotonic()
-            if node.is_ending:
+            if is_ending():
                 raise ValueError("the node ends while its kernels are compiled")
             if now_s - told_s >= _TELL_S:
                 took = f"{now_s - begun_s:.0f} s"
-                node.report_progress(f"compiling kernels, once for this version: {words}, {took}")
+                report_progress(f"compiling kernels, once for this version: {words}, {took}")
                 told_s = now_s
         if failures:
             raise ValueError(f"kernels cannot be compiled: {words}: {failures[0]!r}")

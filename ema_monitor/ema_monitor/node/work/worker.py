@@ -2,23 +2,26 @@
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ema_core.levels import ERROR, OK, WARN
 from ema_core.steady_thread import SteadyThread
 from ema_core.wording import counted
+from ema_monitor.calibrations import CalibrationStore
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import refusal
 from ema_monitor.identification.search import Generation
-from ema_monitor.node.window_queue import QueueClosedError, WindowQueue
+from ema_monitor.node.publish.actuators import Actuators
+from ema_monitor.node.publish.log import Log
+from ema_monitor.node.settings import MonitorSettings
+from ema_monitor.node.work.actuator_work import ActuatorWork
+from ema_monitor.node.work.histories import Histories
+from ema_monitor.node.work.results import Results
+from ema_monitor.node.work.window_queue import QueueClosedError, WindowQueue
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
-
-if TYPE_CHECKING:
-    from ema_monitor.node.monitor_node import MonitorNode
 
 _JOIN_S = 1.0
 
@@ -29,10 +32,51 @@ class IdentificationWorker:
     Every window gets an estimate or a refusal, but for the refusals that ``WindowQueue`` gives up.
     A thread that ends by itself refuses the window that it was at, and is begun again. Once
     ``stop`` has returned, the thread publishes nothing any more, even if it still computes.
+
+    Parameters
+    ----------
+    results
+        Publishes estimates, and what follows from them.
+    histories
+        Where a search begins.
+    actuators
+        Status of each actuator that is followed.
+    settings
+        Settings of the monitor.
+    store
+        Calibrations of the actuators.
+    is_simulated
+        Whether time is simulated: then any number of windows may wait.
+    log
+        Log of the monitor.
+
+    Attributes
+    ----------
+    queue
+        The windows that wait.
+    thread
+        Identifies them.
     """
 
-    def __init__(self, node: "MonitorNode") -> None:
-        self._node = node
+    def __init__(
+        self,
+        results: Results,
+        histories: Histories,
+        actuators: Actuators,
+        settings: MonitorSettings,
+        store: CalibrationStore,
+        log: Log,
+        *,
+        is_simulated: bool,
+    ) -> None:
+        self._results = results
+        self._histories = histories
+        self._actuators = actuators
+        self._settings = settings
+        self._store = store
+        self._log = log
+        self._is_simulated = is_simulated
+        self._works: dict[str, ActuatorWork] = {}
         self._prepare()
         self.queue.close()
 
@@ -56,14 +100,27 @@ class IdentificationWorker:
         self._prepare()
         self.thread.start()
 
+    def follow(self, actuator_id: str) -> None:
+        """Prepare for the windows of an actuator."""
+        self._works[actuator_id] = ActuatorWork()
+
+    def forget(self, actuator_id: str) -> None:
+        """Forget an actuator, and its windows that wait."""
+        self._works.pop(actuator_id, None)
+        self.queue.forget(actuator_id)
+
+    def of(self, actuator_id: str) -> ActuatorWork:
+        """Return the work on an actuator: none if it was forgotten a moment ago."""
+        return self._works.get(actuator_id) or ActuatorWork()
+
     def add(self, segment: Segment) -> None:
         """Queue a window, live in the place of one that waits for long.
 
         Refuse it if the thread does not run.
         """
-        node = self._node
-        is_simulated = node.get_parameter("use_sim_time").value
-        most_waiting = None if is_simulated else node.operation.value.waiting_windows
+        self.of(segment.description.actuator_id).note(segment)
+        operation = self._settings.operation.value
+        most_waiting = None if self._is_simulated else operation.waiting_windows
         try:
             dropped = self.queue.add(segment, most_waiting)
         except QueueClosedError:
@@ -72,7 +129,7 @@ class IdentificationWorker:
         for one in dropped:
             what = "stretch" if one.is_stretch else "window"
             text = f"{what} {one.number} is dropped, {len(self.queue)} wait"
-            node.warn(one.description.actuator_id, text)
+            self._log.warn(one.description.actuator_id, text)
 
     def stop(self) -> None:
         """Stop, even within a window, and refuse the windows that wait.
@@ -92,12 +149,12 @@ class IdentificationWorker:
         for segment in waiting:
             reason = "the monitor was stopped before the window was identified"
             self.refuse(segment, reason, is_dropped=True)
-        for unit in list(self._node.units.values()):
+        for work in list(self._works.values()):
             # A thread that still computes has the old one, and publishes nothing any more.
-            if (diagnosis := unit.diagnosis) is not None:
-                unit.diagnosis = diagnosis.stopped()
+            if (diagnosis := work.diagnosis) is not None:
+                work.diagnosis = diagnosis.stopped()
                 for found in diagnosis.finish():
-                    self._node.units.publish_estimate(found)
+                    self._results.publish(found)
 
     def refuse(self, segment: Segment, reason: str, *, is_dropped: bool = False) -> None:
         """Publish why a window is not identified: its own refusal, if there is one, or the reason.
@@ -109,10 +166,10 @@ class IdentificationWorker:
         refused, number = segment.window, segment.number
         if isinstance(refused, Window):
             refused = Refusal(refused.start_ns, refused.end_ns, reason, is_dropped)
-        calibration = self._node.store.of(segment.description)
-        estimate = refusal(refused, calibration, self._node.search.value, refused.reason)
+        calibration = self._store.of(segment.description)
+        estimate = refusal(refused, calibration, self._settings.search.value, refused.reason)
         found = Diagnosed(number, number, segment.description, estimate)
-        self._node.units.publish_estimate(found, segment.window)
+        self._results.publish(found, segment.window)
 
     def _run(self, queue: WindowQueue) -> None:
         while (segment := queue.next()) is not None:
@@ -120,21 +177,22 @@ class IdentificationWorker:
 
     def _note_end(self, queue: WindowQueue, failure: str, trace: str) -> None:
         """Refuse the window at which the thread has ended; those that wait have to wait longer."""
-        self._node.report_end(failure, trace)
+        self._log.report_end(failure, trace)
         current = queue.abandon()
         if current is not None:
             self.refuse(current, failure)
 
     def _identify_and_publish(self, segment: Segment, queue: WindowQueue) -> None:
-        unit = self._node.units.get(segment.description.actuator_id)
-        if unit is None:
+        actuator_id = segment.description.actuator_id
+        work, status = self._works.get(actuator_id), self._actuators.get(actuator_id)
+        if work is None or status is None:
             return  # forgotten a moment ago
-        if unit.diagnosis is None:
-            unit.diagnosis = Diagnosis()
+        if work.diagnosis is None:
+            work.diagnosis = Diagnosis()
             # The first search begins where the history ends, with all of it as its memory.
-            for estimate in self._node.prognosis.estimates(segment.description):
-                unit.diagnosis.begin_at(segment.description, estimate)
-        diagnosis = unit.diagnosis
+            for estimate in self._histories.estimates(segment.description):
+                work.diagnosis.begin_at(segment.description, estimate)
+        diagnosis = work.diagnosis
         where = f"window {segment.number}"
         # A failure in one window must not end the identification of the others.
         found, reason = list[Diagnosed](), ""
@@ -148,27 +206,26 @@ class IdentificationWorker:
             reason = str(error)
             # Settings that cannot be used are no failure: the estimate names them.
             if not isinstance(error, ValueError) or isinstance(error, np.linalg.LinAlgError):
-                reason = self._node.failed(where, "the identification", error)
+                reason = self._log.failed(where, "the identification", error)
         with queue.publishing(segment) as may_publish:
             if not may_publish:
                 return
             try:
                 for one in found:
                     window = None if segment.is_stretch else segment.window
-                    self._node.units.publish_estimate(one, window)
+                    self._results.publish(one, window)
                 if reason:
                     self.refuse(segment, reason)
             except Exception as error:
-                reason = self._node.failed(where, "the identification", error)
+                reason = self._log.failed(where, "the identification", error)
             if segment.is_stretch:
                 tally = diagnosis.tally
-                unit.tally = tally._replace(reason=reason) if reason else tally
+                status.tally = tally._replace(reason=reason) if reason else tally
 
     def _diagnosed(
         self, segment: Segment, diagnosis: Diagnosis
     ) -> Iterator[Generation | Diagnosed]:
         """Yield what ``Diagnosis.add`` does of a window."""
-        node = self._node
-        combining = node.combining.value if segment.is_stretch else None
-        calibration = node.store.of(segment.description)
-        return diagnosis.add(segment, calibration, node.search.value, combining)
+        combining = self._settings.combining.value if segment.is_stretch else None
+        calibration = self._store.of(segment.description)
+        return diagnosis.add(segment, calibration, self._settings.search.value, combining)

@@ -5,9 +5,10 @@ import json
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from ema_core.files import complete_file
+from ema_monitor.node.moment import Moment
 
 _LEAST_STEP_NS: Final = 1_000_000_000
 """Smallest backward step of the clock that is noticed [ns]; adjustments by NTP are slower."""
@@ -29,30 +30,6 @@ def boot_id() -> str:
 def boot_time_ns() -> int:
     """Return the time since the machine was started [ns], in which it slept included."""
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
-
-
-class Moment(NamedTuple):
-    """A time.
-
-    Attributes
-    ----------
-    clock_ns
-        By the clock of stamps [ns].
-    steady_ns
-        By a clock that never goes back [ns]; 0 as long as simulated time has not begun.
-    passed_ns
-        Latest time that the clock had shown when it stepped back [ns]; 0 if it never did.
-    is_continued
-        Whether a step while the node did not run is noticed as well.
-    is_real
-        Whether it is no simulated time, which a playback sets and which may lag behind stamps.
-    """
-
-    clock_ns: int
-    steady_ns: int
-    passed_ns: int = 0
-    is_continued: bool = False
-    is_real: bool = True
 
 
 class ReceiverClock:

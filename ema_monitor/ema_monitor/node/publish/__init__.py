@@ -1,0 +1,1 @@
+"""What a monitor publishes: estimates, health, status and log."""

@@ -1,0 +1,175 @@
+"""The status of one monitored actuator: its defects, its counts and its health."""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from ema_core.description import ActuatorDescription
+from ema_interfaces.msg import Health as HealthMessage
+from ema_monitor.diagnosis import Diagnosed
+from ema_monitor.identification.tally import Tally
+from ema_monitor.node.moment import Moment
+from ema_monitor.node.publish.shown_health import ShownHealth, Stream
+from ema_monitor.node.settings import Operation
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.windows.finder import WindowFinder
+from ema_ros.status import hardware_name
+
+_MOST_NAMED: Final = 5
+_SILENT_S: Final = 10.0
+_SETTLED: Final = 3
+
+
+class ActuatorStatus:
+    """What is reported of one actuator.
+
+    Parameters
+    ----------
+    actuator_id
+        Name of the actuator.
+    finder
+        Finds the windows in its telemetry.
+    publish
+        Publishes its health.
+    steady_ns
+        Time by a clock that never goes back [ns].
+    stream
+        When its telemetry was received.
+    namespace
+        Namespace of its telemetry.
+
+    Attributes
+    ----------
+    finder
+        Finds the windows in its telemetry.
+    health
+        Its health as it is published.
+    tally
+        What became of the stretches of its motion.
+    is_listed, is_silent
+        Whether it is followed as it is listed, and whether no telemetry is received any more.
+    heard_ns
+        When telemetry was received last, or it was added, by the steady clock [ns].
+    latency_s
+        Age of the latest window's end when its estimate came [s].
+    alternation
+        Which units are described in turns under its name; empty when there is one.
+    """
+
+    def __init__(
+        self,
+        actuator_id: str,
+        finder: WindowFinder,
+        publish: Callable[[HealthMessage], None],
+        steady_ns: int,
+        stream: Stream,
+        namespace: str = "",
+    ) -> None:
+        self.actuator_id = actuator_id
+        self.finder = finder
+        self.health = ShownHealth(publish, steady_ns, lambda: finder.description, stream)
+        self.tally = Tally()
+        self.is_calibrating = False
+        self.is_listed = False
+        self.alternation = ""
+        self._exchanged: list[str] = []
+        self._since_exchange = 0
+        self._namespace = namespace
+        self.heard_ns = steady_ns
+        self.is_silent = False
+        # What was wrong, and the number of the first window after it.
+        self._open_defects: deque[tuple[int, str]] = deque(maxlen=_MOST_NAMED)
+        self.defect_count = 0
+        self.valid = 0
+        self.invalid = 0
+        self.latency_s = float("nan")
+
+    @property
+    def description(self) -> ActuatorDescription | None:
+        """The latest description of the actuator; None when there was none."""
+        return self.finder.description
+
+    @property
+    def hardware_id(self) -> str:
+        """Namespace, actuator, and serial number once that is known."""
+        serial_number = self.description.serial_number if self.description else ""
+        return hardware_name(self._namespace, self.actuator_id, serial_number)
+
+    @property
+    def defects(self) -> str:
+        """What was wrong since the window of the latest valid estimate; empty when nothing was."""
+        return "; ".join(reason for _, reason in self._open_defects)
+
+    def good_for_s(self, operation: Operation) -> float:
+        """Return how long a level holds after a test [s]; a record may be long."""
+        return operation.good_for(self.finder.longest_s if self.finder.finds_records else 0.0)
+
+    @contextmanager
+    def calibrating(self) -> Iterator[None]:
+        """Say in the status that the calibration is being measured; ValueError if it is already."""
+        if self.is_calibrating:
+            raise ValueError(f"actuator {self.actuator_id!r} is being calibrated already")
+        self.is_calibrating = True
+        try:
+            yield
+        finally:
+            self.is_calibrating = False
+
+    def exchange(self, old: str, new: str) -> bool:
+        """Record that a serial number replaces another; return whether it was there before.
+
+        Actuators are exchanged seldom, and those that are taken out seldom come back: where they
+        alternate, two actuators have the same name.
+        """
+        earlier = [one for one in self._exchanged if one != old]
+        self._exchanged = [*earlier, old][-_MOST_NAMED:]
+        self._since_exchange = 0
+        if new not in self._exchanged:
+            return False
+        both = ", ".join(sorted({old, new}))
+        self.alternation = (
+            f"units {both} alternate under this actuator_id: give each actuator its own, or call "
+            "~/forget_actuator if the unit was mounted again"
+        )
+        return True
+
+    def add_defect(self, reason: str, before_window: int | None = None) -> bool:
+        """Record a defect; return whether it is the only one at present.
+
+        ``before_window`` is the number of the first window that it does not affect; that of the
+        next one when None.
+        """
+        is_first = not self._open_defects
+        number = self.finder.windows if before_window is None else before_window
+        self._open_defects.append((number, reason))
+        self.defect_count += 1
+        return is_first
+
+    def record(self, found: Diagnosed, outlook: Outlook | None, now: Moment) -> str:
+        """Record an estimate, and publish the outlook after it, if one follows from it.
+
+        Return the change of the level in words, empty when there is none.
+        """
+        estimate = found.estimate
+        if estimate.valid:
+            self.valid += 1
+            while self._open_defects and self._open_defects[0][0] <= found.last:
+                self._open_defects.popleft()
+            self.latency_s = (now.clock_ns - estimate.end_ns) * 1e-9
+        else:
+            self.invalid += 1
+            self.add_defect(f"window {found.number}: {estimate.reason}", found.last + 1)
+        change = self.health.record(found, outlook, now) if outlook is not None else None
+        if change is None:
+            return ""
+        self._since_exchange += 1
+        if self._since_exchange >= _SETTLED:
+            self.alternation = ""
+        return change
+
+    def expire(self, good_for_s: float, now: Moment) -> HealthMessage | None:
+        """Publish the health if it has just become stale; return it if it was published."""
+        silent_s = (now.steady_ns - self.heard_ns) * 1e-9
+        self.is_silent = silent_s > min(_SILENT_S, good_for_s)
+        return self.health.expire(good_for_s, now, self.defects)

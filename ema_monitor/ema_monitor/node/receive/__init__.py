@@ -1,0 +1,1 @@
+"""What a monitor receives: admitted messages become windows, measurements and counts."""

@@ -1,0 +1,365 @@
+"""What a monitor receives of its actuators: messages in, windows for identification out."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any, Final
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+
+from ema_core.description import ActuatorDescription, check_name
+from ema_interfaces.srv import ForgetActuator
+from ema_monitor.node.publish.actuator_status import ActuatorStatus
+from ema_monitor.node.publish.actuators import Actuators
+from ema_monitor.node.publish.log import Log
+from ema_monitor.node.publish.outputs import Outputs
+from ema_monitor.node.receive.admission import Admission
+from ema_monitor.node.receive.arrivals import Arrivals
+from ema_monitor.node.receive.source import Source, Sources
+from ema_monitor.node.settings import Operation
+from ema_monitor.node.work.results import Results
+from ema_monitor.node.work.worker import IdentificationWorker
+from ema_monitor.prognosis.history_entry import Count
+from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
+from ema_ros import topics
+from ema_ros.latched_subscription import subscribe_latched
+from ema_ros.managed_node import ManagedNode
+from ema_ros.messages import description_from_message, measured_from_message
+from ema_ros.settings import LiveSettings
+from ema_ros.stamps import stamp_from_message
+from ema_ros.status import Task
+
+_MOST_DESCRIBED: Final = 1000
+
+
+class Receiver:
+    """Receives messages in one thread, and hands the windows in the telemetry to the worker.
+
+    What is received may be impossible: then it is reported as a defect of its actuator, or of
+    nobody.
+
+    Parameters
+    ----------
+    admission
+        Decides which actuators are followed.
+    sources
+        Telemetry of each actuator that is followed.
+    worker
+        Identifies the windows.
+    results
+        Publishes what is known of a unit that is described.
+    actuators
+        Status and health of each actuator that is followed.
+    outputs
+        Topics of each actuator that is followed.
+    operation
+        Settings of the monitor.
+    now_ns
+        Returns the time of the clock of stamps [ns].
+    namespace
+        Namespace of the telemetry.
+    log
+        Log of the monitor.
+    """
+
+    def __init__(
+        self,
+        admission: Admission,
+        sources: Sources,
+        worker: IdentificationWorker,
+        results: Results,
+        actuators: Actuators,
+        outputs: Outputs,
+        operation: LiveSettings[Operation],
+        now_ns: Callable[[], int],
+        namespace: str,
+        log: Log,
+    ) -> None:
+        self._admission = admission
+        self._sources = sources
+        self._worker = worker
+        self._results = results
+        self._actuators = actuators
+        self._outputs = outputs
+        self._operation = operation
+        self._now_ns = now_ns
+        self._namespace = namespace
+        self._log = log
+        # Latched topics describe an actuator once: it is kept for its return.
+        self._described: dict[str, ActuatorDescription] = {}
+
+    def serve(self, node: ManagedNode) -> None:
+        """Offer the service ``~/forget_actuator`` of a node."""
+        # In the thread that receives telemetry: nothing is received in the middle of it.
+        node.create_service(ForgetActuator, "~/forget_actuator", self._answer_forget)
+
+    def subscribe(self, node: ManagedNode) -> None:
+        """Receive messages from now on, by subscriptions of a node."""
+        group = MutuallyExclusiveCallbackGroup()
+        classes = topics.ACTUATOR_TOPICS | topics.SYSTEM_TOPICS
+        for name, callback in (
+            (topics.USAGE, self.receive_usage),
+            (topics.DESCRIPTION, self.receive_description),
+        ):
+            subscribe_latched(node, classes[name][0], name, callback, group)
+        for name, callback in (
+            (topics.MEASURED_CAUSES, self.receive_measured),
+            (topics.TELEMETRY, self.receive_telemetry),
+        ):
+            kind = classes[name][0]
+            node.create_subscription(kind, name, callback, topics.STREAM, callback_group=group)
+
+    def receive_telemetry(self, message: Any) -> None:
+        """Look for windows in ``ema_interfaces/msg/TelemetryBlock``."""
+        with self._actuators.lock:
+            source = self._sources.get(message.actuator_id) or self._admit(message)
+            if source is None:
+                return
+            events = source.receive(message, self._actuators.now().steady_ns)
+            if source.status.finder.blocks == 1:
+                self._log.info(f"{message.actuator_id}: first telemetry")
+            self._deliver(source, events)
+
+    def receive_description(self, message: Any) -> None:
+        """Apply ``ema_interfaces/msg/ActuatorDescription``."""
+        if not self._takes(message, "description"):
+            return
+        try:
+            self.describe(description_from_message(message))
+        except ValueError as error:
+            self.add_defect(message.actuator_id, f"the description is impossible: {error}")
+
+    def receive_measured(self, message: Any) -> None:
+        """Keep ``ema_interfaces/msg/MeasuredCauses``."""
+        if not self._takes(message, "measured causes"):
+            return
+        actuator_id = message.actuator_id
+        try:
+            stamp_ns, measured = measured_from_message(message)
+            with self._actuators.lock:
+                self._sources.measurements.add(actuator_id, stamp_ns, measured)
+        except ValueError as error:
+            # A measurement alone does not make an actuator known.
+            self.add_defect(actuator_id, str(error), is_known=actuator_id in self._sources)
+
+    def receive_usage(self, message: Any) -> None:
+        """Record counted use from ``ema_interfaces/msg/Usage``."""
+        if not self._takes(message, "usage"):
+            return
+        actuator_id = message.actuator_id
+        status = self._actuators.get(actuator_id)
+        described = status.description if status else None
+        # One that its sender did not stamp, or without a clock, was read just now.
+        has_clock = self._operation.value.has_clock
+        stamp_ns = stamp_from_message(message.header.stamp) if has_clock else 0
+        try:
+            count = Count(stamp_ns or self._now_ns(), message.flight_hours, message.cycles)
+            # A count without a serial number is of the unit that is described.
+            serial_number = message.serial_number or (described.serial_number if described else "")
+            self._sources.counts.add((actuator_id, serial_number), count)
+        except ValueError as error:
+            # A count alone does not make an actuator known.
+            reason = f"usage is impossible: {error}"
+            self.add_defect(actuator_id, reason, is_known=status is not None)
+
+    def expect_listed(self) -> None:
+        """Add the actuators that are listed, so that one that says nothing is seen."""
+        self._admission.check()
+        for actuator_id in self._admission.listed:
+            self._get_or_add(actuator_id)
+        if words := self._admission.list_in_words():
+            self._log.info(words)
+
+    def expect_described(self, described: ActuatorDescription) -> None:
+        """Apply the description of an actuator that publishes none."""
+        if reason := self._admission.why_not(described.actuator_id):
+            name = described.actuator_id
+            self._log.info(f"{name} of actuator_file is not followed: {reason}")
+        else:
+            self.describe(described)
+
+    def describe(self, description: ActuatorDescription) -> None:
+        """Apply the description of an actuator, if it is followed."""
+        with self._actuators.lock:
+            source = self._get_or_add(description.actuator_id, description)
+            if source is None:
+                return
+            status = source.status
+            before = status.description
+            self._deliver(source, source.intake.describe(description))
+            if before is not None and before.serial_number != description.serial_number:
+                status.health.reset(self._actuators.now().steady_ns)
+                if status.exchange(before.serial_number, description.serial_number):
+                    self._log.warn(status.actuator_id, status.alternation, is_first=True)
+        if before != description:
+            self._prepare(description)
+
+    def _prepare(self, description: ActuatorDescription) -> None:
+        """Prepare for a unit that has just been described."""
+        for remark in description.remarks:
+            self._log.warning(f"{description.actuator_id}: {remark}")
+        self._results.prepare(description)
+
+    def restart(self, settings: TriggerSettings) -> None:
+        """Look for windows with other settings from now on; a window that is open is refused."""
+        with self._actuators.lock:
+            self._sources.trigger = settings
+            for source in self._sources.values():
+                events = source.intake.restart(settings, "the settings of the window changed")
+                # Nothing is wrong where no window is cut off.
+                self._deliver(source, [event for event in events if isinstance(event, Segment)])
+
+    def check(self) -> None:
+        """Publish levels that have just become stale, and end records of silent actuators."""
+        if not self._actuators.is_active:
+            return
+        with self._actuators.lock:
+            stale = self._actuators.expire()
+            for source in self._sources.values():
+                # The position does not show that the telemetry has ended.
+                if source.status.is_silent and source.status.finder.finds_records:
+                    self._deliver(source, source.intake.finish())
+        for health in stale:
+            self._log.warning(f"{health.actuator_id}: {health.reason}")
+        if stale:
+            self._log.report()
+
+    def finish(self) -> list[Segment]:
+        """End the telemetry of all; return the refusals of the windows that are cut off."""
+        with self._actuators.lock:
+            events = [event for one in self._sources.values() for event in one.intake.finish()]
+        return [_cut_off(event) for event in events if isinstance(event, Segment)]
+
+    def forget(self, actuator_id: str) -> None:
+        """Follow an actuator no more, whose name is as it was received; what is on disk stays.
+
+        One that is not known is a ValueError.
+        """
+        with self._actuators.lock:
+            source = self._sources.get(actuator_id)
+            if source is None:
+                raise ValueError(self._actuators.not_monitored(actuator_id))
+            source.intake.finish()
+            if source.status.description is not None:
+                self._remember(source.status.description)
+            del self._sources[actuator_id], self._actuators[actuator_id]
+            self._sources.measurements.forget(actuator_id)
+            self._outputs.remove(actuator_id)
+        self._worker.forget(actuator_id)
+        self._results.forget(actuator_id)
+        self._log.report()
+
+    def task(self, hardware_id: str) -> Task:
+        """Return the status of what is received of all actuators."""
+        queue = self._worker.queue
+        counts = {
+            "windows dropped": sum(queue.dropped.values()),
+            "refusals dropped": sum(queue.unanswered.values()),
+        }
+        with self._actuators.lock:
+            is_heard = self._actuators.is_any_heard()
+            level, message = self._admission.status(self._actuators, is_heard=is_heard)
+            figures = counts | self._admission.figures(self._actuators)
+        return Task("input", level, message, hardware_id, figures)
+
+    def _takes(self, message: Any, what: str) -> bool:
+        """Return whether a message is of an actuator that is to be followed; note if not."""
+        actuator_id = message.actuator_id
+        if actuator_id in self._sources:
+            return True
+        if actuator_id and self._admission.ignores(actuator_id):
+            return False
+        try:
+            check_name("actuator_id", actuator_id)
+        except ValueError:
+            wrong = "with an impossible" if actuator_id else "without"
+            self.add_defect(actuator_id, f"{what} {wrong} actuator_id", is_known=False)
+            return False
+        return True
+
+    def _admit(self, message: Any) -> Source | None:
+        """Return the source of the first telemetry of an actuator; None if it is not followed."""
+        if not self._takes(message, "telemetry"):
+            return None
+        return self._get_or_add(message.actuator_id)
+
+    def _get_or_add(
+        self, actuator_id: str, description: ActuatorDescription | None = None
+    ) -> Source | None:
+        """Return a source; None when there is no room: its description is kept for later."""
+        if (source := self._sources.get(actuator_id)) is not None:
+            return source
+        if (reason := self._admission.refuse(actuator_id, self._sources)) is not None:
+            if description is not None:
+                self._remember(description)
+            if reason:
+                self._log.warn(actuator_id, reason, is_first=True)
+            return None
+        source = self._add(actuator_id)
+        if (known := self._described.pop(actuator_id, None)) is not None and description is None:
+            source.intake.describe(known)
+            self._prepare(known)
+        return source
+
+    def _add(self, actuator_id: str) -> Source:
+        """Return the source of an actuator that is followed from now on, by all parts."""
+        self._outputs.add(actuator_id)
+        intake, arrivals = self._sources.new_intake(actuator_id), Arrivals()
+        status = ActuatorStatus(
+            actuator_id,
+            intake.finder,
+            self._outputs.publish_health,
+            self._actuators.now().steady_ns,
+            arrivals,
+            self._namespace,
+        )
+        status.is_listed = actuator_id in self._admission.listed
+        self._worker.follow(actuator_id)
+        self._actuators[actuator_id] = status
+        source = self._sources[actuator_id] = Source(intake, arrivals, status)
+        return source
+
+    def _deliver(self, source: Source, events: Iterable[Segment | Defect]) -> None:
+        """Have windows identified, and report defects."""
+        for event in events:
+            if isinstance(event, Defect):
+                self.add_defect(source.status.actuator_id, event.reason)
+            else:
+                self._worker.add(event)
+
+    def add_defect(self, actuator_id: str, reason: str, *, is_known: bool = True) -> None:
+        """Record and report a defect, of nobody where no actuator is named or it is not known."""
+        with self._actuators.lock:
+            source = self._get_or_add(actuator_id) if actuator_id and is_known else None
+            if source is not None:
+                is_first = source.status.add_defect(reason)
+            else:
+                is_first = self._admission.note_wrong(actuator_id, reason)
+        self._log.warn(actuator_id, reason, is_first=is_first)
+
+    def _remember(self, description: ActuatorDescription) -> None:
+        """Keep the description of an actuator that is not monitored."""
+        self._described.pop(description.actuator_id, None)
+        self._described[description.actuator_id] = description
+        if len(self._described) > _MOST_DESCRIBED:
+            del self._described[next(iter(self._described))]
+
+    def _answer_forget(
+        self, request: ForgetActuator.Request, response: ForgetActuator.Response
+    ) -> ForgetActuator.Response:
+        self.forget(request.actuator_id)
+        self._log.info(f"{request.actuator_id}: forgotten")
+        response.success = True
+        response.message = (
+            f"{request.actuator_id!r} is forgotten; it is monitored again with its next message"
+        )
+        return response
+
+
+def _cut_off(segment: Segment) -> Segment:
+    """Return the refusal of a window, or of a record that the monitor stops within."""
+    window = segment.window
+    if isinstance(window, Refusal):
+        return segment
+    reason = "the monitor was stopped within the record"
+    return replace(segment, window=Refusal(window.start_ns, window.end_ns, reason, is_cut_off=True))

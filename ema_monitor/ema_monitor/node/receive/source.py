@@ -1,0 +1,99 @@
+"""Telemetry of each actuator, and what is received of it beside: measured causes and counts."""
+
+import threading
+from typing import Any
+
+from ema_core.description import UnitKey
+from ema_monitor.intake import MOST_MEASUREMENTS, Intake, Use
+from ema_monitor.model.measurements import MeasurementLog
+from ema_monitor.node.publish.actuator_status import ActuatorStatus
+from ema_monitor.node.receive.arrivals import Arrivals
+from ema_monitor.node.settings import Operation
+from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN
+from ema_monitor.prognosis.service import CountLog
+from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.trigger import Defect, TriggerSettings
+from ema_ros.messages import telemetry_from_message
+from ema_ros.settings import LiveSettings
+from ema_ros.stamps import stamp_from_message
+
+
+class Source:
+    """One actuator as a source of telemetry.
+
+    Attributes
+    ----------
+    intake
+        Finds the windows in its telemetry, and keeps the use of its units.
+    arrivals
+        When its telemetry was received.
+    status
+        What is reported of it.
+    """
+
+    def __init__(self, intake: Intake, arrivals: Arrivals, status: ActuatorStatus) -> None:
+        self.intake, self.arrivals, self.status = intake, arrivals, status
+
+    def receive(self, message: Any, steady_ns: int) -> list[Segment | Defect]:
+        """Take in ``ema_interfaces/msg/TelemetryBlock``, received at a steady time [ns].
+
+        Return the windows that it completes and its defects.
+        """
+        self.status.heard_ns, self.status.is_silent = steady_ns, False
+        try:
+            block = telemetry_from_message(message)
+        except ValueError as error:
+            return self.intake.reject(stamp_from_message(message.header.stamp), str(error))
+        self.arrivals.add(block.stamp_ns, block.stamp_at(len(block)), steady_ns)
+        return self.intake.feed(block)
+
+
+class Sources(dict[str, Source]):
+    """The sources by actuator; what is received before one is known is kept for it.
+
+    Parameters
+    ----------
+    trigger
+        When a window begins and how long it is.
+    operation
+        Settings of the monitor.
+    lock
+        Held while sources are changed.
+
+    Attributes
+    ----------
+    measurements, counts
+        Logs of measured causes and of counted use, shared by all actuators.
+    """
+
+    def __init__(
+        self, trigger: TriggerSettings, operation: LiveSettings[Operation], lock: threading.RLock
+    ) -> None:
+        super().__init__()
+        self.trigger = trigger
+        self.measurements = MeasurementLog(MOST_MEASUREMENTS)
+        self.counts = CountLog()
+        self._operation = operation
+        self._lock = lock
+
+    def new_intake(self, actuator_id: str) -> Intake:
+        """Return a new intake of an actuator, which shares what was received before it is known."""
+        return Intake(
+            actuator_id,
+            self.trigger,
+            measurements=self.measurements,
+            counts=self.counts,
+            max_age_s=lambda: self._operation.value.measured_max_age_s,
+        )
+
+    def is_live(self, actuator_id: str, end_ns: int) -> bool:
+        """Return whether a test that ends at a stamp [ns] was received while it was measured."""
+        with self._lock:
+            return actuator_id in self and self[actuator_id].arrivals.are_live(end_ns)
+
+    def take_use(self, unit_key: UnitKey, end_ns: int) -> Use:
+        """Return the use of a unit up to a test that ends at a stamp [ns]; its duty only once."""
+        with self._lock:
+            if (source := self.get(unit_key[0])) is None:
+                return Use(self.counts.latest(unit_key, end_ns), NOTHING_FLOWN)
+            return source.intake.take_use(unit_key, end_ns)

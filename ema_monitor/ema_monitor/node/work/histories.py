@@ -1,0 +1,153 @@
+"""The units that are monitored, each with its history."""
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Final
+
+from ema_core.description import ActuatorDescription, UnitKey
+from ema_core.levels import OK, WARN
+from ema_core.wording import counted
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.node.publish.log import Log
+from ema_monitor.prognosis.history import History, history_path
+from ema_monitor.prognosis.history_entry import DEPARTURE, FAULT, HISTORY, RESTART, UnitEvent
+from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
+from ema_ros.status import Task, hardware_name
+
+PROGNOSIS: Final = "the prognosis"
+"""What fails, in words, where a unit or its history does."""
+
+
+class Histories:
+    """Units with their histories, each opened at its first use; any thread may call.
+
+    Parameters
+    ----------
+    folder
+        Folder of the histories; None for memory alone.
+    settings
+        Returns the settings of prognoses.
+    author
+        Name of the node, which signs what it writes.
+    namespace
+        Namespace of the telemetry.
+    log
+        Log of the monitor.
+
+    Attributes
+    ----------
+    folder, settings, author
+        As of the parameters.
+    lock
+        Held while a history is opened, resumed or closed.
+    is_serving
+        Whether histories may be opened.
+    refusals
+        Why the latest test of a unit was not recorded; empty where it was.
+    """
+
+    def __init__(
+        self,
+        folder: Path | None,
+        settings: Callable[[], PrognosisSettings],
+        author: str,
+        namespace: str,
+        log: Log,
+    ) -> None:
+        self.folder = folder
+        self.lock = threading.RLock()
+        self.is_serving = True
+        self.refusals: dict[UnitKey, str] = {}
+        self.settings = settings
+        self.author = author
+        self._namespace = namespace
+        self._log = log
+        self._units: dict[UnitKey, Unit] = {}
+        self._logged: dict[UnitKey, str] = {}
+
+    def of(self, description: ActuatorDescription) -> Unit:
+        """Return a unit with its history, which is opened if need be."""
+        key = description.unit_key
+        unit = self._units.get(key)
+        if unit is None:
+            with self.lock:
+                if not self.is_serving:
+                    raise ValueError("the monitor is not configured")
+                if (unit := self._units.get(key)) is None:
+                    path = history_path(self.folder, *key) if self.folder else None
+                    unit = self._units[key] = Unit(
+                        History(*key, path), self.settings(), time.time_ns(), self.author
+                    )
+        self.log(description, unit)
+        return unit
+
+    def estimates(self, description: ActuatorDescription) -> list[Estimate]:
+        """Return the valid estimates in the history of a unit, in their order."""
+        try:
+            entries = self.of(description).history.entries
+        except Exception as error:
+            # The search does not depend on it.
+            self._log.failed(description.actuator_id, PROGNOSIS, error)
+            return []
+        return [entry.estimate for entry in entries]
+
+    def write_assessment(self, description: ActuatorDescription) -> None:
+        """Keep what was found after the latest test of a unit, unless that is forgotten."""
+        unit = self._units.get(description.unit_key)
+        if unit is not None:
+            unit.write()
+            self.log(description, unit)
+
+    def log(
+        self, description: ActuatorDescription, unit: Unit, events: Iterable[UnitEvent] = ()
+    ) -> None:
+        """Log what is wrong with a history, once, and what happened to the unit."""
+        problem, key = unit.history.problem, description.unit_key
+        if problem and self._logged.get(key) != problem:
+            self._log.error(f"{description.actuator_id}: {problem}")
+        self._logged[key] = problem
+        for event in events:
+            # Changes of level have a line of their own, and so have a restart and the history.
+            if event.kind not in (FAULT, DEPARTURE, RESTART, HISTORY):
+                self._log.warning(f"{description.actuator_id}: {event}")
+
+    def forget(self, actuator_id: str) -> None:
+        """Forget an actuator in this run; what is on disk stays."""
+        with self.lock:
+            for key in [key for key in self._units if key[0] == actuator_id]:
+                self._units.pop(key).history.close()
+
+    def rewind(self, time_ns: int) -> None:
+        """Forget tests later than a time to which simulated time has gone back [ns]."""
+        for unit in list(self._units.values()):
+            unit.rewind(time_ns)
+
+    def close(self) -> None:
+        """Close the histories, and open no more."""
+        # One that is being opened, and a health that is being published, come first.
+        with self.lock:
+            self.is_serving = False
+            for unit in self._units.values():
+                unit.history.close()
+            self._units.clear()
+
+    def tasks(self, actuator_id: str = "") -> list[Task]:
+        """Return the status of each history, or of those of one actuator alone."""
+        tasks = []
+        for key, unit in list(self._units.items()):
+            if actuator_id not in ("", key[0]):
+                continue
+            wrong = "; ".join(filter(None, [self.refusals.get(key), unit.history.problem]))
+            tasks.append(
+                Task(
+                    f"{key[0]} history",
+                    WARN if wrong else OK,
+                    wrong or counted(len(unit.history.entries), "test"),
+                    hardware_name(self._namespace, *key),
+                    {"file": unit.history.path or "none, in memory only"},
+                )
+            )
+        return tasks

@@ -1,0 +1,157 @@
+"""Health and remaining life of each unit after a test, from its history."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Final, Protocol
+
+from ema_core.description import ActuatorDescription, UnitKey
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.calibrations import CalibrationStore
+from ema_monitor.identification.estimate import SKIPPED, Estimate
+from ema_monitor.intake import Use
+from ema_monitor.node.publish.log import Log
+from ema_monitor.node.settings import Operation
+from ema_monitor.node.work.histories import PROGNOSIS, Histories
+from ema_monitor.prognosis.forecaster import Forecaster
+from ema_monitor.prognosis.history_entry import UnusedCycle
+from ema_monitor.prognosis.outlook import Claim, Outlook, outlook_of_one, unknown_outlook
+from ema_ros.settings import LiveSettings
+
+_DAY_S: Final = 86_400.0
+
+
+class Reception(Protocol):
+    """What is received beside the window of a test."""
+
+    def take_use(self, unit_key: UnitKey, end_ns: int) -> Use:
+        """Return the use of a unit up to a test that ends at a stamp [ns]; its duty only once."""
+        ...
+
+    def is_live(self, actuator_id: str, end_ns: int) -> bool:
+        """Return whether a test that ends at a stamp [ns] was received while it was measured."""
+        ...
+
+
+class Prognosis:
+    """Health and remaining life of each unit; any thread may call.
+
+    Parameters
+    ----------
+    histories
+        The units with their histories.
+    reception
+        What is received beside the windows.
+    operation
+        Settings of the monitor.
+    store
+        Calibrations of the actuators.
+    now_ns
+        Returns the time of the clock of stamps [ns].
+    log
+        Log of the monitor.
+    """
+
+    def __init__(
+        self,
+        histories: Histories,
+        reception: Reception,
+        operation: LiveSettings[Operation],
+        store: CalibrationStore,
+        now_ns: Callable[[], int],
+        log: Log,
+    ) -> None:
+        self._histories = histories
+        self._reception = reception
+        self._operation = operation
+        self._store = store
+        self._now_ns = now_ns
+        self._log = log
+
+    def record(self, description: ActuatorDescription, estimate: Estimate) -> Outlook | None:
+        """Record a test; return health and life after it, None when nothing follows from it.
+
+        Of a test that may not enter the history its health alone is returned, with the reason, as
+        long as the history has none.
+        """
+        settings, now_ns, key = self._histories.settings(), self._now_ns(), description.unit_key
+        try:
+            unit = self._histories.of(description)
+            # Also of a test that may not enter: what was flown then is not of the next one.
+            end_ns = estimate.end_ns if settings.has_clock else now_ns
+            use = self._reception.take_use(key, end_ns)
+            self._histories.refusals[key] = reason = self._why_not_recorded(end_ns, now_ns)
+            if not reason:
+                parameters = self.parameters(description)
+                is_live = self._reception.is_live(description.actuator_id, estimate.end_ns)
+                outlook = unit.update(estimate, parameters, settings, *use, now_ns, is_live)
+                self._histories.log(description, unit, outlook.events if outlook else ())
+                return outlook
+            self._log.warn(description.actuator_id, reason)
+            # Its order among those of the history is not known: no level is.
+            if unit.history.newest is not None:
+                known = unit.resume(self.parameters(description), settings)
+                return None if estimate.verdict == SKIPPED or not known else known.stale(reason)
+        except Exception as error:
+            # A failure here must prevent neither the estimate nor the alarm.
+            reason = self._log.failed(description.actuator_id, PROGNOSIS, error)
+        if estimate.verdict == SKIPPED:
+            return None
+        claim = Claim(estimate.end_ns, now_ns, self._histories.author, settings.good_for_s)
+        if estimate.valid:
+            return replace(outlook_of_one(estimate, settings.limits, reason), claim=claim)
+        refused = UnusedCycle.of(estimate)
+        return replace(unknown_outlook(reason).after_refusal(refused), claim=claim)
+
+    def _why_not_recorded(self, stamp_ns: int, now_ns: int) -> str:
+        """Return why a test of a stamp [ns] may not enter a history; empty when it may."""
+        offset_s = (stamp_ns - now_ns) * 1e-9
+        limit_s = self._operation.value.history_max_offset_s
+        if self._histories.folder is None or abs(offset_s) <= limit_s:
+            return ""
+        stamp = datetime.fromtimestamp(stamp_ns // 1_000_000_000, UTC)
+        return (
+            f"the test of {stamp:%Y-%m-%d %H:%M:%S} UTC is not recorded: its stamp is "
+            f"{_span(abs(offset_s))} {'after' if offset_s > 0.0 else 'before'} the clock of the "
+            f"monitor, allowed are {_span(limit_s)}; set use_sim_time for a replay, else set the "
+            "clock of the actuator, history_max_offset_s, or has_clock = false if it has none"
+        )
+
+    def forecaster(self, description: ActuatorDescription, outlook: Outlook) -> Forecaster | None:
+        """Return what forecasts a unit from its latest outlook on; None when that is impossible."""
+        try:
+            if self._histories.refusals.get(description.unit_key):
+                return None
+            return self._histories.of(description).forecaster(outlook)
+        except Exception as error:
+            self._log.failed(description.actuator_id, "the forecast", error)
+            return None
+
+    def parameters(self, description: ActuatorDescription) -> ActuatorParameters | None:
+        """Return the parameters of a unit by its calibration; None when it has none."""
+        calibration = self._store.of(description)
+        return None if isinstance(calibration, str) else calibration.unit_parameters
+
+    def alarm(self, description: ActuatorDescription) -> str:
+        """Return why a unit is in WARN or ERROR, in words; "" if it is not."""
+        unit, settings = self._histories.of(description), self._histories.settings()
+        return unit.alarm(self.parameters(description), settings)
+
+    def change_baseline(
+        self, description: ActuatorDescription, person: str, calibration_id: str, *, is_forced: bool
+    ) -> Outlook | None:
+        """Keep that a unit has another calibration from now on; return the health after it.
+
+        None when that is known already.
+        """
+        unit, now = self._histories.of(description), datetime.now(UTC)
+        words = (
+            f"{person or '~/calibrate'}{', forced' if is_forced else ''}, {now:%Y-%m-%d %H:%M} UTC"
+        )
+        if not unit.change_baseline(words, calibration_id):
+            return None
+        return unit.resume(self.parameters(description), self._histories.settings())
+
+
+def _span(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < _DAY_S else f"{seconds / _DAY_S:.1f} days"

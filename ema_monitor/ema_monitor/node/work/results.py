@@ -1,0 +1,139 @@
+"""What follows from a test: its estimate, the health after it, and the messages after that."""
+
+from collections import deque
+
+from ema_core.description import ActuatorDescription
+from ema_monitor.diagnosis import Diagnosed
+from ema_monitor.node.publish.actuators import Actuators
+from ema_monitor.node.publish.log import Log
+from ema_monitor.node.publish.outputs import Outputs
+from ema_monitor.node.work.follow_ups import FollowUps
+from ema_monitor.node.work.histories import PROGNOSIS, Histories
+from ema_monitor.node.work.prognosis import Prognosis
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.requirements.requirements import requirements_of
+from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.window import Window
+from ema_ros.executor import WaitingCallbackGroup
+from ema_ros.managed_node import ManagedNode
+
+
+class Results:
+    """Publishes estimates and health, in the order of the tests.
+
+    Parameters
+    ----------
+    node
+        Calls back, in a thread of its own, to read the history of a unit.
+    histories
+        The units with their histories.
+    prognosis
+        Gives the health after a test.
+    follow_ups
+        Publishes the rest, later.
+    actuators
+        Status and health of each actuator that is followed.
+    outputs
+        Publishes the estimates.
+    log
+        Log of the monitor.
+    """
+
+    def __init__(
+        self,
+        node: ManagedNode,
+        histories: Histories,
+        prognosis: Prognosis,
+        follow_ups: FollowUps,
+        actuators: Actuators,
+        outputs: Outputs,
+        log: Log,
+    ) -> None:
+        self._histories = histories
+        self._prognosis = prognosis
+        self._follow_ups = follow_ups
+        self._actuators = actuators
+        self._outputs = outputs
+        self._log = log
+        self._to_resume: deque[ActuatorDescription] = deque()
+        self._resume_soon = node.create_guard_condition(
+            self._resume_all, callback_group=WaitingCallbackGroup()
+        )
+
+    def publish(self, found: Diagnosed, window: Window | Refusal | None = None) -> None:
+        """Publish an estimate, that of a window where one is given, and what follows from it."""
+        description, estimate = found.description, found.estimate
+        actuator_id, change = description.actuator_id, ""
+        self._outputs.publish_estimate(found)
+        self._actuators.now()  # a step of the clock comes before the test
+        # Without the lock: telemetry must not wait for a prognosis.
+        outlook = self._prognosis.record(description, estimate)
+        try:
+            with self._actuators.lock:
+                if status := self._actuators.get(actuator_id):
+                    outlook = self._actuators.claimed(status, outlook) if outlook else None
+                    change = status.record(found, outlook, self._actuators.now())
+        except Exception as error:
+            # The estimate is published: the window must not be refused in addition.
+            reason = self._log.failed(actuator_id, "publishing health", error)
+            self._actuators.add_defect(actuator_id, reason)
+        self._follow(description, outlook if estimate.valid else None, change)
+        if isinstance(window, Window):
+            self._follow_ups.follow_estimate(found, window)
+        if not estimate.valid:
+            reason = f"window {found.number} has no valid estimate: {estimate.reason}"
+            self._log.warn(actuator_id, reason)
+        # Of all of many actuators it would take longer than an identification.
+        self._log.report_on(actuator_id)
+
+    def prepare(self, description: ActuatorDescription) -> None:
+        """Prepare for a unit that has just been described, or calibrated.
+
+        In another thread, requirements are made, the history is opened and health is published.
+        """
+        self._to_resume.append(description)
+        self._resume_soon.trigger()
+
+    def forget(self, actuator_id: str) -> None:
+        """Forget an actuator in this run; what is on disk stays."""
+        self._histories.forget(actuator_id)
+
+    def _resume_all(self) -> None:
+        """Make the requirements of units, read their histories, and publish their health."""
+        while self._to_resume:
+            description = self._to_resume.popleft()
+            try:
+                parameters = self._prognosis.parameters(description)
+                if parameters is not None:
+                    requirements_of(parameters, self._histories.settings().requirements)
+                with self._histories.lock:
+                    if not self._histories.is_serving:
+                        return
+                    unit = self._histories.of(description)
+                    outlook = unit.resume(parameters, self._histories.settings())
+                    if outlook is not None:
+                        self._resume(description, outlook)
+            except Exception as error:
+                self._log.failed(description.actuator_id, PROGNOSIS, error)
+
+    def _resume(self, description: ActuatorDescription, outlook: Outlook) -> None:
+        """Publish what the history of a unit says of it."""
+        actuators = self._actuators
+        with actuators.lock:
+            status = actuators.get(description.actuator_id)
+            if status is None or not actuators.is_active:
+                return
+            outlook = actuators.claimed(status, outlook)
+            change = status.health.resume(description, outlook, actuators.now())
+        self._follow(description, None if change is None else outlook, change)
+        self._log.report_on(description.actuator_id)
+
+    def _follow(
+        self, description: ActuatorDescription, outlook: Outlook | None, change: str | None
+    ) -> None:
+        """Log a change of the level, and have published what follows from a health."""
+        if change:
+            self._log.info(f"{description.actuator_id}: {change}")
+        # Only now: it may wait for a prognosis of another thread, and health must not.
+        if outlook and (forecaster := self._prognosis.forecaster(description, outlook)):
+            self._follow_ups.follow_health(description, forecaster)

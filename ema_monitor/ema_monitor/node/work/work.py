@@ -1,0 +1,126 @@
+"""What a monitor works out, by its threads: identification, what follows from it, and calls."""
+
+from collections.abc import Callable, Iterable
+
+from ema_core.levels import ERROR
+from ema_interfaces.msg import NodeStatus
+from ema_monitor.calibrations import CalibrationStore
+from ema_monitor.node.publish.actuators import Actuators
+from ema_monitor.node.publish.log import Log
+from ema_monitor.node.publish.outputs import Outputs
+from ema_monitor.node.settings import MonitorSettings
+from ema_monitor.node.work.calls import MonitorCalls
+from ema_monitor.node.work.follow_ups import FollowUps
+from ema_monitor.node.work.histories import Histories
+from ema_monitor.node.work.prognosis import Prognosis, Reception
+from ema_monitor.node.work.prognosis_calls import PrognosisCalls
+from ema_monitor.node.work.results import Results
+from ema_monitor.node.work.worker import IdentificationWorker
+from ema_monitor.windows.finder import Segment
+from ema_ros.managed_node import ManagedNode
+from ema_ros.status import Task
+
+
+class Work:
+    """Builds the parts that work, and starts and stops their threads.
+
+    Parameters
+    ----------
+    node
+        Offers the services and the action.
+    histories
+        The units with their histories.
+    reception
+        What is received beside the windows.
+    actuators
+        Status and health of each actuator that is followed.
+    outputs
+        Publishes what is worked out.
+    settings
+        Settings of the monitor.
+    store
+        Calibrations of the actuators.
+    now_ns
+        Returns the time of the clock of stamps [ns].
+    log
+        Log of the monitor.
+    is_simulated
+        Whether time is simulated.
+
+    Attributes
+    ----------
+    results
+        Publishes estimates and health.
+    worker
+        Identifies windows.
+    """
+
+    def __init__(
+        self,
+        node: ManagedNode,
+        histories: Histories,
+        reception: Reception,
+        actuators: Actuators,
+        outputs: Outputs,
+        settings: MonitorSettings,
+        store: CalibrationStore,
+        now_ns: Callable[[], int],
+        log: Log,
+        *,
+        is_simulated: bool,
+    ) -> None:
+        self._actuators = actuators
+        prognosis = Prognosis(histories, reception, settings.operation, store, now_ns, log)
+        self._follow_ups = FollowUps(outputs, histories, settings, store, log)
+        self.results = Results(
+            node, histories, prognosis, self._follow_ups, actuators, outputs, log
+        )
+        self.worker = IdentificationWorker(
+            self.results, histories, actuators, settings, store, log, is_simulated=is_simulated
+        )
+        self.calls = MonitorCalls(
+            node, self.worker, prognosis, self.results, actuators, settings, store, log
+        )
+        PrognosisCalls(node, histories, prognosis, actuators, log)
+
+    def start(self) -> None:
+        """Begin to identify, and publish the health of units that are described already."""
+        self._follow_ups.start()
+        self.worker.start()
+        with self._actuators.lock:
+            for status in self._actuators.values():
+                if status.description is not None:
+                    self.results.prepare(status.description)
+
+    def stop(self, finish: Callable[[], Iterable[Segment]]) -> None:
+        """Refuse the windows that wait, then those that are cut off, and end the threads.
+
+        ``finish`` ends the telemetry, and returns the windows that are cut off.
+        """
+        self.worker.stop()
+        for segment in finish():
+            self.worker.refuse(segment, "")
+        self._follow_ups.stop()
+
+    def count(self, status: NodeStatus) -> None:
+        """Add what is counted to the status of the node."""
+        queue = self.worker.queue
+        status.windows_waiting = len(queue)
+        status.windows_dropped = sum(queue.dropped.values())
+        status.refusals_dropped = sum(queue.unanswered.values())
+        status.follow_ups_dropped = self._follow_ups.dropped
+
+    def task(self, hardware_id: str) -> Task:
+        """Return the status of identification and of what follows from it."""
+        follow_ups = self._follow_ups
+        level, message = self.worker.status()
+        if self._actuators.is_active and follow_ups.thread.failure:
+            failures = [message] if level == ERROR else []
+            level, message = ERROR, "; ".join([*failures, follow_ups.thread.failure])
+        figures = {
+            "follow-ups waiting": follow_ups.waiting,
+            "follow-ups dropped": follow_ups.dropped,
+            "ends of threads": self.worker.thread.ends + follow_ups.thread.ends,
+            "goal rejected": self.calls.rejected or "none",
+        }
+        return Task("identification", level, message, hardware_id, figures)
