@@ -46,7 +46,8 @@ def calibrate(session: MonitorSession, **request: Any) -> Any:
 
 
 def waiting_calls(session: MonitorSession) -> list[Any]:
-    return session.node.work.worker.of("flap").awaiting
+    works = session.node.work.worker.works.values()
+    return [queue for work in works for queue in work.awaiting]
 
 
 def until_waited_for(session: MonitorSession) -> None:

@@ -119,8 +119,8 @@ def test_healthy_records_of_a_drive_without_a_clock_have_no_date(tmp_path: Path,
         session.describe(UNKNOWN)
         request = Calibrate.Request(windows=2)
         future = session.start(Calibrate, "/ema/monitor/calibrate", request)
-        work = session.node.work.worker.of
-        wait_for(lambda: work("flap").awaiting, "the call to wait for records")
+        works = session.node.work.worker.works.values
+        wait_for(lambda: any(work.awaiting for work in works()), "the call to wait for records")
         session.feed([motion(0)])
         session.next_estimate()
         session.feed([motion(1)])

@@ -29,14 +29,10 @@ class Actuators(dict[str, ActuatorStatus]):
     ----------
     read_clock
         Returns the time, and by how much the clock has stepped back since the last call [ns].
-    operation
-        Settings of the monitor.
     why_not
         Returns why an actuator is not to be followed by this monitor; empty when it is.
     rewind
         Forgets tests later than a time to which simulated time has gone back [ns].
-    log
-        Log of the monitor.
 
     Attributes
     ----------

@@ -37,29 +37,6 @@ class Receiver:
 
     What is received may be impossible: then it is reported as a defect of its actuator, or of
     nobody.
-
-    Parameters
-    ----------
-    admission
-        Decides which actuators are followed.
-    sources
-        Telemetry of each actuator that is followed.
-    worker
-        Identifies the windows.
-    results
-        Publishes what is known of a unit that is described.
-    actuators
-        Status and health of each actuator that is followed.
-    outputs
-        Topics of each actuator that is followed.
-    operation
-        Settings of the monitor.
-    now_ns
-        Returns the time of the clock of stamps [ns].
-    namespace
-        Namespace of the telemetry.
-    log
-        Log of the monitor.
     """
 
     def __init__(
@@ -118,7 +95,8 @@ class Receiver:
             events = source.receive(message, self._actuators.now().steady_ns)
             if source.status.finder.blocks == 1:
                 self._log.info(f"{message.actuator_id}: first telemetry")
-            self._deliver(source, events)
+            if events:
+                self._deliver(source, events)
 
     def receive_description(self, message: Any) -> None:
         """Apply ``ema_interfaces/msg/ActuatorDescription``."""

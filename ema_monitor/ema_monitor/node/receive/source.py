@@ -51,15 +51,6 @@ class Source:
 class Sources(dict[str, Source]):
     """The sources by actuator; what is received before one is known is kept for it.
 
-    Parameters
-    ----------
-    trigger
-        When a window begins and how long it is.
-    operation
-        Settings of the monitor.
-    lock
-        Held while sources are changed.
-
     Attributes
     ----------
     measurements, counts

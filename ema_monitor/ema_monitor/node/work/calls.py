@@ -46,25 +46,6 @@ class MonitorCalls:
 
     Calibration and identification may last long, in threads that receive no telemetry.
 
-    Parameters
-    ----------
-    node
-        Offers them.
-    worker
-        Has the windows of each actuator.
-    prognosis
-        Says whether a unit is healthy.
-    results
-        Publishes the health by a new calibration.
-    actuators
-        Status and health of each actuator that is followed.
-    settings
-        Settings of the monitor.
-    store
-        Calibrations of the actuators.
-    log
-        Log of the monitor.
-
     Attributes
     ----------
     rejected

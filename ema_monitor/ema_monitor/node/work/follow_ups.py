@@ -30,19 +30,6 @@ class FollowUps:
     Where it does not keep up, the oldest are dropped: each is soon replaced by that of a later
     test, and what is written to a history is written with the next.
     The number of these is ``dropped``.
-
-    Parameters
-    ----------
-    outputs
-        Publishes it.
-    histories
-        Keep what was found after a test.
-    settings
-        Settings of the monitor.
-    store
-        Calibrations of the actuators.
-    log
-        Log of the monitor.
     """
 
     def __init__(

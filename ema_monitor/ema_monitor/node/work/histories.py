@@ -24,23 +24,14 @@ PROGNOSIS: Final = "the prognosis"
 class Histories:
     """Units with their histories, each opened at its first use; any thread may call.
 
-    Parameters
+    Attributes
     ----------
     folder
         Folder of the histories; None for memory alone.
     settings
-        Returns the settings of prognoses.
+        Returns the settings of prognoses as they are at present.
     author
         Name of the node, which signs what it writes.
-    namespace
-        Namespace of the telemetry.
-    log
-        Log of the monitor.
-
-    Attributes
-    ----------
-    folder, settings, author
-        As of the parameters.
     lock
         Held while a history is opened, resumed or closed.
     is_serving

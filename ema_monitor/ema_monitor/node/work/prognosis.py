@@ -34,23 +34,7 @@ class Reception(Protocol):
 
 
 class Prognosis:
-    """Health and remaining life of each unit; any thread may call.
-
-    Parameters
-    ----------
-    histories
-        The units with their histories.
-    reception
-        What is received beside the windows.
-    operation
-        Settings of the monitor.
-    store
-        Calibrations of the actuators.
-    now_ns
-        Returns the time of the clock of stamps [ns].
-    log
-        Log of the monitor.
-    """
+    """Health and remaining life of each unit; any thread may call."""
 
     def __init__(
         self,

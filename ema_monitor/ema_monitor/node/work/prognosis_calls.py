@@ -28,21 +28,7 @@ _USUAL_TESTS: Final = 1000
 
 
 class PrognosisCalls:
-    """The services ``~/predict_remaining_life``, ``~/get_history`` and ``~/note_event``.
-
-    Parameters
-    ----------
-    node
-        Offers them.
-    histories
-        The units with their histories.
-    prognosis
-        Health and life of each unit.
-    actuators
-        Status and health of each actuator that is followed.
-    log
-        Log of the monitor.
-    """
+    """The services ``~/predict_remaining_life``, ``~/get_history`` and ``~/note_event``."""
 
     def __init__(
         self,

@@ -19,25 +19,7 @@ from ema_ros.managed_node import ManagedNode
 
 
 class Results:
-    """Publishes estimates and health, in the order of the tests.
-
-    Parameters
-    ----------
-    node
-        Calls back, in a thread of its own, to read the history of a unit.
-    histories
-        The units with their histories.
-    prognosis
-        Gives the health after a test.
-    follow_ups
-        Publishes the rest, later.
-    actuators
-        Status and health of each actuator that is followed.
-    outputs
-        Publishes the estimates.
-    log
-        Log of the monitor.
-    """
+    """Publishes estimates and health, in the order of the tests."""
 
     def __init__(
         self,

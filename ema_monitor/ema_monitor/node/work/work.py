@@ -24,29 +24,6 @@ from ema_ros.status import Task
 class Work:
     """Builds the parts that work, and starts and stops their threads.
 
-    Parameters
-    ----------
-    node
-        Offers the services and the action.
-    histories
-        The units with their histories.
-    reception
-        What is received beside the windows.
-    actuators
-        Status and health of each actuator that is followed.
-    outputs
-        Publishes what is worked out.
-    settings
-        Settings of the monitor.
-    store
-        Calibrations of the actuators.
-    now_ns
-        Returns the time of the clock of stamps [ns].
-    log
-        Log of the monitor.
-    is_simulated
-        Whether time is simulated.
-
     Attributes
     ----------
     results

@@ -35,20 +35,8 @@ class IdentificationWorker:
 
     Parameters
     ----------
-    results
-        Publishes estimates, and what follows from them.
-    histories
-        Where a search begins.
-    actuators
-        Status of each actuator that is followed.
-    settings
-        Settings of the monitor.
-    store
-        Calibrations of the actuators.
     is_simulated
         Whether time is simulated: then any number of windows may wait.
-    log
-        Log of the monitor.
 
     Attributes
     ----------
@@ -56,6 +44,8 @@ class IdentificationWorker:
         The windows that wait.
     thread
         Identifies them.
+    works
+        Work on each actuator that is followed.
     """
 
     def __init__(
@@ -76,7 +66,7 @@ class IdentificationWorker:
         self._store = store
         self._log = log
         self._is_simulated = is_simulated
-        self._works: dict[str, ActuatorWork] = {}
+        self.works: dict[str, ActuatorWork] = {}
         self._prepare()
         self.queue.close()
 
@@ -102,16 +92,16 @@ class IdentificationWorker:
 
     def follow(self, actuator_id: str) -> None:
         """Prepare for the windows of an actuator."""
-        self._works[actuator_id] = ActuatorWork()
+        self.works[actuator_id] = ActuatorWork()
 
     def forget(self, actuator_id: str) -> None:
         """Forget an actuator, and its windows that wait."""
-        self._works.pop(actuator_id, None)
+        self.works.pop(actuator_id, None)
         self.queue.forget(actuator_id)
 
     def of(self, actuator_id: str) -> ActuatorWork:
         """Return the work on an actuator: none if it was forgotten a moment ago."""
-        return self._works.get(actuator_id) or ActuatorWork()
+        return self.works.get(actuator_id) or ActuatorWork()
 
     def add(self, segment: Segment) -> None:
         """Queue a window, live in the place of one that waits for long.
@@ -149,7 +139,7 @@ class IdentificationWorker:
         for segment in waiting:
             reason = "the monitor was stopped before the window was identified"
             self.refuse(segment, reason, is_dropped=True)
-        for work in list(self._works.values()):
+        for work in list(self.works.values()):
             # A thread that still computes has the old one, and publishes nothing any more.
             if (diagnosis := work.diagnosis) is not None:
                 work.diagnosis = diagnosis.stopped()
@@ -184,7 +174,7 @@ class IdentificationWorker:
 
     def _identify_and_publish(self, segment: Segment, queue: WindowQueue) -> None:
         actuator_id = segment.description.actuator_id
-        work, status = self._works.get(actuator_id), self._actuators.get(actuator_id)
+        work, status = self.works.get(actuator_id), self._actuators.get(actuator_id)
         if work is None or status is None:
             return  # forgotten a moment ago
         if work.diagnosis is None:
