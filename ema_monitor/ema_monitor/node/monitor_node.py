@@ -82,7 +82,13 @@ class MonitorNode(ManagedNode):
         )
         self.outputs = Outputs(self.add_publisher, self.destroy_lifecycle_publisher)
         self.actuators = Actuators(
-            clock.read, settings.operation, admission.why_not, self.histories.rewind, log
+            self.outputs,
+            namespace,
+            clock.read,
+            settings.operation,
+            admission.why_not,
+            self.histories.rewind,
+            log,
         )
         self.sources = Sources(settings.trigger.value, settings.operation, self.actuators.lock)
         self.work = Work(
@@ -103,10 +109,8 @@ class MonitorNode(ManagedNode):
             self.work.worker,
             self.work.results,
             self.actuators,
-            self.outputs,
             settings.operation,
             self._now_ns,
-            namespace,
             log,
         )
         self.receiver.serve(self)
@@ -130,7 +134,6 @@ class MonitorNode(ManagedNode):
     def clean_up(self) -> None:
         """Close the histories, and forget the actuators."""
         self.histories.close()
-        self.outputs.clear()
         self.actuators.clear()
         self.sources.clear()
 

@@ -11,10 +11,13 @@ from ema_interfaces.msg import TelemetryStatus
 from ema_monitor.node.moment import Moment
 from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.node.publish.log import Log
+from ema_monitor.node.publish.outputs import Outputs
+from ema_monitor.node.publish.shown_health import Stream
 from ema_monitor.node.publish.unit_status import telemetry_status, unit_tasks
 from ema_monitor.node.settings import Operation
 from ema_monitor.prognosis.history_entry import UnitEvent
 from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.windows.finder import WindowFinder
 from ema_ros.settings import LiveSettings
 from ema_ros.status import STALE, Task
 
@@ -27,6 +30,10 @@ class Actuators(dict[str, ActuatorStatus]):
 
     Parameters
     ----------
+    outputs
+        Topics of each actuator.
+    namespace
+        Namespace of the telemetry.
     read_clock
         Returns the time, and by how much the clock has stepped back since the last call [ns].
     why_not
@@ -45,6 +52,8 @@ class Actuators(dict[str, ActuatorStatus]):
 
     def __init__(
         self,
+        outputs: Outputs,
+        namespace: str,
         read_clock: Callable[[], tuple[Moment, int]],
         operation: LiveSettings[Operation],
         why_not: Callable[[str], str],
@@ -54,11 +63,32 @@ class Actuators(dict[str, ActuatorStatus]):
         super().__init__()
         self.lock = threading.RLock()
         self.is_active = False
+        self._outputs = outputs
+        self._namespace = namespace
         self._read_clock = read_clock
         self._operation = operation
         self._why_not = why_not
         self._rewind = rewind
         self._log = log
+
+    def follow(self, actuator_id: str, finder: WindowFinder, stream: Stream) -> ActuatorStatus:
+        """Return the status of an actuator, which is published from now on."""
+        self._outputs.add(actuator_id)
+        publish, now = self._outputs.publish_health, self.now()
+        status = self[actuator_id] = ActuatorStatus(
+            actuator_id, finder, publish, now.steady_ns, stream, self._namespace
+        )
+        return status
+
+    def forget(self, actuator_id: str) -> None:
+        """Publish nothing of an actuator any more."""
+        del self[actuator_id]
+        self._outputs.remove(actuator_id)
+
+    def clear(self) -> None:
+        """Publish nothing of any actuator any more."""
+        super().clear()
+        self._outputs.clear()
 
     def now(self) -> Moment:
         """Return the time; where the clock has stepped back, no level of before is known."""

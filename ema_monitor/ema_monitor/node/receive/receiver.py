@@ -8,10 +8,8 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
 from ema_core.description import ActuatorDescription, check_name
 from ema_interfaces.srv import ForgetActuator
-from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.node.publish.actuators import Actuators
 from ema_monitor.node.publish.log import Log
-from ema_monitor.node.publish.outputs import Outputs
 from ema_monitor.node.receive.admission import Admission
 from ema_monitor.node.receive.arrivals import Arrivals
 from ema_monitor.node.receive.source import Source, Sources
@@ -46,10 +44,8 @@ class Receiver:
         worker: IdentificationWorker,
         results: Results,
         actuators: Actuators,
-        outputs: Outputs,
         operation: LiveSettings[Operation],
         now_ns: Callable[[], int],
-        namespace: str,
         log: Log,
     ) -> None:
         self._admission = admission
@@ -57,10 +53,8 @@ class Receiver:
         self._worker = worker
         self._results = results
         self._actuators = actuators
-        self._outputs = outputs
         self._operation = operation
         self._now_ns = now_ns
-        self._namespace = namespace
         self._log = log
         # Latched topics describe an actuator once: it is kept for its return.
         self._described: dict[str, ActuatorDescription] = {}
@@ -220,9 +214,9 @@ class Receiver:
             source.intake.finish()
             if source.status.description is not None:
                 self._remember(source.status.description)
-            del self._sources[actuator_id], self._actuators[actuator_id]
+            del self._sources[actuator_id]
             self._sources.measurements.forget(actuator_id)
-            self._outputs.remove(actuator_id)
+            self._actuators.forget(actuator_id)
         self._worker.forget(actuator_id)
         self._results.forget(actuator_id)
         self._log.report()
@@ -281,19 +275,10 @@ class Receiver:
 
     def _add(self, actuator_id: str) -> Source:
         """Return the source of an actuator that is followed from now on, by all parts."""
-        self._outputs.add(actuator_id)
         intake, arrivals = self._sources.new_intake(actuator_id), Arrivals()
-        status = ActuatorStatus(
-            actuator_id,
-            intake.finder,
-            self._outputs.publish_health,
-            self._actuators.now().steady_ns,
-            arrivals,
-            self._namespace,
-        )
-        status.is_listed = actuator_id in self._admission.listed
         self._worker.follow(actuator_id)
-        self._actuators[actuator_id] = status
+        status = self._actuators.follow(actuator_id, intake.finder, arrivals)
+        status.is_listed = actuator_id in self._admission.listed
         source = self._sources[actuator_id] = Source(intake, arrivals, status)
         return source
 
