@@ -488,3 +488,56 @@ def test_parquet_without_pandas_is_as_by_pandas(tmp_path, monkeypatch, missing, 
     for name, values in fast.values.items():
         assert values.dtype == slow.values[name].dtype
         np.testing.assert_array_equal(values, slow.values[name])
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize(("in_heading", "in_rows"), [(0, 3), (2, 2), (3, 0), (1, 4), (4, 1)])
+def test_separators_at_the_end_of_lines_make_no_columns(tmp_path, separator, in_heading, in_rows):
+    lines = [f"{row}{in_rows * separator}" for row in rows(separator).splitlines()]
+    head = separator.join(["t", "pos", "cur"]) + in_heading * separator
+    found = read_columns(written(tmp_path / "a.csv", "\n".join([head, *lines, ""])))
+    assert list(found.values) == ["t", "pos", "cur"]
+    assert np.array_equal(np.column_stack(list(found.values.values())), VALUES)
+
+
+def test_lines_about_the_file_above_the_heading_are_no_data(tmp_path):
+    about = "Logger;Version 3.1\nSerial;4711\nOperator;Ada;;\n\n"
+    text = about + "t;pos;cur\n" + rows(";")
+    found = read_columns(written(tmp_path / "a.csv", text))
+    assert list(found.values) == ["t", "pos", "cur"]
+    assert np.array_equal(np.column_stack(list(found.values.values())), VALUES)
+
+
+def test_column_that_is_empty_at_first_keeps_its_name(tmp_path):
+    late = [f"{0.01 * i},{i}," + ("7" if i > 450 else "") for i in range(500)]
+    found = read_columns(written(tmp_path / "a.csv", "\n".join(["t,pos,temp", *late, ""])))
+    assert list(found.values) == ["t", "pos", "temp"]
+    assert np.count_nonzero(np.isfinite(found.values["temp"])) == 49
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_tables_of_two_bytes_a_character_are_read(tmp_path, encoding):
+    text = "t,pos,cur\n" + rows(",")
+    mark = "" if encoding == "utf-16" else "\ufeff"
+    (tmp_path / "a.csv").write_bytes((mark + text).encode(encoding))
+    found = read_columns(tmp_path / "a.csv")
+    assert np.array_equal(np.column_stack(list(found.values.values())), VALUES)
+
+
+def test_cell_too_many_is_named_with_its_line(tmp_path):
+    lines = ["t,pos,cur", *["1,2,3"] * 500, "1,2,3,4", *["1,2,3"] * 10, ""]
+    path = written(tmp_path / "a.csv", "\n".join(lines))
+    with pytest.raises(ValueError, match=r"line 502 has 4 cells, expected 3 .* or quote its cell"):
+        read_columns(path)
+
+
+def test_table_without_numbers_shows_what_was_expected(tmp_path):
+    text = "t,pos\n" + "".join(f"{i}%,{i}%\n" for i in range(20))
+    with pytest.raises(ValueError, match=r"cells such as\s+1.5, .* found '19%,19%'|is not a table"):
+        read_columns(written(tmp_path / "a.csv", text))
+
+
+def test_exponents_of_fortran_are_read(tmp_path):
+    text = "t,pos\n" + "".join(f"{i},1.{i}D+01\n" for i in range(9))
+    found = read_columns(written(tmp_path / "a.csv", text))
+    assert found.values["pos"] == pytest.approx([10.0 + i for i in range(9)])

@@ -219,3 +219,45 @@ def test_temperature_named_t_is_no_time(telemetry, tmp_path):
     frame.insert(1, "stamp", milliseconds(moments, "%d.%m.%Y %H:%M:%S"))
     frame.to_csv(tmp_path / "a.csv", index=False)
     assert InputFile(tmp_path / "a.csv").guess(described(1000)).mapping.clock.source == "stamp"
+
+
+def moving(times, **more):
+    angle = 0.3 * np.sin(0.01 * np.arange(len(times)))
+    return pd.DataFrame({"Time": times, "position": angle, "command": angle} | more)
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.004])
+def test_date_written_as_a_number_is_refused_with_the_way_to_write_it(tmp_path, fraction):
+    times = 20260330080000 + np.arange(50) // 5 + fraction
+    moving(times).to_csv(tmp_path / "a.csv", index=False, float_format="%.17g")
+    with pytest.raises(ValueError, match=r"column 'Time': 20260330080000.* date written as a num"):
+        InputFile(tmp_path / "a.csv").guess(described(1000))
+
+
+@pytest.mark.parametrize("unit_s", [60.0, 3600.0])
+def test_minutes_and_hours_without_a_unit_are_not_taken_for_seconds(tmp_path, unit_s):
+    moving(0.005 * np.arange(500) / unit_s).to_csv(tmp_path / "a.csv", index=False)
+    with pytest.raises(ValueError, match=r"column 'Time' has no unit, .* give clock\.unit"):
+        InputFile(tmp_path / "a.csv").guess(described(1000))
+
+
+@pytest.mark.parametrize("name", ["Row", "Setpoint [deg]"])
+def test_column_with_another_unit_is_not_taken_for_a_time(tmp_path, name):
+    frame = moving(np.arange(300)).rename(columns={"Time": name, "command": "cmd [deg]"})
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    guess = InputFile(tmp_path / "a.csv").guess(described(1000))
+    assert "no column seems to be the time" in "; ".join(guess.remarks)
+
+
+@pytest.mark.parametrize("wrong", ["1970-01-01T00:00:00", "2106-02-07T06:28:00"])
+@pytest.mark.parametrize("at", [0, 100, 299])
+def test_stamp_far_from_all_others_is_rebuilt(tmp_path, wrong, at):
+    times = pd.Timestamp("2026-10-20T08:00") + pd.to_timedelta(5 * np.arange(300), unit="ms")
+    stamps = times.strftime("%Y-%m-%dT%H:%M:%S.%f").to_numpy(object)
+    stamps[at] = wrong
+    moving(stamps).to_csv(tmp_path / "a.csv", index=False)
+    source = InputFile(tmp_path / "a.csv")
+    found = source.series(source.guess(described(200)).mapping)[""]
+    stamped, rebuilt = found.stamped()
+    assert rebuilt == 1
+    assert np.all(np.abs(np.diff(stamped) - 5_000_000) <= 5_000_000)

@@ -12,6 +12,7 @@ from ema_bags.inputs.on_demand import pd
 _MINUS: Final = str.maketrans(dict.fromkeys("\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d", "-"))
 _SPACES: Final = str.maketrans(dict.fromkeys("\u00a0\u2007\u2009\u202f", " ") | {"\u2019": "'"})
 _SIGNED: Final = re.compile(r"^\(\s*([^()+-]+?)\s*\)$|^([\d.,' ]+)-$|^-\s+(?=[\d.,])")
+_FORTRAN: Final = re.compile(r"^([+-]?[\d.,]+)[dD]([+-]?\d+)$")
 _MISSING: Final = frozenset(("", "-", "--", "---", "nan", "na", "n/a", "none", "null", "<na>"))
 _LITERAL: Final = frozenset(("nan", "inf", "+inf", "-inf", "infinity", "-infinity"))
 _MOSTLY: Final = 0.5
@@ -152,7 +153,7 @@ def _texts(column: "pd.Series[Any]") -> "pd.Series[Any]":
 
 def _plain(cell: str) -> str:
     """Return a cell with ASCII signs and a leading minus."""
-    text = cell.strip().translate(_MINUS).translate(_SPACES)
+    text = _FORTRAN.sub(r"\1e\2", cell.strip().translate(_MINUS).translate(_SPACES))
     match = _SIGNED.match(text)
     if match is None:
         return text

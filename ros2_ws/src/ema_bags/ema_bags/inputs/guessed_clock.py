@@ -13,6 +13,9 @@ from ema_bags.inputs.tables import TableColumns
 from ema_core.wording import counted
 
 _EPOCHS: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s"))
+_LEAST_STEP_S: Final = 1.5e-4
+"""Steps of a time without a unit that is taken for seconds: faster logs state their unit [s]."""
+
 _FASTEST_NS: Final = 1e4
 _SLOWEST_NS: Final = 1e9
 _NO_UNITS: Final = frozenset(("utc", "gmt", "local", "abs", "absolute", "rel", "relative", "-"))
@@ -54,7 +57,7 @@ def guess_clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[
             f"{_disorder(columns, named[0])}: give clock.source and clock.unit, or clock.rate_hz "
             "if the samples are regular (--set)"
         )
-    for clock in [_clock_of(columns, name) for name in rest]:
+    for clock in [_clock_of(columns, name) for name in rest if _may_be_time(columns, name)]:
         if not _counts(columns.values[clock.source]) and _is_clock(columns, clock):
             remarks.append(f"clock.unit {clock.unit} by the size of the steps")
             return clock, [name for name in rest if name != clock.source]
@@ -66,6 +69,12 @@ def _is_time(columns: TableColumns, name: str) -> bool:
     """Return whether a column is a time by its name, and by its unit if it has one."""
     unit = unit_of(columns.units.get(name, "")) or unit_in_name(name)
     return "time" in roles_of(name) and (not unit or unit in TIMES_NS)
+
+
+def _may_be_time(columns: TableColumns, name: str) -> bool:
+    """Return whether a column may be a time: it has no unit of another quantity."""
+    unit = columns.units.get(name, "")
+    return not unit or unit.lower() in _NO_UNITS or unit_of(unit) in TIMES_NS
 
 
 def _dated(columns: TableColumns, named: list[str]) -> list[str]:
@@ -85,9 +94,21 @@ def _clock_of(columns: TableColumns, name: str) -> Clock:
     """Return the clock of a column: with the unit of its name, or by the size of its values."""
     if name not in columns.values or name in columns.dates:
         return Clock(name, "ns")
+    is_named = _is_time(columns, name)
+    if is_named and (date := _date_in(columns.values[name])):
+        raise ValueError(
+            f"{columns.path}: column {name!r}: {date:.17g} looks like a date written as a number, "
+            "yyyymmddhhmmss: expected separators (2026-03-30 08:00:00), or clock.rate_hz (--set)"
+        )
     unit = _epoch_of(columns.values[name]) or _time_unit(columns, name)
     if not unit:
         unit = _unit_of_times(columns.values[name])
+        step = _step_of(columns.values[name])
+        if is_named and unit == "s" and 0.0 < step < _LEAST_STEP_S:
+            raise ValueError(
+                f"{columns.path}: column {name!r} has no unit, and its steps of {step:.3g} are too "
+                "small for seconds: give clock.unit (--set), such as min, h or day"
+            )
     return Clock(name, unit)
 
 
@@ -158,6 +179,26 @@ def _epoch_of(values: NDArray[Any]) -> str:
             # Seconds since 1904 are seconds since 1970 only after 2077.
             return unit
     return ""
+
+
+def _step_of(values: NDArray[Any]) -> float:
+    """Return the usual size of the steps of a column; 0 without two values."""
+    finite = values[np.isfinite(values)].astype(float)
+    return abs(float(np.median(np.diff(finite)))) if len(finite) > 1 else 0.0
+
+
+def _date_in(values: NDArray[Any]) -> float:
+    """Return the first value if all are dates written as numbers, yyyymmddhhmmss; else 0."""
+    whole = np.floor(values[np.isfinite(values)].astype(float))
+    if not len(whole):
+        return 0.0
+    parts = [whole // 10.0**power % 100 for power in (8, 6, 4, 2, 0)]
+    years = whole // 10.0**10
+    is_date = (years >= 1970) & (years < 2100) & (parts[0] >= 1) & (parts[0] <= 12)
+    is_date &= (parts[1] >= 1) & (parts[1] <= 31)
+    for part, most in zip(parts[2:], (24, 60, 60), strict=True):
+        is_date &= part < most
+    return float(values[np.isfinite(values)][0]) if bool(np.all(is_date)) else 0.0
 
 
 def _unit_of_times(values: NDArray[Any]) -> str:

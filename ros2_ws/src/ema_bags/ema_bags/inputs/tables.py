@@ -30,7 +30,10 @@ _DAY_NS: Final = 86_400_000_000_000
 _SUM: Final = r"\s([+-])\s"
 _MOST: Final = 0.9
 _SAMPLE_LINES: Final = 400
+_WIDE_BYTES: Final = 1 << 18
+_MOST_SHOWN: Final = 60
 _SEPARATORS: Final = (";", "\t", ",", "|", " ")
+_MORE_CELLS: Final = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 _COMMENT: Final = re.compile(r"^\s*[#%]+\s*")
 _UNIT_OF_NAME: Final = re.compile(r"[\[(]\s*([^\[\]()]+?)\s*[\])]\s*$")
 _UNIT: Final = re.compile(
@@ -318,7 +321,7 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
         stamps = np.rint(rows * (1e9 / clock.rate_hz)).astype(np.int64)
         stamps = _paused(stamps, stamps, bounds)
         return Series(stamps, stamps, values)
-    stamps = columns.stamps(clock)
+    stamps = _without_strays(columns.stamps(clock))
     is_stamped = stamps != NO_STAMP
     if np.count_nonzero(is_stamped) < 2:
         raise ValueError(f"{columns.path}: column {clock.source!r} has no two times")
@@ -329,6 +332,23 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
     ).astype(np.int64)
     stamps = np.where(is_stamped, _paused(stamps, arrivals, bounds), NO_STAMP)
     return Series(stamps, _paused(arrivals, arrivals, bounds), values)
+
+
+def _without_strays(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return stamps of which those of single rows are left out that are far from their neighbours.
+
+    A clock that is read before it is set, or a damaged row, gives such a stamp.
+    """
+    rows = np.flatnonzero(stamps != NO_STAMP)
+    if len(rows) < 3:
+        return stamps
+    times = stamps[rows].astype(float)
+    steps = np.abs(np.diff(times))
+    before, after = steps[:-1] > _DAY_NS, steps[1:] > _DAY_NS
+    strays = np.concatenate([[False], before & after & (np.abs(times[2:] - times[:-2]) < _DAY_NS)])
+    ends = steps[0] > _DAY_NS >= steps[1], steps[-1] > _DAY_NS >= steps[-2]
+    strays = np.concatenate([[ends[0]], strays[1:], [ends[1]]])
+    return np.where(np.isin(np.arange(len(stamps)), rows[strays]), NO_STAMP, stamps)
 
 
 def _paused(
@@ -411,10 +431,12 @@ def _read_csv(path: Path, table: Table) -> tuple[_Columns, dict[str, str], Table
             plain = read_plain_csv(path, names, rows, separator, skiprows=first, encoding=encoding)
         if plain is not None and not any(map(_may_have_thousands, plain.values())):
             return plain, units, written
+        # Separators at the end of lines make columns of nothing.
+        extra = [_unnamed(i + 1) for i in range(len(names), max(map(len, rows), default=0))]
         given: dict[str, Any] = {
             "sep": r"\s+" if separator == " " else separator,
             "header": None,
-            "names": names,
+            "names": [*names, *extra],
             "index_col": False,
             "skiprows": first,
             "encoding": encoding,
@@ -426,12 +448,22 @@ def _read_csv(path: Path, table: Table) -> tuple[_Columns, dict[str, str], Table
             cells = pd.read_csv(path, dtype=str, usecols=doubtful, **given)
             frame = frame.assign(**{name: cells[name] for name in doubtful})
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
+        if match := _MORE_CELLS.search(str(error)):
+            expected, line, cells = map(int, match.groups())
+            raise _too_many(path, expected, line, cells) from error
         raise ValueError(f"{path} is not a table: {error}") from error
-    # A separator at the end of each line makes a last column of nothing.
-    last = names[-1]
-    if last == _unnamed(len(names)) and len(names) > 1 and frame[last].isna().all():
-        frame = frame.drop(columns=last)
-    return dict(frame.items()), units, written
+    for name in extra:
+        filled = np.flatnonzero(frame[name].notna())
+        if len(filled):
+            raise _too_many(path, len(names), first + int(filled[0]) + 1, len(names) + 1)
+    return dict(frame.drop(columns=extra).items()), units, written
+
+
+def _too_many(path: Path, expected: int, line: int, cells: int) -> ValueError:
+    return ValueError(
+        f"{path}: line {line} has {cells} cells, expected {expected} as in the lines before: "
+        "remove the separator too many, or quote its cell"
+    )
 
 
 def _may_have_thousands(column: "pd.Series[Any] | NDArray[Any]") -> bool:
@@ -448,8 +480,12 @@ def _first_lines(path: Path) -> tuple[str, list[str]]:
     """Return the encoding of a file and its first lines."""
     with path.open("rb") as file:
         data = b"".join(file.readline() for _ in range(_SAMPLE_LINES))
-    is_wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
-    for encoding in ("utf-16" if is_wide else "utf-8-sig", "latin-1"):
+        if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            # A line of two bytes a character does not end with a byte.
+            file.seek(0)
+            text = file.read(_WIDE_BYTES).decode("utf-16", errors="ignore")
+            return "utf-16", text.splitlines()[:-1][:_SAMPLE_LINES] or text.splitlines()
+    for encoding in ("utf-8-sig", "latin-1"):
         with suppress(UnicodeDecodeError):
             text = data.decode(encoding)
             if "\0" not in text:
@@ -490,26 +526,34 @@ def _style(path: Path, lines: Sequence[str], table: Table) -> tuple[str, str]:
 def _head(lines: Sequence[str], separator: str) -> tuple[list[str], dict[str, str], int]:
     """Return names and units of the columns and the number of the first line of numbers."""
     rows = [_cells(_COMMENT.sub("", line), separator) for line in lines]
-    width = max((len(row) for row in rows[-20:]), default=0)
+    # Separators at the end of a line make no column, but where another line has a cell there.
+    filled = [_filled(row) for row in rows]
+    width = max(filled[-20:], default=0)
 
-    def is_data(line: str, row: list[str]) -> bool:
-        if len(row) < 2 or _COMMENT.match(line):
+    def is_data(number: int) -> bool:
+        row = rows[number][:width]
+        if filled[number] < 2 or len(rows[number]) < width or _COMMENT.match(lines[number]):
             return False
-        filled, numbers = sum(map(bool, row)), sum(map(may_be_number, row))
-        times = sum(map(is_time, row)) if len(row) == width else 0
-        return numbers > 0 and numbers + times >= 0.5 * filled
+        numbers, times = sum(map(may_be_number, row)), sum(map(is_time, row))
+        return numbers > 0 and numbers + times >= 0.5 * sum(map(bool, row))
 
-    first = next((i for i, row in enumerate(rows) if is_data(lines[i], row)), None)
+    first = next(filter(is_data, range(len(rows))), None)
     if first is None:
-        raise ValueError(f"none of its first {len(lines)} lines is a row of numbers")
-    heads = [i for i in range(first) if len(rows[i]) == width]
-    if not heads and not any(row[-1] for row in rows[first:] if len(row) == width):
-        # Each row of numbers ends with a separator, and the heading does not.
-        heads = [i for i in range(first) if len(rows[i]) == width - 1]
-        for i in heads:
-            rows[i] = [*rows[i], ""]
+        shown = next(line for line in reversed(lines) if line.strip()).strip()
+        raise ValueError(
+            f"none of its first {len(lines)} lines is a row of numbers: expected cells such as "
+            f"1.5, 1,5 or -2e3 between separators, found {_shortened(shown)!r}"
+        )
+    heads = [i for i in range(first) if len(rows[i]) >= width and filled[i] > 1]
+    if heads:
+        # A column may be empty in the first rows, and a heading name it.
+        width = max(width, filled[heads[-1]])
+        heads = [i for i in heads if len(rows[i]) >= width]
+    rows = [row[:width] for row in rows]
     units: list[str] = []
-    if len(heads) > 1 and all(_UNIT.match(cell) for cell in rows[heads[-1]]):
+    # A row of units stands below a row that names all columns.
+    is_below = len(heads) > 1 and filled[heads[-2]] == width
+    if is_below and all(_UNIT.match(cell) for cell in rows[heads[-1]]):
         units = [cell.strip("[]() ") for cell in rows[heads.pop()]]
     names = rows[heads[-1]] if heads else [_unnamed(i + 1) for i in range(width)]
     unique: list[str] = []
@@ -518,6 +562,15 @@ def _head(lines: Sequence[str], separator: str) -> tuple[list[str], dict[str, st
         unique.append(f"{name} ({number + 1})" if name in unique else name)
     given = {n: u for n, u in zip(unique, units, strict=False) if u.strip("-")}
     return unique, given, first
+
+
+def _filled(row: Sequence[str]) -> int:
+    """Return the number of cells of a row up to the last one that is not empty."""
+    return max((number for number, cell in enumerate(row, 1) if cell), default=0)
+
+
+def _shortened(line: str) -> str:
+    return line if len(line) <= _MOST_SHOWN else f"{line[:_MOST_SHOWN]} ..."
 
 
 def _unnamed(number: int) -> str:
