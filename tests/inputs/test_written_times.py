@@ -241,6 +241,14 @@ def test_minutes_and_hours_without_a_unit_are_not_taken_for_seconds(tmp_path, un
         InputFile(tmp_path / "a.csv").guess(described(1000))
 
 
+def test_julian_days_ask_for_their_unit(tmp_path):
+    moving(61000.25 + 0.005 / 86400 * np.arange(500)).rename(columns={"Time": "MJD"}).to_csv(
+        tmp_path / "a.csv", index=False, float_format="%.12f"
+    )
+    with pytest.raises(ValueError, match=r"column 'MJD' has no unit, .* such as min, h or day"):
+        InputFile(tmp_path / "a.csv").guess(described(1000))
+
+
 @pytest.mark.parametrize("name", ["Row", "Setpoint [deg]"])
 def test_column_with_another_unit_is_not_taken_for_a_time(tmp_path, name):
     frame = moving(np.arange(300)).rename(columns={"Time": name, "command": "cmd [deg]"})

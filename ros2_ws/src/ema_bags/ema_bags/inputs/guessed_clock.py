@@ -58,7 +58,10 @@ def guess_clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[
             "if the samples are regular (--set)"
         )
     for clock in [_clock_of(columns, name) for name in rest if _may_be_time(columns, name)]:
-        if not _counts(columns.values[clock.source]) and _is_clock(columns, clock):
+        values = columns.values[clock.source]
+        step_ns = _step_of(values) * TIMES_NS[clock.unit]
+        is_usual = clock.source in columns.dates or _FASTEST_NS < step_ns < _SLOWEST_NS
+        if is_usual and not _counts(values) and _is_clock(columns, clock):
             remarks.append(f"clock.unit {clock.unit} by the size of the steps")
             return clock, [name for name in rest if name != clock.source]
     remarks.append("no column seems to be the time: give clock.rate_hz, here 1000 as a guess")

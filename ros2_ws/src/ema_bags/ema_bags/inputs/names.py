@@ -17,7 +17,7 @@ _WORDS: Final = {
     "current": r"curr\w*|cur|iq|i q|i eq|ieq|strom|amps?|effort|torq\w*|trq|moment|drehmoment|i|"
     r"tau|force",
     "temperature": r"temp|temps|temperature|temperatures|temperatur",
-    "time": r"t|time|timestamp|stamp|zeit|sec|secs|seconds|date|datetime|clock|ns|ms|us",
+    "time": r"t|time|timestamp|stamp|zeit|sec|secs|seconds|date|datetime|clock|ns|ms|us|mjd|jd",
 }
 _SPLIT: Final = re.compile(r"[^0-9A-Za-zµ°]+|(?<=[a-z]{2})(?=[A-Z])")
 _UNITS: Final = {
