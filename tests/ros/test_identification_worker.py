@@ -25,8 +25,8 @@ from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
+from ..monitor.windows import window_from
 from ..waiting import wait_for
-from .windows import window_from
 
 WINDOW = window_from(np.linspace(0.0, 1.0, 3))
 DEADLINE_S = 10.0
