@@ -23,17 +23,15 @@ from pathlib import Path
 from typing import Any, Final
 
 import click
-import pyarrow as pa
-from archive_drawn import MODEL, draw, make_stubs, write_drawn_health
+from archive_drawn import draw, make_stubs, write_drawn_health
 from script import Figures, Workers, command, in_a_process
 from targets import Row, at_least, at_most, none_of, untargeted
 
 from ema_archive.bag_task import BagTask, diagnose_bag
 from ema_archive.manifest import Manifest
-from ema_archive.partitions import TABLES, write_table
 from ema_archive.query import answer
-from ema_archive.running import RunTally, run_bags, run_units, scan, write_summaries
-from ema_archive.tables import WHOLE
+from ema_archive.running import RunTally, run_bags, run_units, scan
+from ema_archive.store import FILE
 from ema_bags.reader import Bag
 from ema_core.linear_algebra import array_environment
 from ema_core.tasks import Workers as Tasks
@@ -57,10 +55,12 @@ def of_size(place: Path, tests: int, units: int) -> Figures:
         run_bags(manifest, pool, RunTally(), diagnose=draw)
         taken_s, used_s = time.perf_counter() - began_s, time.process_time() - used_s
         peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-        write_summaries(manifest)
+        again_s = time.perf_counter()
+        scan(manifest, [])
+        run_bags(manifest, pool, RunTally(), diagnose=draw)
+        again_s = time.perf_counter() - again_s
     asked_s = time.perf_counter()
     answer(place / "archive", "select count(*), avg(friction) from estimates where valid")
-    written = list((place / "archive").rglob("*.parquet"))
     return {
         "tests": tests,
         "units": units,
@@ -68,8 +68,8 @@ def of_size(place: Path, tests: int, units: int) -> Figures:
         "own_cpu_s": used_s,
         "peak_mb": peak_mb,
         "estimates_query_s": time.perf_counter() - asked_s,
-        "files": len(written),
-        "megabytes": sum(path.stat().st_size for path in written) / 1e6,
+        "nothing_changed_s": again_s,
+        "megabytes": (place / "archive" / FILE).stat().st_size / 1e6,
     }
 
 
@@ -134,10 +134,7 @@ def of_workers(place: Path, bags: Path) -> Figures:
 
 def of_queries(place: Path, tests: int, units: int) -> Figures:
     """Return how long the worst twenty take, by the latest rows and by all rows of health."""
-    latest = write_drawn_health(place, units, tests // units)
-    named = [row | {"model": MODEL, "unit": f"flap+{row['serial_number']}"} for row in latest]
-    table = pa.Table.from_pylist(named, WHOLE["units"])
-    write_table(place / TABLES / "units.parquet", table)
+    write_drawn_health(place / "archive", units, tests // units)
     questions = {
         "worst_s": "select * from worst_first limit 20",
         "worst_of_all_rows_s": "select * from health qualify row_number() over "
@@ -147,7 +144,7 @@ def of_queries(place: Path, tests: int, units: int) -> Figures:
     figures: Figures = {"rows": tests, "units": units}
     for name, question in questions.items():
         began_s = time.perf_counter()
-        answer(place, question)
+        answer(place / "archive", question)
         figures[name] = time.perf_counter() - began_s
     return figures
 
@@ -181,13 +178,12 @@ def of_kills(place: Path, bags: Path, kills: int) -> Figures:
         while manifest.find_due(manifest.settings) and rounds < 2 * kills:
             with Tasks("processes", 2) as pool:
                 run_bags(manifest, pool, tally)
-            for url, *_ in _lost(archive, manifest):
+            for url, *_ in _lost(archive):
                 os.utime(url)
             scan(manifest, [])
             rounds += 1
         over.set()
         killer.join()
-        write_summaries(manifest)
     _, rows = answer(archive, "select bag, number from estimates")
     doubled = sum(count > 1 for count in Counter(rows).values())
     there = {str(path) for path in bags.rglob("*.mcap")}
@@ -195,8 +191,7 @@ def of_kills(place: Path, bags: Path, kills: int) -> Figures:
     return {"kills": killed, "bags": len(there), "missing": missing, "doubled": doubled}
 
 
-def _lost(archive: Path, manifest: Manifest) -> list[tuple[Any, ...]]:
-    write_summaries(manifest)
+def _lost(archive: Path) -> list[tuple[Any, ...]]:
     return answer(archive, "select bag from bags where reason like '%worker processes ended%'")[1]
 
 

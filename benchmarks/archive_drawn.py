@@ -8,10 +8,10 @@ import numpy as np
 from prognosis.whole import worn
 
 from ema_archive.bag_task import DONE, BagResult, BagTask, UnitRows
-from ema_archive.partitions import write_health
 from ema_archive.settings import estimation_software
 from ema_archive.sources import content_digest
-from ema_archive.tables import HEALTH, count_row, estimate_row
+from ema_archive.store import Store, insert
+from ema_archive.tables import HEALTH, count_row, estimate_row, placed
 from ema_monitor.prognosis.history_entry import Count
 
 MODEL: Final = "drawn"
@@ -56,11 +56,11 @@ def draw(task: BagTask) -> BagResult:
     return BagResult(task, DONE, sha256=sha256, units=[rows])
 
 
-def write_drawn_health(archive: Path, units: int, tests: int) -> list[dict[str, Any]]:
-    """Write rows of health of a fleet at once; return the latest row of each unit."""
+def write_drawn_health(archive: Path, units: int, tests: int) -> None:
+    """Make an archive with so many rows of health of each unit, and the latest of them."""
     import pyarrow as pa
 
-    latest = []
+    tables = []
     for unit in range(units):
         rng = np.random.default_rng([1, unit])
         end = 0.2 + rng.random()
@@ -92,6 +92,7 @@ def write_drawn_health(archive: Path, units: int, tests: int) -> list[dict[str, 
             for field in HEALTH
         ]
         table = pa.Table.from_arrays(arrays, schema=HEALTH)
-        write_health(archive, MODEL, f"flap+drawn-{unit:04d}", table)
-        latest += table.slice(tests - 1).to_pylist()
-    return latest
+        tables.append(placed(table, MODEL, f"flap+drawn-{unit:04d}"))
+    with Store(archive, is_new=True) as store, store.changing() as db:
+        insert(db, "health", pa.concat_tables(tables))
+        insert(db, "units", pa.concat_tables(one.slice(tests - 1) for one in tables))

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from ema_archive.partitions import STAMPS, shortened
 from ema_archive.settings import ArchiveSettings, estimation_software
 from ema_archive.sources import calibration_of, content_digest, identity_of, local_copy
-from ema_archive.tables import count_row, duty_row, estimate_row
+from ema_archive.tables import STAMPS, count_row, duty_row, estimate_row
 from ema_bags.reader import Bag
 from ema_bags.telemetry import described_actuators, read_telemetry
 from ema_core.description import ActuatorDescription, UnitKey
@@ -54,7 +53,7 @@ class UnitRows:
 
     @property
     def unit(self) -> str:
-        """Name of the unit, as in paths."""
+        """Name of the unit in the tables."""
         return unit_name(self.actuator_id, self.serial_number)
 
     @property
@@ -83,8 +82,8 @@ class BagResult:
 
 
 def unit_name(actuator_id: str, serial_number: str) -> str:
-    """Return the name of a unit, which is also valid as the name of a folder."""
-    return shortened(f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}")
+    """Return the name of a unit in the tables, by which actuator and serial number are known."""
+    return f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}"
 
 
 def diagnose_bag(task: BagTask) -> BagResult:
@@ -175,8 +174,8 @@ def _rows_of_unit(
     counts, wrong = read_counts(bag, unit)
     usage = [count_row(count, number) | shared for number, count in enumerate(counts)]
     duty = [duty_row(*piece, number) | shared for number, piece in enumerate(flown)]
-    model, calibration_id = shortened(unit.model), identity_of(calibration)
-    return UnitRows(*unit.unit_key, model, calibration_id, estimates, usage, duty), wrong
+    calibration_id = identity_of(calibration)
+    return UnitRows(*unit.unit_key, unit.model, calibration_id, estimates, usage, duty), wrong
 
 
 def _without_window(found: BagWindows) -> str:

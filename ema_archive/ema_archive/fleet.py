@@ -4,6 +4,7 @@ import math
 import re
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from importlib.resources import files
@@ -15,8 +16,8 @@ from typing import Any, Final, NamedTuple
 import duckdb
 import numpy as np
 
-from ema_archive.partitions import TABLES
 from ema_archive.query import opened
+from ema_archive.store import FILE
 
 MOST_ROWS: Final = 1000
 """Most units, and models, that a summary lists."""
@@ -73,7 +74,7 @@ class FleetSummary:
 
 
 def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> FleetSummary:
-    """Return the summary of a fleet, of the tables that are one file each.
+    """Return the summary of a fleet.
 
     Parameters
     ----------
@@ -91,12 +92,10 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
     """
     if not 1 <= most <= MOST_ROWS:
         raise ValueError(f"most = {most}: expected 1 to {MOST_ROWS}")
-    if not (archive / TABLES).is_dir():
-        raise ValueError(f"{archive} has no tables: `ema archive run` makes them")
     text = files("ema_archive").joinpath("fleet_queries.sql").read_text(encoding="utf-8")
     _, *parts = re.split(r"^-- name: (\w+)$", text, flags=re.MULTILINE)
     end_s, summary = time.monotonic() + limit_s, {}
-    with opened(archive, has_tests=False) as db:
+    with opened(archive) as db:
         for name, query in zip(parts[::2], parts[1::2], strict=True):
             timer = Timer(max(end_s - time.monotonic(), 0.0), db.interrupt)
             timer.start()
@@ -127,17 +126,19 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
     )
 
 
-def state_of_tables(archive: Path) -> tuple[int, ...]:
+def state_of_archive(archive: Path) -> tuple[int, ...]:
     """Return a state that changes whenever a summary of the archive may change.
 
     Raises
     ------
     OSError
-        When there are no tables.
+        When there is no archive.
     """
-    # Of the tables that are one file each this one is written last.
-    status = (archive / TABLES / "bags.parquet").stat()
-    return status.st_mtime_ns, status.st_ino
+    status = [(archive / FILE).stat()]
+    with suppress(FileNotFoundError):
+        # Of changes that a killed run left.
+        status.append((archive / f"{FILE}.wal").stat())
+    return tuple(of for one in status for of in (one.st_mtime_ns, one.st_ino))
 
 
 def _plain(row: Row) -> Row:

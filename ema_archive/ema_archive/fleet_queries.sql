@@ -5,7 +5,7 @@ SELECT
     count(*) AS bags, count(*) FILTER (WHERE state = 'damaged') AS damaged,
     count(*) FILTER (WHERE state = 'incomplete') AS incomplete,
     count(*) FILTER (WHERE state = 'failed') AS failed,
-    count(*) FILTER (WHERE state IN ('new', 'interrupted')) AS unread
+    count(*) FILTER (WHERE state IN ('new', 'lost')) AS unread
 FROM bags;
 
 -- name: levels

@@ -22,7 +22,7 @@ _FLOAT: Final = pa.float64()
 _STAMP: Final = pa.timestamp("us")  # UTC
 _CAUSE: Final = pa.struct({"name": _TEXT, "value": _FLOAT, "sigma": _FLOAT})
 _ALTERNATIVE: Final = pa.struct({"part": pa.list_(_TEXT), "stand_in": pa.list_(_TEXT)})
-_EVENT: Final = pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "kind": _TEXT, "text": _TEXT})
+EVENT: Final = pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "kind": _TEXT, "text": _TEXT})
 _QUANTITY: Final = pa.struct(
     {
         "name": _TEXT,
@@ -62,7 +62,6 @@ _LIFE: Final = {
     "{}_reason": _TEXT,
 }
 _REMOVAL: Final = ("risk", "hours", "cycles", "days")
-_PLACE: Final = {"model": _TEXT, "unit": _TEXT}
 
 _ESTIMATES: Final = pa.schema(
     {
@@ -102,13 +101,16 @@ _DUTY_LISTS: Final = {
     "travel": ("travel", "travel_load"),
     "winding": ("winding_hours", "winding_rise_hours"),
 }
+DUTY_LISTS: Final = tuple(chain.from_iterable(_DUTY_LISTS.values()))
+"""Columns of a duty with a number for each class."""
+
 _DUTY: Final = pa.schema(
     {
         **_UNIT,
         "until": _STAMP,
         "stamp_ns": _INT,
         "hours": _FLOAT,
-        **{name: pa.list_(_FLOAT) for names in _DUTY_LISTS.values() for name in names},
+        **dict.fromkeys(DUTY_LISTS, pa.list_(_FLOAT)),
         "number": pa.int32(),
         "bag": _TEXT,
     }
@@ -128,7 +130,7 @@ HEALTH: Final = pa.schema(
         "confidence": _FLOAT,
         "dominant_fault": _TEXT,
         **{name.format(life): kind for life in _LIVES for name, kind in _LIFE.items()},
-        "events": pa.list_(_EVENT),
+        "events": pa.list_(EVENT),
         "reason": _TEXT,
         **{f"removal_{name}": _FLOAT for name in _REMOVAL},
         "calibration_id": _TEXT,
@@ -137,31 +139,18 @@ HEALTH: Final = pa.schema(
 )
 """A row for each test, valid or refused: health and remaining life after it."""
 
-PARTITIONED: Final = {"estimates": _ESTIMATES, "usage": _USAGE, "duty": _DUTY, "health": HEALTH}
-"""Columns of the tables with files for each unit: a row for each window (``tested`` is its end),
-count of service hours, duty up to the end of a window or bag, and test."""
+BAG_TABLES: Final = {"estimates": _ESTIMATES, "usage": _USAGE, "duty": _DUTY}
+"""Columns of the tables with rows of bags: a row for each window (``tested`` is its end), count of
+service hours, and duty up to the end of a window or bag."""
 
-WHOLE: Final = {
-    "bags": pa.schema(
-        {
-            "bag": _TEXT,
-            "bytes": _INT,
-            "is_there": pa.bool_(),
-            "state": _TEXT,
-            "bag_sha256": _TEXT,
-            **_MADE_BY,
-            "reason": _TEXT,
-            "remarks": _TEXT,
-            "windows": pa.int32(),
-            "valid": pa.int32(),
-        }
-    ),
-    "units": pa.schema(
-        {**_PLACE, **{item.name: item.type for item in HEALTH}, "calibrated": _STAMP}
-    ),
+STAMPS: Final = {"estimates": "end_ns", "usage": "stamp_ns", "duty": "stamp_ns"}
+"""Column with the time of a row of a bag [ns]."""
+
+UNIT_TABLES: Final = {
+    "health": HEALTH,
+    "units": pa.schema([*HEALTH, pa.field("calibrated", _STAMP)]),
     "growth": pa.schema(
         {
-            **_PLACE,
             **_UNIT,
             "item": _TEXT,
             "is_requirement": pa.bool_(),
@@ -177,7 +166,6 @@ WHOLE: Final = {
     ),
     "lives": pa.schema(
         {
-            **_PLACE,
             "life": pa.int32(),
             "begin_hours": _FLOAT,
             "from_age": _FLOAT,
@@ -185,20 +173,28 @@ WHOLE: Final = {
             "has_failed": pa.bool_(),
         }
     ),
-    "months": pa.schema({**_PLACE, "month": _TEXT, "windows": pa.int32(), "valid": pa.int32()}),
-    "unordered": pa.schema(
-        {**_PLACE, "bag": _TEXT, "number": pa.int32(), "tested": _STAMP, "reason": _TEXT}
-    ),
+    "months": pa.schema({"month": _TEXT, "windows": pa.int32(), "valid": pa.int32()}),
+    "unordered": pa.schema({"bag": _TEXT, "number": pa.int32(), "tested": _STAMP, "reason": _TEXT}),
 }
-"""Columns of the tables that are one file each.
+"""Columns of the tables with rows of units.
 
-A row for each bag, the damaged ones included; each unit, its row of health after the newest test
+A row for each test; each unit, its row of health after the newest test
 and when the file of its calibration was changed; each fault and requirement of a unit after its
 latest valid test; each life of a unit, which a repair begins and the first test in ERROR ends: the
 service hours at which it began, its age when it was first tested and when it failed, or was last
 tested; each month with tests of a unit; and each valid window that is refused because its stamps do
 not show which test came first.
 """
+
+PLACE: Final = ("model", "unit")
+"""Columns of model and unit, which each of these tables has before its own."""
+
+
+def placed(rows: pa.Table, model: str, unit: str) -> pa.Table:
+    """Return rows of a unit with the columns of its place."""
+    for name, value in zip(reversed(PLACE), (unit, model), strict=True):
+        rows = rows.add_column(0, name, pa.array([value] * rows.num_rows, _TEXT))
+    return rows
 
 
 def estimate_row(one: Estimate, number: int) -> dict[str, Any]:
@@ -235,13 +231,20 @@ def duty_row(stamp_ns: int, flown: FlownDuty, number: int) -> dict[str, Any]:
     Lists are by class of the load, or of the rise of the winding, as in `FlownDuty`.
     """
     row = {"until": stamp_ns // 1000, "stamp_ns": stamp_ns, "hours": float(flown.hours)}
-    for name, columns in _DUTY_LISTS.items():
-        row |= dict(zip(columns, getattr(flown, name).tolist(), strict=True))
-    return row | {"number": number}
+    return row | duty_lists(flown) | {"number": number}
+
+
+def duty_lists(flown: FlownDuty) -> dict[str, list[float]]:
+    """Return the columns of a duty with a number for each class."""
+    return {
+        column: values
+        for name, columns in _DUTY_LISTS.items()
+        for column, values in zip(columns, getattr(flown, name).tolist(), strict=True)
+    }
 
 
 def duty_from(row: Mapping[str, Any]) -> FlownDuty:
-    """Return the duty that a row of `duty_row` holds, to the bit."""
+    """Return the duty that the columns of `duty_row` hold, to the bit."""
     classes = {
         name: np.array([row[column] for column in columns]) for name, columns in _DUTY_LISTS.items()
     }

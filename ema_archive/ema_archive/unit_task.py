@@ -5,16 +5,15 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from datetime import UTC, datetime
 from typing import Any, Final
 
 import pyarrow as pa
 
-from ema_archive.partitions import month_of
+from ema_archive.history_rows import KeptHistory, history_from, kept_history
 from ema_archive.settings import ArchiveSettings, prognosis_software
 from ema_archive.sources import calibration_of, changed_ns, identity_of
-from ema_archive.tables import HEALTH, duty_from, estimate_from, growth_rows, health_row
+from ema_archive.tables import UNIT_TABLES, duty_from, estimate_from, growth_rows, health_row
 from ema_core.description import UnitKey
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import ERROR, OK, STALE
@@ -36,18 +35,8 @@ _IDENTITY: Final = ("end_ns", "verdict", "bag_sha256", "number", "calibration_id
 
 
 @dataclass(frozen=True)
-class KeptHistory:
-    """The history of a unit as a file has it, what it follows from, and the windows it rests on."""
-
-    made_by: str
-    tests: int
-    digest: str
-    content: bytes
-
-
-@dataclass(frozen=True)
 class UnitEntry:
-    """A unit as the manifest knows it, and where its calibration comes from."""
+    """A unit of an archive, and where its calibration comes from."""
 
     unit: str
     actuator_id: str
@@ -65,8 +54,8 @@ class UnitEntry:
 class UnitTask:
     """What a worker is to do with the tests of a unit: its rows in these tables, in order of time.
 
-    Without what an earlier task kept, tests are followed from the first. ``lost`` is why later
-    tests may be lost, empty where they are not.
+    Without the history that an earlier task kept, tests are followed from the first. ``lost`` is
+    why later tests may be lost, empty where they are not.
     """
 
     entry: UnitEntry
@@ -85,16 +74,15 @@ class UnitResult:
 
     Attributes
     ----------
-    summary
-        Its rows in the tables that are one file each, as plain values, by the names of these.
+    tables
+        Its rows in the tables of units, by their names.
     followed
         Number of windows that were followed; the others were known.
     """
 
     made_by: str
     software: str
-    health: pa.Table
-    summary: dict[str, list[dict[str, Any]]]
+    tables: dict[str, pa.Table]
     kept: KeptHistory | None
     followed: int
 
@@ -121,33 +109,29 @@ def follow_unit(task: UnitTask) -> UnitResult:
     columns = (task.usage[name].to_pylist() for name in ("stamp_ns", "hours", "cycles"))
     usage = [Count(*values) for values in dict.fromkeys(zip(*columns, strict=True))]
     duty = _pieces(task.duty)
-    with TemporaryDirectory(prefix="ema_archive_") as folder:
-        path = Path(folder) / "history.sqlite"
-        known, history = _history_of(task, maker, estimates, usage, duty, path)
-        # Stamps of a table are dates when they are read.
-        before = task.health.to_pylist() if known else []
-        rows = [row | {"tested": row["stamp_ns"] // 1000} for row in before]
-        unit, last = Unit(history, settings), None
-        later = (estimate_from(row) for row in estimates[known:])
-        known_ns = estimates[known - 1]["end_ns"] if known else None
-        flown = [
-            (row["stamp_ns"], duty_from(row))
-            for row in duty
-            if known_ns is None or row["stamp_ns"] > known_ns
-        ]
-        for estimate, outlook in unit.follow(later, parameters, settings, usage, flown):
-            if outlook is not None:
-                last = outlook
-                rows.append(health_row(outlook, estimate.calibration_id) | shared)
-        if last is None:
-            last = unit.resume(parameters, settings) or unknown_outlook("no test so far")
-        kept = None
-        # Where hours by cycle take the place of counts, that is said once, at the first count.
-        if settings.service.hours_per_cycle == 0.0 and history.entries:
-            history.save(path, unit.growth.state())
-            if not history.problem:
-                digest = _digest_of(estimates, usage, duty)
-                kept = KeptHistory(maker, len(estimates), digest, path.read_bytes())
+    known, history = _history_of(task, maker, estimates, usage, duty)
+    # Stamps of a table are dates when they are read.
+    before = task.health.to_pylist() if known else []
+    rows = [row | {"tested": row["stamp_ns"] // 1000} for row in before]
+    unit, last = Unit(history, settings), None
+    later = (estimate_from(row) for row in estimates[known:])
+    known_ns = estimates[known - 1]["end_ns"] if known else None
+    flown = [
+        (row["stamp_ns"], duty_from(row))
+        for row in duty
+        if known_ns is None or row["stamp_ns"] > known_ns
+    ]
+    for estimate, outlook in unit.follow(later, parameters, settings, usage, flown):
+        if outlook is not None:
+            last = outlook
+            rows.append(health_row(outlook, estimate.calibration_id) | shared)
+    if last is None:
+        last = unit.resume(parameters, settings) or unknown_outlook("no test so far")
+    kept = None
+    # Where hours by cycle take the place of counts, that is said once, at the first count.
+    if settings.service.hours_per_cycle == 0.0 and history.entries:
+        digest = _digest_of(estimates, usage, duty)
+        kept = kept_history(history, unit.growth.state(), maker, digest, len(estimates))
     # The months in which it was tested.
     windows = Counter(month_of(row["end_ns"]) for row in estimates)
     valid = Counter(month_of(row["end_ns"]) for row in estimates if row["valid"])
@@ -155,20 +139,22 @@ def follow_unit(task: UnitTask) -> UnitResult:
     latest = rows[-1] if rows else health_row(last, "") | shared
     if task.lost:
         latest = _unconfirmed(latest, task.lost)
+    months = [
+        {"month": month, "windows": windows[month], "valid": valid[month]}
+        for month in sorted(windows)
+    ]
+    tables: dict[str, list[dict[str, Any]]] = {
+        "health": rows,
+        "units": [{**latest, "calibrated": None if changed is None else changed // 1000}],
+        "growth": [row | names for row in growth_rows(last)],
+        "lives": lives_of(rows),
+        "months": months,
+        "unordered": refused,
+    }
     return UnitResult(
         maker,
         prognosis_software(),
-        pa.Table.from_pylist(rows, HEALTH),
-        {
-            "units": [{**latest, "calibrated": None if changed is None else changed // 1000}],
-            "growth": [row | names for row in growth_rows(last)],
-            "lives": lives_of(rows),
-            "months": [
-                {"month": month, "windows": windows[month], "valid": valid[month]}
-                for month in sorted(windows)
-            ],
-            "unordered": refused,
-        },
+        {name: pa.Table.from_pylist(of, UNIT_TABLES[name]) for name, of in tables.items()},
         kept,
         len(estimates) - known,
     )
@@ -188,19 +174,19 @@ def _history_of(
     estimates: Sequence[Row],
     usage: Sequence[Count],
     duty: Sequence[Row],
-    path: Path,
 ) -> tuple[int, History]:
     """Return how many windows are known already, and the history that they left."""
     key, kept = task.entry.key, task.kept
-    known = kept and kept.made_by == maker and _digest_of(estimates[: kept.tests], usage, duty)
-    if kept and known == kept.digest:
-        path.write_bytes(kept.content)
-        history = History(*key, path)
-        if not history.problem:
-            return kept.tests, history
-        history.close()
-        path.unlink(missing_ok=True)
+    if kept is not None and kept.made_by == maker:
+        windows = estimates[: kept.windows]
+        if _digest_of(windows, usage, duty) == kept.digest:
+            return kept.windows, history_from(kept, key, windows)
     return 0, History(*key)
+
+
+def month_of(stamp_ns: int) -> str:
+    """Return the month of a stamp in UTC, such as 2031-05."""
+    return datetime.fromtimestamp(stamp_ns // 1_000_000_000, UTC).strftime("%Y-%m")
 
 
 def _pieces(table: pa.Table) -> list[Row]:

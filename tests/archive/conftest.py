@@ -1,18 +1,21 @@
 """Bags of a small fleet: two units with calibrations of their own, over three months."""
 
 import math
+import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
 from ema_archive.manifest import Manifest
-from ema_archive.partitions import TABLES
 from ema_archive.running import run, scan
+from ema_archive.store import FILE, TABLES, Store, insert
+from ema_archive.tables import placed
 from ema_cli.simulated_lives import calibration_of_life, simulated_tests, unit_of_life, write_test
 from ema_core.faults import fault_vector
 from ema_core.tasks import Workers
@@ -50,7 +53,7 @@ def whole(made_fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         scan(manifest, [str(made_fleet)])
         run(manifest, pool)
         status = manifest.status(manifest.settings)
-    assert (status.bags, status.due, status.units_due, status.damaged_files) == (10, 0, 0, 0)
+    assert (status.bags, status.due, status.units_due, status.damaged_tables) == (10, 0, 0, [])
     return folder
 
 
@@ -89,13 +92,42 @@ def _threads_as_before() -> Iterator[None]:
 
 def table_of(archive: Path, name: str) -> pa.Table:
     """Return a table of an archive in a fixed order, without what differs from run to run."""
-    import duckdb
-
-    files = f"{archive / TABLES / name}/**/*.parquet"
-    with duckdb.connect() as db:
-        table = db.sql(f"SELECT * FROM read_parquet('{files}') ORDER BY ALL").to_arrow_table()
+    with Store(archive, writes=False) as store, store.reading() as db:
+        table = db.execute(f"SELECT * FROM {name} ORDER BY ALL").to_arrow_table()
     times = [name for name in table.column_names if name == "computing_time_s"]
     return table.drop_columns(times)
+
+
+def rows_of_unit(archive: Path, name: str, unit: str) -> pa.Table:
+    """Return the rows of a unit in a table, in order of time."""
+    with Store(archive, writes=False) as store:
+        return store.rows_of_unit(name, unit)
+
+
+def write_rows(
+    archive: Path, name: str, rows: list[dict[str, Any]], unit: str = "unit", model: str = "model"
+) -> None:
+    """Add rows to a table of an archive, which is made if there is none."""
+    with Store(archive, is_new=True) as store, store.changing() as db:
+        insert(db, name, placed(pa.Table.from_pylist(rows, TABLES[name]), model, unit))
+
+
+def damage_rows(archive: Path, table: str) -> None:
+    """Flip a byte of the rows of a table."""
+    with Store(archive, writes=False) as store, store.reading() as db:
+        [(size,)] = db.execute(
+            "SELECT block_size FROM pragma_database_size() WHERE database_name = 'archive'"
+        ).fetchall()
+        [(block, offset)] = db.execute(
+            f"SELECT block_id, block_offset FROM pragma_storage_info('{table}') "
+            "WHERE persistent AND block_id >= 0 AND count > 0 ORDER BY ALL LIMIT 1"
+        ).fetchall()
+    with (archive / FILE).open("r+b") as file:
+        # Three headers of 4096 bytes are before the first block, its checksum before its rows.
+        file.seek(3 * 4096 + block * size + 8 + offset)
+        [byte] = file.read(1)
+        file.seek(-1, os.SEEK_CUR)
+        file.write(bytes([byte ^ 1]))
 
 
 def exactly(archive: Path, name: str) -> list[str]:

@@ -10,7 +10,7 @@ import pytest
 from tests.monitor.comparisons import CASES, HEALTHY, compared
 from tests.monitor.windows import estimated
 
-from ema_archive.tables import PARTITIONED, estimate_from, estimate_row
+from ema_archive.tables import BAG_TABLES, estimate_from, estimate_row
 from ema_monitor.joint.comparison import FRICTION, Comparison, FigureChange, Improvement
 
 FULL = replace(
@@ -27,7 +27,7 @@ _SQL = """
 
 def written(path: Path, *estimates: object) -> Path:
     rows = [estimate_row(one, number) for number, one in enumerate(estimates)]  # pyright: ignore[reportArgumentType]
-    pq.write_table(pa.Table.from_pylist(rows, PARTITIONED["estimates"]), path)
+    pq.write_table(pa.Table.from_pylist(rows, BAG_TABLES["estimates"]), path)
     return path
 
 

@@ -5,20 +5,24 @@ import json
 import os
 import random
 import shutil
+import signal
 import subprocess
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import pyarrow as pa
 import pytest
 
-from ema_archive.database import FILE
 from ema_archive.manifest import Manifest
+from ema_archive.mending import mend
 from ema_archive.query import answer
 from ema_archive.running import run, scan
-from ema_archive.tables import WHOLE
+from ema_archive.store import FILE, TABLES
 from ema_core.tasks import Workers
 
-from .conftest import exactly
+from .conftest import damage_rows, exactly
 
 HERE = ("--executor", "threads", "--workers", "1")
 LEVELS = "select serial_number, health, last_health, reason from worst_first order by 1"
@@ -39,28 +43,34 @@ def empty(path: Path) -> None:
     path.write_bytes(b"")
 
 
+def commands(archive: Path) -> list[tuple[Any, ...]]:
+    """Commands that answer from an archive."""
+    return [
+        ("archive", "query", archive, "select * from worst_first"),
+        ("archive", "export", archive, "units", "-o", archive.parent / "units.csv"),
+        ("report", "--fleet", archive, "-o", archive.parent / "fleet.html"),
+    ]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("damage", [Path.unlink, empty, halve, flip])
-def test_damaged_table_is_named_and_made_anew_whichever_it_is(
-    ema, archive: Path, damage: Callable[[Path], None]
-):
+def test_damaged_table_is_named_and_made_anew_whichever_it_is(ema, archive: Path):
     before = {name: exactly(archive, name) for name in ("estimates", "health")}
     levels = answer(archive, LEVELS)
-    files = [archive / "tables" / f"{name}.parquet" for name in WHOLE]
-    files += [sorted((archive / "tables" / name).rglob("*.parquet"))[0] for name in before]
-    for path in files:
-        damage(path)
-        name = path.relative_to(archive)
-        said = f"1 file of the tables missing or damaged, such as {name}: `ema archive run"
-        for command in (
-            ("archive", "query", archive, "select * from worst_first"),
-            ("archive", "export", archive, "units", "-o", archive.parent / "units.csv"),
-            ("report", "--fleet", archive, "-o", archive.parent / "fleet.html"),
-        ):
+    with Manifest(archive, writes=False) as manifest, manifest.reading() as db:
+        # A table without rows has none that could be damaged.
+        names = [name for name in TABLES if db.execute(f"SELECT * FROM {name} LIMIT 1").fetchall()]
+    assert len(names) == len(TABLES) - 1
+    for name in names:
+        damage_rows(archive, name)
+        said = f"1 table damaged, {name}: `ema archive run"
+        for command in commands(archive):
             result = ema(*command)
             assert (result.exit_code, said in result.stderr) == (1, True), (name, result.output)
-        status = ema("archive", "status", archive).stdout
-        assert "1 file of the tables missing or damaged" in status
+        status = ema("archive", "status", archive)
+        assert (status.exit_code, "1 table damaged" in status.stdout) == (0, True), status.output
+        assert json.loads(ema("archive", "status", archive, "--json").stdout)["damaged_tables"] == [
+            name
+        ]
         result = ema("archive", "run", archive, *HERE)
         assert (result.exit_code, "made anew" in result.stderr) == (0, True), result.output
         assert "all is up to date" in result.stdout
@@ -68,14 +78,60 @@ def test_damaged_table_is_named_and_made_anew_whichever_it_is(
     assert {name: exactly(archive, name) for name in before} == before
 
 
-@pytest.mark.parametrize("damage", [empty, halve])
-def test_damaged_database_is_named_with_the_remedy(ema, archive: Path, damage):
+def test_only_rows_that_cannot_be_read_are_made_anew(tmp_path: Path):
+    """A damaged group of rows takes only its bags with it."""
+    archive, groups = tmp_path / "archive", 3
+    bags = [f"/bags/{number:06d}.mcap" for number in range(groups * 122_880)]
+    with Manifest(archive, is_new=True) as manifest:
+        with manifest.changing() as db:
+            db.register("_rows", pa.table({"bag": bags}))
+            db.execute(
+                "INSERT INTO manifest.bag BY NAME SELECT bag, 0 AS bytes, '' AS mark, "
+                "'' AS beside, 1 AS scan, true AS is_there, 'done' AS state FROM _rows"
+            )
+            db.execute("INSERT INTO manifest.part SELECT bag, 'u', 'm', '', 0, 1, 0, 0 FROM _rows")
+            db.execute("INSERT INTO estimates BY NAME SELECT bag, random() AS friction FROM _rows")
+        damage_rows(archive, "estimates")
+        [words] = mend(manifest)
+        assert words == "1 table damaged, estimates: made anew"
+        with manifest.reading() as db:
+            lost = db.execute("SELECT bag FROM manifest.bag WHERE state = 'lost'").fetchall()
+            [(kept,)] = db.execute("SELECT count(*) FROM estimates").fetchall()
+        assert manifest.damaged_tables() == []
+    assert len(lost) == 122_880
+    assert kept == (groups - 1) * 122_880
+
+
+@pytest.mark.parametrize("damage", [Path.unlink, empty, halve, flip])
+def test_damaged_store_is_named_with_the_remedy(ema, archive: Path, damage):
     damage(archive / FILE)
-    for command in (("query", archive, "select 1"), ("status", archive), ("run", archive)):
+    for command in (
+        *commands(archive),
+        ("archive", "status", archive),
+        ("archive", "run", archive),
+    ):
+        result = ema(*command)
+        assert result.exit_code == 1, result.output
+        assert str(archive) in result.stderr
+        assert FILE in result.stderr
+        if damage is not Path.unlink:
+            assert "scan the bags to a new archive" in result.stderr
+
+
+def test_archive_of_an_earlier_version_is_refused(ema, tmp_path: Path):
+    archive = tmp_path / "archive"
+    archive.mkdir()
+    (archive / "archive.sqlite").write_bytes(b"SQLite format 3")
+    for command in (("scan", archive, tmp_path), ("run", archive), ("status", archive)):
         result = ema("archive", *command)
         assert result.exit_code == 1
-        assert f"{archive / FILE} " in result.stderr
+        assert "has a version before 10, expected 10" in result.stderr
         assert "scan the bags to a new archive" in result.stderr
+    other = tmp_path / "other"
+    with Manifest(other, is_new=True) as manifest, manifest.changing() as db:
+        db.execute("UPDATE manifest.archive SET version = 11")
+    result = ema("archive", "status", other)
+    assert f"{other / FILE} has version 11, expected 10: scan the bags to a new" in result.stderr
 
 
 def bring_up_to_date(archive: Path, *sources: Path) -> None:
@@ -185,16 +241,26 @@ def test_read_only_archive_can_be_read(ema, archive: Path, tmp_path: Path):
     assert "all is up to date" in ema("archive", "run", archive, *HERE).stdout
 
 
-def test_read_only_archive_whose_last_changes_are_not_in_its_database_is_refused(
+def test_last_changes_of_a_killed_command_are_read_of_a_read_only_archive(
     ema, made_fleet: Path, tmp_path: Path
 ):
-    archive, copy = tmp_path / "archive", tmp_path / "copy"
-    with Manifest(archive, is_new=True) as manifest:
-        scan(manifest, [str(made_fleet)])
-        shutil.copytree(archive, copy)  # as after a kill
-    (copy / f"{FILE}-shm").unlink()
-    with made_read_only(copy):
-        result = ema("archive", "status", copy)
-        assert result.exit_code == 1
-        assert f"its last changes are in {FILE}-wal" in result.stderr
-    assert "10 bags" in ema("archive", "status", copy).stdout
+    archive = tmp_path / "archive"
+    script = """
+import os, signal, sys
+from pathlib import Path
+from ema_archive.manifest import Manifest
+from ema_archive.running import scan
+from ema_archive.store import Store
+Store._note = lambda self: None
+with Manifest(Path(sys.argv[1]), is_new=True) as manifest, manifest.changing() as db:
+    db.execute("UPDATE manifest.archive SET sources = ['/bags of a killed command']")
+    db.execute("COMMIT")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    done = subprocess.run([sys.executable, "-c", script, archive], check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert (archive / f"{FILE}.wal").exists()
+    with made_read_only(archive):
+        result = ema("archive", "status", archive)
+        assert (result.exit_code, "of /bags of a killed" in result.stdout) == (0, True), result
+    assert "of /bags of a killed command" in ema("archive", "status", archive).stdout

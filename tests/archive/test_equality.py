@@ -9,13 +9,12 @@ import pyarrow as pa
 import pytest
 
 from ema_archive.manifest import Manifest
-from ema_archive.partitions import read_unit
 from ema_archive.running import scan
-from ema_archive.tables import PARTITIONED, estimate_from, estimate_row
+from ema_archive.tables import BAG_TABLES, estimate_from, estimate_row
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.identification.estimate import estimate_record
 
-from .conftest import exactly
+from .conftest import exactly, rows_of_unit, table_of
 
 pytestmark = pytest.mark.slow
 
@@ -23,8 +22,7 @@ SAME = ("cycles", "level", "health_index", "dominant_fault")
 
 
 def units(archive):
-    with Manifest(archive, writes=False) as manifest:
-        return list(manifest.units())
+    return sorted(table_of(archive, "units")["unit"].to_pylist())
 
 
 def finite(value):
@@ -33,9 +31,9 @@ def finite(value):
 
 def test_estimates_are_those_of_the_command(ema, whole, made_fleet):
     compared = 0
-    for number, (_, unit, _) in enumerate(units(whole)):
+    for number, unit in enumerate(units(whole)):
         folder = made_fleet / f"unit_{number}"
-        rows = read_unit(whole, "estimates", unit).to_pylist()
+        rows = rows_of_unit(whole, "estimates", unit).to_pylist()
         calibration = ("--calibration", folder / "calibration.yaml")
         for bag in sorted(folder.glob("*.mcap")):
             result = ema("estimate", bag, "-p", "warm_start=false", *calibration, "--json")
@@ -53,10 +51,10 @@ def test_estimates_are_those_of_the_command(ema, whole, made_fleet):
 
 
 def test_health_and_life_are_those_of_the_command(ema, whole, made_fleet):
-    for number, (_, unit, summary) in enumerate(units(whole)):
+    for number, unit in enumerate(units(whole)):
         folder = made_fleet / f"unit_{number}"
         told = json.loads(ema("predict", folder, "-p", "warm_start=false", "--json").stdout)
-        rows = read_unit(whole, "health", unit).to_pylist()
+        rows = rows_of_unit(whole, "health", unit).to_pylist()
         tests = [test for test in told["tests"] if "level" in test]
         assert len(rows) == len(tests) > 2
         for row, test in zip(rows, tests, strict=True):
@@ -73,8 +71,9 @@ def test_health_and_life_are_those_of_the_command(ema, whole, made_fleet):
                     assert finite(row[f"{life}_{quantile}"]) == said[f"hours_{quantile}"]
         assert rows[-1]["severity"] == told["severity"]
         said = {item["name"]: item for item in (*told["faults"], *told["requirements"])}
-        assert {row["item"] for row in summary["growth"]} == set(said)
-        for row in summary["growth"]:
+        growth = rows_of_unit(whole, "growth", unit).to_pylist()
+        assert {row["item"] for row in growth} == set(said)
+        for row in growth:
             for name in ("value", "sigma", "limit"):
                 assert finite(row[name]) == said[row["item"]][name]
 
@@ -114,8 +113,8 @@ def test_workers_of_dask_change_nothing(whole, made_fleet, tmp_path):
 
 
 def test_row_holds_every_figure_of_an_estimate_to_the_bit(whole):
-    for row in read_unit(whole, "estimates", units(whole)[0][1]).to_pylist():
+    for row in rows_of_unit(whole, "estimates", units(whole)[0]).to_pylist():
         again = estimate_row(estimate_from(row), row["number"])
-        table = pa.Table.from_pylist([again], PARTITIONED["estimates"])
+        table = pa.Table.from_pylist([again], BAG_TABLES["estimates"])
         for name in ("covariance", *FAULT_NAMES, "fitness", "unexplained_share"):
             np.testing.assert_array_equal(table[name].to_pylist()[0], row[name])

@@ -10,12 +10,12 @@ import pyarrow as pa
 import pytest
 
 from ema_archive.fleet import fleet_summary, survival
-from ema_archive.partitions import TABLES, write_table
-from ema_archive.tables import WHOLE
+from ema_archive.store import Store
 from ema_archive.unit_task import _windows, lives_of
 from ema_core.faults import FAULT_NAMES
 
 from ..pages import Page
+from .conftest import write_rows
 
 LATEST = datetime(2031, 5, 20, tzinfo=UTC)
 # Weeks of remission under 6-MP, and whether it ended (Freireich et al., 1963): the textbook case.
@@ -88,8 +88,6 @@ def test_departure_gives_way_to_an_estimate_and_a_failure_and_stays_in_no_order(
 def archive(tmp_path):
     units = [
         {
-            "model": "F" if number else "E",
-            "unit": f"flap+{number}",
             "actuator_id": "flap",
             "serial_number": str(number),
             "level": level,
@@ -105,13 +103,13 @@ def archive(tmp_path):
     lives = [
         {"from_age": 0.0, "to_age": hours, "has_failed": level == 2} for level, hours, *_ in UNITS
     ]
-    months = [
-        {"model": "F", "unit": unit, "month": month, "windows": 10, "valid": valid}
-        for unit, month, valid in (("a", "2031-04", 9), ("a", "2031-05", 8), ("b", "2031-05", 10))
-    ]
-    for name, rows in (("units", units), ("lives", lives), ("months", months), ("bags", [])):
-        write_table(tmp_path / TABLES / f"{name}.parquet", pa.Table.from_pylist(rows, WHOLE[name]))
-    return tmp_path
+    archive = tmp_path / "archive"
+    for number, row in enumerate(units):
+        write_rows(archive, "units", [row], f"flap+{number}", "F" if number else "E")
+    write_rows(archive, "lives", lives)
+    for unit, month, valid in (("a", "2031-04", 9), ("a", "2031-05", 8), ("b", "2031-05", 10)):
+        write_rows(archive, "months", [{"month": month, "windows": 10, "valid": valid}], unit, "F")
+    return archive
 
 
 def test_figures_of_a_fleet(archive):
@@ -148,19 +146,21 @@ def test_figures_of_a_fleet(archive):
 
 
 def test_a_fleet_without_tests_has_a_summary(tmp_path):
-    with pytest.raises(ValueError, match="has no tables"):
-        fleet_summary(tmp_path)
-    (tmp_path / "tables").mkdir()
-    found = fleet_summary(tmp_path)
+    archive = tmp_path / "archive"
+    with pytest.raises(ValueError, match="is no archive"):
+        fleet_summary(archive)
+    with Store(archive, is_new=True):
+        pass
+    found = fleet_summary(archive)
     assert (found.levels["units"], found.worst, found.survival, found.lives) == (0, [], [], 0)
 
 
-def test_a_summary_is_bounded(archive, tmp_path):
+def test_a_summary_is_bounded(archive):
     for most in (0, 1001):
         with pytest.raises(ValueError, match=f"most = {most}: expected 1 to 1000"):
             fleet_summary(archive, most)
     rows = [{"from_age": 0.0, "to_age": 1.0 + i % 97, "has_failed": False} for i in range(400_000)]
-    write_table(archive / TABLES / "lives.parquet", pa.Table.from_pylist(rows, WHOLE["lives"]))
+    write_rows(archive, "lives", rows)
     with pytest.raises(ValueError, match=r"takes more than 1e-05 s"):
         fleet_summary(archive, limit_s=1e-5)
 
@@ -186,13 +186,12 @@ def test_the_report_of_a_fleet_has_the_figures_of_its_summary(archive, ema, tmp_
 
 def test_the_report_of_a_fleet_without_a_valid_test_says_so_and_shows_nothing_else(ema, tmp_path):
     empty, refused = tmp_path / "empty", tmp_path / "refused"
-    unit = {"model": "F", "unit": "flap+1", "actuator_id": "flap", "serial_number": "1"}
+    unit = {"actuator_id": "flap", "serial_number": "1"}
     stale = unit | {"level": 3, "last_level": 3, "rul_known": False, "reason": "no calibration"}
-    month = {"model": "F", "unit": "flap+1", "month": "2031-04", "windows": 4, "valid": 0}
-    for folder, rows in ((empty, {}), (refused, {"units": [stale], "months": [month]})):
-        for name in WHOLE:
-            table = pa.Table.from_pylist(rows.get(name, []), WHOLE[name])
-            write_table(folder / TABLES / f"{name}.parquet", table)
+    month = {"month": "2031-04", "windows": 4, "valid": 0}
+    for folder, rows in ((empty, {"units": []}), (refused, {"units": [stale], "months": [month]})):
+        for name in rows:
+            write_rows(folder, name, rows[name], "flap+1", "F")
         assert ema("report", "--fleet", folder, "-o", f"{folder}.html").exit_code == 0
     pages = [(tmp_path / f"{name}.html").read_text() for name in ("empty", "refused")]
     for page in pages:

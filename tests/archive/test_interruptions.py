@@ -1,33 +1,36 @@
 """Killed workers, a killed run and a full disk: nothing is lost, and nothing is there twice."""
 
 import contextlib
-import errno
 import importlib
 import json
 import os
+import random
+import resource
 import signal
-import sqlite3
 import subprocess
 import sys
+import threading
+import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import pyarrow as pa
-import pyarrow.parquet as pq
+import duckdb
 import pytest
 
-from ema_archive import partitions
-from ema_archive.bag_task import DONE, BagResult, BagTask, UnitRows
-from ema_archive.database import FILE
+from ema_archive import commits, running, store
+from ema_archive.bag_task import DONE, BagResult, BagTask, UnitRows, unit_name
+from ema_archive.commits import commit_bags
 from ema_archive.manifest import Manifest
-from ema_archive.partitions import read_unit
 from ema_archive.query import answer
-from ema_archive.running import RunTally, run, run_bags, run_units, scan, write_results
+from ema_archive.running import RunTally, run, run_bags, run_units, scan
 from ema_archive.settings import ArchiveSettings
 from ema_archive.sources import Listed, calibration_of, identity_of
+from ema_archive.store import FILE
 from ema_core.tasks import Workers
 
-from .conftest import exactly, table_of
+from .conftest import exactly, rows_of_unit, table_of
+from .drawn_archive import UNIT, make_stubs
 
 # Workers import it by this name from the path of this process; they do not know pytest's names.
 sys.path.append(str(Path(__file__).parent))
@@ -76,53 +79,111 @@ def test_bag_that_lost_three_workers_keeps_its_rows_and_is_done_again(ema, archi
 
 
 @pytest.mark.long
-def test_killed_run_goes_on_where_it_was(scanned, whole):
-    """It is killed at the worst moment: rows are written, and not yet noted as done."""
+@pytest.mark.parametrize(("when", "left"), [("before", 7), ("after", 4)])
+def test_killed_run_goes_on_where_it_was(scanned, whole, when, left):
+    """It is killed at the worst moments: as rows are written, and after they are committed."""
     script = """
 import os, signal, sys
 from pathlib import Path
-from ema_archive import running
+from ema_archive import commits, running
 from ema_archive.manifest import Manifest
+from ema_archive.store import Store
 from ema_core.tasks import Workers
 running._MOST_GATHERED, running._GATHERED_S = 3, 600.0
-commits = []
-def commit(self, *given):
-    commits.append(given)
-    if len(commits) == 2:
+archive, when = Path(sys.argv[1]), sys.argv[2]
+calls = []
+def insert(db, table, rows):
+    as_before(db, table, rows)
+    if when == "before" and table == "estimates":
+        end_at_the_second()
+def note(self):
+    if when == "after":
+        end_at_the_second()
+    noted(self)
+def end_at_the_second():
+    calls.append(1)
+    if len(calls) == 2:
         os.kill(os.getpid(), signal.SIGKILL)
-    as_before(self, *given)
-as_before, Manifest.commit = Manifest.commit, commit
-with Manifest(Path(sys.argv[1])) as manifest, Workers("threads", 2) as pool:
+as_before, commits.insert = commits.insert, insert
+noted, Store._note = Store._note, note
+with Manifest(archive) as manifest, Workers("threads", 2) as pool:
     running.run(manifest, pool)
 """
-    done = subprocess.run([sys.executable, "-c", script, scanned], check=False)
+    done = subprocess.run([sys.executable, "-c", script, scanned, when], check=False)
     assert done.returncode == -signal.SIGKILL
-    assert table_of(scanned, "estimates").num_rows >= 6
+    assert table_of(scanned, "estimates").num_rows >= 10 - left
     with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
-        # What was written and not noted is done again, in the place of what is there.
-        assert manifest.find_due(manifest.settings) == 7
+        assert manifest.find_due(manifest.settings) == left
         assert run(manifest, pool).mended == []
     assert_whole(scanned, whole)
 
 
+KILLS = 6
+
+
+@pytest.mark.long
+def test_archive_that_is_killed_at_any_time_ends_as_one_that_is_not(tmp_path):
+    """Drawn tests, of which commits take most of the time."""
+    root = Path(__file__).parents[2]
+    command = [sys.executable, "-m", "tests.archive.drawn_archive"]
+    bags, rng = tmp_path / "bags", random.Random(7)
+    make_stubs(bags, 20)
+    killed, undisturbed = tmp_path / "killed", tmp_path / "undisturbed"
+    for archive in (killed, undisturbed):
+        with Manifest(archive, is_new=True) as manifest:
+            scan(manifest, [str(bags)])
+    deaths, done = 0, 0
+    while deaths < KILLS:
+        with subprocess.Popen([*command, killed], cwd=root, stdout=subprocess.PIPE) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            time.sleep(rng.uniform(0.0, 0.4))
+            process.kill()
+        deaths += 1
+        with Manifest(killed, writes=False) as manifest:
+            status = manifest.status(manifest.settings)
+            rows = manifest.rows_of_unit("estimates", unit_name(*UNIT)).num_rows
+        # Nothing that was committed is lost, and rows and state of a bag belong together.
+        assert status.bags - status.due == status.windows == rows >= done
+        assert status.damaged_tables == []
+        done = rows
+    for archive in (killed, undisturbed):
+        subprocess.run([*command, archive], cwd=root, check=True, stdout=subprocess.DEVNULL)
+    for name in ("estimates", "health", "units"):
+        assert exactly(killed, name) == exactly(undisturbed, name), name
+
+
+@contextlib.contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """Let no file become larger, as on a disk that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
 @pytest.mark.slow
-def test_full_disk_leaves_what_was_written(scanned, whole, monkeypatch):
-    writes = 0
+@pytest.mark.parametrize(("size", "left"), [(8192, 7), ("file", 4)], ids=["log", "file"])
+def test_full_disk_leaves_what_was_written(scanned, whole, monkeypatch, size, left):
+    """It is full as the log of a commit is written, or as its changes are put into the file."""
+    sizes = []
 
-    def write(table, path, **options):
-        nonlocal writes
-        writes += 1
-        if writes == 3:
-            Path(path).write_bytes(b"PAR1")
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return as_before(table, path, **options)
+    def commit(store, results, settings):
+        sizes.append((scanned / FILE).stat().st_size if size == "file" else size)
+        limit = largest_file(sizes[-1]) if len(sizes) == 2 else contextlib.nullcontext()
+        with limit:
+            commit_bags(store, results, settings)
 
-    as_before = partitions.pq.write_table
-    monkeypatch.setattr(partitions.pq, "write_table", write)
+    monkeypatch.setattr(running, "commit_bags", commit)
+    monkeypatch.setattr(running, "_MOST_GATHERED", 3)
     with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
-        with pytest.raises(OSError, match="No space left on device"):
+        with pytest.raises(OSError, match=r"cannot be written: .*File too large"):
             run(manifest, pool)
-        assert not list(scanned.rglob("*.partial"))
+        # Those in work were done as well.
+        assert manifest.find_due(manifest.settings) <= left
+        assert manifest.damaged_tables() == []
         run(manifest, pool)
     assert_whole(scanned, whole)
 
@@ -131,13 +192,8 @@ def test_full_disk_leaves_what_was_written(scanned, whole, monkeypatch):
 def test_unit_that_cannot_be_followed_does_not_keep_the_others(ema, scanned):
     with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
         run_bags(manifest, pool, RunTally())
-    [first, *_] = sorted((scanned / "tables" / "usage").rglob("*.parquet"))
-    rows, stat = pq.ParquetFile(first).read(), first.stat()
-    broken = pa.array([-1.0] * rows.num_rows)
-    pq.write_table(rows.set_column(rows.column_names.index("hours"), "hours", broken), first)
-    with contextlib.closing(sqlite3.connect(scanned / FILE, isolation_level=None)) as db:
-        # As if it had been written so.
-        db.execute("DELETE FROM file WHERE size = ?", (stat.st_size,))
+    with Manifest(scanned) as manifest, manifest.changing() as db:
+        db.execute("UPDATE usage SET hours = -1 WHERE unit = (SELECT min(unit) FROM usage)")
     result = ema("archive", "run", scanned, "--executor", "threads")
     assert result.exit_code == 3
     assert "0 bags done, 1 unit followed" in result.stdout
@@ -167,17 +223,32 @@ def test_bag_whose_rows_are_those_of_other_settings_is_done_again(tmp_path, monk
     with Manifest(archive, is_new=True) as manifest:
         manifest.note([Listed(TASK.url, 1, TASK.mark, "")], 1)
         manifest.end_scan(1, ["/bags"])
-        write_results(manifest, [done_bag(0.1)], BEFORE)
+        commit_bags(manifest, [done_bag(0.1)], BEFORE)
         assert manifest.find_due(BEFORE) == 0
         with monkeypatch.context() as patch:
-            patch.setattr(manifest, "commit", die)
+            patch.setattr(manifest, "_note", die)
             with pytest.raises(DeathError):
-                write_results(manifest, [found], OTHER)
+                commit_bags(manifest, [found], OTHER)
     with Manifest(archive) as manifest:
-        assert manifest.status(BEFORE).reasons == {"interrupted": 1}
-        write_results(manifest, [done_bag(0.1)], BEFORE)
+        assert manifest.status(BEFORE).reasons == {"other settings": 1}
+        assert manifest.find_due(OTHER) == 0
+        commit_bags(manifest, [done_bag(0.1)], BEFORE)
         assert manifest.find_due(BEFORE) == 0
-    assert read_unit(archive, "estimates", "flap+1")["friction"].to_pylist() == [0.1]
+    rows = rows_of_unit(archive, "estimates", "flap+1")
+    assert rows["friction"].to_pylist() == [0.1]
+
+
+def test_change_that_fails_leaves_all_as_it_was(tmp_path, monkeypatch):
+    archive = tmp_path / "archive"
+    with Manifest(archive, is_new=True) as manifest:
+        manifest.note([Listed(TASK.url, 1, TASK.mark, "")], 1)
+        manifest.end_scan(1, ["/bags"])
+        commit_bags(manifest, [done_bag(0.1)], BEFORE)
+        before = {name: exactly(archive, name) for name in ("estimates", "bags", "manifest.part")}
+        monkeypatch.setattr(commits, "_add_rows", die)
+        with pytest.raises(DeathError):
+            commit_bags(manifest, [done_bag(0.9)], OTHER)
+        assert {name: exactly(archive, name) for name in before} == before
 
 
 @pytest.mark.slow
@@ -187,28 +258,26 @@ def test_unit_whose_health_is_that_of_other_settings_is_followed_again(archive, 
         limits = replace(before.prognosis.limits, friction=0.2, backlash=0.2)
         manifest.settings = replace(before, prognosis=replace(before.prognosis, limits=limits))
         with monkeypatch.context() as patch:
-            patch.setattr(manifest, "commit_unit", die)
+            patch.setattr(manifest, "_note", die)
             with pytest.raises(DeathError):
                 run_units(manifest, pool, RunTally())
         assert exactly(archive, "health") != health
         manifest.settings = before
-        assert len(manifest.units_due(before)) == 1
+        assert len(manifest.units_due(before)) == 2
         run_units(manifest, pool, RunTally())
         assert exactly(archive, "health") == health
 
 
 @pytest.fixture
 def held(scanned):
-    """Hold the lock of those that write, as a command does in the middle of a change."""
-    with contextlib.closing(sqlite3.connect(scanned / FILE, isolation_level=None)) as other:
-        other.execute("BEGIN IMMEDIATE")
+    """Hold the store in another process, as a command does in the middle of a change."""
+    script = f"import duckdb; db = duckdb.connect({str(scanned / FILE)!r}); print(1); input()"
+    command = [sys.executable, "-u", "-c", script]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
         yield scanned
-        other.execute("ROLLBACK")
-
-
-def without_waiting(manifest):
-    manifest._db.execute("PRAGMA busy_timeout = 0")
-    return manifest
+        other.communicate(b"\n")
 
 
 def test_only_one_command_changes_an_archive(ema, scanned):
@@ -218,20 +287,46 @@ def test_only_one_command_changes_an_archive(ema, scanned):
         assert "is being changed by another command" in result.stderr
 
 
-def test_status_does_not_wait_for_one_that_writes(held):
-    with Manifest(held, writes=False) as manifest:
-        assert without_waiting(manifest).status(ArchiveSettings()).bags == 10
+def test_status_and_query_do_not_wait_for_a_run(ema, scanned):
+    """Between two of its changes, which are short."""
+    script = f"""
+from pathlib import Path
+from ema_archive.manifest import Manifest
+with Manifest(Path({str(scanned)!r})) as manifest:
+    manifest.settings = manifest.settings
+    print(1)
+    input()
+"""
+    command = [sys.executable, "-u", "-c", script]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        assert "10 bags" in ema("archive", "status", scanned).stdout
+        assert answer(scanned, "select count(*) from bags")[1] == [(10,)]
+        other.communicate(b"\n")
 
 
-def test_database_that_another_program_holds_is_named(held):
-    said = f"{FILE} cannot be written: database is locked"
-    with Manifest(held) as manifest, pytest.raises(OSError, match=said):
-        without_waiting(manifest).settings = ArchiveSettings()
+def test_store_that_another_program_holds_is_named(held, monkeypatch):
+    monkeypatch.setattr(store, "_READER_WAITS_S", 0.0)
+    monkeypatch.setattr(store, "_WRITER_WAITS_S", 0.0)
+    said = f"{FILE} is in use by another program"
+    for writes in (False, True):
+        with pytest.raises(OSError, match=said):
+            Manifest(held, writes=writes)
+
+
+def test_change_waits_for_those_that_read(scanned):
+    with Manifest(scanned) as manifest, duckdb.connect(scanned / FILE, read_only=True) as other:
+        timer = threading.Timer(0.5, other.close)
+        timer.start()
+        manifest.settings = OTHER
+        timer.join()
+        assert manifest.settings == OTHER
 
 
 def test_damage_that_a_read_finds_is_named(scanned):
-    with contextlib.closing(sqlite3.connect(scanned / FILE)) as other:
-        other.execute("DROP TABLE bag")
-    said = f"{scanned / FILE} cannot be used: no such table: bag"
+    with duckdb.connect(scanned / FILE) as other:
+        other.execute("DROP TABLE manifest.bag CASCADE")
+    said = f"{scanned / FILE} cannot be used: Catalog Error: Table with name bag does not exist"
     with pytest.raises(OSError, match=said), Manifest(scanned) as manifest:
-        manifest.status(ArchiveSettings())
+        manifest.find_due(ArchiveSettings())

@@ -12,10 +12,9 @@ import pyarrow as pa
 import pytest
 
 from ema_archive.manifest import Manifest
-from ema_archive.partitions import read_unit
 from ema_archive.running import run, scan
 from ema_archive.settings import ArchiveSettings
-from ema_archive.tables import HEALTH, PARTITIONED, estimate_row, growth_rows, health_row
+from ema_archive.tables import BAG_TABLES, HEALTH, estimate_row, growth_rows, health_row
 from ema_bags.actuator_bag import SimulatedActuatorBag
 from ema_bags.writer import BagWriter
 from ema_cli.bags.predicting import Predicting
@@ -35,6 +34,8 @@ from ema_ros import topics
 from ema_ros.stamps import stamp_to_message
 from ema_sim.actuator import SimulatedActuator
 
+from .conftest import rows_of_unit, table_of
+
 pytestmark = pytest.mark.slow
 
 UNIT = ActuatorDescription()
@@ -46,7 +47,7 @@ COLD = SearchSettings(warm_start=False)
 # Telemetry covers a test of 1.7 s in 100 h, and stands for all of them.
 BY_DAMAGE = PrognosisSettings(damage=DamageSettings(least_coverage=1e-6))
 PROVENANCE = {
-    *("actuator_id", "serial_number", "model", "unit", "month"),
+    *("actuator_id", "serial_number"),
     *("bag", "bag_sha256", "software", "settings", "computing_time_s"),
 }
 
@@ -134,7 +135,7 @@ def rows_of(steps) -> dict[str, list[str]]:
     estimates = [estimate_row(estimate, number) for number, (estimate, _) in enumerate(steps)]
     health = [health_row(outlook, estimate.calibration_id) for estimate, outlook in steps]
     return {
-        "estimates": as_texts(estimates, PARTITIONED["estimates"]),
+        "estimates": as_texts(estimates, BAG_TABLES["estimates"]),
         "health": as_texts(health, HEALTH),
         "growth": sorted(repr(plain(row)) for row in growth_rows(steps[-1][1])),
     }
@@ -177,12 +178,12 @@ def archived(archive: Path, folder: Path) -> dict[str, list[str]]:
         manifest.settings = ArchiveSettings(prognosis=BY_DAMAGE)
         scan(manifest, [str(folder)])
         run(manifest, pool)
-        [(_, unit, summary)] = manifest.units()
-    tables = {name: read_unit(archive, name, unit).to_pylist() for name in ("estimates", "health")}
-    return {
-        **{name: [repr(plain(row)) for row in rows] for name, rows in tables.items()},
-        "growth": sorted(repr(plain(row)) for row in summary["growth"]),
+    [unit] = table_of(archive, "units")["unit"].to_pylist()
+    tables = {
+        name: [repr(plain(row)) for row in rows_of_unit(archive, name, unit).to_pylist()]
+        for name in ("estimates", "health", "growth")
     }
+    return tables | {"growth": sorted(tables["growth"])}
 
 
 def test_archive_holds_what_the_command_gives(course, bag, tmp_path):

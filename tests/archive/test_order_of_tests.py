@@ -6,7 +6,7 @@ import pyarrow as pa
 import pytest
 
 from ema_archive.settings import ArchiveSettings
-from ema_archive.tables import PARTITIONED, estimate_row
+from ema_archive.tables import BAG_TABLES, UNIT_TABLES, estimate_row
 from ema_archive.unit_task import UnitEntry, UnitTask, follow_unit
 from ema_core.levels import OK, STALE
 from ema_monitor.identification.estimate import DEPARTED, REFUSED, SKIPPED
@@ -27,8 +27,9 @@ def test_unused_test_after_the_clock_went_back_makes_the_level_unknown(verdict: 
     unused = replace(unused, start_ns=unused.start_ns - back_ns, end_ns=unused.end_ns - back_ns)
     made = {"bag": "bag", "bag_sha256": "", "software": "", "settings": ""}
     rows = [estimate_row(one, number) | made for number, one in enumerate([good, unused])]
-    estimates = pa.Table.from_pylist(rows, PARTITIONED["estimates"])
-    usage, duty, health = (PARTITIONED[name].empty_table() for name in ("usage", "duty", "health"))
+    estimates = pa.Table.from_pylist(rows, BAG_TABLES["estimates"])
+    usage, duty = (BAG_TABLES[name].empty_table() for name in ("usage", "duty"))
+    health = UNIT_TABLES["health"].empty_table()
     entry = UnitEntry("flap", *UNIT, "", "")
     result = follow_unit(UnitTask(entry, ArchiveSettings(), estimates, usage, duty, health, None))
-    assert result.summary["units"][0]["level"] == level
+    assert result.tables["units"]["level"].to_pylist() == [level]

@@ -4,19 +4,20 @@ import csv
 import json
 from dataclasses import replace
 
-import pyarrow as pa
+import duckdb
 import pyarrow.parquet as pq
 import pytest
 
 from ema_archive.bag_task import unit_name
 from ema_archive.manifest import Manifest
-from ema_archive.partitions import path_of, read_unit, replace_rows, shortened, write_health
 from ema_archive.query import answer, columns_of, export
 from ema_archive.running import scan
 from ema_archive.settings import ArchiveSettings
-from ema_archive.tables import HEALTH
+from ema_archive.store import FILE
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS
+
+from .conftest import rows_of_unit, write_rows
 
 UNIT = {"actuator_id": "flap", "serial_number": "1"}
 
@@ -90,10 +91,16 @@ def test_export_that_fails_leaves_the_file_as_it_was(ema, whole, tmp_path):
     assert f"{tmp_path / 'none' / 'told.csv'}: cannot be written" in result.stderr
 
 
+def test_other_programs_read_tables_and_views(whole):
+    with duckdb.connect(whole / FILE, read_only=True) as db:
+        assert db.sql("select count(*) from estimates").fetchall() == [(10,)]
+        assert len(db.sql("from worst_first").fetchall()) == 2
+
+
 def test_folder_that_is_no_archive_is_named(ema, tmp_path):
     result = ema("archive", "query", tmp_path, "select 1")
     assert result.exit_code == 1
-    assert f"{tmp_path} is no archive, it has no archive.sqlite" in result.stderr
+    assert f"{tmp_path} is no archive, it has no archive.duckdb" in result.stderr
     (tmp_path / "letter.txt").touch()
     result = ema("archive", "scan", tmp_path, tmp_path)
     assert "is a folder with other files: an archive is made in a new folder" in result.stderr
@@ -116,7 +123,7 @@ def write_course(archive, levels, repairs):
         }
         for number, level in enumerate(levels)
     ]
-    write_health(archive, "model", "flap+1", pa.Table.from_pylist(rows, HEALTH))
+    write_rows(archive, "health", rows)
 
 
 @pytest.mark.parametrize(
@@ -132,21 +139,20 @@ def write_course(archive, levels, repairs):
 def test_false_alarm_is_one_that_later_tests_take_back_without_a_repair(
     tmp_path, levels, repairs, alarms
 ):
-    write_course(tmp_path, levels, repairs)
-    assert len(answer(tmp_path, "select tests, level from false_alarms")[1]) == alarms
+    write_course(tmp_path / "archive", levels, repairs)
+    assert len(answer(tmp_path / "archive", "select tests, level from false_alarms")[1]) == alarms
 
 
 def test_runs_to_failure_are_labelled_with_the_hours_left(tmp_path):
     """A repair begins another life; what is left of a life that goes on is not known."""
-    levels = [0, 1, 2, 2, 0, 0]
-    write_course(tmp_path, levels, [4])
+    levels, archive = [0, 1, 2, 2, 0, 0], tmp_path / "archive"
+    write_course(archive, levels, [4])
     estimates = [
         UNIT | {"end_ns": number, "valid": True, "friction": 0.1 * number, "bag": str(number)}
         for number in range(len(levels))
     ]
-    path = path_of(tmp_path, "estimates", "model", "flap+1", "1970-01")
-    replace_rows(path, "estimates", set(), estimates)
-    names, rows = answer(tmp_path, "select * from runs_to_failure")
+    write_rows(archive, "estimates", estimates)
+    names, rows = answer(archive, "select * from runs_to_failure")
     assert {*FAULT_NAMES, *(f"{name}_sigma" for name in FAULT_NAMES)} <= {*names}
     found = [dict(zip(names, row, strict=True)) for row in rows]
     assert [row["life"] for row in found] == [0, 0, 0, 0, 1, 1]
@@ -179,19 +185,19 @@ LONG = "левый закрылок внешний"
 NAMES = ("flap", "a/b", "é", LONG, 5 * LONG, "x" * 240, "x" * 241, "x" * 1000)
 
 
-@pytest.mark.parametrize("actuator_id", NAMES)
-def test_unit_of_any_name_has_its_files(tmp_path, actuator_id):
-    unit, model = unit_name(actuator_id, LONG), shortened(actuator_id)
-    rows = pa.Table.from_pylist([{"actuator_id": actuator_id, "stamp_ns": 1}], HEALTH)
-    write_health(tmp_path, model, unit, rows)
-    assert read_unit(tmp_path, "health", unit).to_pylist() == rows.to_pylist()
-    assert answer(tmp_path, "select model, unit, actuator_id from health")[1] == [
-        (model, unit, actuator_id)
-    ]
+def test_unit_of_any_name_has_its_rows(tmp_path):
+    units = {unit_name(actuator_id, LONG): actuator_id for actuator_id in NAMES}
+    archive = tmp_path / "archive"
+    for unit, actuator_id in units.items():
+        row = {"actuator_id": actuator_id, "stamp_ns": 1}
+        write_rows(archive, "health", [row], unit, model=actuator_id)
+        [kept] = rows_of_unit(archive, "health", unit).to_pylist()
+        assert (kept["actuator_id"], kept["stamp_ns"]) == (actuator_id, 1)
+    _, rows = answer(archive, "select unit, model, actuator_id from health")
+    assert sorted(rows) == sorted((unit, name, name) for unit, name in units.items())
 
 
 def test_long_names_stay_apart():
     units = {unit_name(name, serial) for name in NAMES for serial in ("1", "2", LONG, 3 * LONG)}
     assert len(units) == 4 * len(NAMES)
     assert unit_name("left flap", "2031/7") == "left flap+2031%2F7"
-    assert shortened("x" * 240) == "x" * 240

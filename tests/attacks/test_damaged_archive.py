@@ -1,14 +1,22 @@
 """An archive is made of bags: what is missing or damaged of it is noticed, and made again."""
 
-import shutil
+import random
 from pathlib import Path
 
+import duckdb
 import pytest
 
-from ema_archive.database import FILE
-from ema_archive.partitions import TABLES
+from ema_archive.store import FILE, Store
 
-from ..archive.conftest import _threads_as_before, archive, exactly, fleet, made_archive, made_fleet
+from ..archive.conftest import (
+    _threads_as_before,
+    archive,
+    damage_rows,
+    exactly,
+    fleet,
+    made_archive,
+    made_fleet,
+)
 from ..commands import ema
 
 __all__ = ["_threads_as_before", "archive", "fleet", "made_archive", "made_fleet"]
@@ -17,29 +25,13 @@ pytestmark = pytest.mark.slow
 HERE = ("--executor", "threads", "--workers", "1")
 
 
-def remove(archive: Path) -> None:
-    shutil.rmtree(archive / TABLES / "estimates")
-
-
-def truncate(archive: Path) -> None:
-    path = next((archive / TABLES / "estimates").rglob("part.parquet"))
-    path.write_bytes(path.read_bytes()[:-100])
-
-
-def alter(archive: Path) -> None:
-    path = next((archive / TABLES / "health").rglob("part.parquet"))
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
-
-
-@pytest.mark.parametrize("damage", [remove, truncate, alter])
-def test_damaged_tables_are_made_anew(archive: Path, damage):
-    whole = {name: exactly(archive, name) for name in ("estimates", "health")}
-    damage(archive)
-    assert "of the tables missing or damaged" in ema("archive", "status", archive).stdout
+@pytest.mark.parametrize("table", ["estimates", "duty", "health", "units", "manifest.test"])
+def test_damaged_tables_are_made_anew(archive: Path, table: str):
+    whole = {name: exactly(archive, name) for name in ("estimates", "duty", "health")}
+    damage_rows(archive, table)
+    assert "1 table damaged" in ema("archive", "status", archive).stdout
     result = ema("archive", "run", archive, *HERE)
-    assert "made anew" in result.stderr
+    assert f"1 table damaged, {table}: made anew" in result.stderr
     assert "all is up to date" in result.stdout
     assert {name: exactly(archive, name) for name in whole} == whole
     assert ema("archive", "run", archive, *HERE).stderr == ""
@@ -49,18 +41,54 @@ def test_what_bags_that_are_gone_said_is_named(archive: Path, fleet: Path):
     for bag in fleet.rglob("*.mcap"):
         bag.unlink()
     assert ema("archive", "scan", archive).exit_code == 0
-    remove(archive)
+    damage_rows(archive, "estimates")
     result = ema("archive", "run", archive, *HERE)
     assert "10 bags of these tables are missing, such as" in result.stderr
     assert "bring them back" in result.stderr
 
 
-@pytest.mark.parametrize("content", [b"", b"SQLite format 3\0" + b"\xd8" * 5000])
-def test_damaged_database_is_an_error_with_its_remedy(archive: Path, content: bytes):
-    for suffix in ("-wal", "-shm"):
-        (archive / f"{FILE}{suffix}").unlink(missing_ok=True)
+@pytest.mark.parametrize("content", [b"", b"not a database" * 1000])
+def test_damaged_store_is_an_error_with_its_remedy(archive: Path, content: bytes):
     (archive / FILE).write_bytes(content)
-    result = ema("archive", "run", archive)
-    assert result.exit_code == 1
-    assert FILE in result.stderr
-    assert "scan the bags to a new archive" in result.stderr
+    for command in ("run", "status"):
+        result = ema("archive", command, archive)
+        assert result.exit_code == 1
+        assert FILE in result.stderr
+        assert "scan the bags to a new archive" in result.stderr
+
+
+def test_no_flipped_byte_and_no_cut_changes_what_an_archive_says(archive: Path):
+    """Wherever it is, it is noticed, or belongs to nothing that is read."""
+    path = archive / FILE
+    whole, rng = path.read_bytes(), random.Random(3)
+    with Store(archive, writes=False) as store, store.reading() as db:
+        tables = [f"{schema}.{name}" for schema, name in db.execute(_TABLES).fetchall()]
+    rows = contents(path, tables)
+    noticed = 0
+    for _ in range(60):
+        content = bytearray(whole)
+        content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
+        path.write_bytes(content)
+        noticed += is_noticed(archive, tables, rows)
+    assert noticed > 10
+    for share in (0.2, 0.5, 0.9, 0.999):
+        path.write_bytes(whole[: round(share * len(whole))])
+        assert is_noticed(archive, tables, rows)
+
+
+_TABLES = "SELECT schema_name, table_name FROM duckdb_tables()"
+
+
+def contents(path: Path, tables: list[str]) -> list[str]:
+    with duckdb.connect(path, read_only=True) as db:
+        queries = (f"SELECT * FROM {name} ORDER BY ALL" for name in tables)
+        return [repr(db.execute(query).fetchall()) for query in queries]
+
+
+def is_noticed(archive: Path, tables: list[str], rows: list[str]) -> bool:
+    """Whether status names the damage; if not, all rows are as they were."""
+    status = ema("archive", "status", archive)
+    if status.exit_code == 0 and "damaged" not in status.stdout:
+        assert contents(archive / FILE, tables) == rows
+        return False
+    return True

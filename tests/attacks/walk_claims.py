@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import invariant, precondition, rule
 
 from ema_archive.settings import ArchiveSettings
-from ema_archive.tables import PARTITIONED, estimate_row
+from ema_archive.tables import BAG_TABLES, UNIT_TABLES, estimate_row
 from ema_archive.unit_task import UnitEntry, UnitTask, follow_unit
 from ema_cli.bags.unit_course import Course, Step, UnitRecord
 from ema_cli.report.verdict import verdict_of
@@ -407,14 +407,14 @@ class Claimed(Walk):
             UnitTask(
                 UnitEntry(name, name, "1", "", ""),
                 _ARCHIVED,
-                pa.Table.from_pylist(rows, PARTITIONED["estimates"]),
-                pa.Table.from_pylist([], PARTITIONED["usage"]),
-                pa.Table.from_pylist([], PARTITIONED["duty"]),
-                pa.Table.from_pylist([], PARTITIONED["health"]),
+                pa.Table.from_pylist(rows, BAG_TABLES["estimates"]),
+                BAG_TABLES["usage"].empty_table(),
+                BAG_TABLES["duty"].empty_table(),
+                UNIT_TABLES["health"].empty_table(),
                 None,
             )
         )
-        level = result.summary["units"][0]["level"]
+        [level] = result.tables["units"]["level"].to_pylist()
         stamped = (StampedTest(one.start_ns, one.end_ns, "bag", "bag") for one in tests)
         if not tests or unordered(stamped) or not _is_good(tests[-1]):
             assert level != OK, "an archive says OK"

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ema_archive.partitions import TABLES, write_table
-from ema_archive.tables import WHOLE
+from ema_archive.store import Store, insert
+from ema_archive.tables import PLACE, UNIT_TABLES
 from ema_dashboard.contents import FleetDocument
 
 LATEST = datetime(2031, 5, 20, 14, 30, tzinfo=UTC)
@@ -24,7 +24,7 @@ FAULTS = ("friction", "backlash", "eccentricity", "short_circuit_b", "overshoot"
 def write(folder: Path, count: int) -> None:
     """Write the tables of so many units, whose lives are drawn from a law of wear."""
     rng = np.random.default_rng(19)
-    rows: dict[str, list[dict[str, Any]]] = {"units": [], "lives": [], "months": [], "bags": []}
+    rows: dict[str, list[dict[str, Any]]] = {"units": [], "lives": [], "months": []}
     for number in range(count):
         life = 4000.0 * rng.weibull(2.5)
         hours = 3200.0 * rng.random()
@@ -65,8 +65,10 @@ def write(folder: Path, count: int) -> None:
             name = f"{2028 + (month + 11) // 12}-{(month + 11) % 12 + 1:02d}"
             valid = int(rng.binomial(windows, 0.97))
             rows["months"].append(place | {"month": name, "windows": windows, "valid": valid})
-    for name, found in rows.items():
-        write_table(folder / TABLES / f"{name}.parquet", pa.Table.from_pylist(found, WHOLE[name]))
+    with Store(folder, is_new=True) as store, store.changing() as db:
+        for name, drawn in rows.items():
+            schema = pa.schema([*((key, pa.string()) for key in PLACE), *UNIT_TABLES[name]])
+            insert(db, name, pa.Table.from_pylist(drawn, schema))
 
 
 if __name__ == "__main__":

@@ -213,12 +213,11 @@ def query_(folder: Path, question: str | None, as_json: bool) -> None:
     Without SQL the tables and views are listed with their columns. The query reads the tables of
     the archive alone, and changes nothing.
     """
-    with Manifest(folder, writes=False):
-        if question is None:
-            for name, columns in columns_of(folder).items():
-                click.echo(f"{name}: {', '.join(f'{column} {kind}' for column, kind in columns)}")
-            return
-        names, rows = answer(folder, question)
+    if question is None:
+        for name, columns in columns_of(folder).items():
+            click.echo(f"{name}: {', '.join(f'{column} {kind}' for column, kind in columns)}")
+        return
+    names, rows = answer(folder, question)
     if as_json:
         objects = [dict(zip(names, map(_plain, row), strict=True)) for row in rows]
         click.echo(json.dumps(objects, indent=2))
@@ -232,9 +231,8 @@ def query_(folder: Path, question: str | None, as_json: bool) -> None:
 @output_option(f"File to write: {' or '.join(FORMATS)}", dir_okay=False)
 def export_(folder: Path, what: str, output: Path, overwrite: bool) -> None:
     """Write a table or view, or the answer to a query in SQL, to a CSV or Parquet file."""
-    with Manifest(folder, writes=False):
-        require_free(output, [], overwrite=overwrite)
-        rows = export(folder, what, output)
+    require_free(output, [], overwrite=overwrite)
+    rows = export(folder, what, output)
     click.echo(f"{output}: {counted(rows, 'row')}")
 
 
@@ -243,21 +241,21 @@ def _refused_in_words(folder: Path, status: Status) -> str:
     if status.windows == status.valid:
         return ""
     refused = f"{status.windows - status.valid} of {counted(status.windows, 'window')} refused"
-    if status.damaged_files:
+    if status.damaged_tables:
         return f"{refused}\n"
     _, rows = answer(folder, _USUAL_REASON)
     return "".join(f"{refused}, most of them: {_shown(reason)}\n" for (reason,) in rows)
 
 
 def _due_in_words(status: Status) -> str:
-    files = ""
-    if status.damaged_files:
-        files = f"; {counted(status.damaged_files, 'file')} of the tables missing or damaged"
-    if not status.due and not status.units_due and not files:
+    tables = ""
+    if status.damaged_tables:
+        tables = f"; {counted(len(status.damaged_tables), 'table')} damaged"
+    if not status.due and not status.units_due and not tables:
         return "all is up to date"
     reasons = ", ".join(f"{count} {why}" for why, count in status.reasons.items())
     bags = counted(status.due, "bag") + (f" ({reasons})" if reasons else "")
-    return f"to be done: {bags}, {counted(status.units_due, 'unit')}{files}"
+    return f"to be done: {bags}, {counted(status.units_due, 'unit')}{tables}"
 
 
 def _plain(value: Any) -> Any:

@@ -12,9 +12,9 @@ import click
 import numpy as np
 
 from ema_archive.bag_task import DONE, diagnose_bag
-from ema_archive.database import FILE as ARCHIVE_FILE
 from ema_archive.manifest import Manifest
 from ema_archive.settings import estimation_software
+from ema_archive.store import FILE as ARCHIVE_FILE
 from ema_archive.tables import estimate_from
 from ema_bags.reader import Bag
 from ema_bags.telemetry import ESTIMATE_TYPE, described_actuators, read_telemetry

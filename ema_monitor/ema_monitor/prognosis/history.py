@@ -160,18 +160,6 @@ class History:
             except sqlite3.Error as error:
                 self._trouble = f"the history {self.path} cannot be written: {_reason_of(error)}"
 
-    def save(self, path: Path, growth: bytes) -> None:
-        """Write tests, assessments and the state of growth, and close the file.
-
-        If it is the file in use, only the missing records are added.
-        """
-        if self.path != path:
-            self.path = path
-            self._forget_written()
-        self._write()
-        self.keep_growth(growth)
-        self.close()
-
     def close(self) -> None:
         """Release the file; later additions are kept in memory only."""
         with self._lock:

@@ -5,16 +5,17 @@ import json
 import pyarrow as pa
 import pytest
 
-from ema_archive.partitions import TABLES, write_table
-from ema_archive.tables import WHOLE
+from ema_archive.store import FILE, Store, insert
+from ema_archive.tables import UNIT_TABLES, placed
 from ema_dashboard.contents import FleetDocument
 
-UNIT = {"model": "F", "actuator_id": "flap", "serial_number": "7", "level": 1, "hours": 12.0}
+UNIT = {"actuator_id": "flap", "serial_number": "7", "level": 1, "hours": 12.0}
 
 
 def write(archive, units):
-    for name, rows in (("units", units), ("bags", [])):
-        write_table(archive / TABLES / f"{name}.parquet", pa.Table.from_pylist(rows, WHOLE[name]))
+    with Store(archive, is_new=True) as store, store.changing() as db:
+        rows = pa.Table.from_pylist(units, UNIT_TABLES["units"])
+        insert(db, "units", placed(rows, "F", "flap+7"))
 
 
 @pytest.fixture
@@ -34,7 +35,7 @@ def test_the_summary_is_that_of_the_archive_of_the_parameter(session, web, archi
     assert [row["serial_number"] for row in found["worst"]] == ["7"]
     assert found["levels"]["warn"] == 1
     assert web.get(f"{node.address}fleet.json", headers={"Host": "evil.example"})[0] == 403
-    write(archive, [UNIT, UNIT | {"level": 2}])
+    write(archive, [UNIT | {"level": 2}])
     assert json.loads(web.get(f"{node.address}fleet.json")[2])["levels"]["error"] == 1
 
 
@@ -47,7 +48,7 @@ def test_a_summary_beyond_its_bounds_is_refused(archive, most):
 
 def test_an_archive_that_is_gone_or_damaged_is_named(archive, tmp_path):
     for folder in (tmp_path / "nothing", archive):
-        (archive / "tables" / "units.parquet").write_bytes(b"no table")
+        (archive / FILE).write_bytes(b"no table")
         made = FleetDocument(str(folder))({}, "")
         assert made.status == 503
         assert json.loads(made.content)["reason"]

@@ -116,9 +116,9 @@ class FleetDocument:
         if most not in _NUMBERS:
             raise ValueError(f"most = {most[:20]!r}: expected 1 to {_MOST_WORST}")
         # Imported here, because the import takes a second.
-        from ema_archive.fleet import fleet_summary, state_of_tables
+        from ema_archive.fleet import fleet_summary, state_of_archive
 
-        key = state_of_tables(self._archive), int(most)
+        key = state_of_archive(self._archive), int(most)
         if self._made[0] != key:
             summary = asdict(fleet_summary(self._archive, int(most), _LIMIT_S))
             content = {"archive": self._archive.name, **summary}

@@ -1,0 +1,164 @@
+"""Results of bags and units into the store, each time in one transaction."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+import duckdb
+import pyarrow as pa
+
+from ema_archive.bag_task import DAMAGED, FAILED, BagResult
+from ema_archive.history_rows import HISTORY_TABLES
+from ema_archive.settings import ArchiveSettings
+from ema_archive.store import Store, insert
+from ema_archive.tables import BAG_TABLES, UNIT_TABLES, placed
+from ema_archive.unit_task import UnitEntry, UnitResult
+
+_BAGS_OF: Final = "WHERE bag IN (SELECT unnest(?))"
+_UNITS_OF: Final = "WHERE unit IN (SELECT unnest(?))"
+
+
+def commit_bags(store: Store, results: Sequence[BagResult], settings: ArchiveSettings) -> None:
+    """Put the rows of bags in the place of their earlier ones; their units are then due.
+
+    The earlier rows of a bag that cannot be read remain valid. Bags that are gone and whose content
+    a result has were moved: they are forgotten.
+
+    Raises
+    ------
+    ValueError, OSError
+        As in ``Store.changing``; then nothing is changed.
+    """
+    if not results:
+        return
+    kept = [one for one in results if one.state not in (FAILED, DAMAGED)]
+    with store.changing() as db:
+        moved = _moved(db, kept)
+        unread = [one.task.url for one in results if one.state == DAMAGED]
+        replaced = [*(one.task.url for one in kept), *moved]
+        db.execute(
+            f"UPDATE manifest.unit SET is_due = true WHERE unit IN "
+            f"(SELECT unit FROM manifest.part {_BAGS_OF})",
+            [[*unread, *replaced]],
+        )
+        if db.execute(f"SELECT 1 FROM manifest.part {_BAGS_OF} LIMIT 1", [replaced]).fetchall():
+            for table in ("manifest.part", *BAG_TABLES):
+                db.execute(f"DELETE FROM {table} {_BAGS_OF}", [replaced])
+        if moved:
+            db.execute(f"DELETE FROM manifest.bag {_BAGS_OF}", [moved])
+        _note_bags(db, results, settings)
+        _add_rows(db, kept)
+
+
+def _moved(db: duckdb.DuckDBPyConnection, results: Iterable[BagResult]) -> list[str]:
+    """Return the addresses of bags that are gone and whose content one of the results has."""
+    contents = [one.sha256 for one in results]
+    query = (
+        "SELECT bag FROM manifest.bag WHERE NOT is_there AND bag_sha256 IN (SELECT unnest(?)) "
+        "ORDER BY bag"
+    )
+    return [bag for (bag,) in db.execute(query, [contents]).fetchall()]
+
+
+def _note_bags(
+    db: duckdb.DuckDBPyConnection, results: Sequence[BagResult], settings: ArchiveSettings
+) -> None:
+    """Note what became of bags."""
+    state: dict[str, list[dict[str, Any]]] = {FAILED: [], DAMAGED: [], "": []}
+    for one in results:
+        row = {"bag": one.task.url, "state": one.state, "reason": one.reason}
+        if one.state != FAILED:
+            # As it was read: a bag that could not be read is due again.
+            row |= {"seen": one.task.mark, "software": one.software}
+            row |= {"settings": settings.estimation_id}
+        if one.state not in (FAILED, DAMAGED):
+            estimates = [row for part in one.units for row in part.estimates]
+            row |= {
+                "bag_sha256": one.sha256,
+                "remarks": "; ".join(one.remarks),
+                "windows": len(estimates),
+                "valid": sum(row["valid"] for row in estimates),
+                "end_ns": one.end_ns,
+            }
+        state[one.state if one.state in state else ""].append(row)
+    for rows in filter(None, state.values()):
+        changes = ", ".join(f"{name} = _rows.{name}" for name in rows[0] if name != "bag")
+        db.register("_rows", pa.Table.from_pylist(rows))
+        db.execute(f"UPDATE manifest.bag SET {changes} FROM _rows WHERE bag.bag = _rows.bag")
+        db.unregister("_rows")
+
+
+def _add_rows(db: duckdb.DuckDBPyConnection, results: Iterable[BagResult]) -> None:
+    """Add the rows of bags, and their units."""
+    units = [(one.task.url, part) for one in results for part in one.units]
+    if not units:
+        return
+    parts = [
+        {
+            "bag": url,
+            "unit": part.unit,
+            "model": part.model,
+            "calibration_id": part.calibration_id,
+            "last_ns": max(part.stamps_ns, default=0),
+            **{name: len(getattr(part, name)) for name in BAG_TABLES},
+        }
+        for url, part in units
+    ]
+    insert(db, "manifest.part", pa.Table.from_pylist(parts))
+    names = {part.unit: (part.actuator_id, part.serial_number, part.model) for _, part in units}
+    columns = ("unit", "actuator_id", "serial_number", "model")
+    rows = [dict(zip(columns, (unit, *of), strict=True)) for unit, of in names.items()]
+    db.register("_rows", pa.Table.from_pylist(rows))
+    db.execute(
+        "MERGE INTO manifest.unit USING _rows USING (unit) WHEN MATCHED THEN UPDATE SET "
+        "is_due = true WHEN NOT MATCHED THEN INSERT BY NAME"
+    )
+    db.unregister("_rows")
+    for name, schema in BAG_TABLES.items():
+        tables = [
+            placed(pa.Table.from_pylist(rows, schema), part.model, part.unit)
+            for _, part in units
+            if (rows := getattr(part, name))
+        ]
+        if tables:
+            insert(db, name, pa.concat_tables(tables))
+
+
+def commit_units(store: Store, results: Sequence[tuple[UnitEntry, UnitResult]]) -> None:
+    """Put health, life and history of units in the place of their earlier ones.
+
+    Raises
+    ------
+    ValueError, OSError
+        As in ``Store.changing``; then nothing is changed.
+    """
+    if not results:
+        return
+    units = [entry.unit for entry, _ in results]
+    with store.changing() as db:
+        for table in (*UNIT_TABLES, *HISTORY_TABLES):
+            db.execute(f"DELETE FROM {table} {_UNITS_OF}", [units])
+        for name in UNIT_TABLES:
+            tables = [placed(of.tables[name], one.model, one.unit) for one, of in results]
+            insert(db, name, pa.concat_tables(tables))
+        kept = [(entry, result.kept) for entry, result in results if result.kept]
+        for name in HISTORY_TABLES if kept else ():
+            tables = [placed(of.tables[name], one.model, one.unit) for one, of in kept]
+            insert(db, name, pa.concat_tables(tables))
+        rows = [
+            {"unit": entry.unit, "model": entry.model, "made_by": result.made_by}
+            | {"windows": result.kept.windows if result.kept else 0}
+            | {"digest": result.kept.digest if result.kept else ""}
+            for entry, result in results
+        ]
+        changes = ", ".join(f"{name} = _rows.{name}" for name in rows[0] if name != "unit")
+        db.register("_rows", pa.Table.from_pylist(rows))
+        db.execute(
+            f"UPDATE manifest.unit SET is_due = false, {changes} FROM _rows "
+            "WHERE unit.unit = _rows.unit"
+        )
+        db.unregister("_rows")
+        # A unit whose bags all belong to other units is unknown.
+        query = "SELECT unit FROM manifest.unit ANTI JOIN manifest.part USING (unit)"
+        if unknown := [unit for (unit,) in db.execute(query).fetchall()]:
+            for table in ("manifest.unit", *UNIT_TABLES, *HISTORY_TABLES):
+                db.execute(f"DELETE FROM {table} {_UNITS_OF}", [unknown])

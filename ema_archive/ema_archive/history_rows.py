@@ -1,0 +1,171 @@
+"""The history of a unit as rows: its tests, which refer to their windows, and what followed."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final
+
+import pyarrow as pa
+
+from ema_archive.tables import DUTY_LISTS, EVENT, duty_from, duty_lists, estimate_from
+from ema_core.description import UnitKey
+from ema_monitor.identification.estimate import REFUSED
+from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import (
+    Assessment,
+    Count,
+    Entry,
+    Test,
+    UnitEvent,
+    UnusedCycle,
+)
+from ema_monitor.prognosis.order import moved
+
+Row = Mapping[str, Any]
+
+_TEXT: Final = pa.string()
+_INT: Final = pa.int64()
+_FLOAT: Final = pa.float64()
+_LEVELS: Final = pa.map_(_TEXT, pa.int8())
+
+TESTS: Final = "manifest.test"
+ASSESSMENTS: Final = "manifest.assessment"
+GROWTH: Final = "manifest.growth"
+
+_CHUNK: Final = 8192
+"""Bytes of a state in a row: DuckDB writes rows again together, of a changed one and others."""
+
+HISTORY_TABLES: Final = {
+    TESTS: pa.schema(
+        {
+            "number": pa.int32(),
+            "end_ns": _INT,
+            "is_valid": pa.bool_(),
+            "hours": _FLOAT,
+            "cycles": _INT,
+            "count": pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "cycles": _INT}),
+            "flown": pa.struct({"hours": _FLOAT, **dict.fromkeys(DUTY_LISTS, pa.list_(_FLOAT))}),
+            "shift_ns": _INT,
+            "problem": _TEXT,
+        }
+    ),
+    ASSESSMENTS: pa.schema(
+        {
+            "stamp_ns": _INT,
+            "hours": _FLOAT,
+            "level": pa.int8(),
+            "health_index": _FLOAT,
+            "dominant_fault": _TEXT,
+            "life": pa.list_(_FLOAT),
+            "alarms": _LEVELS,
+            "events": pa.list_(EVENT),
+            "unconfirmed": _LEVELS,
+        }
+    ),
+    GROWTH: pa.schema({"number": pa.int32(), "state": pa.binary()}),
+}
+"""Columns of the tables of histories: a row for each test, which refers to its window by
+``end_ns``, for each assessment, and for each piece of the state of growth. The fields are those of
+``Entry``, ``UnusedCycle`` and ``Assessment``; ``problem`` is why it is not known which test came
+first."""
+
+
+@dataclass(frozen=True)
+class KeptHistory:
+    """The history of a unit as rows, and what it follows from.
+
+    Attributes
+    ----------
+    made_by, digest
+        Identity of settings and code, and of its windows, counts and duty.
+    windows
+        Number of windows that it rests on.
+    tables
+        Its rows by the names of ``HISTORY_TABLES``.
+    """
+
+    made_by: str
+    digest: str
+    windows: int
+    tables: Mapping[str, pa.Table]
+
+
+def kept_history(
+    history: History, growth: bytes, made_by: str, digest: str, windows: int
+) -> KeptHistory:
+    """Return a history as rows, exactly, with the state of growth after it."""
+    tests = [_test_row(number, test) for number, test in enumerate(history.tests)]
+    assessments = [_assessment_row(one) for one in history.assessments.values()]
+    pieces = [growth[begin : begin + _CHUNK] for begin in range(0, len(growth), _CHUNK)]
+    states = [{"number": number, "state": piece} for number, piece in enumerate(pieces)]
+    rows = {TESTS: tests, ASSESSMENTS: assessments, GROWTH: states}
+    tables = {name: pa.Table.from_pylist(of, HISTORY_TABLES[name]) for name, of in rows.items()}
+    return KeptHistory(made_by, digest, windows, tables)
+
+
+def history_from(kept: KeptHistory, unit: UnitKey, windows: Iterable[Row]) -> History:
+    """Return the history that rows hold, in memory, to the bit.
+
+    Parameters
+    ----------
+    windows
+        The rows of estimates that it rests on.
+    """
+    history, by_end = History(*unit), {row["end_ns"]: row for row in windows}
+    for row in kept.tables[TESTS].to_pylist():
+        history.append(_test_from(row, by_end[row["end_ns"]]))
+    for row in kept.tables[ASSESSMENTS].to_pylist():
+        history.assess(_assessment_from(row))
+    history.growth = b"".join(kept.tables[GROWTH]["state"].to_pylist())
+    return history
+
+
+def _test_row(number: int, test: Test) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "number": number,
+        "end_ns": test.end_ns,
+        "is_valid": isinstance(test, Entry),
+        "shift_ns": test.shift_ns,
+        "problem": "",
+    }
+    if test.flown.hours:
+        row["flown"] = {"hours": float(test.flown.hours), **duty_lists(test.flown)}
+    if isinstance(test, Entry):
+        count = None if test.count is None else asdict(test.count)
+        return row | {"hours": float(test.hours), "cycles": test.cycles, "count": count}
+    return row if test.is_ordered else row | {"problem": test.reason}
+
+
+def _test_from(row: Row, window: Row) -> Test:
+    estimate, flown = moved(estimate_from(window), row["shift_ns"]), NOTHING_FLOWN
+    if row["flown"] is not None:
+        flown = duty_from(row["flown"])
+    if row["is_valid"]:
+        count = None if row["count"] is None else Count(**row["count"])
+        return Entry(estimate, row["hours"], row["cycles"], count, flown, row["shift_ns"])
+    test = UnusedCycle.of(estimate, flown, row["shift_ns"])
+    if row["problem"]:
+        words = {"verdict": REFUSED, "reason": row["problem"], "parts": ()}
+        test = replace(test, **words, comparison=None, is_ordered=False)
+    return test
+
+
+def _assessment_row(one: Assessment) -> dict[str, Any]:
+    # A map of Arrow is a list of pairs.
+    return asdict(one) | {
+        "alarms": list(one.alarms.items()),
+        "unconfirmed": list(one.unconfirmed.items()),
+    }
+
+
+def _assessment_from(row: Row) -> Assessment:
+    life: Sequence[float] | None = row["life"]
+    return Assessment(
+        **{
+            **row,
+            "life": None if life is None else (life[0], life[1], life[2]),
+            "alarms": dict(row["alarms"]),
+            "events": tuple(UnitEvent(**event) for event in row["events"]),
+            "unconfirmed": dict(row["unconfirmed"]),
+        }
+    )

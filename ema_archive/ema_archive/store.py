@@ -1,0 +1,314 @@
+"""The store of an archive: one DuckDB file, which survives a kill at any moment."""
+
+import fcntl
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final, Self
+
+import duckdb
+import pyarrow as pa
+
+from ema_archive.history_rows import HISTORY_TABLES
+from ema_archive.tables import BAG_TABLES, STAMPS, UNIT_TABLES, placed
+from ema_core.files import complete_file
+
+FILE: Final = "archive.duckdb"
+"""Name of the store in an archive."""
+
+TABLES: Final[Mapping[str, pa.Schema]] = {**BAG_TABLES, **UNIT_TABLES, **HISTORY_TABLES}
+"""Columns of the tables with rows of bags, units and histories; they are made again from bags."""
+
+REMEDY: Final = (
+    "where it is damaged, scan the bags to a new archive: all that it has is made of them"
+)
+
+_VERSION: Final = 10
+_EARLIER: Final = "archive.sqlite"  # of versions up to 9
+_MANIFEST: Final = ("archive", "bag", "part", "unit")
+_LOCK: Final = ".lock"
+_READER_WAITS_S: Final = 30.0
+_WRITER_WAITS_S: Final = 600.0
+_BLOCK_BYTES: Final = 16_384
+"""The least that DuckDB has: each change of a table writes some blocks."""
+
+_LOOK_S: Final = 0.05
+_IS_HELD: Final = ("Could not set lock", "Unique file handle conflict")
+"""What DuckDB, which has no code for it, says where another process or thread has the file."""
+
+
+class Store(AbstractContextManager[Any, None]):
+    """The store of an archive, for one process at a time that changes it (``writes``).
+
+    The file is open only for the time of a block of ``reading`` or ``changing``, so that other
+    processes read it between the changes of a run. Any thread may call.
+
+    Raises
+    ------
+    ValueError
+        When there is no archive, it has another version, or another process changes it.
+    OSError
+        When it cannot be opened.
+    """
+
+    def __init__(self, archive: Path, *, is_new: bool = False, writes: bool = True) -> None:
+        self.archive, self.path = archive, archive / FILE
+        self._writes = writes
+        self._mutex = threading.RLock()
+        # In memory: to open a file in it takes half the time of a new connection.
+        self._engine, self._is_open = _engine(), False
+        self._lock: Any = None
+        self._check(is_new)
+        if writes:
+            self._take_lock()
+        try:
+            if not self.path.exists():
+                self._create()
+            self._check_version()
+        except BaseException:
+            self._release()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._release()
+
+    def _release(self) -> None:
+        self._engine.close()
+        if self._lock is not None:
+            self._lock.close()
+
+    def _check(self, is_new: bool) -> None:
+        """Check that there is an archive, or a place for a new one."""
+        archive, path = self.archive, self.path
+        if path.exists():
+            if not path.stat().st_size:
+                raise ValueError(f"{path} is empty: {REMEDY}")
+            return
+        if (archive / _EARLIER).exists():
+            raise ValueError(
+                f"{archive / _EARLIER} has a version before {_VERSION}, expected {_VERSION} "
+                f"({FILE}): scan the bags to a new archive"
+            )
+        if not is_new:
+            raise ValueError(
+                f"{archive} is no archive, it has no {FILE}: `ema archive scan {archive} FOLDER` "
+                "makes one"
+            )
+        if archive.exists() and any(not _is_left(path) for path in archive.iterdir()):
+            raise ValueError(
+                f"{archive} is a folder with other files: an archive is made in a new folder"
+            )
+        archive.mkdir(parents=True, exist_ok=True)
+
+    def _take_lock(self) -> None:
+        self._lock = (self.archive / _LOCK).open("a", encoding="utf-8")
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            self._lock.close()
+            raise ValueError(f"{self.archive} is being changed by another command") from error
+
+    def _create(self) -> None:
+        for path in self.archive.iterdir():
+            if path.name != _LOCK:
+                path.unlink()  # left by a kill
+        with (
+            complete_file(self.path) as partial,
+            duckdb.connect(partial, config={"default_block_size": str(_BLOCK_BYTES)}) as db,
+        ):
+            _execute(db, "layout.sql")
+            for name, schema in TABLES.items():
+                db.register("_rows", placed(schema.empty_table(), "", ""))
+                db.execute(f"CREATE TABLE {name} AS SELECT * FROM _rows")
+                db.unregister("_rows")
+            _execute(db, "views.sql")
+            db.execute("INSERT INTO manifest.archive VALUES (?, '', [], 0)", [_VERSION])
+        self._note()
+
+    def _check_version(self) -> None:
+        with self.reading() as db:
+            try:
+                rows = db.execute("SELECT version FROM manifest.archive").fetchall()
+            except duckdb.Error as error:
+                raise ValueError(self._unusable(error)) from error
+        if rows != [(_VERSION,)]:
+            version = rows[0][0] if rows else "none"
+            raise ValueError(
+                f"{self.path} has version {version}, expected {_VERSION}: scan the bags to a new "
+                "archive"
+            )
+
+    @contextmanager
+    def reading(self) -> Iterator[duckdb.DuckDBPyConnection]:
+        """Yield a connection to read; blocks may be nested.
+
+        Raises
+        ------
+        ValueError
+            When the file is damaged.
+        OSError
+            When it cannot be read, or another program holds it.
+        """
+        with self._mutex:
+            if self._is_open:
+                yield self._engine
+                return
+            self._attach()
+            try:
+                yield self._engine
+            except duckdb.Error as error:
+                raise OSError(self._unusable(error)) from error
+            finally:
+                self._detach()
+
+    @contextmanager
+    def changing(self) -> Iterator[duckdb.DuckDBPyConnection]:
+        """Yield a connection to change the store in one transaction: all of the block, or nothing.
+
+        Raises
+        ------
+        ValueError
+            When the file is damaged.
+        OSError
+            When it cannot be written, or another program holds it.
+        """
+        with self._mutex:
+            self._attach()
+            try:
+                db = self._engine
+                db.execute("BEGIN")
+                yield db
+                db.execute("COMMIT")
+                # Of the file as it stays on the disk.
+                db.execute("CHECKPOINT")
+                self._note()
+            except duckdb.Error as error:
+                # A full disk, above all. What was not committed is undone.
+                raise OSError(f"{self.path} cannot be written: {first_line(error)}") from error
+            finally:
+                self._detach()
+
+    def _attach(self) -> None:
+        """Open the file, which another program may hold for a short time."""
+        waits_s = _WRITER_WAITS_S if self._writes else _READER_WAITS_S
+        end_s, mode = time.monotonic() + waits_s, "" if self._writes else "(READ_ONLY)"
+        path = str(self.path.resolve()).replace("'", "''")
+        while not self._is_open:
+            try:
+                self._engine.execute(f"ATTACH '{path}' AS archive {mode}")
+                self._is_open = True
+            except duckdb.Error as error:
+                if not any(words in str(error) for words in _IS_HELD):
+                    raise ValueError(self._unusable(error)) from error
+                if time.monotonic() > end_s:
+                    words = f"{self.path} is in use by another program: {first_line(error)}"
+                    raise OSError(words) from error
+                time.sleep(_LOOK_S)
+        self._engine.execute("USE archive")
+
+    def _detach(self) -> None:
+        """Close the file; what was not committed is undone."""
+        db, self._is_open = self._engine, False
+        with suppress(duckdb.TransactionException):
+            db.execute("ROLLBACK")
+        try:
+            db.execute("USE memory")
+            db.execute("DETACH archive")
+        except duckdb.Error:
+            # After an error that ends the use of the file, as of a full disk.
+            with suppress(duckdb.Error):
+                db.close()
+            self._engine = _engine()
+
+    def _unusable(self, error: Exception | str) -> str:
+        words = error if isinstance(error, str) else first_line(error)
+        return f"{self.path} cannot be used: {words}; {REMEDY}"
+
+    def _note(self) -> None:
+        """Note size and time of the file as it was just written."""
+        self._lock.truncate(0)
+        self._lock.write(_marks(self.path))
+        self._lock.flush()
+
+    def damaged_tables(self) -> list[str]:
+        """Return the tables of which rows cannot be read.
+
+        The file is read as a whole, by its checksums, unless it is as it was written.
+
+        Raises
+        ------
+        ValueError
+            When a table of the manifest is damaged.
+        """
+        with suppress(OSError):
+            if (self.archive / _LOCK).read_text(encoding="utf-8") == _marks(self.path):
+                return []
+        with self.reading() as db:
+            for name in _MANIFEST:
+                if error := damage_of(db, f"manifest.{name}"):
+                    raise ValueError(self._unusable(error))
+            return [name for name in TABLES if damage_of(db, name)]
+
+    def rows_of_unit(self, table: str, unit: str) -> pa.Table:
+        """Return all rows of a unit in a table, in order of time.
+
+        Raises
+        ------
+        ValueError, OSError
+            As in `reading`.
+        """
+        schema = TABLES[table]
+        names = [STAMPS[table], "bag", "number"] if table in STAMPS else ["stamp_ns", "number"]
+        order = ", ".join(name for name in names if name in schema.names) or "ALL"
+        columns = ", ".join(f'"{name}"' for name in schema.names)
+        with self.reading() as db:
+            query = f"SELECT {columns} FROM {table} WHERE unit = ? ORDER BY {order}"
+            return db.execute(query, [unit]).to_arrow_table().cast(schema)
+
+
+def _engine() -> duckdb.DuckDBPyConnection:
+    db = duckdb.connect()
+    # Its bar would be among the rows that a command prints.
+    db.execute("SET enable_progress_bar = false")
+    return db
+
+
+def insert(db: duckdb.DuckDBPyConnection, table: str, rows: pa.Table) -> None:
+    """Insert rows into a table, by the names of their columns."""
+    db.register("_rows", rows)
+    db.execute(f"INSERT INTO {table} BY NAME SELECT * FROM _rows")
+    db.unregister("_rows")
+
+
+def first_line(error: Exception) -> str:
+    """Return the message of an error of DuckDB in one line."""
+    return " ".join(str(error).split("\n\n")[0].split())
+
+
+def damage_of(db: duckdb.DuckDBPyConnection, rows: str) -> str:
+    """Return why rows, a table with or without a condition, cannot be read; "" if they can."""
+    try:
+        db.execute(f"SELECT bit_xor(hash(COLUMNS(*))) FROM {rows}").fetchall()
+    except duckdb.Error as error:
+        return first_line(error)
+    return ""
+
+
+def _marks(path: Path) -> str:
+    stat = path.stat()
+    return f"{stat.st_size} {stat.st_mtime_ns}"
+
+
+def _is_left(path: Path) -> bool:
+    """Return whether a file is that of an archive whose making was interrupted."""
+    return path.name == _LOCK or path.name.startswith(f"{FILE}.partial")
+
+
+def _execute(db: duckdb.DuckDBPyConnection, name: str) -> None:
+    db.execute(files("ema_archive").joinpath(name).read_text(encoding="utf-8"))
