@@ -30,8 +30,8 @@ from script import Figures, Workers, command
 from targets import Row, at_most, grid
 
 from ema_monitor.prognosis.advice import Costs, Decision
-from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 from ema_sim.lives import LifeSettings
 
 FAILURES: Final = (5.0, 10.0, 20.0)

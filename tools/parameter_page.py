@@ -12,7 +12,7 @@ from rclpy.context import Context
 
 from ema_cli.processes.bringup import NODES, node_class
 from ema_core.faults import FAULT_NAMES
-from ema_ros.settings import LIVE, WHILE_UNCONFIGURED
+from ema_ros.node_parameters import LIVE, WHILE_UNCONFIGURED
 
 PAGE: Final = Path("docs/parameters.md")
 

@@ -27,14 +27,14 @@ from script import Figures, Workers, command
 from targets import grid
 
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.fleet import Fleet
+from ema_monitor.prognosis.fleet_growth import FleetGrowth
 from ema_monitor.prognosis.growth.check import PredictionCheck
-from ema_monitor.prognosis.growth.fleet import grid_digest
+from ema_monitor.prognosis.growth.fleet_prior import grid_digest
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.mechanisms import MECHANISMS, Mechanisms
 from ema_monitor.prognosis.growth.outliers import OutlierDetector
-from ema_monitor.prognosis.growth.settings import FleetPrior, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker_settings import FleetPrior, TrackerSettings
 from prognosis import duty, foreign_lives, lives
 from prognosis.estimates import drawn
 from prognosis.fleet_prior import unit_of
@@ -186,7 +186,7 @@ def measure(
     limits = HealthLimits()
     units = pool.map("fleet", unit_of, lives.lives_of("fleet", fleet))
     evidence = {str(number): unit for number, unit in enumerate(units)}
-    prior = Fleet(grid_digest(limits), evidence).prior(limits)
+    prior = FleetGrowth(grid_digest(limits), evidence).prior(limits)
     cases: dict[str, list[Scored]] = {
         "own": [*lives.lives_of("growing", own)],
         "developed": [*foreign_lives.lives_of(SETS["development"], developed)],

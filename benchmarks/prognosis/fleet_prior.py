@@ -20,10 +20,10 @@ from targets import grid
 
 from ema_core.faults import TYPICAL
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.fleet import Fleet, FleetUnit
-from ema_monitor.prognosis.growth.fleet import grid_digest
-from ema_monitor.prognosis.growth.settings import FleetPrior, TrackerSettings
+from ema_monitor.prognosis.fleet_growth import FleetGrowth, UnitGrowth
+from ema_monitor.prognosis.growth.fleet_prior import grid_digest
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker_settings import FleetPrior, TrackerSettings
 from prognosis.estimates import drawn
 from prognosis.lives import ScoredLife, lives_of
 from prognosis.predictors import tracked
@@ -32,13 +32,13 @@ from prognosis.scores import LifeScore, summary
 WITHOUT, SAME, OTHER = "no fleet", "fleet", "fleet of another kind"
 
 
-def unit_of(scored: ScoredLife) -> FleetUnit:
+def unit_of(scored: ScoredLife) -> UnitGrowth:
     """Return what a life says of growth."""
     measurements = drawn(scored, scored.life())
     tracker = Tracker(HealthLimits(), TrackerSettings())
     for measurement in measurements:
         tracker.update(measurement)
-    return FleetUnit(len(measurements), tuple(tracker.grown_faults().values()))
+    return UnitGrowth(len(measurements), tuple(tracker.grown_faults().values()))
 
 
 def scores_of(priors: dict[str, FleetPrior | None], scored: ScoredLife) -> dict[str, LifeScore]:
@@ -56,7 +56,7 @@ def measure(pool: Workers, fleet: int, lives: int) -> Figures:
     for name, stream in ((SAME, "fleet"), (OTHER, "fleet_otherwise")):
         units = pool.map(name, unit_of, lives_of(stream, fleet))
         said = {str(number): unit for number, unit in enumerate(units)}
-        known[name] = Fleet(grid_digest(limits), said).prior(limits)
+        known[name] = FleetGrowth(grid_digest(limits), said).prior(limits)
     found = pool.map("lives", partial(scores_of, known), lives_of("next", lives))
     figures = [row for kind in (*TYPICAL, "all") for row in _rows(kind, found)]
     return {"units": fleet, "lives": lives, "rows": figures}

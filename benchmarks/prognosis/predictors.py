@@ -12,8 +12,8 @@ from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_core.growth_laws import hours_until
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker_settings import NOMINAL_LAWS, TrackerSettings
 from ema_sim.growth import Growth
 from ema_sim.lives import LifeSettings, SimulatedLife
 from prognosis.lives import LIMITS

@@ -10,7 +10,7 @@ from ema_core.faults import N_FAULTS, FaultVector, fault_vector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook

@@ -13,7 +13,7 @@ from ema_monitor.health import HealthLimits
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.measurements import MAX_AGE_S
 from ema_monitor.prognosis.duty.damage import DamageSettings
-from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import KnownLaw, TrackerSettings
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings

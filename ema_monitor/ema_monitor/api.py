@@ -24,8 +24,8 @@ from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.monitor import Monitor, MonitorSettings
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
-from ema_monitor.prognosis.growth.settings import GrowthLaw, KnownLaw, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker_settings import GrowthLaw, KnownLaw, TrackerSettings
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.unit import Unit

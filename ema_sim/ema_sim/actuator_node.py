@@ -22,8 +22,8 @@ from ema_ros.actuator_file import load_description
 from ema_ros.actuator_messages import messages_of_block, messages_of_cycle
 from ema_ros.managed_node import ManagedNode
 from ema_ros.messages import description_to_message, faults_from_message
+from ema_ros.node_parameters import LiveSettings, declare, read
 from ema_ros.run import run
-from ema_ros.settings import LiveSettings, declare, read
 from ema_ros.stamps import stamp_to_message
 from ema_ros.status import ERROR, OK, WARN, Task, hardware_name
 from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle

@@ -15,7 +15,7 @@ from ema_archive.running import scan
 from ema_archive.settings import ArchiveSettings
 from ema_archive.store import FILE
 from ema_core.faults import FAULT_NAMES
-from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS
+from ema_monitor.prognosis.growth.tracker_settings import NOMINAL_LAWS
 
 from .conftest import rows_of_unit, write_rows
 

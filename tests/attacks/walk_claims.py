@@ -33,7 +33,7 @@ from ema_monitor.node.publish.messages import summary_of
 from ema_monitor.node.publish.unit_status import unit_tasks
 from ema_monitor.node.receive.arrivals import Arrivals
 from ema_monitor.node.receive.receiver_clock import ReceiverClock
-from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import NOMINAL_LAWS, TrackerSettings
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import StampedTest, unordered
 from ema_monitor.prognosis.service import Service

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from ema_monitor.prognosis.fleet import Fleet
+from ema_monitor.prognosis.fleet_growth import FleetGrowth
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Entry
 
@@ -43,7 +43,7 @@ def test_sites_put_what_they_learnt_together_without_their_tests(ema, site, flee
     assert ema("learn-fleet", history_path(site, "flap", "1"), "-o", one).exit_code == 0
     both, together = tmp_path / "both.npz", ("learn-fleet", one, history_path(site, "flap", "2"))
     assert ema(*together, "-o", both).exit_code == 0
-    known = [set(Fleet.read(file).units) for file in (one, both, fleet)]
+    known = [set(FleetGrowth.read(file).units) for file in (one, both, fleet)]
     assert [len(units) for units in known] == [1, 2, 3]
     assert known[0] < known[1] < known[2]
     result = ema(*together, "-o", both)

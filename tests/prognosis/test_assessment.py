@@ -14,8 +14,8 @@ from ema_core.levels import ERROR, OK, WARN
 from ema_monitor import unit as unit_module
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import (

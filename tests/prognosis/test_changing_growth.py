@@ -6,8 +6,8 @@ import pytest
 from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.growth import check, wander
 from ema_monitor.prognosis.growth.check import PredictionCheck, widened, widened_lives
-from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker_settings import KnownLaw, TrackerSettings
 
 from .tracked_lives import SIGMA, observed, of
 

@@ -7,17 +7,17 @@ import pytest
 
 from ema_core.faults import kind_of
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.fleet import Fleet, FleetUnit, fleet_of
+from ema_monitor.prognosis.fleet_growth import FleetGrowth, UnitGrowth, fleet_of
 from ema_monitor.prognosis.growth.cells import grid
-from ema_monitor.prognosis.growth.fleet import (
+from ema_monitor.prognosis.growth.fleet_prior import (
     GrownFault,
     curves_without_fleet,
     distribution,
     grid_digest,
     with_fleet,
 )
-from ema_monitor.prognosis.growth.settings import TrackerSettings, known_law
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings, known_law
 from ema_monitor.prognosis.history import History, history_path, read_history
 from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.prognosis.settings import PrognosisSettings
@@ -32,16 +32,16 @@ GRID = grid_digest(LIMITS)
 BEFORE = curves_without_fleet(LIMITS)
 
 
-def grown(rate: float, seed: int) -> FleetUnit:
+def grown(rate: float, seed: int) -> UnitGrowth:
     """What a unit says whose friction grows."""
     tracker = Tracker()
     growth = {"friction": Growth("linear", rate)}
     feed(tracker, growth, 900.0, np.random.default_rng(seed), every=20.0)
-    return FleetUnit(tracker.updates, tuple(tracker.grown_faults().values()))
+    return UnitGrowth(tracker.updates, tuple(tracker.grown_faults().values()))
 
 
 @pytest.fixture(scope="module")
-def units() -> dict[str, FleetUnit]:
+def units() -> dict[str, UnitGrowth]:
     rates = 5e-4 * np.exp(0.1 * np.random.default_rng(0).standard_normal(8))
     return {str(seed): grown(rate, seed) for seed, rate in enumerate(rates)}
 
@@ -53,10 +53,10 @@ def flap(serial: str, path: Path | None = None, n: int = 40) -> History:
 
 
 def test_parts_give_the_whole_to_the_last_bit_in_any_order(units):
-    whole = Fleet(GRID, units).prior(LIMITS)
+    whole = FleetGrowth(GRID, units).prior(LIMITS)
     names = list(units)
     one, other = (
-        Fleet(GRID, {name: units[name] for name in half}) for half in (names[:3], names[2:])
+        FleetGrowth(GRID, {name: units[name] for name in half}) for half in (names[:3], names[2:])
     )
     for both in (one.together(other), other.together(one)):
         prior = both.prior(LIMITS)
@@ -66,9 +66,9 @@ def test_parts_give_the_whole_to_the_last_bit_in_any_order(units):
 
 
 def test_of_a_unit_that_is_in_both_parts_the_one_with_more_tests_counts(units):
-    early = FleetUnit(3, ())
+    early = UnitGrowth(3, ())
     for one, other in (({"a": early}, {"a": units["0"]}), ({"a": units["0"]}, {"a": early})):
-        assert Fleet(GRID, one).together(Fleet(GRID, other)).units["a"] is units["0"]
+        assert FleetGrowth(GRID, one).together(FleetGrowth(GRID, other)).units["a"] is units["0"]
 
 
 def test_a_distribution_is_that_of_the_units_and_keeps_a_share_of_what_was_before():
@@ -86,7 +86,7 @@ def test_a_distribution_is_that_of_the_units_and_keeps_a_share_of_what_was_befor
 
 
 def test_the_next_unit_is_predicted_earlier_and_nearer_and_another_kind_as_without(units):
-    prior = Fleet(GRID, units).prior(LIMITS)
+    prior = FleetGrowth(GRID, units).prior(LIMITS)
 
     def life(rate: float, until: float, with_fleet: bool) -> tuple[bool, float, float]:
         tracker = Tracker(LIMITS, TrackerSettings(fleet=prior if with_fleet else None))
@@ -111,7 +111,7 @@ def test_a_file_gives_back_what_was_written_and_no_name_of_a_unit(tmp_path: Path
     fleet = fleet_of(histories, LIMITS, "line A")
     path = tmp_path / "fleet.npz"
     fleet.write(path)
-    again = Fleet.read(path)
+    again = FleetGrowth.read(path)
     assert again.prior(LIMITS) == fleet.prior(LIMITS)
     assert again.prior(LIMITS).in_words() == "growth prior from 2 others (line A)"
     with np.load(path) as file:
@@ -131,12 +131,12 @@ def test_what_is_no_fleet_is_refused_by_name(tmp_path: Path, content, reason):
     path = tmp_path / "fleet.npz"
     path.write_bytes(content)
     with pytest.raises(ValueError, match=f"{path}: no file of a fleet: .*{reason}"):
-        Fleet.read(path)
+        FleetGrowth.read(path)
 
 
 def test_arrays_of_another_kind_are_refused_by_name(tmp_path: Path, units):
     path = tmp_path / "fleet.npz"
-    Fleet(GRID, units).write(path)
+    FleetGrowth(GRID, units).write(path)
     with np.load(path) as file:
         arrays = dict(file)
     for change, reason in (
@@ -149,20 +149,20 @@ def test_arrays_of_another_kind_are_refused_by_name(tmp_path: Path, units):
     ):
         np.savez(path, **{**arrays, **change})
         with pytest.raises(ValueError, match=f"{path}: no file of a fleet: .*{reason}"):
-            Fleet.read(path)
+            FleetGrowth.read(path)
     del arrays["grid"]
     np.savez(path, **arrays)
     with pytest.raises(ValueError, match="no file of a fleet: 'grid"):
-        Fleet.read(path)
+        FleetGrowth.read(path)
 
 
 def test_other_limits_are_refused_and_said_and_the_prognosis_goes_on(units):
-    fleet = Fleet(GRID, units)
+    fleet = FleetGrowth(GRID, units)
     other = HealthLimits(friction=0.3)
     with pytest.raises(ValueError, match="about other limits"):
         fleet.prior(other)
     with pytest.raises(ValueError, match="about other limits"):
-        fleet.together(Fleet(grid_digest(other)))
+        fleet.together(FleetGrowth(grid_digest(other)))
     history = flap("1")
     settings = PrognosisSettings(limits=other, fleet=fleet)
     outlook = Unit(history, settings).resume(None, settings)
@@ -176,7 +176,7 @@ def test_an_outlook_says_whose_growth_it_assumes_and_a_restart_goes_on_with_it(
 ):
     path = history_path(tmp_path, "flap", "1")
     flap("1", path, KEPT_EVERY).close()
-    settings = PrognosisSettings(fleet=Fleet(GRID, units, frozenset(["line A"])))
+    settings = PrognosisSettings(fleet=FleetGrowth(GRID, units, frozenset(["line A"])))
 
     def opened(with_settings: PrognosisSettings) -> Unit:
         prognostics = Unit(History("flap", "1", path), with_settings)
@@ -195,7 +195,7 @@ def test_an_outlook_says_whose_growth_it_assumes_and_a_restart_goes_on_with_it(
     # What was kept with a fleet is not used without one, nor with another.
     plain = PrognosisSettings()
     assert opened(plain).growth.kept_tests == 0
-    fewer = Fleet(GRID, {name: units[name] for name in list(units)[:4]})
+    fewer = FleetGrowth(GRID, {name: units[name] for name in list(units)[:4]})
     assert opened(PrognosisSettings(fleet=fewer)).growth.kept_tests == 0
     without = second.resume(None, plain)
     assert without is not None

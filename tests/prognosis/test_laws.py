@@ -9,14 +9,14 @@ from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.cells import grid
 from ema_monitor.prognosis.growth.laws import LAWS
 from ema_monitor.prognosis.growth.laws.interface import BENDS, Figures, Future, Levels
-from ema_monitor.prognosis.growth.settings import (
+from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker_settings import (
     NOMINAL_LAWS,
     KnownLaw,
     KnownLawTexts,
     TrackerSettings,
     known_law,
 )
-from ema_monitor.prognosis.growth.tracker import Tracker
 
 from .tracked_lives import observed
 

@@ -9,8 +9,8 @@ from ema_monitor.prognosis.growth.forecast import draw
 from ema_monitor.prognosis.growth.mechanisms import MECHANISMS, Mechanisms
 from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.outliers import OutlierDetector
-from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 from .tracked_lives import observed
 

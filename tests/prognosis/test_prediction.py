@@ -11,8 +11,8 @@ from ema_monitor.prognosis.duty.course import FutureDuty
 from ema_monitor.prognosis.growth.forecast import draw, futures, lives
 from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.prediction import beyond_horizon, growth_not_certain
-from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, KnownLaw, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker_settings import NOMINAL_LAWS, KnownLaw, TrackerSettings
 from ema_sim.growth import Growth, grow
 
 from .tracked_lives import feed, observed, of

@@ -10,8 +10,8 @@ import pytest
 from ema_core.faults import FAULT_NAMES, FaultVector, healthy_faults
 from ema_monitor.prognosis.growth.filters import near_healthy_update
 from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker_settings import KnownLaw, TrackerSettings
 from ema_sim.growth import Growth
 
 from .made_tests import PHASE, made_test

@@ -14,7 +14,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.quantity import Checked, quantity, text
 from ema_ros.actuator_file import load_description
 from ema_ros.messages import description_from_message, description_to_message
-from ema_ros.settings import LiveSettings, declare, read
+from ema_ros.node_parameters import LiveSettings, declare, read
 
 
 @dataclass(frozen=True)

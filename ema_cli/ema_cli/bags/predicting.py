@@ -17,8 +17,8 @@ from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.advice import Costs
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.duty.scenario import Scenario, read_scenarios
-from ema_monitor.prognosis.fleet import Fleet
-from ema_monitor.prognosis.growth.settings import FORM, KnownLawTexts, TrackerSettings
+from ema_monitor.prognosis.fleet_growth import FleetGrowth
+from ema_monitor.prognosis.growth.tracker_settings import FORM, KnownLawTexts, TrackerSettings
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
@@ -116,7 +116,7 @@ class Predicting(Identifying):
         is_archive = fleet_file is not None and fleet_file.is_dir()
         settings = prognosis_over(PrognosisSettings(), parameters)
         if fleet_file is not None and not is_archive:
-            settings = replace(settings, fleet=Fleet.read(fleet_file))
+            settings = replace(settings, fleet=FleetGrowth.read(fleet_file))
         costs = parameters.over(Costs(), "costs.")
         return super().of(
             parameters,

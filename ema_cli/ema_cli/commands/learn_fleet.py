@@ -12,8 +12,8 @@ from ema_cli.parameters import Parameters
 from ema_cli.progress import progress_bar
 from ema_core.wording import counted
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.fleet import SUFFIX, Fleet, fleet_of
-from ema_monitor.prognosis.growth.fleet import grid_digest
+from ema_monitor.prognosis.fleet_growth import SUFFIX, FleetGrowth, fleet_of
+from ema_monitor.prognosis.growth.fleet_prior import grid_digest
 from ema_monitor.prognosis.history import read_history
 from ema_monitor.prognosis.sentences import label_of
 
@@ -40,7 +40,7 @@ def learn_fleet(
     """
     require_free(output, histories, overwrite=overwrite, endings=[SUFFIX])
     chosen = with_growth(Parameters({}), limits).over(HealthLimits(), "limits.")
-    fleet = Fleet(grid_digest(chosen))
+    fleet = FleetGrowth(grid_digest(chosen))
     files = []
     for path in histories:
         paths = sorted(path.glob("*+*.sqlite")) if path.is_dir() else [path]
@@ -50,10 +50,10 @@ def learn_fleet(
     with progress_bar() as progress:
         for file in progress.track(files, description="reading"):
             is_fleet = file.suffix == SUFFIX
-            added = Fleet.read(file) if is_fleet else fleet_of([read_history(file)], chosen)
+            added = FleetGrowth.read(file) if is_fleet else fleet_of([read_history(file)], chosen)
             fleet = fleet.together(added)
         if name:
-            fleet = Fleet(fleet.grid, fleet.units, frozenset([name]))
+            fleet = FleetGrowth(fleet.grid, fleet.units, frozenset([name]))
         progress.add_task("learning", total=None)
         prior = fleet.prior(chosen)
     fleet.write(output)

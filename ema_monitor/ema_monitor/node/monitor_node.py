@@ -17,12 +17,12 @@ from ema_monitor.node.settings import Files, MonitorSettings, folder_of
 from ema_monitor.node.work.histories import Histories
 from ema_monitor.node.work.kernels import compile_monitor_kernels
 from ema_monitor.node.work.work import Work
-from ema_monitor.prognosis.fleet import Fleet
+from ema_monitor.prognosis.fleet_growth import FleetGrowth
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.actuator_file import load_description
 from ema_ros.managed_node import ManagedNode
+from ema_ros.node_parameters import declare, read
 from ema_ros.run import run
-from ema_ros.settings import declare, read
 from ema_ros.status import Task
 
 _STALE_CHECK_S: Final = 1.0
@@ -56,7 +56,7 @@ class MonitorNode(ManagedNode):
             reason = store.of(described or ActuatorDescription())
             if isinstance(reason, str):
                 self._log.warning(reason)
-        fleet = Fleet.read(folder_of(files.fleet_file)) if files.fleet_file else None
+        fleet = FleetGrowth.read(folder_of(files.fleet_file)) if files.fleet_file else None
         # Now, as no window waits for them yet.
         compile_monitor_kernels(lambda: self.is_ending, self.report_progress)
         self._build(files, store, fleet)
@@ -64,7 +64,7 @@ class MonitorNode(ManagedNode):
         if described is not None:
             self.receiver.expect_described(described)
 
-    def _build(self, files: Files, store: CalibrationStore, fleet: Fleet | None) -> None:
+    def _build(self, files: Files, store: CalibrationStore, fleet: FleetGrowth | None) -> None:
         """Build what publishes, what works and what receives, and connect them."""
         settings, log, namespace = self.settings, self._log, self.unit_namespace
         is_simulated = bool(self.get_parameter("use_sim_time").value)

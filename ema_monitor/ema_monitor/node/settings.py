@@ -15,13 +15,13 @@ from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.model.measurements import MAX_AGE_S
 from ema_monitor.prognosis.advice import Costs
 from ema_monitor.prognosis.duty.damage import DamageSettings
-from ema_monitor.prognosis.fleet import Fleet
-from ema_monitor.prognosis.growth.settings import KnownLawTexts, TrackerSettings
+from ema_monitor.prognosis.fleet_growth import FleetGrowth
+from ema_monitor.prognosis.growth.tracker_settings import KnownLawTexts, TrackerSettings
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.windows.trigger import TriggerSettings
-from ema_ros.settings import LiveSettings
+from ema_ros.node_parameters import LiveSettings
 
 IN_MEMORY: Final = "memory"
 """Folder of the histories that stands for none; launch files take no empty argument."""
@@ -137,7 +137,7 @@ class MonitorSettings:
         self.service = LiveSettings(node, Service)
         self.damage = LiveSettings(node, DamageSettings, "damage.")
 
-    def prognosis(self, fleet: Fleet | None) -> PrognosisSettings:
+    def prognosis(self, fleet: FleetGrowth | None) -> PrognosisSettings:
         """Return the settings of prognoses, with the growth of a fleet."""
         operation = self.operation.value
         return PrognosisSettings(

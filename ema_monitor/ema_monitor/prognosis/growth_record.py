@@ -20,8 +20,8 @@ from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.duty_record import DutyRecord
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.outliers import OUTLIER, PATIENCE, REPAIR, STEP, Event
-from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 from ema_monitor.prognosis.history_entry import CALIBRATION, Entry, Finding
 from ema_monitor.prognosis.service import ServiceHours
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.duty.scenario import AS_FLOWN, Scenario
-from ema_monitor.prognosis.fleet import Fleet
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.fleet_growth import FleetGrowth
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 
@@ -43,7 +43,7 @@ class PrognosisSettings:
     requirements: RequirementLimits = field(default_factory=RequirementLimits)
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     service: Service = field(default_factory=Service)
-    fleet: Fleet | None = None
+    fleet: FleetGrowth | None = None
     damage: DamageSettings = field(default_factory=DamageSettings)
     scenario: Scenario = AS_FLOWN
     good_for_s: float = 0.0

@@ -18,7 +18,7 @@ from ema_monitor.node.settings import Operation
 from ema_monitor.prognosis.history_entry import UnitEvent
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import WindowFinder
-from ema_ros.settings import LiveSettings
+from ema_ros.node_parameters import LiveSettings
 from ema_ros.status import STALE, Task
 
 NOT_ACTIVE: Final = "the monitor is not active"

@@ -11,7 +11,7 @@ from ema_core.levels import OK, WARN
 from ema_core.quantity import Checked, quantity, texts
 from ema_core.wording import counted
 from ema_monitor.node.settings import Operation
-from ema_ros.settings import LiveSettings
+from ema_ros.node_parameters import LiveSettings
 
 _UNNAMED: Final = "messages without actuator_id"
 _UNKNOWN: Final = "wrong messages of actuators that are not monitored"

@@ -23,7 +23,7 @@ from ema_ros import topics
 from ema_ros.latched_subscription import subscribe_latched
 from ema_ros.managed_node import ManagedNode
 from ema_ros.messages import description_from_message, measured_from_message
-from ema_ros.settings import LiveSettings
+from ema_ros.node_parameters import LiveSettings
 from ema_ros.stamps import stamp_from_message
 from ema_ros.status import Task
 

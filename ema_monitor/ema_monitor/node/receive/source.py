@@ -14,7 +14,7 @@ from ema_monitor.prognosis.service import CountLog
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, TriggerSettings
 from ema_ros.messages import telemetry_from_message
-from ema_ros.settings import LiveSettings
+from ema_ros.node_parameters import LiveSettings
 from ema_ros.stamps import stamp_from_message
 
 

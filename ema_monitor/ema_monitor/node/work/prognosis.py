@@ -16,7 +16,7 @@ from ema_monitor.node.work.histories import PROGNOSIS, Histories
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.history_entry import UnusedCycle
 from ema_monitor.prognosis.outlook import Claim, Outlook, outlook_of_one, unknown_outlook
-from ema_ros.settings import LiveSettings
+from ema_ros.node_parameters import LiveSettings
 
 _DAY_S: Final = 86_400.0
 

@@ -13,7 +13,7 @@ from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY, corrected, n
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.laws.interface import Levels
 from ema_monitor.prognosis.growth.measurement import REACH, Measurement
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 from ema_monitor.prognosis.growth.wander import PACES, mix_paces
 
 _STANDSTILL = 1e-3

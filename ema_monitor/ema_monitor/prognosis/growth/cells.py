@@ -22,7 +22,7 @@ from ema_monitor.prognosis.growth.laws import LAWS
 from ema_monitor.prognosis.growth.laws.external import External
 from ema_monitor.prognosis.growth.laws.interface import Curve, Figures, Law
 from ema_monitor.prognosis.growth.mechanisms import MECHANISMS, Mechanisms
-from ema_monitor.prognosis.growth.settings import LIFE_HOURS, KnownLaw, TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import LIFE_HOURS, KnownLaw, TrackerSettings
 from ema_monitor.prognosis.growth.wander import FACTORS, PACES, SHARES
 
 CONSTANT_PRIOR: Final = 0.5

@@ -17,7 +17,7 @@ from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 AHEAD: Final = 20
 """Tests from a prediction to the one that it is held against."""

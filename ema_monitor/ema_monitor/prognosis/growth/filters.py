@@ -7,7 +7,7 @@ import numpy as np
 
 from ema_core._jit import kernel
 from ema_core.arrays import Array, Flags
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 LEAST_PROBABILITY: Final = 1e-280
 """Lower bound of probabilities, so that their logarithm is finite [-]."""

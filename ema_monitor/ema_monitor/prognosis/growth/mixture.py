@@ -12,11 +12,11 @@ from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.bank import Bank
 from ema_monitor.prognosis.growth.cells import Owners, grid
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
-from ema_monitor.prognosis.growth.fleet import with_fleet
+from ema_monitor.prognosis.growth.fleet_prior import with_fleet
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.mechanisms import MECHANISMS, Mechanisms
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 from ema_monitor.prognosis.growth.waves import Waves
 
 _N = len(COMPONENTS)

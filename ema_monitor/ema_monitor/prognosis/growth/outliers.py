@@ -10,7 +10,7 @@ from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import HEALTHY, Measurement
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 REPAIR: Final = "repair"
 STEP: Final = "step"

@@ -14,7 +14,7 @@ from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.duty.course import FutureDuty
 from ema_monitor.prognosis.growth.cells import CONSTANT_PRIOR
 from ema_monitor.prognosis.growth.check import TrackRecord
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 NOT_SHOWN: Final = "fewer than two tests that agree so far"
 """Why a fault that no test has shown has no life."""

@@ -26,7 +26,7 @@ from ema_core.faults import (
 from ema_monitor.health import ONE_SIDED_95, HealthLimits
 from ema_monitor.prognosis.duty.course import STEADY, FutureDuty
 from ema_monitor.prognosis.growth.check import SAMPLES, PredictionCheck, widened, widened_lives
-from ema_monitor.prognosis.growth.fleet import GrownFault, grown_faults
+from ema_monitor.prognosis.growth.fleet_prior import GrownFault, grown_faults
 from ema_monitor.prognosis.growth.forecast import draw, futures, lives
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import HEALTHY, Measurement
@@ -47,7 +47,7 @@ from ema_monitor.prognosis.growth.prediction import (
     prognosis_of,
     too_soon_after,
 )
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 KEPT_AFTER_STEP: Final = 0.5
 """Power to which the probabilities of laws and rates are kept after a step fault [-]."""

@@ -18,7 +18,7 @@ from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY, corrected, near_healthy_update
 from ema_monitor.prognosis.growth.kept import Kept
 from ema_monitor.prognosis.growth.measurement import REACH, Measurement
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 PERIODS: Final = np.asarray(200.0 * 1.15 ** np.arange(13), dtype=np.float64)
 """Hours of a wave on the grid [h]."""

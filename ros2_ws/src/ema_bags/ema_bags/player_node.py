@@ -24,8 +24,8 @@ from ema_interfaces.srv import (
 )
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.managed_node import ManagedNode
+from ema_ros.node_parameters import declare, read
 from ema_ros.run import run
-from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_ros.status import ERROR, OK, WARN, Task
 from ema_ros.topics import LATCHED, PLAYBACK_STATE

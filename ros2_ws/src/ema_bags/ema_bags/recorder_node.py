@@ -17,8 +17,8 @@ from ema_core.wording import counted
 from ema_interfaces.msg import NodeStatus
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.managed_node import ManagedNode
+from ema_ros.node_parameters import LiveSettings
 from ema_ros.run import run
-from ema_ros.settings import LiveSettings
 from ema_ros.status import ERROR, OK, WARN, Task
 
 _DISCOVERY_S: Final = 0.2

@@ -29,9 +29,9 @@ from ema_dashboard.web_server import WebServer
 from ema_interfaces.msg import Health, NodeStatus
 from ema_ros.claims import Claims
 from ema_ros.managed_node import ManagedNode
+from ema_ros.node_parameters import declare, read
 from ema_ros.peers import UNKNOWN_NODE
 from ema_ros.run import run
-from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_from_message
 from ema_ros.status import ERROR, OK, WARN, Task
 from ema_ros.topics import (

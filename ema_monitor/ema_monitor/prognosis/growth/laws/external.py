@@ -4,7 +4,7 @@ import numpy as np
 
 from ema_core.arrays import Array
 from ema_monitor.prognosis.growth.laws.interface import Figures, Law
-from ema_monitor.prognosis.growth.settings import GrowthLaw
+from ema_monitor.prognosis.growth.tracker_settings import GrowthLaw
 
 
 class External(Law):

@@ -11,7 +11,7 @@ import numpy as np
 from ema_core.arrays import Array
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
 from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Figures, Future, Law, Levels
-from ema_monitor.prognosis.growth.settings import LIFE_HOURS
+from ema_monitor.prognosis.growth.tracker_settings import LIFE_HOURS
 
 JUMPS: Final = (12.0, 35.0, 100.0)
 """Jumps of a mean size from healthy to the limit [-]."""

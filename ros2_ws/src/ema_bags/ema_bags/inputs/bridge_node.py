@@ -20,8 +20,8 @@ from ema_ros import topics
 from ema_ros.actuator_file import load_descriptions
 from ema_ros.managed_node import ManagedNode
 from ema_ros.messages import description_to_message, measured_to_message, telemetry_to_message
+from ema_ros.node_parameters import declare, read
 from ema_ros.run import run
-from ema_ros.settings import declare, read
 from ema_ros.status import Task, hardware_name
 
 _DISCOVERY_S: Final = 0.2

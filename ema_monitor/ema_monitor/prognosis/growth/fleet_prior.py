@@ -17,7 +17,7 @@ from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS, kind_of
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.cells import N_RATES, RATE_SPACING, Cells, grid
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 LEAST_LOG: Final = -30.0
 """Logarithm below the highest at which a likelihood is cut off [-]."""

@@ -11,7 +11,7 @@ import numpy as np
 from ema_core.description import UnitKey
 from ema_core.files import complete_file, open_regular_file
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.fleet import (
+from ema_monitor.prognosis.growth.fleet_prior import (
     LEAST_LOG,
     GrownFault,
     curves_without_fleet,
@@ -19,7 +19,7 @@ from ema_monitor.prognosis.growth.fleet import (
     grid_digest,
 )
 from ema_monitor.prognosis.growth.outliers import REPAIR
-from ema_monitor.prognosis.growth.settings import FleetPrior, TrackerSettings
+from ema_monitor.prognosis.growth.tracker_settings import FleetPrior, TrackerSettings
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 
@@ -29,7 +29,7 @@ _FORMAT: Final = 1
 _MOST_BYTES: Final = 500_000_000
 
 
-class FleetUnit(NamedTuple):
+class UnitGrowth(NamedTuple):
     """Evidence of a unit.
 
     Attributes
@@ -45,7 +45,7 @@ class FleetUnit(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Fleet:
+class FleetGrowth:
     """Growth evidence of units, each by the digest of its actuator and serial number.
 
     Attributes
@@ -59,10 +59,10 @@ class Fleet:
     """
 
     grid: str
-    units: Mapping[str, FleetUnit] = field(default_factory=dict)
+    units: Mapping[str, UnitGrowth] = field(default_factory=dict)
     names: frozenset[str] = frozenset()
 
-    def together(self, other: "Fleet") -> "Fleet":
+    def together(self, other: "FleetGrowth") -> "FleetGrowth":
         """Return the union; for a unit in both fleets, the entry with more tests.
 
         Raises
@@ -80,7 +80,7 @@ class Fleet:
             # With equal numbers of tests, the content decides, not the order.
             if digest not in units or _rank(units[digest]) < _rank(unit):
                 units[digest] = unit
-        return Fleet(self.grid, units, self.names | other.names)
+        return FleetGrowth(self.grid, units, self.names | other.names)
 
     def prior(self, limits: HealthLimits, without: UnitKey | None = None) -> FleetPrior:
         """Return the distribution of curves and rates over the units.
@@ -155,7 +155,7 @@ class Fleet:
             np.savez_compressed(file, allow_pickle=False, **arrays)
 
     @classmethod
-    def read(cls, path: Path) -> "Fleet":
+    def read(cls, path: Path) -> "FleetGrowth":
         """Read a file of ``write``.
 
         Raises
@@ -178,7 +178,7 @@ class Fleet:
             raise ValueError(f"{path}: no file of a fleet: {error}") from error
 
     @classmethod
-    def _of_arrays(cls, arrays: dict[str, np.ndarray]) -> "Fleet":
+    def _of_arrays(cls, arrays: dict[str, np.ndarray]) -> "FleetGrowth":
         if arrays["format"] != _FORMAT:
             raise ValueError(f"format {arrays['format']}, expected {_FORMAT}")
         faults: list[list[GrownFault]] = [[] for _ in arrays["units"]]
@@ -197,14 +197,14 @@ class Fleet:
             for number, one in zip(arrays[f"unit_of.{kind}"], log, strict=True):
                 faults[number].append(GrownFault(kind, one))
         units = {
-            str(digest): FleetUnit(int(tests), tuple(of_it))
+            str(digest): UnitGrowth(int(tests), tuple(of_it))
             for digest, tests, of_it in zip(arrays["units"], arrays["tests"], faults, strict=True)
         }
         names = frozenset(str(name) for name in arrays["names"])
         return cls(str(arrays["grid"]), units, names)
 
 
-def _rank(unit: FleetUnit) -> tuple[int, bytes]:
+def _rank(unit: UnitGrowth) -> tuple[int, bytes]:
     return unit.tests, b"".join(fault.log_likelihood.tobytes() for fault in unit.faults)
 
 
@@ -213,7 +213,7 @@ def unit_digest(actuator_id: str, serial_number: str) -> str:
     return hashlib.sha256(f"{actuator_id}\0{serial_number}".encode()).hexdigest()[:16]
 
 
-def fleet_of(histories: Iterable[History], limits: HealthLimits, name: str = "") -> Fleet:
+def fleet_of(histories: Iterable[History], limits: HealthLimits, name: str = "") -> FleetGrowth:
     """Return the fleet of the units with these histories.
 
     Parameters
@@ -227,10 +227,10 @@ def fleet_of(histories: Iterable[History], limits: HealthLimits, name: str = "")
         Name of the fleet; may be empty.
     """
     units = {unit_digest(*history.unit): _unit_of(history, limits) for history in histories}
-    return Fleet(grid_digest(limits), units, frozenset([name] if name else []))
+    return FleetGrowth(grid_digest(limits), units, frozenset([name] if name else []))
 
 
-def _unit_of(history: History, limits: HealthLimits) -> FleetUnit:
+def _unit_of(history: History, limits: HealthLimits) -> UnitGrowth:
     record = GrowthRecord(limits, TrackerSettings())
     repaired: list[GrownFault] = []
     growing: dict[str, GrownFault] = {}
@@ -239,4 +239,4 @@ def _unit_of(history: History, limits: HealthLimits) -> FleetUnit:
         growing = record.tracker.grown_faults()
         if any(finding.kind == REPAIR for finding in findings):
             repaired += [fault for name, fault in before.items() if name not in growing]
-    return FleetUnit(record.tests, (*repaired, *growing.values()))
+    return UnitGrowth(record.tests, (*repaired, *growing.values()))
