@@ -42,6 +42,10 @@ FORBIDDEN = {
     "the dashboard shows messages and computes nothing": ("ema_dashboard.added", "numpy"),
     LAYERS: ("ema_bags.added", "ema_monitor.monitor"),
     "no file imports a package that contains it": ("ema_cli.added", "ema_cli"),
+    "in the monitor node, what receives knows what works, which knows what publishes": (
+        "ema_monitor.node.publish.added",
+        "ema_monitor.node.work",
+    ),
     "the monitor's folders know those before them, in the order of the data": (
         "ema_monitor.windows.added",
         "ema_monitor.unit",
