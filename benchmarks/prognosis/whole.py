@@ -148,6 +148,5 @@ def estimate_of_measurement(measurement: Measurement, calibration: Calibration) 
         evaluations=100,
         computing_time_s=0.05,
         valid=True,
-        reason="",
         calibration_windows=calibration.windows,
     )

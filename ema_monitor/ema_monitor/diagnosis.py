@@ -23,10 +23,10 @@ from ema_monitor.identification.tally import CombinationSettings, Combining, Tal
 from ema_monitor.joint.departure import Departure
 from ema_monitor.joint.window_figures import WindowFigures, figures_of
 from ema_monitor.model.measured import measured_causes
+from ema_monitor.reasons import LabelledState, Reason, StretchesInsufficient
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
-_NOTHING: Final = "the stretches do not determine the faults as well as wanted"
 _FAULT_EXPLAINS: Final = 3.0
 _CAUSE_EXPLAINS: Final = 2.0
 """Standard deviations beyond which a fault, or a cause, explains what departs."""
@@ -78,14 +78,14 @@ def _judged(
     is_foreign = not estimate.valid and calibration.unit_mismatch(description)
     if departure is None or is_foreign:
         return estimate
+    state = LabelledState(departure.likeness) if departure.likeness else None
+    found: list[Reason | None] = [state]
     if not departure.is_significant:
-        words = "; ".join(filter(None, [departure.remark, departure.likeness]))
-    elif estimate.valid and _is_explained(estimate, departure):
-        words = departure.likeness
-    else:
-        words = f"{departure}; no fault explains it"
+        found.insert(0, departure.would_depart)
+    elif not (estimate.valid and _is_explained(estimate, departure)):
+        found = [departure.reason]
         estimate = replace(estimate, verdict=DEPARTED)
-    return replace(estimate, reason="; ".join(filter(None, [words, estimate.reason])))
+    return replace(estimate, reasons=(*filter(None, found), *estimate.reasons))
 
 
 def _is_explained(estimate: Estimate, departure: Departure) -> bool:
@@ -383,8 +383,8 @@ class Diagnosis:
         motion.fruitless = motion.combination.tally.fruitless
         if not is_new or not (stretches := list(motion.since.values())):
             return []
-        whole = Refusal(stretches[0][0], stretches[-1][1], _NOTHING)
-        nothing = refusal(whole, motion.calibration, motion.search, _NOTHING)
+        whole = Refusal(stretches[0][0], stretches[-1][1], "")
+        nothing = refusal(whole, motion.calibration, motion.search, StretchesInsufficient())
         nothing = replace(nothing, stretches=len(stretches))
         if motion.judged(nothing).verdict == DEPARTED:
             return [self._numbered(motion, nothing)]

@@ -181,8 +181,14 @@ class Unit:
             if place.problem or not estimate.valid:
                 test = UnusedCycle.of(estimate, flown, place.shift_ns)
                 if place.problem:
-                    words = {"verdict": REFUSED, "reason": place.problem, "parts": ()}
-                    test = replace(test, **words, comparison=None, is_ordered=False)
+                    test = UnusedCycle(
+                        estimate.end_ns,
+                        REFUSED,
+                        (place.problem,),
+                        flown,
+                        shift_ns=place.shift_ns,
+                        is_ordered=False,
+                    )
                 return self._refuse(test, parameters) if is_new and not place.is_known else None
             latest = self.growth.service.latest
             if place.is_known:

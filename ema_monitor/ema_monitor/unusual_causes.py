@@ -7,9 +7,9 @@ import numpy as np
 
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.faults import SHORT_CIRCUITS
-from ema_monitor.identification.alternatives import EQUAL_SHORTS
 from ema_monitor.identification.estimate import DEGRADED, Estimate
 from ema_monitor.model.deviations import USUAL_SIGMA
+from ema_monitor.reason_texts import EQUAL_SHORTS
 
 TORQUE_CONSTANT: Final = "torque_constant"
 

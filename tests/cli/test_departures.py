@@ -139,7 +139,7 @@ def test_state_that_was_labelled_is_named_by_estimate_and_report(
     path = history_path(tmp_path, "flap", "SIM-0001")
     figures = tuple(map(figures_of_row, first(ema, later, calibrated)["parts"]))
     history = History("flap", "SIM-0001", path)
-    history.append(UnusedCycle(86_400 * 10**9, "departed", "", parts=figures))
+    history.append(UnusedCycle(86_400 * 10**9, "departed", parts=figures))
     history.close()
     for test, words in (
         ("1", "3 tests dry, 4 tests worn screw"),

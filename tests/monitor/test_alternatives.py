@@ -1,14 +1,9 @@
 """Parts of an explanation are compared by name; labels are made where they are shown."""
 
 from ema_monitor.design.rehearsal import confused_with, fewest
-from ema_monitor.identification.alternatives import (
-    EQUAL_SHORTS,
-    Alternative,
-    faults_of,
-    names_of,
-    part_label,
-)
+from ema_monitor.identification.alternatives import Alternative, faults_of, names_of
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.reason_texts import EQUAL_SHORTS, part_label
 
 
 def estimate(*alternatives: Alternative) -> Estimate:

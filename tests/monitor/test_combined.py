@@ -9,13 +9,15 @@ import pytest
 
 from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, N_FAULTS
-from ema_monitor.identification.alternatives import EQUAL_SHORTS, Alternative
+from ema_monitor.identification.alternatives import Alternative
 from ema_monitor.identification.combined import combined_estimate
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.inference import Finding
 from ema_monitor.identification.knowledge import Knowledge
 from ema_monitor.identification.uncertainty import USUAL_MISFIT
 from ema_monitor.identification.verdict import Misfit
+from ema_monitor.reason_texts import EQUAL_SHORTS
+from ema_monitor.reasons import NotConverged, OtherUnit
 
 from .windows import estimated
 
@@ -121,17 +123,17 @@ def test_a_cause_that_came_and_went_leaves_faults_as_they_proved_to_be():
 
 def test_remarks_of_stretches_are_said_once_with_their_number():
     wrong = [CauseEstimate("load_torque", value, 0.01) for value in (0.1, 0.12)]
-    slow = "the search was stopped before it converged"
+    slow, forced = NotConverged(), OtherUnit("it is of A", forced=True)
     parts = [
-        part(estimate(i), contradicted=(one,), caveats=("forced", *more))
+        part(estimate(i), contradicted=(one,), caveats=(forced, *more))
         for i, (one, more) in enumerate(zip(wrong, ((slow,), ()), strict=True))
     ]
     reason = combined(*parts).reason
     assert reason.split("; ") == [
         "not used, as the motion contradicts it: measured load torque +0.12 ± 0.01 N.m "
         "(in 2 of 2 stretches)",
-        "forced",
-        f"{slow} (in 1 of 2 stretches)",
+        "forced although it is of A",
+        "the search was stopped before it converged (in 1 of 2 stretches)",
     ]
 
 

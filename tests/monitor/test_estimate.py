@@ -8,10 +8,12 @@ import pytest
 
 from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, FaultVector, fault_vector, healthy_faults
-from ema_monitor.identification.alternatives import EQUAL_SHORTS, Alternative
+from ema_monitor.identification.alternatives import Alternative
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record
 from ema_monitor.identification.window_fit import MOST_VALUES, window_fit
 from ema_monitor.joint.window_figures import Motion, WindowFigures
+from ema_monitor.reason_texts import EQUAL_SHORTS
+from ema_monitor.reasons import CauseFound, NotSeparated, PoorFit, Remark
 from ema_monitor.windows.band import rms
 
 from .comparisons import CASES as COMPARISONS
@@ -39,7 +41,12 @@ ESTIMATE = Estimate(
     evaluations=200,
     computing_time_s=0.1 + 0.2,
     valid=True,
-    reason="Größe",
+    reasons=(
+        Remark("Größe"),
+        PoorFit(0.1 + 0.2, float("inf"), 1.0 / 7.0),
+        NotSeparated("motion", ("inertia",), (EQUAL_SHORTS, ("gain",))),
+        CauseFound("inertia", -0.05, 0.01, -0.06, 1e-300, stretches=2, of_stretches=3),
+    ),
     insignificant=np.arange(8) == 2,
     warm_start=True,
     calibration_windows=4,
@@ -81,6 +88,18 @@ def test_record_of_an_earlier_version_has_no_comparison():
     del record["comparison"], record["parts"], record["lacks_calibration"]
     assert estimate_of(record).comparison is None
     assert not estimate_of(record).lacks_calibration
+
+
+def test_text_of_an_earlier_version_is_a_remark():
+    record = estimate_record(ESTIMATE) | {"reason": "no excitation"}
+    del record["reasons"]
+    assert estimate_of(record).reasons == (Remark("no excitation"),)
+    assert estimate_of(record | {"reason": ""}).reasons == ()
+
+
+def test_record_with_an_unknown_reason_is_refused():
+    with pytest.raises(ValueError, match="code = 'rust': expected that of a reason"):
+        estimate_of(estimate_record(ESTIMATE) | {"reasons": [{"code": "rust"}]})
 
 
 def test_record_of_an_earlier_version_names_alternatives_by_their_labels():

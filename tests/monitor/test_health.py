@@ -19,6 +19,7 @@ from ema_monitor.health import (
 )
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.joint.comparison import FRICTION, PLAY, TORQUE, VISCOUS, Comparison, FigureChange
+from ema_monitor.reasons import Remark
 
 from .comparisons import (
     CASES,
@@ -158,7 +159,9 @@ def test_tracked_value_that_no_recent_test_shows_may_alarm_and_is_not_ok(value: 
 def test_confidence_falls_as_the_fit_comes_near_its_limit(
     limit: float, share: float, confidence: float
 ):
-    made = estimate(goodness_of_fit=share * limit, goodness_limit=limit, reason="a poor fit")
+    made = estimate(
+        goodness_of_fit=share * limit, goodness_limit=limit, reasons=(Remark("a poor fit"),)
+    )
     health = assess(made, LIMITS)
     assert health.confidence == pytest.approx(confidence)
     assert health.reason == "a poor fit"
@@ -326,5 +329,7 @@ def test_warning_never_stands_beside_the_index_of_a_new_unit(name: str):
 
 
 def test_departed_estimate_of_a_modelled_drive_is_never_as_new():
-    health = assess(estimate(verdict="departed", reason="the current is 12 % higher"), LIMITS)
+    health = assess(
+        estimate(verdict="departed", reasons=(Remark("the current is 12 % higher"),)), LIMITS
+    )
     assert (health.level, health.health_index) == (WARN, 0.99)

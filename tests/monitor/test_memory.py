@@ -9,10 +9,11 @@ from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FRICTION, SHORT_CIRCUITS, fault_vector
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
-from ema_monitor.identification.alternatives import EQUAL_SHORTS, Alternative
+from ema_monitor.identification.alternatives import Alternative
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.memory import NOTHING, SLOW, Memory
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.reason_texts import EQUAL_SHORTS
 from ema_monitor.windows.finder import Segment
 
 DAY = 86_400 * 10**9

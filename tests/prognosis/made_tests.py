@@ -11,6 +11,7 @@ from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.reasons import Remark
 from ema_monitor.windows.trigger import Refusal
 
 UNIT = ("flap", "SIM-0001")
@@ -34,7 +35,7 @@ def made_test(
     if not valid:
         reason = "a phase is open" if failed else "a gap of 3 samples"
         window = Refusal(end_ns - 500_000_000, end_ns, reason)
-        return refusal(window, "", SearchSettings(), reason, is_failure=failed)
+        return refusal(window, "", SearchSettings(), Remark(reason), is_failure=failed)
     k = fault_vector(faults)
     if seed is not None:
         rng = np.random.default_rng([seed, round(number)])
@@ -62,7 +63,6 @@ def made_test(
         evaluations=200,
         computing_time_s=0.05,
         valid=True,
-        reason="",
     )
 
 

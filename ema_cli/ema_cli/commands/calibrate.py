@@ -21,6 +21,7 @@ from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.identification.joint_estimate import comparable_record
 from ema_monitor.joint.wording import baseline_sentences
 from ema_monitor.model.measured import measured_ranges
+from ema_monitor.reason_texts import joined
 from ema_monitor.recordings.windows import RecordedWindow, WindowsOnDemand
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -132,9 +133,9 @@ def _remarks(
         if item.start_ns in of_records and stamps[item.start_ns] == 1:
             used.append(name)
         elif isinstance(window := item.window, Window):
-            reason = comparable_record(window, item.description, calibration)
-            if isinstance(reason, str):
-                yield f"{name} is not used: {reason}"
+            record = comparable_record(window, item.description, calibration)
+            if isinstance(record, tuple):
+                yield f"{name} is not used: {joined(record)}"
             else:
                 used.append(name)
     is_complete = len(used) == calibration.windows

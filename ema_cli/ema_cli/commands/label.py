@@ -19,6 +19,7 @@ from ema_monitor.joint.departure import HEALTHY, NONE_OF_THESE
 from ema_monitor.joint.record import JointRecord
 from ema_monitor.joint.window_figures import WindowFigures, figures_of
 from ema_monitor.prognosis.history import read_history
+from ema_monitor.reason_texts import joined
 from ema_monitor.recordings.windows import WindowsOnDemand
 from ema_monitor.windows.trigger import Refusal
 
@@ -143,7 +144,7 @@ def _with_bag(
         if isinstance(record, JointRecord):
             baseline = baseline.with_record(state, record)
         else:
-            reasons.append(record)
+            reasons.append(joined(record))
     if baseline is calibration.baseline:
         why = reasons or [
             window.place.reason

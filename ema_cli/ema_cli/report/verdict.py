@@ -16,7 +16,6 @@ from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.linear import physical
 from ema_core.wording import beside_limit, counted
 from ema_monitor.health import FaultHealth
-from ema_monitor.identification.alternatives import part_label
 from ema_monitor.identification.estimate import DEPARTED, FAILED, Estimate
 from ema_monitor.joint.comparison import FRICTION, Comparison
 from ema_monitor.joint.wording import finding, improvement_sentences
@@ -30,6 +29,7 @@ from ema_monitor.prognosis.sentences import (
     removal_in_words,
     shown_in,
 )
+from ema_monitor.reason_texts import part_label
 
 _STATES: Final = {OK: "Well", WARN: "Wearing", ERROR: "Failed", STALE: "Unknown"}
 

@@ -17,6 +17,7 @@ from ema_monitor.model.deviations import N_DEVIATIONS, Deviations
 from ema_monitor.model.measured import measured_columns
 from ema_monitor.model.monitor_model import FORMS, LEARNS_UNIT, MonitorModel, form_of
 from ema_monitor.model.readings import TRAVEL, law_slopes
+from ema_monitor.reason_texts import text_of
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.relations import law_offset, travel_ratio
 from ema_monitor.windows.window import Window
@@ -62,7 +63,8 @@ def calibrate_model(
     groups: list[list[int]] = []
     for number, window in enumerate(windows):
         missing, period = window.telemetry.missing, window.sample_period
-        reason = acquisition.contradiction(missing) or window.excitation_defect()
+        unexcited = window.excitation_defect()
+        reason = acquisition.contradiction(missing) or (text_of(unexcited) if unexcited else "")
         if not reason and period != h:
             reason = f"it has samples of {period:g} s, the first of {h:g} s"
         if reason:

@@ -24,10 +24,10 @@ from ema_monitor.design.rehearsal import (
     rehearse,
 )
 from ema_monitor.diagnosis import identify
-from ema_monitor.identification.alternatives import part_label
 from ema_monitor.identification.estimate import Estimate, plain
 from ema_monitor.model.deviations import HIDDEN_CAUSES, Prior
 from ema_monitor.model.measured import expected_causes
+from ema_monitor.reason_texts import part_label
 
 CERTIFIED_WINDOWS: Final = REHEARSED_WINDOWS + len(HIDDEN_CAUSES)
 """Number of windows of a certificate."""

@@ -1,22 +1,13 @@
 """Parts of an explanation that a window cannot separate from others, by name (M27)."""
 
 from collections.abc import Iterable
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
-from ema_core.causes import CAUSE_BY_NAME
-from ema_core.faults import FAULT_NAMES, FAULTS, SHORT_CIRCUITS
+from ema_core.faults import FAULT_NAMES
+from ema_monitor.reason_texts import AND, EQUAL_SHORTS, EQUAL_SHORTS_LABEL, LABELS
 
 Part = tuple[str, ...]
 """Names of one or several faults, or of a hidden cause, that explain a window together."""
-
-EQUAL_SHORTS: Final[Part] = tuple(FAULT_NAMES[phase] for phase in SHORT_CIRCUITS)
-"""Equal short circuits of all phases: the motor is as weak by a smaller torque constant."""
-
-_LABELS: Final = {fault.name: fault.label for fault in FAULTS} | {
-    cause.name: cause.label for cause in CAUSE_BY_NAME.values()
-}
-_EQUAL_SHORTS_LABEL: Final = "equal short circuits of all phases"
-_AND: Final = " and "
 
 
 class Alternative(NamedTuple):
@@ -28,13 +19,6 @@ class Alternative(NamedTuple):
     def as_record(self) -> dict[str, list[str]]:
         """Return the names as JSON holds them."""
         return {name: list(part) for name, part in self._asdict().items()}
-
-
-def part_label(part: Part) -> str:
-    """Return a part of an explanation in words."""
-    if part == EQUAL_SHORTS:
-        return _EQUAL_SHORTS_LABEL
-    return _AND.join(_LABELS[name] for name in part)
 
 
 def names_of(alternatives: Iterable[Alternative]) -> frozenset[str]:
@@ -64,11 +48,11 @@ def alternative_of(record: Any) -> Alternative:
 
 
 def _part_of(value: Any) -> Part:
-    if value == _EQUAL_SHORTS_LABEL:
+    if value == EQUAL_SHORTS_LABEL:
         return EQUAL_SHORTS
     if isinstance(value, str):
-        names = {label: name for name, label in _LABELS.items()}
-        value = [names.get(label, label) for label in value.split(_AND)]
-    if not value or any(name not in _LABELS for name in value):
+        names = {label: name for name, label in LABELS.items()}
+        value = [names.get(label, label) for label in value.split(AND)]
+    if not value or any(name not in LABELS for name in value):
         raise ValueError(f"alternative {value!r}: expected names of faults or of a hidden cause")
     return tuple(value)

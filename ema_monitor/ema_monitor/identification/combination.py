@@ -23,6 +23,7 @@ from ema_monitor.identification.search import Generation, ModelIdentification, S
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Combining
 from ema_monitor.identification.uncertainty import SPANS, UNOBSERVABLE_SIGMA
+from ema_monitor.reasons import MotionDisagrees, MotionEnded, Reason
 from ema_monitor.windows.window import Window
 
 WORTHWHILE: Final = 0.97
@@ -93,7 +94,7 @@ class Combination(Combining):
 
     def _take(self, stretch: Window) -> Iterator[Generation | Estimate]:
         if self._is_complete(stretch):
-            yield from self._conclude("")
+            yield from self._conclude()
         if self._is_paused(stretch) and not self._is_defective(stretch):
             self.tally = self.tally.plus(skipped=1)
             return
@@ -108,7 +109,7 @@ class Combination(Combining):
             alone = yield from self._identify(stretch, self._nothing)
             if _is_valid(alone):
                 preview = self._preview
-                yield from self._conclude("the motion that followed does not agree with it")
+                yield from self._conclude(MotionDisagrees())
                 found, self._preview = alone, preview
         if _is_valid(found):
             yield from self._accept(found)
@@ -118,7 +119,7 @@ class Combination(Combining):
 
     def finish(self) -> list[Estimate]:
         """End the motion; return the estimate of what was combined so far, if there is one."""
-        return self._conclude("the motion ended")
+        return self._conclude(MotionEnded())
 
     def _begin(self) -> None:
         self._parts: list[Finding] = []
@@ -154,7 +155,7 @@ class Combination(Combining):
 
     def _is_defective(self, stretch: Window) -> bool:
         """Return whether drive or shaft has a defect that must be named."""
-        return bool(drive_defect(stretch, self._description.parameters))
+        return drive_defect(stretch, self._description.parameters) is not None
 
     def _lowers(self, known: Knowledge, gained: Array) -> bool:
         """Return whether information lowers a standard deviation that is larger than wanted."""
@@ -199,9 +200,9 @@ class Combination(Combining):
             self._motions.append(self._preview.motion)
         # As well as wanted, or as further motion can tell.
         enough = np.maximum(self._settings.wanted_sigma, _REACHED * known.systematic_sigma)
-        return self._conclude("") if np.all(known.sigma <= enough) else []
+        return self._conclude() if np.all(known.sigma <= enough) else []
 
-    def _conclude(self, remark: str) -> list[Estimate]:
+    def _conclude(self, ending: Reason | None = None) -> list[Estimate]:
         """Return the estimate of what was combined, and begin anew."""
         parts, known = self._parts, self._known
         if parts:
@@ -209,7 +210,7 @@ class Combination(Combining):
         self._begin()
         if not parts:
             return []
-        combined = combined_estimate(parts, known, self._settings.wanted_sigma, remark)
+        combined = combined_estimate(parts, known, self._settings.wanted_sigma, ending)
         return self._concluded(combined and self._signed(combined))
 
     def _signed(self, estimate: Estimate) -> Estimate:

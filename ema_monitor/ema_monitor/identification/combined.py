@@ -11,20 +11,20 @@ from dataclasses import replace
 import numpy as np
 
 from ema_core.arrays import Array, Flags
-from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
+from ema_core.causes import CauseEstimate
 from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, N_FAULTS, healthy_faults
-from ema_core.wording import counted
 from ema_monitor.identification.alternatives import Alternative, Part, faults_of
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.inference import Finding
 from ema_monitor.identification.knowledge import Knowledge
 from ema_monitor.identification.quantiles import within_range
 from ema_monitor.identification.uncertainty import PLANE, widening
-from ema_monitor.identification.verdict import Misfit, assumed_goodness, contradicted_by, judged
+from ema_monitor.identification.verdict import Misfit, assumed_goodness, judged
+from ema_monitor.reasons import CauseFound, Contradicted, FaultsNotShown, Reason
 
 
 def combined_estimate(
-    parts: Sequence[Finding], known: Knowledge, wanted_sigma: float, remark: str = ""
+    parts: Sequence[Finding], known: Knowledge, wanted_sigma: float, ending: Reason | None = None
 ) -> Estimate | None:
     """Return the one estimate of several stretches; None when they show no fault as wanted.
 
@@ -36,8 +36,8 @@ def combined_estimate(
         What is known of the faults after them.
     wanted_sigma
         Standard deviation from which on a fault counts as not shown.
-    remark
-        Why there are no more of them; empty for no reason to mention.
+    ending
+        Why there are no more of them; None for no reason to mention.
     """
     last = parts[-1].estimate
     estimates = [part.estimate for part in parts]
@@ -64,17 +64,17 @@ def combined_estimate(
     covariance[:, unknown] = np.nan
     grown = np.sqrt(np.diag(covariance) / np.diag(last.covariance))
     quantiles = within_range(faults + grown * (last.quantiles - faults))
-    hidden = [
-        fault.label
+    hidden = tuple(
+        fault.name
         for fault, is_unknown in zip(FAULTS, unknown, strict=True)
         if is_unknown and fault.limit is not None
-    ]
+    )
     reservations = [
-        remark,
-        f"the motion does not show {', '.join(hidden)}" if hidden else "",
+        ending,
+        FaultsNotShown(hidden) if hidden else None,
         *_contradictions(parts),
         *_counted([part.caveats for part in parts]),
-        *_in_words([one.causes for one in estimates]),
+        *_causes_found([one.causes for one in estimates]),
     ]
     verdict = judged(
         "motion",
@@ -82,7 +82,7 @@ def combined_estimate(
         last.goodness_limit,
         unknown,
         alternatives,
-        list(filter(None, reservations)),
+        [reason for reason in reservations if reason is not None],
         last.calibration_windows,
     )
     return replace(
@@ -124,43 +124,40 @@ def _most_significant(of_stretches: Iterable[Iterable[CauseEstimate]]) -> tuple[
     )
 
 
-def _in_words(of_stretches: Sequence[Iterable[CauseEstimate]]) -> list[str]:
-    """Return each cause in words, with its range and in how many of the stretches it took part."""
-    words = []
-    for name, found in _by_name(of_stretches).items():
-        [most] = _most_significant([found])
-        cause = CAUSE_BY_NAME[name]
-        scale, unit = (100.0, "%") if cause.unit == "-" else (1.0, cause.unit)
-        values = [scale * one.value for one in found]
-        span = f"{min(values):+.3g} to {max(values):+.3g} {unit}, " if len(found) > 1 else ""
-        span += _share(len(found), len(of_stretches))
-        words.append(f"{most} ({span})" if len(of_stretches) > 1 else str(most))
-    return words
+def _causes_found(of_stretches: Sequence[Iterable[CauseEstimate]]) -> list[Reason]:
+    """Return each cause with its range, and in how many of the stretches it took part."""
+    reasons: list[Reason] = []
+    for causes in _by_name(of_stretches).values():
+        [most] = _most_significant([causes])
+        values = [cause.value for cause in causes]
+        ends = (min(values), max(values)) if len(values) > 1 else ()
+        reasons.append(
+            CauseFound(*most, *ends, stretches=len(causes), of_stretches=len(of_stretches))
+        )
+    return reasons
 
 
-def _share(number: int, of: int) -> str:
-    return f"in {number} of {counted(of, 'stretch')}"
-
-
-def _contradictions(parts: Sequence[Finding]) -> list[str]:
-    """Return in words what was measured and not used, and in how many of the stretches."""
+def _contradictions(parts: Sequence[Finding]) -> list[Reason]:
+    """Return which measured causes were not used, and in how many of the stretches."""
     by_name = _by_name(part.contradicted for part in parts)
-    return contradicted_by(
-        "motion",
-        [
-            f"{_most_significant([found])[0]} ({_share(len(found), len(parts))})"
-            for found in by_name.values()
-        ],
-    )
+    return [
+        Contradicted(
+            "motion",
+            *_most_significant([causes])[0],
+            stretches=len(causes),
+            of_stretches=len(parts),
+        )
+        for causes in by_name.values()
+    ]
 
 
-def _counted(of_stretches: Sequence[Sequence[str]]) -> list[str]:
-    """Return texts of stretches, each once, and of how many of them it is unless of all."""
-    numbers = Counter(text for texts in of_stretches for text in dict.fromkeys(texts))
+def _counted(of_stretches: Sequence[Sequence[Reason]]) -> list[Reason]:
+    """Return reasons of stretches, each once, and in how many of them it holds unless in all."""
+    numbers = Counter(reason for reasons in of_stretches for reason in dict.fromkeys(reasons))
     total = len(of_stretches)
     return [
-        text if number == total else f"{text} ({_share(number, total)})"
-        for text, number in numbers.items()
+        reason if number == total else replace(reason, stretches=number, of_stretches=total)
+        for reason, number in numbers.items()
     ]
 
 

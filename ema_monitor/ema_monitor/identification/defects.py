@@ -4,8 +4,8 @@ from typing import Final
 
 import numpy as np
 
-from ema_core.causes import CAUSE_BY_NAME
 from ema_core.parameters import ActuatorParameters
+from ema_monitor.reasons import DeadSensor, Jam, JamOrOpenCircuit, OpenCircuit, Reason
 from ema_monitor.windows.window import Window
 
 _MOVES: Final = 10
@@ -16,8 +16,8 @@ _AT_LIMIT: Final = 0.8
 _FLOWS: Final = 0.5
 
 
-def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
-    """Return which defect of drive or shaft a window shows; empty when it shows none.
+def drive_defect(window: Window, parameters: ActuatorParameters) -> Reason | None:
+    """Return which defect of drive or shaft a window shows; None when it shows none.
 
     A column that does not change while the motor moves is that of a dead sensor. Else the motor
     stands still for a tenth of the window although position and speed loop want nearly
@@ -29,7 +29,7 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
     if dead := _dead_sensor(window):
         return dead
     if p.GAI != 0.0 or p.GAD != 0.0:
-        return ""
+        return None
     speed = t.speed
     if not len(speed):
         speed = np.concatenate([[window.initial_speed(p.tau)], window.speed(p.tau)])
@@ -37,35 +37,21 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
     wanted = np.abs(np.clip(p.GAP * (error - speed) / p.k_t, -p.I_max, p.I_max))
     stands = (np.abs(speed) < _STANDSTILL * p.omega_max) & (wanted > _AT_LIMIT * p.I_max)
     if np.mean(stands) < _STANDING:
-        return ""
+        return None
     amount = float(np.median(wanted[stands]))
-    open_circuit = f"{CAUSE_BY_NAME['dead_switch'].label} or {CAUSE_BY_NAME['open_phase_a'].label}"
     if not len(t.current):
-        return (
-            f"{CAUSE_BY_NAME['jam'].label}, {open_circuit}, B or C: the motor stands still "
-            f"although the speed loop wants {amount:.1f} A; the current, which would show "
-            "which, is not measured"
-        )
+        return JamOrOpenCircuit(amount)
     flows = float(np.median(np.abs(t.current[stands])))
-    if flows > _FLOWS * amount:
-        return (
-            f"{CAUSE_BY_NAME['jam'].label}: the motor stands still although {flows:.1f} A flow; "
-            "the shaft is blocked"
-        )
-    return (
-        f"{open_circuit}, B or C: "
-        f"the motor stands still, and of the {amount:.1f} A that the speed loop wants {flows:.1f} "
-        "A flow"
-    )
+    return Jam(flows) if flows > _FLOWS * amount else OpenCircuit(amount, flows)
 
 
-def _dead_sensor(window: Window) -> str:
+def _dead_sensor(window: Window) -> DeadSensor | None:
     """Return which column does not change at all, although others show that the motor moves."""
     t = window.telemetry
     columns = {"current": t.current, "speed": t.speed, "position": t.position}
     still = [name for name, column in columns.items() if len(column) and not np.ptp(column)]
     if len(still) != 1:
-        return ""
+        return None
     # A column of few values may be that of a motor that hardly moves.
     moves = [
         name
@@ -73,8 +59,5 @@ def _dead_sensor(window: Window) -> str:
         if name != "current" and len(np.unique(column)) > _MOVES
     ]
     if not moves:
-        return ""
-    return (
-        f"dead {still[0]} sensor: it says {columns[still[0]][0]:.3g} throughout, although the "
-        f"{moves[0]} changes"
-    )
+        return None
+    return DeadSensor(still[0], float(columns[still[0]][0]), moves[0])

@@ -17,7 +17,9 @@ from ema_monitor.identification.quantiles import LEVELS, quantiles_of
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.window_figures import WindowFigures, figures_of_row, row_of
-from ema_monitor.joint.wording import finding, table_text
+from ema_monitor.joint.wording import finding, summary, table_text
+from ema_monitor.reason_texts import joined, text_of
+from ema_monitor.reasons import OtherUnit, Reason, Remark
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -33,7 +35,7 @@ _UNKNOWN: Final = FaultVector.of(np.full(N_FAULTS, math.nan))
 _FLAGS: Final = ("unobservable", "insignificant")
 _CAUSES: Final = ("causes", "measured")
 # Fields that records of earlier versions do not have.
-_LATER: Final = ("lacks_calibration", "parts", "comparison")
+_LATER: Final = ("lacks_calibration", "parts", "comparison", "reasons")
 _SHAPES: Final = {
     "covariance": (N_FAULTS, N_FAULTS),
     "quantiles": (len(LEVELS), N_FAULTS),
@@ -84,8 +86,8 @@ class Estimate(Displayed):
         Time from window to estimate [s].
     valid
         Whether the estimate may be used.
-    reason
-        Why not, or reservations about it.
+    reasons
+        Why not, or reservations about it; of a record without what its comparison shows.
     insignificant
         Components that the window does not show to differ from healthy, ``(8,)``: set to healthy,
         or faults within one standard deviation of it, which are added here.
@@ -94,16 +96,16 @@ class Estimate(Displayed):
     calibration_windows
         Number of healthy windows that the calibration rests on; 0 when there was none.
     verdict
-        "valid"; "degraded": usable, with standard deviations that say how far, and ``reason`` why;
+        "valid"; "degraded": usable, with standard deviations that say how far, ``reasons`` why;
         "refused"; "failed": refused for a failure of drive or shaft; "skipped": not examined, as
         it was cut off or dropped; or "departed": valid or not, the window departs from the
-        unit's healthy windows in what ``reason`` says, and no fault explains it.
+        unit's healthy windows in what ``reasons`` name, and no fault explains it.
     unexplained_share
         What is left of the window's departure from healthy at the estimate [-]; NaN where the
         goodness of fit is.
     causes
         Hidden causes that are part of what explains the window; of stretches each one as in that in
-        which it is most significant, with its range in ``reason``.
+        which it is most significant, with its range in ``reasons``.
     alternatives
         Parts of the explanation and what the window does not tell them from, by name; of
         stretches those that they together have not told apart.
@@ -140,7 +142,7 @@ class Estimate(Displayed):
     evaluations: int = 0
     computing_time_s: float = 0.0
     valid: bool = False
-    reason: str = ""
+    reasons: tuple[Reason, ...] = ()
     insignificant: Flags = field(default_factory=lambda: np.zeros(N_FAULTS, dtype=bool))
     warm_start: bool = False
     calibration_windows: int = 0
@@ -167,6 +169,16 @@ class Estimate(Displayed):
             given = getattr(self, name)
             known = np.where(np.isnan(given), values, given)
             object.__setattr__(self, name, np.where(self.unobservable, math.nan, known))
+
+    @property
+    def reason(self) -> str:
+        """The reasons in words, with the findings of a record; empty without any."""
+        if self.comparison is None or not self.valid:
+            return joined(self.reasons)
+        caveats = [one for one in self.reasons if isinstance(one, OtherUnit)]
+        remarks = [one for one in self.reasons if one not in caveats]
+        sentences = *map(text_of, caveats), summary(self.comparison), *map(text_of, remarks)
+        return ". ".join(sentences)
 
     @property
     def sigma(self) -> FaultVector:
@@ -223,6 +235,7 @@ class Estimate(Displayed):
     def as_row(self) -> dict[str, Any]:
         """Return the estimate as a row of a table, a plain value a column."""
         row = {name: one for name, one in vars(self).items() if isinstance(one, int | float | str)}
+        row["reason"] = self.reason
         sigmas = {f"{name}_sigma": value for name, value in self.sigma._asdict().items()}
         return row | self.faults._asdict() | sigmas
 
@@ -253,7 +266,7 @@ def refusal(
     window: Window | Refusal,
     calibration: Any,
     settings: SearchSettings,
-    reason: str,
+    reason: Reason,
     *,
     is_failure: bool = False,
     lacks_calibration: bool = False,
@@ -275,7 +288,7 @@ def refusal(
         calibration.calibration_id if is_calibrated else "",
         goodness_limit=settings.goodness_limit,
         excitation=window.excitation if isinstance(window, Window) else math.nan,
-        reason=reason,
+        reasons=(reason,),
         calibration_windows=calibration.windows if is_calibrated else 0,
         verdict=verdict,
         lacks_calibration=lacks_calibration,
@@ -283,7 +296,7 @@ def refusal(
 
 
 def estimate_values(estimate: Estimate) -> dict[str, Any]:
-    """Return every field of an estimate as plain values, exactly.
+    """Return every field of an estimate as plain values, exactly, and ``reason``, their text.
 
     Faults are values by name, flags the names of those that have them.
     """
@@ -296,6 +309,8 @@ def estimate_values(estimate: Estimate) -> dict[str, Any]:
     for name in _CAUSES:
         values[name] = [cause._asdict() for cause in values[name]]
     values["alternatives"] = [pair.as_record() for pair in estimate.alternatives]
+    values["reason"] = estimate.reason
+    values["reasons"] = [reason.as_record() for reason in estimate.reasons]
     values["parts"] = [row_of(part) for part in estimate.parts]
     compared = estimate.comparison
     values["comparison"] = None if compared is None else compared.as_mapping()
@@ -336,11 +351,19 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
     for name in _CAUSES:
         values[name] = tuple(CauseEstimate(**cause) for cause in record[name])
     values["alternatives"] = tuple(map(alternative_of, record["alternatives"]))
+    values["reasons"] = reasons_of(record)
     values["lacks_calibration"] = bool(record.get("lacks_calibration", False))
     values["parts"] = tuple(figures_of_row(row) for row in record.get("parts", ()))
     compared = record.get("comparison")
     values["comparison"] = None if compared is None else Comparison.of_mapping(compared)
     return Estimate(**values)
+
+
+def reasons_of(record: Mapping[str, Any]) -> tuple[Reason, ...]:
+    """Return the reasons of a record, or the text that version 0.1 wrote, as a remark."""
+    if "reasons" in record:
+        return tuple(map(Reason.of_record, record["reasons"]))
+    return (Remark(record["reason"]),) if record["reason"] else ()
 
 
 def by_fault(values: Iterable[float]) -> dict[str, Any]:

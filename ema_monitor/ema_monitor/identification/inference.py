@@ -37,17 +37,12 @@ from ema_monitor.identification.uncertainty import (
     uncertainty_of_faults,
     widening,
 )
-from ema_monitor.identification.verdict import (
-    Misfit,
-    assumed_goodness,
-    contradicted_by,
-    goodness_limit,
-    judged,
-)
+from ema_monitor.identification.verdict import Misfit, assumed_goodness, goodness_limit, judged
 from ema_monitor.model.deviations import NAMES
 from ema_monitor.model.measured import expected_causes
 from ema_monitor.model.monitor_model import LEARNS_UNIT
 from ema_monitor.optimizers.linear_model import Linearisation
+from ema_monitor.reasons import CauseFound, Contradicted, Reason
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
@@ -81,7 +76,7 @@ class Finding:
     knowledge: Knowledge | None = None
     surprise: float = 0.0
     contradicted: tuple[CauseEstimate, ...] = ()
-    caveats: tuple[str, ...] = ()
+    caveats: tuple[Reason, ...] = ()
 
 
 class Inference:
@@ -153,7 +148,7 @@ class Inference:
         started: float,
         warm_start: bool,
         contradicted: tuple[CauseEstimate, ...],
-        caveats: tuple[str, ...],
+        caveats: tuple[Reason, ...],
     ) -> Finding:
         """Return what is found at an optimum.
 
@@ -212,9 +207,13 @@ class Inference:
             limit,
             unobservable,
             explanation.alternatives,
-            [*contradicted_by(subject, contradicted), *caveats, *map(str, causes)],
+            [
+                *(Contradicted(subject, *cause) for cause in contradicted),
+                *caveats,
+                *(CauseFound(*cause) for cause in causes),
+            ],
             self._calibration.windows,
-            [str(one) for one in causes if self._is_at_bound(one)],
+            [cause for cause in causes if self._is_at_bound(cause)],
         )
         estimate = Estimate(
             window.start_ns,

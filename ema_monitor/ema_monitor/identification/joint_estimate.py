@@ -2,17 +2,18 @@
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from ema_core.causes import CauseEstimate
-from ema_core.column_errors import Reference, usual_mistake
-from ema_core.column_wording import question
+from ema_core.column_errors import usual_mistake
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES, N_FAULTS, FaultVector
 from ema_core.linear import angle_shown
+from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.joint_calibration import JointCalibration, winding_temperature
 from ema_monitor.identification.estimate import (
     DEPARTED,
@@ -27,24 +28,32 @@ from ema_monitor.joint import comparison as of
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import Comparison, QuantityChange
 from ema_monitor.joint.lag import EffortLag, aligned, effort_lag, with_shift
-from ema_monitor.joint.record import JointRecord, defect_of, read_record
+from ema_monitor.joint.record import JointRecord, read_record, record_defect
 from ema_monitor.joint.scale import effort_scale
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
 from ema_monitor.joint.signals import Fine, block_means, filtered, usual_speed
 from ema_monitor.joint.single import Z90
 from ema_monitor.joint.spikes import despiked
 from ema_monitor.joint.standstill import StandstillCause, standstill_of
-from ema_monitor.joint.wording import (
-    OTHER_SIGN,
-    Samples,
-    negative_text,
-    sample_sentences,
-    scaled_effort_text,
-    standstill_text,
-    summary,
-    zero_sentence,
-)
 from ema_monitor.joint.zero import zero_shift
+from ema_monitor.reason_texts import joined
+from ema_monitor.reasons import (
+    EffortMissing,
+    EffortReversed,
+    EffortScaled,
+    EffortShifted,
+    NegativeQuantity,
+    OtherSamples,
+    OtherUnit,
+    OtherZero,
+    Reason,
+    SamplesInterpolated,
+    SpeedGaps,
+    SpeedScaled,
+    SpikesRemoved,
+    WindowUnusable,
+    mistake_row,
+)
 from ema_monitor.windows.records import stands_still
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -89,40 +98,35 @@ def identify_record(
     started = time.perf_counter()
     if isinstance(window, Refusal):
         is_lost = window.is_dropped or window.is_cut_off
-        return _refused(window, calibration, window.reason, SKIPPED if is_lost else REFUSED)
+        reason = WindowUnusable(window.reason)
+        return _refused(window, calibration, reason, verdict=SKIPPED if is_lost else REFUSED)
     mismatch = calibration.unit_mismatch(description)
     if mismatch and not force:
-        reason = f"the calibration does not fit: {mismatch}"
-        return _refused(window, calibration, reason, lacks_calibration=True)
-    if reason := calibration.shape_mismatch(window):
-        return _refused(window, calibration, reason, lacks_calibration=True)
-    if reason := _missing(window):
-        return _refused(window, calibration, reason)
+        return _refused(window, calibration, OtherUnit(mismatch), lacks_calibration=True)
+    if unusable := _unusable(window, calibration):
+        is_other = isinstance(unusable, OtherSamples)
+        return _refused(window, calibration, unusable, lacks_calibration=is_other)
     if stands_still(window.telemetry):
         standstill = standstill_of(window.telemetry, calibration.baseline)
-        reason = standstill_text(
-            standstill, calibration.effort_shown, angle_shown(description.parameters)
-        )
+        still = standstill.reason(calibration.effort_shown, angle_shown(description.parameters))
         has_failed = standstill.cause is StandstillCause.FAILURE
-        return _refused(window, calibration, reason, FAILED if has_failed else REFUSED)
+        return _refused(window, calibration, still, verdict=FAILED if has_failed else REFUSED)
     window, spikes = _without_spikes(window, calibration)
     record = _record_of(window, description, calibration)
-    if isinstance(record, str):
-        return _refused(window, calibration, record, comparison=of.not_judged(record))
-    if reason := _wrong_scale(record, calibration.baseline, description):
-        return _refused(window, calibration, reason, comparison=of.not_judged(reason))
+    if isinstance(record, tuple):
+        return _refused(window, calibration, *record, compared=True)
+    if scaled := _wrong_scale(record, calibration.baseline, description):
+        return _refused(window, calibration, scaled, compared=True)
     comparison = calibration.comparer.compare(record)
     torque = comparison[of.TORQUE]
     if torque in comparison.changed and torque.change <= -1.0:
-        return _refused(window, calibration, OTHER_SIGN, comparison=of.not_judged(OTHER_SIGN))
+        return _refused(window, calibration, EffortReversed(), compared=True)
     faults, covariance, insignificant = _faults(comparison)
-    caveat = [f"forced although {mismatch}"] if mismatch else []
     zero = _another_zero(window, description, calibration, record, comparison)
-    samples = Samples(
-        len(window.telemetry),
-        int(np.count_nonzero(window.telemetry.interpolated)),
-        spikes,
-        record.effort_lag.shift_s,
+    reasons = (
+        OtherUnit(mismatch, forced=True) if mismatch else None,
+        None if zero is None else OtherZero(zero),
+        *_of_samples(window.telemetry, spikes, record.effort_lag.shift_s),
     )
     return Estimate(
         window.start_ns,
@@ -138,14 +142,7 @@ def identify_record(
         evaluations=1,
         computing_time_s=time.perf_counter() - started,
         valid=True,
-        reason=". ".join(
-            [
-                *caveat,
-                summary(comparison),
-                *([] if zero is None else [zero_sentence(zero)]),
-                *sample_sentences(samples),
-            ]
-        ),
+        reasons=tuple(filter(None, reasons)),
         calibration_windows=calibration.windows,
         verdict=DEPARTED if comparison.has_departed else VALID,
         causes=tuple(_causes(comparison, calibration)),
@@ -156,11 +153,10 @@ def identify_record(
 
 def comparable_record(
     window: Window, description: ActuatorDescription, calibration: JointCalibration
-) -> JointRecord | str:
+) -> JointRecord | tuple[Reason, ...]:
     """Return what a record shows, or why it cannot be compared with the baseline."""
-    reason = _unusable(window, calibration)
-    if reason:
-        return reason
+    if unusable := _unusable(window, calibration):
+        return (unusable,)
     return _record_of(_without_spikes(window, calibration)[0], description, calibration)
 
 
@@ -170,14 +166,32 @@ def _without_spikes(window: Window, calibration: JointCalibration) -> tuple[Wind
     return (replace(window, telemetry=telemetry) if count else window), count
 
 
-def _unusable(window: Window, calibration: JointCalibration) -> str:
-    """Return why the samples of a record cannot be compared; empty when they can."""
-    return calibration.shape_mismatch(window) or _missing(window)
+def _unusable(window: Window, calibration: JointCalibration) -> Reason | None:
+    """Return why the samples of a record cannot be compared; None when they can.
+
+    A speed is not needed: without it, play is not judged.
+    """
+    if mismatch := calibration.shape_mismatch(window):
+        return OtherSamples(mismatch)
+    telemetry = window.telemetry
+    if not len(telemetry.current):
+        return EffortMissing()
+    return None if np.all(np.isfinite(telemetry.speed)) else SpeedGaps()
+
+
+def _of_samples(telemetry: Telemetry, spikes: int, shift_s: float) -> Iterator[Reason]:
+    """Yield what qualifies the samples of a record."""
+    if shift_s:
+        yield EffortShifted(shift_s)
+    if spikes:
+        yield SpikesRemoved(spikes, len(telemetry))
+    if interpolated := int(np.count_nonzero(telemetry.interpolated)):
+        yield SamplesInterpolated(interpolated, len(telemetry))
 
 
 def _record_of(
     window: Window, description: ActuatorDescription, calibration: JointCalibration
-) -> JointRecord | str:
+) -> JointRecord | tuple[Reason, ...]:
     """Return what usable samples show, or why their motion cannot be compared."""
     preparation = calibration.baseline.preparation
     fine = block_means(window.telemetry, description, preparation.cutoff_hz)
@@ -186,7 +200,7 @@ def _record_of(
     record = _read(window, description, calibration, fine, lag)
     if lag.shift_s and not lag.is_certain:
         plain = _read(window, description, calibration, fine, lag.unshifted)
-        if isinstance(record, str) or isinstance(plain, str):
+        if isinstance(record, tuple) or isinstance(plain, tuple):
             return plain
         unexplained = calibration.comparer.unexplained
         return record if unexplained(plain) - unexplained(record) > _EXPLAINED else plain
@@ -199,13 +213,13 @@ def _read(
     calibration: JointCalibration,
     fine: Fine,
     lag: EffortLag,
-) -> JointRecord | str:
+) -> JointRecord | tuple[Reason, ...]:
     """Return what a record shows with the effort moved, or why it cannot be compared."""
     baseline = calibration.baseline
     fine = aligned(fine, lag)
     signals = filtered(fine, baseline.preparation)
-    if reason := defect_of(signals, baseline.preparation):
-        return "; ".join(filter(None, (reason, _wrong_speed(fine, description, baseline))))
+    if defect := record_defect(signals, baseline.preparation):
+        return tuple(filter(None, (defect, _wrong_speed(fine, description, baseline))))
     record = read_record(
         window.telemetry,
         description,
@@ -222,10 +236,9 @@ def _read(
 def _refused(
     window: Window | Refusal,
     calibration: JointCalibration,
-    reason: str,
+    *reasons: Reason,
     verdict: str = REFUSED,
-    comparison: Comparison | None = None,
-    *,
+    compared: bool = False,
     lacks_calibration: bool = False,
 ) -> Estimate:
     return Estimate(
@@ -234,48 +247,36 @@ def _refused(
         INVERSE_DYNAMICS,
         0,
         calibration.calibration_id,
-        reason=reason,
+        reasons=reasons,
         calibration_windows=calibration.windows,
         verdict=verdict,
         lacks_calibration=lacks_calibration,
-        comparison=comparison,
+        comparison=of.not_judged(joined(reasons)) if compared else None,
     )
 
 
-def _missing(window: Window) -> str:
-    """Return which column a record lacks; empty when it has what it needs.
-
-    A speed is not needed: without it, play is not judged.
-    """
-    telemetry = window.telemetry
-    if not len(telemetry.current):
-        return "drive = unknown needs a measured current or torque, and the telemetry has none"
-    if not np.all(np.isfinite(telemetry.speed)):
-        return "the speed is not measured in some samples: leave them out, or the whole speed"
-    return ""
-
-
-def _wrong_speed(fine: Fine, description: ActuatorDescription, baseline: Baseline) -> str:
-    """Return which usual mistake scales the speed of a record; empty if it is none of them."""
+def _wrong_speed(
+    fine: Fine, description: ActuatorDescription, baseline: Baseline
+) -> SpeedScaled | None:
+    """Return which usual mistake scales the speed of a record; None if it is none of them."""
     preparation = baseline.preparation
     factor = usual_speed(fine, preparation.cutoff_hz) / preparation.usual_speed
     if 1.0 / _OTHER_SPEED < factor < _OTHER_SPEED:
-        return ""
+        return None
     column = "position" if fine.speed is None else "speed"
     mistake = usual_mistake(column, factor, description.parameters.tau)
-    if mistake is None:
-        return ""
-    asked = question(column, mistake, Reference.RECORDS)
-    return f"the {column} changes {factor:.3g} times as fast as in them: {asked}"
+    return SpeedScaled(column, factor, mistake_row(mistake)) if mistake else None
 
 
-def _wrong_scale(record: JointRecord, baseline: Baseline, description: ActuatorDescription) -> str:
-    """Return why the effort of a record cannot be that of the unit; empty where it can."""
+def _wrong_scale(
+    record: JointRecord, baseline: Baseline, description: ActuatorDescription
+) -> Reason | None:
+    """Return why the effort of a record cannot be that of the unit; None where it can."""
     scale = effort_scale(record, baseline)
     mistake = usual_mistake("current", scale.factor, description.parameters.tau)
     if scale.is_scaled and (mistake or scale.negative is None):
-        return scaled_effort_text(scale.factor, mistake)
-    return "" if scale.negative is None else negative_text(*scale.negative)
+        return EffortScaled(scale.factor, mistake_row(mistake) if mistake else ())
+    return None if scale.negative is None else NegativeQuantity(*scale.negative)
 
 
 def _another_zero(
@@ -302,7 +303,7 @@ def _another_zero(
         telemetry, position=telemetry.position - shift, command=telemetry.command - shift
     )
     turned = _record_of(replace(window, telemetry=moved), description, calibration)
-    if isinstance(turned, str):
+    if isinstance(turned, tuple):
         return None
     better = comparer.unexplained(record) - comparer.unexplained(turned)
     return shift if better >= (0.0 if gain > _GAIN_OF_ZERO else _OF_ZERO) else None

@@ -10,7 +10,6 @@ import numpy as np
 from ema_core.arrays import Array
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate, Place
 from ema_core.column_errors import ColumnError
-from ema_core.column_wording import error_text
 from ema_core.description import ActuatorDescription
 from ema_core.faults import SHORT_CIRCUITS, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
@@ -25,19 +24,24 @@ from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import Termination, minimise
 from ema_monitor.optimizers.interface import Hints
+from ema_monitor.reasons import (
+    DriveUnknown,
+    FitnessNeedsCurrent,
+    NoCalibration,
+    NoFiniteCost,
+    NotConverged,
+    NotMeasured,
+    OtherSamples,
+    OtherUnit,
+    Reason,
+    UncertaintyUnknown,
+    WindowUnusable,
+    WrongScale,
+)
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 _FAR_BETTER = 0.4
-_UNKNOWN_DRIVE = (
-    "drive = unknown, and the calibration is of a drive that is known; calibrate on healthy motion "
-    "of this unit"
-)
-_MISSING = {
-    "current": "the current is not measured: what the speed does not show is not known",
-    "speed": "the speed is not measured: the speed of the user shaft, from the position, takes "
-    "its place",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +57,7 @@ class Generation:
 class _Defect(NamedTuple):
     """Why no estimate of a window can be made; flags as of ``refusal``."""
 
-    reason: str
+    reason: Reason
     is_failure: bool = False
     lacks_calibration: bool = False
 
@@ -136,9 +140,9 @@ class ModelIdentification:
         """Yield the state after each generation; there is none where a window is refused."""
         window, calibration = self.window, self.calibration
         if isinstance(window, Refusal):
-            return self._refused(window.reason)
+            return self._refused(WindowUnusable(window.reason))
         if isinstance(calibration, str):
-            return self._refused(calibration, lacks_calibration=True)
+            return self._refused(NoCalibration(calibration), lacks_calibration=True)
         found = yield from self._search(window, calibration)
         return (yield from self._question_scale(found, window, calibration))
 
@@ -195,7 +199,7 @@ class ModelIdentification:
         estimate = found.estimate
         parameters = calibration.parameters
         if mistaken := mistaken_amplitude(estimate.causes):
-            refused = self._refused(error_text(mistaken)).estimate
+            refused = self._refused(WrongScale.of(mistaken)).estimate
             return Finding(replace(refused, evaluations=estimate.evaluations))
         if not estimate.goodness_of_fit > estimate.goodness_limit:
             return found
@@ -221,18 +225,18 @@ class ModelIdentification:
             gains = [one.value for one in other.causes if one.name == "current_gain"]
             factor = scale.factor * (1.0 + sum(gains))
             scale = ColumnError.of(scale.columns, factor, scale.reference, parameters.tau)
-        refused = self._refused(error_text(scale)).estimate
+        refused = self._refused(WrongScale.of(scale)).estimate
         return Finding(replace(refused, evaluations=estimate.evaluations))
 
     def _search_once(self, premises: _Premises) -> Search:
         window, calibration = premises.window, premises.calibration
         settings, mismatch = self.settings, calibration.unit_mismatch(self.description)
         defect = self._defect(window, calibration, "" if self.force else mismatch)
-        if defect.reason:
+        if defect is not None:
             return self._refused(**defect._asdict())
-        caveats = [_MISSING[name] for name in window.telemetry.missing]
+        caveats: list[Reason] = [NotMeasured(name) for name in window.telemetry.missing]
         if mismatch:
-            caveats.append(f"forced although {mismatch}")
+            caveats.append(OtherUnit(mismatch, forced=True))
         optimizer_class = ALGORITHMS[settings.algorithm]
         inference = Inference(window, calibration, settings, self.known, premises.memory)
         # What is known already is known in Cartesian coordinates.
@@ -256,9 +260,9 @@ class ModelIdentification:
             [faults], _ = objective.decode(progress.point[None])
             yield Generation(progress.generation, objective.evaluations, progress.cost, faults)
         if progress is None or not np.isfinite(progress.cost):
-            return self._refused("no fault vector gave a finite cost")
+            return self._refused(NoFiniteCost())
         if optimizer_class.uses_residuals and not optimizer.converged:
-            caveats.append("the search was stopped before it converged")
+            caveats.append(NotConverged())
         [faults], [play] = objective.decode(progress.point[None])
         try:
             return inference.finding(
@@ -271,34 +275,31 @@ class ModelIdentification:
                 caveats=tuple(caveats),
             )
         except np.linalg.LinAlgError as error:
-            return self._refused(f"the uncertainty cannot be computed: {error}")
+            return self._refused(UncertaintyUnknown(str(error)))
 
-    def _defect(self, window: Window, calibration: Calibration, mismatch: str) -> _Defect:
-        """Return why no estimate can be made; the reason is empty if one can."""
+    def _defect(self, window: Window, calibration: Calibration, mismatch: str) -> _Defect | None:
+        """Return why no estimate can be made; None if it can."""
         if self.description.drive == "unknown":
-            return _Defect(_UNKNOWN_DRIVE, lacks_calibration=True)
+            return _Defect(DriveUnknown(), lacks_calibration=True)
         if failure := drive_defect(window, self.description.parameters):
             # A speed in another unit is none that stands still.
             scale = wrong_scale(window, calibration.parameters)
             if scale is not None:
-                return _Defect(error_text(scale))
+                return _Defect(WrongScale.of(scale))
             return _Defect(failure, is_failure=True)
         fitness = self.settings.fitness
         if reason := calibration.shape_mismatch(window):
-            return _Defect(reason, lacks_calibration=True)
-        reason = window.excitation_defect()
-        if not reason and not len(window.current) and fitness != DEFAULT_FITNESS:
-            reason = (
-                f"the current is not measured: fitness {fitness} compares currents only, use "
-                f"{DEFAULT_FITNESS}"
-            )
-        if not reason and mismatch:
-            reason = f"the calibration does not fit: {mismatch}"
-            return _Defect(reason, lacks_calibration=True)
-        return _Defect(reason)
+            return _Defect(OtherSamples(reason), lacks_calibration=True)
+        if unexcited := window.excitation_defect():
+            return _Defect(unexcited)
+        if not len(window.current) and fitness != DEFAULT_FITNESS:
+            return _Defect(FitnessNeedsCurrent(fitness, DEFAULT_FITNESS))
+        if mismatch:
+            return _Defect(OtherUnit(mismatch), lacks_calibration=True)
+        return None
 
     def _refused(
-        self, reason: str, *, is_failure: bool = False, lacks_calibration: bool = False
+        self, reason: Reason, *, is_failure: bool = False, lacks_calibration: bool = False
     ) -> Finding:
         estimate = refusal(
             self.window,

@@ -7,9 +7,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ema_core.arrays import Array, Flags
+from ema_core.causes import CauseEstimate
 from ema_core.faults import ECCENTRICITY_PHASE, N_FAULTS, SHORT_CIRCUITS
-from ema_monitor.identification.alternatives import Alternative, part_label
+from ema_monitor.identification.alternatives import Alternative, Part
 from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
+from ema_monitor.reasons import (
+    FitUnjudged,
+    NotDetermined,
+    NotSeparated,
+    PoorFit,
+    Reason,
+    SensorBeyondRange,
+    Unexplained,
+)
 
 
 class Misfit(NamedTuple):
@@ -72,11 +82,11 @@ def judged(
     limit: float,
     unobservable: Flags,
     alternatives: Sequence[Alternative],
-    reservations: Sequence[str],
+    reservations: Sequence[Reason],
     calibration_windows: int,
-    beyond: Sequence[str] = (),
+    beyond: Sequence[CauseEstimate] = (),
 ) -> dict[str, Any]:
-    """Return ``verdict``, ``valid`` and ``reason`` of an estimate.
+    """Return ``verdict``, ``valid`` and ``reasons`` of an estimate.
 
     Parameters
     ----------
@@ -89,49 +99,31 @@ def judged(
     alternatives
         Pairs of what is part of the explanation and what it is not told from.
     reservations
-        What else is to be said about it, without consequence.
+        Reasons that have no consequence.
     calibration_windows
         Number of healthy windows of the calibration.
     beyond
-        Errors of sensors that are at the end of the range of the search, in words.
+        Errors of sensors that are at the end of the range of the search.
     """
-    doubts = confusions(subject, alternatives)
-    defects = [f"a sensor is further off than can be corrected: {one}" for one in beyond]
+    doubts: list[Reason] = list(not_separated(subject, alternatives))
+    defects: list[Reason] = [SensorBeyondRange(*cause) for cause in beyond]
     goodness, share = misfit.goodness, misfit.share
     if math.isnan(goodness):
-        doubts.append(
-            "standard deviations are widened: the fit cannot be judged, as the healthy windows of "
-            f"the calibration ({calibration_windows}) do not give their scatter: calibrate with "
-            "several that differ"
-        )
+        doubts.append(FitUnjudged(calibration_windows))
+    elif goodness > limit and share > MOST_UNEXPLAINED:
+        defects.append(Unexplained(subject, goodness, limit, share))
     elif goodness > limit:
-        words = (
-            f"the residual is {goodness:.1f} times the residual of a healthy actuator, at most "
-            f"{limit:.1f} is expected, and {100.0 * share:.0f} % of the departure from healthy is "
-            "unexplained"
-        )
-        if share > MOST_UNEXPLAINED:
-            defects.append(f"neither faults nor known causes explain the {subject}: {words}")
-        else:
-            doubts.append(f"standard deviations are widened: {words}")
+        doubts.append(PoorFit(goodness, limit, share))
     if np.all(unobservable | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
-        defects.append(f"no excitation: the {subject} determines no fault better than its range")
+        defects.append(NotDetermined(subject))
     verdict = "refused" if defects else "degraded" if doubts else "valid"
-    reason = "; ".join([*reservations, *doubts, *defects])
-    return {"verdict": verdict, "valid": not defects, "reason": reason}
+    reasons = (*reservations, *doubts, *defects)
+    return {"verdict": verdict, "valid": not defects, "reasons": reasons}
 
 
-def confusions(subject: str, alternatives: Iterable[Alternative]) -> list[str]:
-    """Return in words what cannot be separated, a text for each part of an explanation."""
-    stand_ins: dict[str, list[str]] = {}
+def not_separated(subject: str, alternatives: Iterable[Alternative]) -> list[NotSeparated]:
+    """Return a reason for each part of an explanation that cannot be separated from others."""
+    stand_ins: dict[Part, list[Part]] = {}
     for part, stand_in in alternatives:
-        stand_ins.setdefault(part_label(part), []).append(part_label(stand_in))
-    return [
-        f"this {subject} cannot separate {part} from {' or '.join(labels)}"
-        for part, labels in stand_ins.items()
-    ]
-
-
-def contradicted_by(subject: str, measured: Iterable[object]) -> list[str]:
-    """Return in words what was measured and not used, a text for each."""
-    return [f"not used, as the {subject} contradicts it: measured {one}" for one in measured]
+        stand_ins.setdefault(part, []).append(stand_in)
+    return [NotSeparated(subject, part, tuple(parts)) for part, parts in stand_ins.items()]

@@ -14,6 +14,7 @@ import numpy as np
 
 from ema_monitor.joint.scatter import Scatter
 from ema_monitor.joint.single import POWER, SIGNIFICANCE, Observation, SingleTest, scatter_of
+from ema_monitor.reasons import FiguresDeparted, WouldDepart
 
 HEALTHY: Final = "healthy"
 """State of the tests and records of a baseline."""
@@ -111,8 +112,8 @@ class Departure:
     """Probability that a healthy test differs as much in one of its figures."""
     changes: tuple[Change, ...] = ()
     """Figures that depart, the most significant first."""
-    remark: str = ""
-    """Detection limit on this day, if the test would depart on a day with healthy tests."""
+    would_depart: WouldDepart | None = None
+    """Figure that would depart on a day with healthy tests; None without one."""
     load_explains: bool = True
     """Whether a changed load may explain the departure."""
     states: Mapping[str, float] = field(default_factory=dict)
@@ -143,6 +144,13 @@ class Departure:
             return self.unnamed
         verb = "state is" if len(probable) == 1 else "states are"
         return f"the most probable labelled {verb} {', '.join(probable)}".replace("%)", " %)")
+
+    @property
+    def reason(self) -> FiguresDeparted:
+        """The departure that no fault explains, as a reason."""
+        return FiguresDeparted(
+            tuple(change.name for change in self.changes), self.probability, str(self)
+        )
 
     def __str__(self) -> str:
         if not self.is_significant:
@@ -196,8 +204,11 @@ def departure_of(
     on_its_day = next(change for change in changes if change.name == first.name)
     return replace(
         departure,
-        remark=f"{first.figure.label} differs by {first.change_text}; on a day without healthy "
-        f"tests, changes above {on_its_day.smallest_text} would show",
+        would_depart=WouldDepart(
+            first.name,
+            f"{first.figure.label} differs by {first.change_text}; on a day without healthy "
+            f"tests, changes above {on_its_day.smallest_text} would show",
+        ),
     )
 
 

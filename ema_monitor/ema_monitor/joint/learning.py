@@ -10,7 +10,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.elasticity import with_elasticity
 from ema_monitor.joint.lag import aligned, common_lag, effort_lag, with_shift
-from ema_monitor.joint.record import defect_of, read_record
+from ema_monitor.joint.record import read_record, record_defect
 from ema_monitor.joint.ripple import with_ripples
 from ema_monitor.joint.shape import choose_shape
 from ema_monitor.joint.signals import (
@@ -24,6 +24,7 @@ from ema_monitor.joint.signals import (
     usual_speed,
 )
 from ema_monitor.joint.spikes import despiked
+from ema_monitor.reason_texts import joined
 
 
 def learn(
@@ -75,10 +76,11 @@ def learn(
         number
         for number, rows in enumerate(signals)
         if records[number].sample_period <= preparation.highest_period
-        and not defect_of(rows, preparation)
+        and record_defect(rows, preparation) is None
     ]
     if not usable:
-        raise ValueError(f"no healthy record can be used: {defect_of(signals[0], preparation)}")
+        defect = record_defect(signals[0], preparation)
+        raise ValueError(f"no healthy record can be used: {joined(filter(None, [defect]))}")
     is_linear = bool(description.parameters.lead)
 
     def prepared(variant: Preparation) -> list[Signals]:

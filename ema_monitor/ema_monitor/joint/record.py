@@ -10,12 +10,12 @@ from ema_core.arrays import Array
 from ema_core.dates import has_date
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_core.wording import counted
 from ema_monitor.joint.figures import figures_of, lost_motion, tracking_lag
 from ema_monitor.joint.lag import UNKNOWN_LAG, EffortLag
 from ema_monitor.joint.parts import parts_of
 from ema_monitor.joint.shape import Shape, fit_record
 from ema_monitor.joint.signals import Fine, Preparation, Signals, block_means, filtered
+from ema_monitor.reasons import EffortConstant, Reason, SpeedOutside, TooFewRows, TooFewStrokes
 
 NS_A_DAY: Final = 86_400_000_000_000
 
@@ -106,37 +106,19 @@ class LabelledRecord:
     record: JointRecord
 
 
-def defect_of(signals: Signals, preparation: Preparation) -> str:
-    """Return why a record cannot be compared; empty if it can."""
+def record_defect(signals: Signals, preparation: Preparation) -> Reason | None:
+    """Return why a record cannot be compared; None if it can."""
     if len(signals) < FEWEST_ROWS:
-        return (
-            f"{len(signals)} rows of steady motion in one direction, at least {FEWEST_ROWS} are "
-            "needed: record a longer motion"
-        )
+        return TooFewRows(len(signals), FEWEST_ROWS)
     if np.ptp(signals.effort) <= _CONSTANT * np.max(np.abs(signals.effort)):
-        return (
-            f"the effort is {np.mean(signals.effort):.3g} throughout, although the joint moves: "
-            "expected an effort that follows the motion; look for a failed sensor, or a wrong "
-            "column in the mapping"
-        )
+        return EffortConstant(float(np.mean(signals.effort)))
     for way, name in ((1, "forward"), (-1, "backward")):
         if (strokes := signals.strokes(way)) < FEWEST_REVERSING:
-            return (
-                f"{counted(strokes, 'stroke')} {name}, at least {FEWEST_REVERSING} in each "
-                "direction are needed: move back and forth"
-            )
+            return TooFewStrokes(strokes, name, FEWEST_REVERSING)
         if (strokes := signals.pieces(way)) < FEWEST_STROKES:
-            return (
-                f"{strokes} strokes {name}, at least {FEWEST_STROKES} in each direction are "
-                "needed: move back and forth"
-            )
+            return TooFewStrokes(strokes, name, FEWEST_STROKES)
     ratio = signals.usual_speed / preparation.usual_speed
-    if not SLOWEST <= ratio <= FASTEST:
-        return (
-            f"the speed is {ratio:.2g} times the speed of the healthy records, expected "
-            f"{SLOWEST:g} to {FASTEST:g} times: add healthy records of this motion"
-        )
-    return ""
+    return None if SLOWEST <= ratio <= FASTEST else SpeedOutside(ratio, SLOWEST, FASTEST)
 
 
 def read_record(

@@ -1,13 +1,15 @@
 """Standstill of a joint although its command moves: a failure, or a drive that is off."""
 
 from dataclasses import dataclass
-from enum import Enum, auto
+from enum import StrEnum
 from typing import Final
 
 import numpy as np
 
+from ema_core.linear import DisplayUnit
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
+from ema_monitor.reasons import JointStill
 
 _LARGE_EFFORT: Final = 0.9
 """Quantile of the magnitude of the effort, by which a joint at rest is judged [-]."""
@@ -17,14 +19,14 @@ _FAR: Final = 0.5
 """Least travel of the command over the travel of the healthy records [-]."""
 
 
-class StandstillCause(Enum):
+class StandstillCause(StrEnum):
     """Why a joint does not follow its command."""
 
-    NO_EFFORT = auto()
-    """The effort is far below the friction: the drive is off, or a brake is on."""
-    SHORT_COMMAND = auto()
+    NO_EFFORT = "no_effort"
+    """The effort is far below the friction: the drive is off, or a brake on."""
+    SHORT_COMMAND = "short_command"
     """The command travels less than in healthy records: the joint may not have to move."""
-    FAILURE = auto()
+    FAILURE = "failure"
     """Effort and command would move a healthy joint."""
 
 
@@ -42,6 +44,18 @@ class Standstill:
     """Acting effort, in the unit of the baseline."""
     friction: float
     """Healthy dry friction, in the unit of the baseline."""
+
+    def reason(self, effort: DisplayUnit, angle: DisplayUnit) -> JointStill:
+        """Return it as a reason, in the units in which effort and position are shown."""
+        return JointStill(
+            self.cause,
+            angle.scale * self.travel,
+            angle.scale * self.least_travel,
+            angle.unit,
+            effort.scale * self.effort,
+            effort.scale * self.friction,
+            effort.unit,
+        )
 
 
 def standstill_of(telemetry: Telemetry, baseline: Baseline) -> Standstill:

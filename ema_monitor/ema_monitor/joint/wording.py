@@ -2,12 +2,9 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
-from ema_core.column_errors import Mistake, Reference
-from ema_core.column_wording import question
-from ema_core.linear import DisplayUnit
-from ema_core.wording import counted, text_table
+from ema_core.wording import text_table
 from ema_monitor.joint.baseline import Shortcoming
 from ema_monitor.joint.comparing import Comparer
 from ema_monitor.joint.comparison import (
@@ -21,16 +18,9 @@ from ema_monitor.joint.comparison import (
     Judgement,
     QuantityChange,
 )
-from ema_monitor.joint.standstill import Standstill, StandstillCause
 
 HEADINGS: Final = ("quantity", "change", "90 % interval", "judgement")
 """Headings of ``rows``."""
-
-OTHER_SIGN: Final = (
-    "the effort has the opposite sign of the healthy records, or belongs to another joint: compare "
-    "the mapping with the mapping of the healthy records"
-)
-"""Why a record whose torque per unit of effort is negative is refused."""
 
 _SHORTCOMINGS: Final = {
     Shortcoming.NO_DATES: (
@@ -367,86 +357,3 @@ def _lag_sentences(lag_s: float) -> list[str]:
 
 def _percent(share: float) -> str:
     return f"{100.0 * share:.2g} %" if share < _WHOLE_PERCENT / 100.0 else f"{100.0 * share:.0f} %"
-
-
-class Samples(NamedTuple):
-    """Counts of corrected samples of a record."""
-
-    total: int
-    """Number of samples."""
-    interpolated: int
-    """Number of lost samples that were interpolated."""
-    spikes: int
-    """Number of samples of the effort that were replaced as spikes."""
-    effort_shift_s: float
-    """Delay of the effort against the healthy records, which is corrected [s]."""
-
-
-def sample_sentences(samples: Samples) -> list[str]:
-    """Return sentences about the corrections of a record, without final full stops."""
-    sentences = []
-    if shift_s := samples.effort_shift_s:
-        sentences.append(
-            f"The effort is {1e3 * abs(shift_s):.0f} ms {'later' if shift_s > 0.0 else 'earlier'} "
-            "than in the healthy records, which is corrected: check whether filter, driver or "
-            "clock of the effort were changed"
-        )
-    if samples.spikes:
-        sentences.append(
-            f"The effort has {counted(samples.spikes, 'spike')} in {samples.total} samples, which "
-            f"{'is' if samples.spikes == 1 else 'are'} ignored: check sensor and bus"
-        )
-    if samples.interpolated:
-        count = counted(samples.interpolated, "lost sample")
-        sentences.append(f"{count} of {samples.total} interpolated")
-    return sentences
-
-
-def zero_sentence(shift: float) -> str:
-    """Return that the zero of the position may be shifted, by an angle [rad]."""
-    return (
-        "Or the zero of the position has moved: the record agrees better if the position is "
-        f"{abs(shift):.2f} rad {'more' if shift > 0.0 else 'less'} than in the healthy records: "
-        "check the homing"
-    )
-
-
-def standstill_text(standstill: Standstill, effort: DisplayUnit, angle: DisplayUnit) -> str:
-    """Return why a joint stands still, in the displayed units of effort and position."""
-    travel, least = (
-        f"{angle.scale * value:.2g} {angle.unit}"
-        for value in (standstill.travel, standstill.least_travel)
-    )
-    acting, friction = (
-        f"{effort.scale * value:.2g} {effort.unit}"
-        for value in (standstill.effort, standstill.friction)
-    )
-    still = f"the joint stands still although the command travels {travel}"
-    if standstill.cause is StandstillCause.NO_EFFORT:
-        return (
-            f"{still} at an effort of {acting}, and the healthy friction is {friction}: is the "
-            "drive off, a brake on or a phase open?"
-        )
-    if standstill.cause is StandstillCause.SHORT_COMMAND:
-        return f"{still}: command at least {least}, as the healthy records do"
-    return f"{still} at an effort of {acting}: a blocked shaft, an open phase or a frozen sensor"
-
-
-def scaled_effort_text(factor: float, mistake: Mistake | None) -> str:
-    """Return that an effort is a multiple of the healthy effort, and by which usual mistake."""
-    asked = "a wrong unit or sign, or a failed sensor"
-    if mistake is not None:
-        asked = question("current", mistake, Reference.RECORDS)
-    return (
-        f"the effort is {factor:.3g} times the healthy effort: {asked}; compare the mapping with "
-        "the mapping of the healthy records"
-    )
-
-
-def negative_text(name: str, ratio: float) -> str:
-    """Return that friction or inertia of a record is below 0."""
-    return (
-        f"the {name} is {ratio:.2g} times the healthy {name}, expected above 0: is the effort "
-        "delayed by more than 0.1 s, of opposite sign, or of another joint? Compare mapping and "
-        "clocks with the healthy records"
-    )

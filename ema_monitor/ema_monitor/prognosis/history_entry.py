@@ -10,11 +10,19 @@ import numpy as np
 
 from ema_core.dates import has_date
 from ema_core.quantity import is_finite_number
-from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain
+from ema_monitor.identification.estimate import (
+    Estimate,
+    estimate_of,
+    estimate_record,
+    plain,
+    reasons_of,
+)
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.window_figures import WindowFigures, figures_of_row, row_of
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
 from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.reason_texts import joined
+from ema_monitor.reasons import Reason
 
 _MOST_HOURS: Final = 1e7
 _MOST_CYCLES: Final = 10**12
@@ -129,7 +137,7 @@ class UnusedCycle:
     ----------
     stamp_ns
         Time of the window's end, by which tests are ordered [ns].
-    verdict, reason
+    verdict, reasons
         Of its estimate: why there is none.
     flown
         Duty since the previous test cycle, as far as telemetry covers it.
@@ -143,7 +151,7 @@ class UnusedCycle:
 
     stamp_ns: int
     verdict: str
-    reason: str
+    reasons: tuple[Reason, ...] = ()
     flown: FlownDuty = NOTHING_FLOWN
     parts: tuple[WindowFigures, ...] = ()
     comparison: Comparison | None = None
@@ -158,7 +166,7 @@ class UnusedCycle:
         return cls(
             estimate.end_ns,
             estimate.verdict,
-            estimate.reason,
+            estimate.reasons,
             flown,
             estimate.parts,
             estimate.comparison,
@@ -169,6 +177,11 @@ class UnusedCycle:
     def end_ns(self) -> int:
         """Stamp of the window's end, as in the telemetry [ns]."""
         return self.stamp_ns - self.shift_ns
+
+    @property
+    def reason(self) -> str:
+        """Why there is no estimate, in words."""
+        return joined(self.reasons)
 
 
 Test = Entry | UnusedCycle
@@ -248,6 +261,7 @@ def as_text(test: Test) -> str:
     else:
         rows = plain([row_of(part) for part in test.parts])
         record |= {"verdict": test.verdict, "reason": test.reason, "parts": rows}
+        record["reasons"] = plain([reason.as_record() for reason in test.reasons])
         if not test.is_ordered:
             record["is_ordered"] = False
         if test.comparison is not None:
@@ -276,7 +290,7 @@ def read_test(text: str) -> Test:
         return UnusedCycle(
             record["end_ns"],
             record["verdict"],
-            record["reason"],
+            reasons_of(record),
             flown,
             parts,
             None if compared is None else Comparison.of_mapping(compared),

@@ -9,6 +9,7 @@ from ema_core.faults import ECCENTRICITY_PHASE
 from ema_monitor.identification.estimate import SKIPPED, Estimate
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Test, UnusedCycle
+from ema_monitor.reasons import OrderUnknown, codes
 
 SAME_TEST_SIGMAS: Final = 4.0
 """Standard deviations by which a fault of the same test identified again never differs."""
@@ -25,13 +26,13 @@ class Place(NamedTuple):
     shift_ns
         What its stamp is moved by to be behind all earlier tests [ns].
     problem
-        Why it is not known which test came first; empty if it is known.
+        Why it is not known which test came first; None if it is known.
     is_known
         Whether the test is in the history already.
     """
 
     shift_ns: int = 0
-    problem: str = ""
+    problem: OrderUnknown | None = None
     is_known: bool = False
 
 
@@ -115,8 +116,8 @@ def is_same(test: Test, estimate: Estimate) -> bool:
     if test.end_ns != estimate.end_ns:
         return False
     if isinstance(test, UnusedCycle):
-        known = test.verdict, test.reason
-        return not estimate.valid and known == (estimate.verdict, estimate.reason)
+        before, again = ((one.verdict, codes(one.reasons)) for one in (test, estimate))
+        return not estimate.valid and before == again
     if not estimate.valid:
         return False
     known = test.estimate
@@ -125,12 +126,5 @@ def is_same(test: Test, estimate: Estimate) -> bool:
     return not np.any(np.abs(far) > SAME_TEST_SIGMAS * np.hypot(estimate.sigma, known.sigma))
 
 
-def _problem(end_ns: int, newest: Test) -> str:
-    before_s = (newest.end_ns - end_ns) * 1e-9
-    what = f"its stamp is {before_s:.9g} s before the newest test's"
-    if before_s <= 0.0:
-        what = "it differs from a test with the same stamp"
-    return (
-        f"it is not known which test came first: {what}; set the clock of the actuator, or "
-        "has_clock = false if it has none"
-    )
+def _problem(end_ns: int, newest: Test) -> OrderUnknown:
+    return OrderUnknown((newest.end_ns - end_ns) * 1e-9)

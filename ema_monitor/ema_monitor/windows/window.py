@@ -11,6 +11,7 @@ from ema_core.arrays import Array, Flags
 from ema_core.causes import CauseEstimate
 from ema_core.display import Displayed
 from ema_core.telemetry import Telemetry
+from ema_monitor.reasons import MotorStill, NoTravel, Reason
 
 MIN_TRAVEL: Final = 1e-3
 """Travel of the command below which a window does not excite the faults [rad]."""
@@ -155,14 +156,9 @@ class Window(Displayed):
         weights = self.moves * smooth / np.hypot(smooth, max(slow, 1e-12))
         return weights / max(math.sqrt(float(np.mean(weights**2))), 1e-12)
 
-    def excitation_defect(self) -> str:
-        """Return why the window does not excite the faults; empty if it does."""
+    def excitation_defect(self) -> Reason | None:
+        """Return why the window does not excite the faults; None if it does."""
         travel = self.excitation
         if travel < MIN_TRAVEL:
-            return (
-                f"no excitation: the command travels {travel:.3g} rad, expected at least "
-                f"{MIN_TRAVEL:g} rad"
-            )
-        if not np.any(self.speed(1.0)):
-            return "no excitation: the motor stands still although the command moves"
-        return ""
+            return NoTravel(travel, MIN_TRAVEL)
+        return None if np.any(self.speed(1.0)) else MotorStill()

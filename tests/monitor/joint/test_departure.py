@@ -65,7 +65,9 @@ def test_drift_between_days_is_expected_before_it_was_seen_and_learned_from_days
     (later,) = drawn(rng, 1, sigma=0.002, shift=0.05, day=9)
     found = departure_of(later, one_day, FIGURES)
     assert not found.is_significant
-    assert "level differs by +5 %; on a day without healthy tests, changes above" in found.remark
+    assert found.would_depart is not None
+    words = "level differs by +5 %; on a day without healthy tests, changes above"
+    assert words in found.would_depart.detail
     days = [
         test
         for day, shift in enumerate((0.0, 0.05, -0.05, 0.02))

@@ -9,7 +9,7 @@ import pytest
 from ema_core.linear import DisplayUnit, angle_shown
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.joint.standstill import Standstill, StandstillCause, standstill_of
-from ema_monitor.joint.wording import standstill_text
+from ema_monitor.reason_texts import text_of
 
 from .plant import Joint, Sensors, described, healthy_telemetry, telemetry_of, tones, window_of
 
@@ -51,7 +51,7 @@ def test_cause_of_a_standstill(calibration, effort: float, command: float, cause
 def test_travel_is_shown_in_the_unit_of_the_axis(lead: float, travels: tuple[str, str]):
     """A lead of 10 mm moves 1.6 mm in a radian."""
     angle = angle_shown(described(lead=lead).parameters)
-    text = standstill_text(STANDSTILL, DisplayUnit("N.m", 1.0), angle)
+    text = text_of(STANDSTILL.reason(DisplayUnit("N.m", 1.0), angle))
     assert f"the command travels {travels[0]}: command at least {travels[1]}" in text
 
 
@@ -59,6 +59,5 @@ def test_travel_is_shown_in_the_unit_of_the_axis(lead: float, travels: tuple[str
 def test_effort_is_shown_in_its_unit(cause: StandstillCause):
     scale = 2.0 * math.pi / 0.01
     standstill = replace(STANDSTILL, cause=cause)
-    assert "at an effort of 1.3e+02 N" in standstill_text(
-        standstill, DisplayUnit("N", scale), DisplayUnit("mm", 1.0)
-    )
+    text = text_of(standstill.reason(DisplayUnit("N", scale), DisplayUnit("mm", 1.0)))
+    assert "at an effort of 1.3e+02 N" in text

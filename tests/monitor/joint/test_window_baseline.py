@@ -115,10 +115,10 @@ def test_day_that_may_be_what_differs_is_said(healthy):
     same, next_day = (healthy.departure(day * 86_400 * 10**9, dry) for day in (0, 1))
     assert same
     assert next_day
-    assert (same.is_significant, same.remark) == (True, "")
+    assert (same.is_significant, same.would_depart) == (True, None)
     assert not next_day.is_significant
     words = "current in the forward stroke differs by +4 %; on a day without healthy tests, changes"
-    assert words in next_day.remark
+    assert words in next_day.would_depart.detail
 
 
 def later(stamp_ns: int, *, state: str = "", **changes):

@@ -28,7 +28,6 @@ from ema_interfaces.msg import (
 from ema_interfaces.msg import Health as HealthMessage
 from ema_interfaces.msg import WindowFit as WindowFitMessage
 from ema_monitor.diagnosis import Diagnosed
-from ema_monitor.identification.alternatives import part_label
 from ema_monitor.identification.estimate import VERDICTS, Estimate
 from ema_monitor.identification.window_fit import WindowFit
 from ema_monitor.joint.comparison import JUDGEMENTS, Comparison
@@ -37,6 +36,7 @@ from ema_monitor.prognosis.duty.scenario import Scenario, scenarios_of
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.prediction import FAN_LEVELS
 from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.reason_texts import part_label
 from ema_monitor.reports import EventReport, health_report
 from ema_monitor.unit import KnownTest
 from ema_monitor.windows.window import MIN_TRAVEL

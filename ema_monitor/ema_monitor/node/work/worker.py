@@ -19,6 +19,7 @@ from ema_monitor.node.work.actuator_work import ActuatorWork
 from ema_monitor.node.work.histories import Histories
 from ema_monitor.node.work.results import Results
 from ema_monitor.node.work.window_queue import QueueClosedError, WindowQueue
+from ema_monitor.reasons import WindowUnusable
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -157,7 +158,8 @@ class IdentificationWorker:
         if isinstance(refused, Window):
             refused = Refusal(refused.start_ns, refused.end_ns, reason, is_dropped)
         calibration = self._store.of(segment.description)
-        estimate = refusal(refused, calibration, self._settings.search.value, refused.reason)
+        why = WindowUnusable(refused.reason)
+        estimate = refusal(refused, calibration, self._settings.search.value, why)
         found = Diagnosed(number, number, segment.description, estimate)
         self._results.publish(found, segment.window)
 

@@ -1,0 +1,264 @@
+"""Reasons in words: the sentences of messages, tables and pages."""
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any, Final
+
+from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
+from ema_core.column_errors import Reference
+from ema_core.column_wording import error_text, question
+from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES, SHORT_CIRCUITS
+from ema_core.wording import counted
+from ema_monitor import reasons as of
+from ema_monitor.reasons import Reason, mistake_of
+
+EQUAL_SHORTS: Final = tuple(FAULT_NAMES[phase] for phase in SHORT_CIRCUITS)
+"""Equal short circuits of all phases: the motor is as weak by a smaller torque constant."""
+
+EQUAL_SHORTS_LABEL: Final = "equal short circuits of all phases"
+AND: Final = " and "
+
+LABELS: Final = {name: fault.label for name, fault in FAULT_BY_NAME.items()} | {
+    name: cause.label for name, cause in CAUSE_BY_NAME.items()
+}
+"""Labels of faults and hidden causes by name."""
+
+_OPEN_CIRCUIT: Final = f"{LABELS['dead_switch']} or {LABELS['open_phase_a']}, B or C"
+
+
+def text_of(reason: Reason) -> str:
+    """Return the sentence of a reason, without a final full stop."""
+    made = _TEXTS[type(reason)]
+    text = made.format(r=reason) if isinstance(made, str) else made(reason)
+    if not reason.of_stretches or isinstance(reason, of.CauseFound):
+        return text
+    return f"{text} ({_stretches(reason)})"
+
+
+def joined(reasons: Iterable[Reason]) -> str:
+    """Return the sentences of reasons, separated by semicolons."""
+    return "; ".join(map(text_of, reasons))
+
+
+def part_label(part: tuple[str, ...]) -> str:
+    """Return a part of an explanation, names of faults or of a hidden cause, in words."""
+    return EQUAL_SHORTS_LABEL if part == EQUAL_SHORTS else AND.join(LABELS[name] for name in part)
+
+
+def _stretches(reason: Reason) -> str:
+    return f"in {reason.stretches} of {counted(reason.of_stretches, 'stretch')}"
+
+
+def _cause(reason: Any) -> str:
+    return str(CauseEstimate(reason.name, reason.value, reason.sigma))
+
+
+def _cause_found(reason: of.CauseFound) -> str:
+    if reason.of_stretches < 2:
+        return _cause(reason)
+    cause = CAUSE_BY_NAME[reason.name]
+    scale, unit = (100.0, "%") if cause.unit == "-" else (1.0, cause.unit)
+    span = f"{scale * reason.low:+.3g} to {scale * reason.high:+.3g} {unit}, "
+    span = span if math.isfinite(reason.low) else ""
+    return f"{_cause(reason)} ({span}{_stretches(reason)})"
+
+
+def _not_measured(reason: of.NotMeasured) -> str:
+    start = f"the {reason.column} is not measured"
+    if reason.column == "current":
+        return f"{start}: what the speed does not show is not known"
+    return f"{start}: the speed of the user shaft, from the position, takes its place"
+
+
+def _order_unknown(reason: of.OrderUnknown) -> str:
+    what = f"its stamp is {reason.before_s:.9g} s before the newest test's"
+    if reason.before_s <= 0.0:
+        what = "it differs from a test with the same stamp"
+    return (
+        f"it is not known which test came first: {what}; set the clock of the actuator, or "
+        "has_clock = false if it has none"
+    )
+
+
+def _other_unit(reason: of.OtherUnit) -> str:
+    start = "forced although " if reason.forced else "the calibration does not fit: "
+    return start + reason.detail
+
+
+def _not_separated(reason: of.NotSeparated) -> str:
+    stand_ins = " or ".join(map(part_label, reason.stand_ins))
+    return f"this {reason.subject} cannot separate {part_label(reason.part)} from {stand_ins}"
+
+
+def _residual(reason: of.PoorFit | of.Unexplained) -> str:
+    return (
+        f"the residual is {reason.goodness:.1f} times the residual of a healthy actuator, at most "
+        f"{reason.limit:.1f} is expected, and {100.0 * reason.unexplained_share:.0f} % of the "
+        "departure from healthy is unexplained"
+    )
+
+
+def _faults_not_shown(reason: of.FaultsNotShown) -> str:
+    return f"the motion does not show {', '.join(LABELS[name] for name in reason.faults)}"
+
+
+def _too_few_strokes(reason: of.TooFewStrokes) -> str:
+    return (
+        f"{counted(reason.strokes, 'stroke')} {reason.way}, at least {reason.least} in each "
+        "direction are needed: move back and forth"
+    )
+
+
+def _speed_scaled(reason: of.SpeedScaled) -> str:
+    fast = f"the {reason.column} changes {reason.factor:.3g} times as fast as in them"
+    return f"{fast}: {question(reason.column, mistake_of(reason.mistake), Reference.RECORDS)}"
+
+
+def _effort_scaled(reason: of.EffortScaled) -> str:
+    asked = "a wrong unit or sign, or a failed sensor"
+    if reason.mistake:
+        asked = question("current", mistake_of(reason.mistake), Reference.RECORDS)
+    return (
+        f"the effort is {reason.factor:.3g} times the healthy effort: {asked}; compare the mapping "
+        "with the mapping of the healthy records"
+    )
+
+
+def _joint_still(reason: of.JointStill) -> str:
+    still = (
+        f"the joint stands still although the command travels {reason.travel:.2g} "
+        f"{reason.angle_unit}"
+    )
+    acting = f"{still} at an effort of {reason.effort:.2g} {reason.effort_unit}"
+    if reason.cause == "no_effort":
+        return (
+            f"{acting}, and the healthy friction is {reason.friction:.2g} {reason.effort_unit}: is "
+            "the drive off, a brake on or a phase open?"
+        )
+    if reason.cause == "short_command":
+        least = f"{reason.least_travel:.2g} {reason.angle_unit}"
+        return f"{still}: command at least {least}, as the healthy records do"
+    return f"{acting}: a blocked shaft, an open phase or a frozen sensor"
+
+
+def _other_zero(reason: of.OtherZero) -> str:
+    return (
+        "Or the zero of the position has moved: the record agrees better if the position is "
+        f"{abs(reason.shift):.2f} rad {'more' if reason.shift > 0.0 else 'less'} than in the "
+        "healthy records: check the homing"
+    )
+
+
+def _effort_shifted(reason: of.EffortShifted) -> str:
+    way = "later" if reason.shift_s > 0.0 else "earlier"
+    return (
+        f"The effort is {1e3 * abs(reason.shift_s):.0f} ms {way} than in the healthy records, "
+        "which is corrected: check whether filter, driver or clock of the effort were changed"
+    )
+
+
+def _spikes_removed(reason: of.SpikesRemoved) -> str:
+    return (
+        f"The effort has {counted(reason.spikes, 'spike')} in {reason.samples} samples, which "
+        f"{'is' if reason.spikes == 1 else 'are'} ignored: check sensor and bus"
+    )
+
+
+def _samples_interpolated(reason: of.SamplesInterpolated) -> str:
+    return f"{counted(reason.interpolated, 'lost sample')} of {reason.samples} interpolated"
+
+
+_TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
+    of.Remark: "{r.text}",
+    of.WindowUnusable: "{r.detail}",
+    of.OrderUnknown: _order_unknown,
+    of.NotMeasured: _not_measured,
+    of.FitnessNeedsCurrent: (
+        "the current is not measured: fitness {r.fitness} compares currents only, use {r.usable}"
+    ),
+    of.EffortMissing: (
+        "drive = unknown needs a measured current or torque, and the telemetry has none"
+    ),
+    of.SpeedGaps: ("the speed is not measured in some samples: leave them out, or the whole speed"),
+    of.NoTravel: (
+        "no excitation: the command travels {r.travel:.3g} rad, expected at least {r.least:g} rad"
+    ),
+    of.MotorStill: "no excitation: the motor stands still although the command moves",
+    of.NotDetermined: ("no excitation: the {r.subject} determines no fault better than its range"),
+    of.NoCalibration: "{r.detail}",
+    of.DriveUnknown: (
+        "drive = unknown, and the calibration is of a drive that is known; calibrate on healthy "
+        "motion of this unit"
+    ),
+    of.OtherUnit: _other_unit,
+    of.OtherSamples: "{r.detail}",
+    of.Jam: (
+        f"{LABELS['jam']}: the motor stands still although {{r.current:.1f}} A flow; the shaft is "
+        "blocked"
+    ),
+    of.OpenCircuit: (
+        f"{_OPEN_CIRCUIT}: the motor stands still, and of the {{r.wanted:.1f}} A that the speed "
+        "loop wants {r.current:.1f} A flow"
+    ),
+    of.JamOrOpenCircuit: (
+        f"{LABELS['jam']}, {_OPEN_CIRCUIT}: the motor stands still although the speed loop wants "
+        "{r.wanted:.1f} A; the current, which would show which, is not measured"
+    ),
+    of.DeadSensor: (
+        "dead {r.column} sensor: it says {r.value:.3g} throughout, although the {r.moving} changes"
+    ),
+    of.WrongScale: lambda r: error_text(r.error),
+    of.NoFiniteCost: "no fault vector gave a finite cost",
+    of.UncertaintyUnknown: "the uncertainty cannot be computed: {r.detail}",
+    of.NotConverged: "the search was stopped before it converged",
+    of.Contradicted: lambda r: f"not used, as the {r.subject} contradicts it: measured {_cause(r)}",
+    of.CauseFound: _cause_found,
+    of.SensorBeyondRange: lambda r: f"a sensor is further off than can be corrected: {_cause(r)}",
+    of.NotSeparated: _not_separated,
+    of.FitUnjudged: (
+        "standard deviations are widened: the fit cannot be judged, as the healthy windows of the "
+        "calibration ({r.calibration_windows}) do not give their scatter: calibrate with several "
+        "that differ"
+    ),
+    of.PoorFit: lambda r: f"standard deviations are widened: {_residual(r)}",
+    of.Unexplained: lambda r: (
+        f"neither faults nor known causes explain the {r.subject}: {_residual(r)}"
+    ),
+    of.MotionEnded: "the motion ended",
+    of.MotionDisagrees: "the motion that followed does not agree with it",
+    of.FaultsNotShown: _faults_not_shown,
+    of.StretchesInsufficient: "the stretches do not determine the faults as well as wanted",
+    of.FiguresDeparted: "{r.detail}; no fault explains it",
+    of.LabelledState: "{r.detail}",
+    of.WouldDepart: "{r.detail}",
+    of.TooFewRows: (
+        "{r.rows} rows of steady motion in one direction, at least {r.least} are needed: "
+        "record a longer motion"
+    ),
+    of.EffortConstant: (
+        "the effort is {r.effort:.3g} throughout, although the joint moves: expected an effort "
+        "that follows the motion; look for a failed sensor, or a wrong column in the mapping"
+    ),
+    of.TooFewStrokes: _too_few_strokes,
+    of.SpeedOutside: (
+        "the speed is {r.ratio:.2g} times the speed of the healthy records, expected "
+        "{r.slowest:g} to {r.fastest:g} times: add healthy records of this motion"
+    ),
+    of.SpeedScaled: _speed_scaled,
+    of.EffortScaled: _effort_scaled,
+    of.NegativeQuantity: (
+        "the {r.name} is {r.ratio:.2g} times the healthy {r.name}, expected above 0: is the effort "
+        "delayed by more than 0.1 s, of opposite sign, or of another joint? Compare mapping and "
+        "clocks with the healthy records"
+    ),
+    of.EffortReversed: (
+        "the effort has the opposite sign of the healthy records, or belongs to another joint: "
+        "compare the mapping with the mapping of the healthy records"
+    ),
+    of.JointStill: _joint_still,
+    of.OtherZero: _other_zero,
+    of.EffortShifted: _effort_shifted,
+    of.SpikesRemoved: _spikes_removed,
+    of.SamplesInterpolated: _samples_interpolated,
+}
+"""Template or function for each kind."""

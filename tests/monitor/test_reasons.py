@@ -1,0 +1,68 @@
+"""Reasons are values with a code: each has a sentence, and comes back from JSON."""
+
+import json
+import math
+import re
+from dataclasses import fields, replace
+from typing import Any
+
+import pytest
+
+from ema_monitor.reason_texts import joined, text_of
+from ema_monitor.reasons import KINDS, MotorStill, NotConverged, NoTravel, Reason, codes
+
+_NAMES: dict[str, Any] = {
+    "part": ("inertia",),
+    "stand_ins": (("gain",), ("friction", "backlash")),
+    "faults": ("friction", "gain"),
+    "columns": ("position", "command"),
+    "name": "load_torque",
+    "mistake": "rpm",
+    "figures": ("current_rms",),
+}
+
+
+def made(kind: type[Reason]) -> Reason:
+    """A reason with a value in each of its fields."""
+    by_type = {float: 0.1 + 0.2, int: 3, bool: True, str: "speed"}
+    own = [item for item in fields(kind) if item.name not in ("stretches", "of_stretches")]
+    values: dict[str, Any] = {
+        item.name: _NAMES.get(item.name, by_type.get(item.type)) for item in own
+    }
+    return kind(**values)
+
+
+REASONS = [made(kind) for kind in KINDS.values()]
+
+
+@pytest.mark.parametrize("reason", REASONS, ids=KINDS)
+def test_each_reason_has_a_sentence_with_its_figures(reason: Reason):
+    text = text_of(reason)
+    assert text
+    assert not text.endswith(".")
+    assert not re.search(r"[{}]|None|reason\.|\br\.", text)
+
+
+@pytest.mark.parametrize("reason", REASONS, ids=KINDS)
+def test_each_reason_comes_back_from_json(reason: Reason):
+    counted = replace(reason, stretches=2, of_stretches=5)
+    for one in (reason, counted):
+        assert Reason.of_record(json.loads(json.dumps(one.as_record()))) == one
+
+
+def test_number_that_json_does_not_have_comes_back():
+    reason = Reason.of_record({"code": "no_travel", "travel": None, "least": "inf"})
+    assert isinstance(reason, NoTravel)
+    assert math.isnan(reason.travel)
+    assert reason.least == math.inf
+
+
+def test_stretches_in_which_a_reason_holds_are_counted_in_its_sentence():
+    reason = NotConverged(stretches=2, of_stretches=5)
+    assert text_of(reason) == ("the search was stopped before it converged (in 2 of 5 stretches)")
+
+
+def test_codes_are_each_named_once():
+    reasons = (NotConverged(), MotorStill(), NotConverged(stretches=1, of_stretches=2))
+    assert codes(reasons) == ("not_converged", "motor_still")
+    assert joined(reasons).count("; ") == 2
