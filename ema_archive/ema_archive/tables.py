@@ -1,7 +1,8 @@
 """The tables of an archive: their columns, and estimates, use and outlooks as their rows."""
 
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields
 from itertools import chain
 from typing import Any, Final
@@ -10,17 +11,19 @@ import numpy as np
 import pyarrow as pa
 
 from ema_core.faults import FAULT_NAMES, N_FAULTS
-from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_values
+from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_values, plain
 from ema_monitor.prognosis.duty.damage import FlownDuty
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.reasons import Reason
 
 _TEXT: Final = pa.string()
 _INT: Final = pa.int64()
 _FLOAT: Final = pa.float64()
 _STAMP: Final = pa.timestamp("us")  # UTC
 _CAUSE: Final = pa.struct({"name": _TEXT, "value": _FLOAT, "sigma": _FLOAT})
+_REASON: Final = pa.struct({"code": _TEXT, "figures": _TEXT})
 _ALTERNATIVE: Final = pa.struct({"part": pa.list_(_TEXT), "stand_in": pa.list_(_TEXT)})
 EVENT: Final = pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "kind": _TEXT, "text": _TEXT})
 _QUANTITY: Final = pa.struct(
@@ -77,6 +80,8 @@ _ESTIMATES: Final = pa.schema(
         **dict.fromkeys(("covariance", "quantiles", "probability"), pa.list_(_FLOAT)),
         **dict.fromkeys(("unobservable", "insignificant"), pa.list_(_TEXT)),
         **dict.fromkeys(("causes", "measured"), pa.list_(_CAUSE)),
+        "reason": _TEXT,
+        "reasons": pa.list_(_REASON),
         "alternatives": pa.list_(_ALTERNATIVE),
         "parts": pa.list_(pa.list_(_FLOAT)),
         "comparison": _COMPARISON,
@@ -201,6 +206,7 @@ def estimate_row(one: Estimate, number: int) -> dict[str, Any]:
     """Return an estimate as a row, exactly; provenance and unit are the caller's to add."""
     row = estimate_values(one)
     row |= row.pop("faults")
+    row["reasons"] = reason_rows(one.reasons)
     row |= {f"{name}_sigma": value for name, value in one.sigma._asdict().items()}
     if row["comparison"] is not None and row["comparison"]["states"] is not None:
         # A map of Arrow is a list of pairs.
@@ -216,7 +222,19 @@ def estimate_from(row: Mapping[str, Any]) -> Estimate:
     compared = row["comparison"]
     if compared is not None and compared["states"] is not None:
         compared = {**compared, "states": dict(compared["states"])}
-    return estimate_of({**row, "faults": row, **matrices, "comparison": compared})
+    reasons = [{"code": one["code"], **json.loads(one["figures"])} for one in row["reasons"]]
+    found = {**row, "faults": row, **matrices, "comparison": compared, "reasons": reasons}
+    return estimate_of(found)
+
+
+def reason_rows(reasons: Iterable[Reason]) -> list[dict[str, str]]:
+    """Return the code of each reason, and its figures as JSON."""
+    rows = []
+    for reason in reasons:
+        figures = reason.as_record()
+        code = figures.pop("code")
+        rows.append({"code": code, "figures": json.dumps(plain(figures), ensure_ascii=False)})
+    return rows
 
 
 def count_row(count: Count, number: int) -> dict[str, Any]:

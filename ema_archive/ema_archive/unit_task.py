@@ -13,7 +13,14 @@ import pyarrow as pa
 from ema_archive.history_rows import KeptHistory, history_from, kept_history
 from ema_archive.settings import ArchiveSettings, prognosis_software
 from ema_archive.sources import calibration_of, changed_ns, identity_of
-from ema_archive.tables import UNIT_TABLES, duty_from, estimate_from, growth_rows, health_row
+from ema_archive.tables import (
+    UNIT_TABLES,
+    duty_from,
+    estimate_from,
+    growth_rows,
+    health_row,
+    reason_rows,
+)
 from ema_core.description import UnitKey
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import ERROR, OK, STALE
@@ -22,6 +29,7 @@ from ema_monitor.model.threads import limit_threads
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, StampedTest, unordered
 from ema_monitor.prognosis.outlook import unknown_outlook
+from ema_monitor.reasons import StampsContradict
 from ema_monitor.unit import Unit
 
 Row = Mapping[str, Any]
@@ -246,7 +254,10 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
     windows = []
     for row in found.values():
         if row["valid"] and row["bag"] in reasons:
-            why = {"verdict": REFUSED, "reason": reasons[row["bag"]]}
+            why = {
+                "verdict": REFUSED,
+                "reasons": reason_rows([StampsContradict(reasons[row["bag"]])]),
+            }
             row = {**row, "valid": False} | (why if row["verdict"] != DEPARTED else {})
         windows.append(row)
     return windows, refused

@@ -4,12 +4,12 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
+import ema_monitor.reasons as of
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.column_errors import Reference
 from ema_core.column_wording import error_text, question
 from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES, SHORT_CIRCUITS
 from ema_core.wording import counted
-from ema_monitor import reasons as of
 from ema_monitor.reasons import Reason, mistake_of
 
 EQUAL_SHORTS: Final = tuple(FAULT_NAMES[phase] for phase in SHORT_CIRCUITS)
@@ -172,6 +172,7 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     of.Remark: "{r.text}",
     of.WindowUnusable: "{r.detail}",
     of.OrderUnknown: _order_unknown,
+    of.StampsContradict: "{r.detail}",
     of.NotMeasured: _not_measured,
     of.FitnessNeedsCurrent: (
         "the current is not measured: fitness {r.fitness} compares currents only, use {r.usable}"

@@ -106,6 +106,13 @@ class OrderUnknown(Reason, code="order_unknown"):
 
 
 @dataclass(frozen=True)
+class StampsContradict(Reason, code="stamps_contradict"):
+    """The stamps of recordings do not show which test came first: which, in words."""
+
+    detail: str
+
+
+@dataclass(frozen=True)
 class NotMeasured(Reason, code="not_measured"):
     """The telemetry lacks a column."""
 

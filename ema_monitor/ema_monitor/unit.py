@@ -62,8 +62,6 @@ from ema_monitor.prognosis.shown import LastShown, recent_faults, recent_from_ns
 SHOWN_SHARE: Final = 0.05
 """Share of its limit from which on a fault is named where the baseline changes [-]."""
 
-_CHANGED_BY: Final = "baseline changed by"
-_NOTHING_WORN: Final = "no fault above 5 % of its limit"
 
 KEPT_EVERY: Final = 50
 """Tests after which the state of the tracker is kept anew: 0.8 MB, and as many to repeat."""
@@ -376,14 +374,15 @@ class Unit:
             newest = self.history.entries[-1]
             items = self._by_valid.health.faults if self._by_valid else ()
             seen = [f"{label_of(i.name)} {i.value:.3f}" for i in items if i.share > SHOWN_SHARE]
-            before = ", ".join(seen) or _NOTHING_WORN
+            before = ", ".join(seen) or "no fault above 5 % of its limit"
             text = (
-                f"{_CHANGED_BY} {person}: {calibration_id} instead of "
+                f"baseline changed by {person}: {calibration_id} instead of "
                 f"{newest.estimate.calibration_id}, which showed {before}"
             )
+            worn = calibration_id if seen else ""
             known = self.history.assessments.get(newest.stamp_ns)
             hours = known.hours if known else math.nan
-            self._notes.add(UnitEvent(newest.stamp_ns, hours, CALIBRATION, text))
+            self._notes.add(UnitEvent(newest.stamp_ns, hours, CALIBRATION, text, person, worn))
             return True
 
     def outlook(
@@ -585,10 +584,8 @@ class Unit:
         earlier = (one for one in reversed(self.history.entries) if _baseline(one) != newest)
         before = next(earlier, None)
         found = self.history.assessments.get(before.stamp_ns) if before else None
-        start, words = f"{_CHANGED_BY} ", f": {newest} instead of "
-        texts = [event.text for event in found.events] if found else []
-        changed = [one for one in texts if one.startswith(start) and words in one]
-        return changed[-1] if changed and _NOTHING_WORN not in changed[-1] else ""
+        texts = [one.text for one in found.events if one.worn_baseline == newest] if found else []
+        return texts[-1] if texts else ""
 
     def _since_step_ns(self, from_ns: int) -> int:
         """Return the time of the first test after the latest step of a clock, after a time [ns]."""

@@ -15,9 +15,9 @@ def test_certificate_shows_every_fault_and_names_what_is_required_and_not_reache
     assert certificate["unmet"][0].startswith("friction has sigma 0.00")
     assert [one["name"] for one in certificate["faults"]] == list(COMPONENTS)
     assert all(one["shown"] for one in certificate["faults"])
-    verdicts = {one["name"]: one["verdict"] for one in certificate["causes"]}
-    assert verdicts["load_torque"] == "named"
-    assert verdicts["winding_temperature"] == "does not show"
+    namings = {one["name"]: (one["naming"], one["meaning"]) for one in certificate["causes"]}
+    assert namings["load_torque"] == ("named", "named")
+    assert namings["winding_temperature"] == ("hidden", "does not show")
 
 
 @pytest.mark.long

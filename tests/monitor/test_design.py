@@ -9,7 +9,7 @@ from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.faults import BACKLASH, COMPONENTS, FAULTS, SHORT_CIRCUITS, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.design.certificate import CauseProspect, Certificate
+from ema_monitor.design.certificate import CauseProspect, Certificate, Naming
 from ema_monitor.design.designing import Design, _Search
 from ema_monitor.design.information import Information
 from ema_monitor.design.limits import SHORTEST_S, Demands, MotionLimits
@@ -179,8 +179,13 @@ def certificate() -> Certificate:
     faults[BACKLASH] = FaultProspect("backlash", False, nan, nan, nan, (("load_torque",),))
     faults[0] = faults[0]._replace(error=0.02)
     causes = (
-        CauseProspect("torque_constant", 0.05, "named"),
-        CauseProspect("load_torque", 0.3, "does not show"),
+        CauseProspect("torque_constant", 0.05, Naming.NAMED),
+        CauseProspect("load_torque", 0.3, Naming.HIDDEN),
+        CauseProspect("inertia", 0.05, Naming.NAMED, (("gain",), ("friction", "backlash"))),
+        CauseProspect("cogging", 0.01, Naming.NAMED, beside=("load_torque", "gain")),
+        CauseProspect("stribeck", 0.1, Naming.NOT_SEPARATED, (("friction",),)),
+        CauseProspect("supply_voltage", 0.1, Naming.MISTAKEN, beside=("load_torque", "gain")),
+        CauseProspect("dead_time", 1e-6, Naming.REFUSED),
     )
     return Certificate("flap", "1", 0.01, 0.5, 1e-4, 0.02, nan, tuple(faults), causes)
 
@@ -190,6 +195,11 @@ def test_certificate_says_what_the_motion_does_not_show(certificate):
     assert "This motion does not show: backlash." in text
     assert "named: torque constant (5 %)" in text
     assert "does not show: load torque (0.3 N.m)" in text
+    assert "named, not separated from gain, friction and backlash: inertia (5 %)" in text
+    assert "named, with gain: cogging (0.01 N.m)" in text
+    assert "not separated from friction: Stribeck friction (10 %)" in text
+    assert "mistaken for load torque, gain: supply voltage (10 %)" in text
+    assert "refused: dead time (1e-06 s)" in text
     assert "larger than their intervals for: friction." in text
 
 

@@ -124,7 +124,7 @@ def summary(course: Course, report: HealthReport) -> list[str]:
     lines = []
     for name, life in lives.items():
         # The sentence for the planner already gives the reason of the whole report.
-        repeats = not life.known and life.reason in report.reason
+        repeats = not life.known and life.reason in ("", report.rul.reason)
         lines.append(f"remaining useful life {name}: {'unknown' if repeats else _in_words(life)}")
     level = LEVEL_NAMES[report.level]
     if report.level != report.last_level:

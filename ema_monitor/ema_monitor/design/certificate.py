@@ -1,8 +1,9 @@
 """Certificate of a test: its expected results, from a rehearsal (M30)."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from textwrap import wrap
 from typing import Any, Final, NamedTuple
 
@@ -24,6 +25,7 @@ from ema_monitor.design.rehearsal import (
     rehearse,
 )
 from ema_monitor.diagnosis import identify
+from ema_monitor.identification.alternatives import Part
 from ema_monitor.identification.estimate import Estimate, plain
 from ema_monitor.model.deviations import HIDDEN_CAUSES, Prior
 from ema_monitor.model.measured import expected_causes
@@ -35,16 +37,63 @@ CERTIFIED_WINDOWS: Final = REHEARSED_WINDOWS + len(HIDDEN_CAUSES)
 _WIDTH: Final = 100
 
 
+class Naming(StrEnum):
+    """What an estimate makes of a hidden cause."""
+
+    NAMED = "named"
+    """The cause is part of the explanation."""
+    NOT_SEPARATED = "not separated"
+    """The cause is not part of it, but not separated from what is."""
+    MISTAKEN = "mistaken"
+    """Something else is the explanation."""
+    HIDDEN = "hidden"
+    """The estimate is that of a healthy actuator."""
+    REFUSED = "refused"
+    """There is no valid estimate."""
+
+
 class CauseProspect(NamedTuple):
     """Result for a healthy actuator with one hidden cause of a usual size.
 
-    ``size`` is in the unit of the cause. ``verdict`` is a text: "named", "does not show", "named,
-    not separated from ...", "mistaken for ..." or "refused".
+    Attributes
+    ----------
+    name, size
+        The cause, and its size in its unit.
+    naming
+        What the estimate makes of it.
+    not_told_from
+        Names of what it is not separated from, a tuple for each part of an explanation.
+    beside
+        Names of the other causes, and of the faults, that the estimate names.
     """
 
     name: str
     size: float
-    verdict: str
+    naming: Naming
+    not_told_from: tuple[Part, ...] = ()
+    beside: tuple[str, ...] = ()
+
+    @property
+    def meaning(self) -> str:
+        """What the estimate makes of the cause, in words."""
+        confused = ", ".join(map(part_label, self.not_told_from))
+        faults = [name for name in self.beside if name in FAULT_NAMES]
+        match self.naming:
+            case Naming.NAMED if confused:
+                return f"named, not separated from {confused}"
+            case Naming.NAMED if faults:
+                return f"named, with {_labels(faults)}"
+            case Naming.NOT_SEPARATED:
+                return f"not separated from {confused}"
+            case Naming.MISTAKEN:
+                return f"mistaken for {_labels(self.beside)}"
+            case Naming.HIDDEN:
+                return "does not show"
+        return self.naming.value
+
+
+def _labels(names: Iterable[str]) -> str:
+    return ", ".join(part_label((name,)) for name in names)
 
 
 @dataclass(frozen=True)
@@ -92,6 +141,8 @@ class Certificate:
         }
         for row, fault in zip(rows["faults"], self.faults, strict=True):
             row |= {"half_width": HALF_WIDTH * fault.sigma, "smallest_means": fault.meaning}
+        for row, cause in zip(rows["causes"], self.causes, strict=True):
+            row["meaning"] = cause.meaning
         return plain(asdict(self) | rows)
 
     def __str__(self) -> str:
@@ -132,15 +183,15 @@ class Certificate:
                 "The errors of the rehearsed estimates are larger than their intervals for: "
                 f"{', '.join(wrong)}."
             )
-        by_verdict: dict[str, list[str]] = {}
-        for cause_prospect in self.causes:
-            cause = CAUSE_BY_NAME[cause_prospect.name]
+        by_meaning: dict[str, list[str]] = {}
+        for prospect in self.causes:
+            cause = CAUSE_BY_NAME[prospect.name]
             scale, unit = (100.0, "%") if cause.unit == "-" else (1.0, cause.unit)
-            size = f"{scale * cause_prospect.size:.3g} {unit}"
-            by_verdict.setdefault(cause_prospect.verdict, []).append(f"{cause.label} ({size})")
+            size = f"{scale * prospect.size:.3g} {unit}"
+            by_meaning.setdefault(prospect.meaning, []).append(f"{cause.label} ({size})")
         lines.append("Hidden causes of usual size, alone:")
-        for verdict, names in by_verdict.items():
-            text = f"{verdict}: {', '.join(names)}"
+        for meaning, names in by_meaning.items():
+            text = f"{meaning}: {', '.join(names)}"
             lines += wrap(text, _WIDTH, initial_indent="  ", subsequent_indent="    ")
         return lines
 
@@ -204,20 +255,16 @@ def certify(
 
 
 def _cause(cause: Prior, estimate: Estimate) -> CauseProspect:
-    faults = [FAULTS[i].label for i in claimed(estimate)]
-    confused = ", ".join(map(part_label, fewest(confused_with(estimate, cause.name))))
-    named = [cause.name for cause in estimate.causes]
-    wrong = [CAUSE_BY_NAME[name].label for name in named if name != cause.name] + faults
+    named = [found.name for found in estimate.causes]
+    confused = tuple(fewest(confused_with(estimate, cause.name)))
+    beside = tuple(name for name in named if name != cause.name)
+    beside += tuple(FAULT_NAMES[number] for number in claimed(estimate))
     if not estimate.valid:
-        verdict = "refused"
+        naming = Naming.REFUSED
     elif cause.name in named:
-        verdict = "named"
-        if confused:
-            verdict += f", not separated from {confused}"
-        elif faults:
-            verdict += f", with {', '.join(faults)}"
+        naming = Naming.NAMED
     elif confused:
-        verdict = f"not separated from {confused}"
+        naming = Naming.NOT_SEPARATED
     else:
-        verdict = f"mistaken for {', '.join(wrong)}" if wrong else "does not show"
-    return CauseProspect(cause.name, cause.sigma, verdict)
+        naming = Naming.MISTAKEN if beside else Naming.HIDDEN
+    return CauseProspect(cause.name, cause.sigma, naming, confused, beside)

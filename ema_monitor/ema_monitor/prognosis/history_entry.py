@@ -206,12 +206,18 @@ class UnitEvent:
         Service hours then [h]; NaN when unknown.
     kind, text
         What kind of event, as in ``ema_interfaces/msg/UnitEvent``, and words.
+    person
+        Who wrote the note, or changed the baseline; empty for other events.
+    worn_baseline
+        Identity of a baseline that a person gave a worn unit; empty for other events.
     """
 
     stamp_ns: int
     hours: float
     kind: str
     text: str
+    person: str = ""
+    worn_baseline: str = ""
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.text}"

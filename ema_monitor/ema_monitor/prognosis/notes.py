@@ -12,9 +12,6 @@ MOST_NOTES: Final = 50
 MOST_PERSONS: Final = 20
 """Persons with notes between one valid test and the next, which bounds the record of a test."""
 
-_NAME_END: Final = ", "
-"""What ends the name of the person in a note."""
-
 
 class Notes:
     """Events by persons that no outlook has yet."""
@@ -38,7 +35,7 @@ class Notes:
             person.
         """
         self._check(person, [*self._waiting, *published])
-        self.add(UnitEvent(stamp_ns, hours, NOTE, f"{person}{_NAME_END}{text}"))
+        self.add(UnitEvent(stamp_ns, hours, NOTE, f"{person}, {text}", person))
 
     def take(self) -> list[UnitEvent]:
         """Return the events that wait, and keep them no longer."""
@@ -48,17 +45,14 @@ class Notes:
     @staticmethod
     def _check(person: str, events: Iterable[UnitEvent]) -> None:
         """Raise ValueError when a person's further note exceeds the limits."""
-        notes = Counter(
-            event.text.partition(_NAME_END)[0] for event in events if event.kind == NOTE
-        )
-        name = person.partition(_NAME_END)[0]
-        if notes[name] >= MOST_NOTES:
+        notes = Counter(event.person for event in events if event.kind == NOTE)
+        if notes[person] >= MOST_NOTES:
             raise ValueError(
-                f"the newest test has {MOST_NOTES} notes of {name} already; the next valid test "
+                f"the newest test has {MOST_NOTES} notes of {person} already; the next valid test "
                 "takes further ones"
             )
-        if name not in notes and len(notes) >= MOST_PERSONS:
+        if person not in notes and len(notes) >= MOST_PERSONS:
             raise ValueError(
-                f"the newest test has notes of {MOST_PERSONS} persons already, and none of {name}; "
-                "the next valid test takes further ones"
+                f"the newest test has notes of {MOST_PERSONS} persons already, and none of "
+                f"{person}; the next valid test takes further ones"
             )

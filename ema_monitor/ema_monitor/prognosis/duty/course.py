@@ -1,5 +1,6 @@
 """Duty of a unit from test to test: hours of growth at its tests, and the duty to come."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -38,8 +39,12 @@ class FutureDuty:
         on one or several paths, ``(7, p)`` [-].
     lasting
         Hours of service that the present duty lasts on each path, ``(p,)`` [h].
-    words
-        Assumptions other than the factor.
+    since_hours
+        Service hours from which on the duty flown is repeated [h]; NaN where it is not known.
+    changes
+        Number of changes of duty so far, which are to come as often; 0 for less than two.
+    planned
+        Figures of a scenario that replace those flown, by name.
 
     Raises
     ------
@@ -51,17 +56,31 @@ class FutureDuty:
     present: Array = field(default_factory=lambda: _BY_HOURS)
     later: Array = field(default_factory=lambda: _BY_HOURS)
     lasting: Array = field(default_factory=lambda: np.full(1, np.inf))
-    words: str = AS_BEFORE
+    since_hours: float = np.nan
+    changes: int = 0
+    planned: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.factor < np.inf:
             raise ValueError(f"duty = {self.factor!r}: expected a number above 0")
 
     def __str__(self) -> str:
+        is_flown = np.isfinite(self.since_hours)
+        words = f"future duty {self._as_flown}" if is_flown else AS_BEFORE
+        if self.planned:
+            plan = ", ".join(f"{name} = {value}" for name, value in self.planned.items())
+            words = f"future duty: {plan}, the rest {self._as_flown}"
         if self.factor == 1.0:
-            return self.words
-        duty = "in the past" if self.words == AS_BEFORE else f"by {self.words}"
+            return words
+        duty = f"by {words}" if is_flown else "in the past"
         return f"faults grow {self.factor:g} times as fast in each future flight hour as {duty}"
+
+    @property
+    def _as_flown(self) -> str:
+        words = f"as flown since {self.since_hours:.6g} h"
+        if self.changes:
+            words += f", and changing as often as it did ({self.changes} times)"
+        return words
 
     def hours_of(self, own: Array) -> Array:
         """Return the hours of service in which some hours of growth pass [h], ``(7, n)``.
@@ -181,13 +200,13 @@ class DutyCourse:
         """
         rng = np.random.default_rng([1, self.hours.size])
         present, later = self._drawn_since(self.since, rng), self._drawn_since(0, rng)
-        words = f"future duty as flown since {self.hours[self.since]:.6g} h"
         lasting = np.full(_PATHS, np.inf)
         if (changes := self.changes.size) > 1:
-            words += f", and changing as often as it did ({changes} times)"
             mean = (self.hours[-1] - self.hours[0]) / (changes - 1)
             lasting = rng.exponential(mean, size=_PATHS)
-        return FutureDuty(factor, present, later, lasting, words)
+        since_hours = float(self.hours[self.since])
+        repeated = changes if changes > 1 else 0
+        return FutureDuty(factor, present, later, lasting, since_hours, repeated)
 
     def _drawn_since(self, since: int, rng: np.random.Generator) -> Array:
         """Return mean hours of growth in an hour of each path, ``(7, p)``: a block bootstrap."""

@@ -101,11 +101,7 @@ class Scenario(Checked):
                 names = ("its travel and load so far", "the temperature of its winding so far")
                 raise NotComparableError(names[measure])
             present[measure == MEASURE] = later[measure == MEASURE] = rate
-        words = ", ".join(f"{name} = {value}" for name, value in given.items())
-        rest = past.words.partition(" duty ")[2]
-        return replace(
-            past, present=present, later=later, words=f"future duty: {words}, the rest {rest}"
-        )
+        return replace(past, present=present, later=later, planned=given)
 
 
 class NotComparableError(ValueError):
