@@ -9,7 +9,7 @@ DEMO_S ?= 60
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study tests/inputs
 
-.PHONY: test-pythons docs parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench campaign size words calibration sample lock sbom clean distclean
+.PHONY: test-pythons docs parameters records policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench campaign size words calibration sample lock sbom clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -36,6 +36,9 @@ test-pythons: ## set-up, `make quick` and a demo of 10 s with each of Python 3.1
 
 parameters: setup ## docs/parameters.md, from the declarations of the nodes
 	$(activate) && python tools/parameter_page.py
+
+records: setup ## docs/records.md, from the definitions of estimate, health and reasons
+	$(activate) && python tools/records.py
 
 policies: setup ## the policies of SROS2, from what the nodes have in the graph
 	$(activate) && python -m ema_cli.policies

@@ -112,7 +112,7 @@ def work(case: Case) -> Figures:
         "percent": case.percent,
         "truth": case.faults,
         "verdict": "refused" if estimate is None else estimate.verdict,
-        "seconds": float("nan") if estimate is None else estimate.computing_time_s,
+        "seconds": float("nan") if estimate is None else estimate.computing_time,
     }
     if estimate is None or not estimate.valid:
         return result | {"sigmas": 0.0, "component": "", "error": 0.0, "is_too_low": False}

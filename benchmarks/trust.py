@@ -116,7 +116,7 @@ def accuracy(tasks: Sequence[Task], estimates: Sequence[Estimate]) -> Figures:
         "right": len(right.estimates),
         "right_refused": 1.0 - len(right.used.estimates) / max(1, len(right.estimates)),
         "wrong_and_confident": trial.wrong_and_confident(),
-        "seconds_median": median([one.computing_time_s for one in estimates]),
+        "seconds_median": median([one.computing_time for one in estimates]),
         "coverage": used.coverage(),
         "crps": used.crps_percent(),
         "log_score": used.log_score(),

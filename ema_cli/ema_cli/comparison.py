@@ -118,7 +118,7 @@ def compare_algorithms(
         best = comparison.best
         if truth is not None and best is not None and isinstance(window, Window):
             objective = Objective(window, calibration, options.search.fitness)
-            point = objective.encode(truth, best.estimate.play)
+            point = objective.encode(truth, best.estimate.play_offset)
             at_truth = float(np.sum(objective.residuals(point[None]) ** 2))
             comparison = replace(comparison, fitness_at_truth=at_truth)
         if stop:

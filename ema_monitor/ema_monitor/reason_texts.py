@@ -169,7 +169,6 @@ def _samples_interpolated(reason: of.SamplesInterpolated) -> str:
 
 
 _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
-    of.Remark: "{r.text}",
     of.WindowUnusable: "{r.detail}",
     of.OrderUnknown: _order_unknown,
     of.StampsContradict: "{r.detail}",

@@ -78,13 +78,6 @@ def codes(reasons: Iterable[Reason]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(reason.code for reason in reasons))
 
 
-@dataclass(frozen=True)
-class Remark(Reason, code="remark"):
-    """A sentence without figures: of a caller, or read from a record of version 0.1."""
-
-    text: str
-
-
 # The window, its telemetry, and its place among the tests of a unit.
 
 

@@ -94,7 +94,7 @@ def table_of(archive: Path, name: str) -> pa.Table:
     """Return a table of an archive in a fixed order, without what differs from run to run."""
     with Store(archive, writes=False) as store, store.reading() as db:
         table = db.execute(f"SELECT * FROM {name} ORDER BY ALL").to_arrow_table()
-    times = [name for name in table.column_names if name == "computing_time_s"]
+    times = [name for name in table.column_names if name == "computing_time"]
     return table.drop_columns(times)
 
 

@@ -48,7 +48,7 @@ COLD = SearchSettings(warm_start=False)
 BY_DAMAGE = PrognosisSettings(damage=DamageSettings(least_coverage=1e-6))
 PROVENANCE = {
     *("actuator_id", "serial_number"),
-    *("bag", "bag_sha256", "software", "settings", "computing_time_s"),
+    *("bag", "bag_sha256", "software", "settings", "computing_time"),
 }
 
 

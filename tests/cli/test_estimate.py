@@ -18,7 +18,7 @@ def test_sample_bag_has_its_faults_named(ema):
     result = ema("estimate", SAMPLE, "--json")
     assert result.exit_code == 0
     [estimate] = json.loads(result.stdout)
-    assert {"fitness", "evaluations", "computing_time_s", "reason", "start", "end"} < {*estimate}
+    assert {"fitness", "evaluations", "computing_time", "reason", "start", "end"} < {*estimate}
     assert (estimate["valid"], estimate["algorithm"]) == (True, "least_squares")
     assert list(estimate["faults"]) == list(FAULT_NAMES) == list(estimate["sigma"])
     # Measured 0.5 %; noise and resolution of the sample's sensors are part of it.

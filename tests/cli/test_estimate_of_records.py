@@ -19,7 +19,7 @@ from tests.monitor.comparisons import (
 
 from ema_cli.bags.identifying import Identifying
 from ema_monitor.joint.comparison import FRICTION, Comparison, Improvement
-from ema_monitor.reasons import Remark
+from ema_monitor.reasons import WindowUnusable
 
 Shown = Callable[..., Any]
 
@@ -98,7 +98,7 @@ def test_json_has_the_quantities(estimate: Shown):
 def test_record_that_could_not_be_read_is_refused_with_its_reason(
     ema, monkeypatch: pytest.MonkeyPatch, bag: Path
 ):
-    one = compared(NOTHING, comparison=None, reasons=(Remark("the position is constant"),))
+    one = compared(NOTHING, comparison=None, reasons=(WindowUnusable("the position is constant"),))
     monkeypatch.setattr(Identifying, "estimate", lambda *_: [one])
     result = ema("estimate", bag)
     assert result.exit_code == 3

@@ -128,7 +128,7 @@ def test_refused_test_is_told_until_the_next_valid_one():
     assert (row.test_ns, row.test_age_s) == (later_ns, pytest.approx(1.0))
     assert row.content != before.content
     valid = FaultEstimate(actuator_id="a", valid=True)
-    valid.hidden_causes = [HiddenCause(name="load_torque", value=0.3, sigma=0.01, unit="N.m")]
+    valid.causes = [HiddenCause(name="load_torque", value=0.3, sigma=0.01, unit="N.m")]
     healths.add_estimate("/ema", valid, 4.0)
     [row] = healths.rows(4.0, later_ns)
     assert row.why.endswith("; hidden cause: load torque +0.3 ± 0.01 N.m")

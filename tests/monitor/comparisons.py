@@ -22,7 +22,7 @@ from ema_monitor.joint.comparison import (
     QuantityChange,
 )
 from ema_monitor.joint.wording import summary
-from ema_monitor.reasons import Remark
+from ema_monitor.reasons import WindowUnusable
 
 END_NS = 1_700_000_000_000_000_000
 
@@ -128,7 +128,7 @@ def compared(of: Comparison, end_ns: int = END_NS, **values: Any) -> Estimate:
         "unobservable": unobservable,
         "valid": bool(of.judged),
         "verdict": verdict,
-        "reasons": () if of.judged else (Remark(summary(of)),),
+        "reasons": () if of.judged else (WindowUnusable(summary(of)),),
         "causes": causes,
         "comparison": of,
     }

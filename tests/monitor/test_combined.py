@@ -33,7 +33,7 @@ def estimate(number: int, *kept: str, **values: Any) -> Estimate:
         insignificant=~np.isin(FAULT_NAMES, kept),
         start_ns=10 * number,
         end_ns=10 * number + 9,
-        play=0.5 - number,
+        play_offset=0.5 - number,
         fitness=1.0,
         excitation=0.01,
         verdict="valid",
@@ -140,7 +140,7 @@ def test_remarks_of_stretches_are_said_once_with_their_number():
 def test_place_in_the_play_and_cost_are_those_of_the_whole():
     """The play is that at the start, the cost that of one fit of all."""
     found = combined(part(estimate(0)), part(estimate(1)))
-    assert (found.play, found.fitness, found.stretches) == (0.5, 2.0, 2)
+    assert (found.play_offset, found.fitness, found.stretches) == (0.5, 2.0, 2)
     assert (found.start_ns, found.end_ns) == (0, 19)
 
 

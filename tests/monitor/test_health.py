@@ -19,7 +19,7 @@ from ema_monitor.health import (
 )
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.joint.comparison import FRICTION, PLAY, TORQUE, VISCOUS, Comparison, FigureChange
-from ema_monitor.reasons import Remark
+from ema_monitor.reasons import WindowUnusable
 
 from .comparisons import (
     CASES,
@@ -160,7 +160,7 @@ def test_confidence_falls_as_the_fit_comes_near_its_limit(
     limit: float, share: float, confidence: float
 ):
     made = estimate(
-        goodness_of_fit=share * limit, goodness_limit=limit, reasons=(Remark("a poor fit"),)
+        goodness_of_fit=share * limit, goodness_limit=limit, reasons=(WindowUnusable("a poor fit"),)
     )
     health = assess(made, LIMITS)
     assert health.confidence == pytest.approx(confidence)
@@ -330,6 +330,7 @@ def test_warning_never_stands_beside_the_index_of_a_new_unit(name: str):
 
 def test_departed_estimate_of_a_modelled_drive_is_never_as_new():
     health = assess(
-        estimate(verdict="departed", reasons=(Remark("the current is 12 % higher"),)), LIMITS
+        estimate(verdict="departed", reasons=(WindowUnusable("the current is 12 % higher"),)),
+        LIMITS,
     )
     assert (health.level, health.health_index) == (WARN, 0.99)

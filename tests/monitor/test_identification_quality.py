@@ -36,7 +36,7 @@ def test_fitness_is_the_sum_of_squares_at_the_estimate(
     truth = CASES["eccentricity low"]
     [window] = windows_of(truth)
     estimate = identify(window, description, calibration, SearchSettings(fitness=fitness))
-    response = expected_response(calibration, window, estimate.faults, estimate.play)
+    response = expected_response(calibration, window, estimate.faults, estimate.play_offset)
     row = fitness_for(fitness, window, calibration).residuals(response)
     # Fault vectors to the point and back: rounding, times a steep current.
     assert estimate.fitness == pytest.approx(np.sum(row**2), rel=1e-6)
@@ -54,7 +54,7 @@ def test_goodness_of_fit_is_that_of_the_worse_quantity_in_its_band(
     spoilt = getattr(window.telemetry, spoiled) + amplitude * np.sin(2 * np.pi * 37.0 * t)
     window = changed(window, **{spoiled: spoilt})
     estimate = identify(window, description, calibration)
-    response = expected_response(calibration, window, estimate.faults, estimate.play)
+    response = expected_response(calibration, window, estimate.faults, estimate.play_offset)
     missed = [window.current - response.current[0], window.telemetry.speed[1:] - response.speed[0]]
     left = [rms(band_limited(row, window.sample_period)) for row in missed]
     ratios = np.array(left) / [calibration.healthy_rms, calibration.healthy_speed_rms]
@@ -100,9 +100,9 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
     points = estimate.faults + np.concatenate([np.diag(step), -np.diag(step)])
     points = np.clip(points, 0.0, 1.0)
     step = np.sum(points[:8] - points[8:], axis=1)
-    current = expected_response(calibration, window, points, estimate.play).current
+    current = expected_response(calibration, window, points, estimate.play_offset).current
     above, below = np.split(current, 2)
-    at = expected_response(calibration, window, estimate.faults, estimate.play).current[0]
+    at = expected_response(calibration, window, estimate.faults, estimate.play_offset).current[0]
     told = sandwich_covariance((above - below).T / step, window.current - at, 50)
     factor = MISMATCH_FACTOR * max(1.0, estimate.goodness_of_fit / USUAL_MISFIT)
     expected = factor**2 * np.diag(told) + MISMATCH_SIGMA**2

@@ -36,7 +36,7 @@ def check_refused(estimate: Estimate, *said: str):
     assert np.all(np.isnan(estimate.faults))
     assert np.all(np.isnan(estimate.covariance))
     assert np.all(estimate.unobservable)
-    assert np.isnan(estimate.play)
+    assert np.isnan(estimate.play_offset)
     assert np.isnan(estimate.fitness)
     assert np.isnan(estimate.goodness_of_fit)
     assert estimate.evaluations == 0

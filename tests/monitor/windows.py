@@ -15,7 +15,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import FITNESS, LeastSquares
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.reasons import Remark
+from ema_monitor.reasons import WindowUnusable
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 from ema_sim.api import simulate
@@ -78,7 +78,7 @@ def answered(window: Window, current: ArrayLike, speed: ArrayLike) -> Window:
 
 def refused(reason: str) -> Estimate:
     """Estimate of a window in which no faults can be identified."""
-    return refusal(Refusal(0, 1, reason), "", SearchSettings(), Remark(reason))
+    return refusal(Refusal(0, 1, reason), "", SearchSettings(), WindowUnusable(reason))
 
 
 def estimated(

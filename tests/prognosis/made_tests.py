@@ -11,7 +11,7 @@ from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Entry
-from ema_monitor.reasons import Remark
+from ema_monitor.reasons import WindowUnusable
 from ema_monitor.windows.trigger import Refusal
 
 UNIT = ("flap", "SIM-0001")
@@ -35,7 +35,7 @@ def made_test(
     if not valid:
         reason = "a phase is open" if failed else "a gap of 3 samples"
         window = Refusal(end_ns - 500_000_000, end_ns, reason)
-        return refusal(window, "", SearchSettings(), Remark(reason), is_failure=failed)
+        return refusal(window, "", SearchSettings(), WindowUnusable(reason), is_failure=failed)
     k = fault_vector(faults)
     if seed is not None:
         rng = np.random.default_rng([seed, round(number)])
@@ -55,13 +55,13 @@ def made_test(
         FaultVector.of(k),
         covariance,
         unobservable,
-        play=-1.0,
+        play_offset=-1.0,
         fitness=0.01,
         goodness_of_fit=1.0,
         goodness_limit=3.5,
         excitation=0.01,
         evaluations=200,
-        computing_time_s=0.05,
+        computing_time=0.05,
         valid=True,
     )
 

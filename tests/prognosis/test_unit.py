@@ -23,7 +23,7 @@ from ema_monitor.prognosis.requirements.requirements import (
 )
 from ema_monitor.prognosis.sentences import cause_of_level
 from ema_monitor.prognosis.settings import PrognosisSettings
-from ema_monitor.reasons import Remark
+from ema_monitor.reasons import WindowUnusable
 from ema_monitor.unit import Unit
 
 from .lived_units import (
@@ -338,7 +338,9 @@ def after(*tests: Estimate) -> list[Outlook]:
 
 def departed(number: int, *, valid: bool = True) -> Estimate:
     words = "departed (1 in 1,000 healthy tests does so): the current is rough"
-    return replace(made_test(number, valid=valid), verdict=DEPARTED, reasons=(Remark(words),))
+    return replace(
+        made_test(number, valid=valid), verdict=DEPARTED, reasons=(WindowUnusable(words),)
+    )
 
 
 @pytest.mark.parametrize("valid", [True, False])

@@ -21,7 +21,7 @@ from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.node.work import worker as identification_worker
 from ema_monitor.node.work.worker import IdentificationWorker
-from ema_monitor.reasons import Remark
+from ema_monitor.reasons import WindowUnusable
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -241,7 +241,7 @@ def test_stop_ends_the_identification_of_a_stretch_at_once(
     """What was combined before it is published; the stretch itself is no news."""
     monkeypatch.setattr(combination, "ModelIdentification", _Endless)
     monkeypatch.setattr(Combination, "_is_worthwhile", lambda *_: True)
-    estimate = refusal(Refusal(5, 6, ""), "", SearchSettings(), Remark("combined so far"))
+    estimate = refusal(Refusal(5, 6, ""), "", SearchSettings(), WindowUnusable("combined so far"))
     monkeypatch.setattr(Combination, "finish", lambda _: [estimate])
     _Endless.begun.clear()
     worker = published.worker()

@@ -22,7 +22,7 @@ RISE_K = 20.0
 
 def plain(entry: Entry) -> dict[str, Any]:
     """A test without its computing time, in a form that compares every bit."""
-    estimate = replace(entry.estimate, computing_time_s=0.0)
+    estimate = replace(entry.estimate, computing_time=0.0)
     values = asdict(replace(entry, estimate=estimate, shift_ns=0))
     values["flown"] = asdict(entry.flown)
     return values

@@ -127,24 +127,24 @@ def loads(causes: Any) -> list[tuple[str, float, str]]:
 
 def test_measurement_at_the_start_of_a_window_is_used_and_no_other(live: list[FaultEstimate]):
     known = ("load_torque", LOAD, "N.m")
-    assert [loads(one.measured_causes) for one in live] == [
+    assert [loads(one.measured) for one in live] == [
         [known],
         [],
         [known, ("winding_temperature", 0.0, "K")],
     ]
-    assert next(iter(live[0].measured_causes)).sigma == SIGMA
+    assert next(iter(live[0].measured)).sigma == SIGMA
     for number in (0, 2):
-        assert (live[number].verdict, list(live[number].hidden_causes)) == (FaultEstimate.VALID, [])
+        assert (live[number].verdict, list(live[number].causes)) == (FaultEstimate.VALID, [])
     # What was not measured is found.
-    [cause] = list(live[1].hidden_causes)
+    [cause] = list(live[1].causes)
     assert cause.name == "load_torque"
     assert abs(cause.value - LOAD) < 3.0 * cause.sigma
 
 
 def test_bag_gives_the_estimates_of_the_monitor(live, offline):
     for one, other in zip(live, offline, strict=True):
-        assert one.measured_causes == other.measured_causes
-        assert (one.hidden_causes, one.reason) == (other.hidden_causes, other.reason)
+        assert one.measured == other.measured
+        assert (one.causes, one.reason) == (other.causes, other.reason)
         assert one.faults == other.faults
         np.testing.assert_array_equal(one.covariance, other.covariance)
         assert one.evaluations == other.evaluations

@@ -20,7 +20,7 @@ from ema_monitor.node.publish.unit_status import unit_tasks
 from ema_monitor.node.receive.arrivals import Arrivals
 from ema_monitor.prognosis.outlook import unknown_outlook
 from ema_monitor.windows.finder import WindowFinder
-from ema_monitor.reasons import Remark
+from ema_monitor.reasons import WindowUnusable
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_ros.stamps import stamp_from_message
 from ema_sim.actuator import SimulatedActuator
@@ -83,7 +83,9 @@ def test_an_estimate_of_later_motion_ends_a_defect():
     unit.finder.describe(FLAP)
     unit.finder.windows = 40
     unit.add_defect("the description is impossible")
-    estimate = replace(refusal(Refusal(5, 9, ""), "", SearchSettings(), Remark("")), valid=True)
+    estimate = replace(
+        refusal(Refusal(5, 9, ""), "", SearchSettings(), WindowUnusable("")), valid=True
+    )
     for last, is_open in ((39, True), (40, False)):
         unit.record(Diagnosed(3, last, FLAP, estimate), unknown_outlook("no test"), Moment(0, 0))
         assert ("impossible" in unit_tasks(unit, 0)[0].message) == is_open

@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock
 from ema_core.faults import healthy_faults
 from ema_monitor import diagnosis
 from ema_monitor.identification.estimate import refusal
-from ema_monitor.reasons import Remark
+from ema_monitor.reasons import WindowUnusable
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -32,7 +32,7 @@ def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
             yield None
         calibration, settings = others[1:3]
         return replace(
-            refusal(window, calibration, settings, Remark("")),
+            refusal(window, calibration, settings, WindowUnusable("")),
             valid=True,
             faults=healthy_faults(),
             covariance=1e-6 * np.eye(8),

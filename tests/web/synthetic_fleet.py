@@ -273,8 +273,8 @@ def estimate(
         goodness_of_fit=1.24,
         goodness_limit=3.5,
         unexplained_share=0.031,
-        hidden_causes=causes,
-        confusions=[Confusion(part=["winding_temperature"], stand_in=["torque_constant"])]
+        causes=causes,
+        alternatives=[Confusion(part=["winding_temperature"], stand_in=["torque_constant"])]
         if causes
         else [],
         verdict=verdict if refused else FaultEstimate.VALID,

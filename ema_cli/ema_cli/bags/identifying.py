@@ -146,10 +146,7 @@ class Identifying(ReadingOptions):
 
 def as_object(estimate: Estimate, bag_windows: BagWindows) -> dict[str, Any]:
     """Return an estimate as plain values; NaN becomes null."""
-    record = estimate_record(estimate)
-    record["play_offset"] = record.pop("play")
-    record["calibration"] = record.pop("calibration_id")
-    return record | {
+    return estimate_record(estimate) | {
         "sigma": by_fault(estimate.sigma),
         "excitation_limit": MIN_TRAVEL,
         "start": round(bag_windows.seconds(estimate.start_ns), 9),

@@ -145,7 +145,7 @@ def table_of_runs(comparison: AlgorithmComparison, title: str) -> Table:
         "valid": ["yes" if run.estimate.valid else "[red]no[/]" for run in runs],
         "eval-\nuations": [_figure(run.estimate.evaluations, "d") for run in runs],
         "gener-\nations": [str(len(run.costs)) for run in runs],
-        "time\n[s]": [_figure(run.estimate.computing_time_s, ".2f") for run in runs],
+        "time\n[s]": [_figure(run.estimate.computing_time, ".2f") for run in runs],
     }
     if comparison.truth is not None:
         columns["error\n[%]"] = [_figure(comparison.error_percent(run), ".2f") for run in runs]

@@ -183,7 +183,7 @@ def _print(number: int, estimate: Estimate, bag_windows: BagWindows) -> None:
         if estimate.comparison is not None:
             lines = improvement_sentences(estimate.comparison)
             lines.append(
-                f"{estimate.computing_time_s:.2f} s of computing; calibration of "
+                f"{estimate.computing_time:.2f} s of computing; calibration of "
                 f"{counted(estimate.calibration_windows, 'healthy record')}"
             )
             click.echo("\n".join(lines))
@@ -208,6 +208,6 @@ def _print(number: int, estimate: Estimate, bag_windows: BagWindows) -> None:
     )
     click.echo(
         f"{estimate.algorithm}, {'warm' if estimate.warm_start else 'cold'}: "
-        f"{counted(estimate.evaluations, 'evaluation')} in {estimate.computing_time_s:.2f} s; "
+        f"{counted(estimate.evaluations, 'evaluation')} in {estimate.computing_time:.2f} s; "
         f"calibration of {counted(estimate.calibration_windows, 'window')}"
     )

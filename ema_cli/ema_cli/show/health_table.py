@@ -96,8 +96,7 @@ class LatestHealths:
         if message.valid:
             item.refused = None
             item.causes = ", ".join(
-                str(CauseEstimate(cause.name, cause.value, cause.sigma))
-                for cause in message.hidden_causes
+                str(CauseEstimate(cause.name, cause.value, cause.sigma)) for cause in message.causes
             )
             item.friction = ", ".join(
                 brief(quantity_of(quantity))

@@ -19,7 +19,7 @@ from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.window_figures import WindowFigures, figures_of_row, row_of
 from ema_monitor.joint.wording import finding, summary, table_text
 from ema_monitor.reason_texts import joined, text_of
-from ema_monitor.reasons import OtherUnit, Reason, Remark
+from ema_monitor.reasons import OtherUnit, Reason
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -69,7 +69,7 @@ class Estimate(Displayed):
     probability
         Probability of the explanations that have a fault, ``(8,)``; of the only one where none is
         given, NaN where unobservable.
-    play
+    play_offset
         Position of the motor in its play at the start [half-widths].
     fitness
         Cost at the estimate [A^2.s]; of stretches the sum, which is that of one fit of all.
@@ -82,7 +82,7 @@ class Estimate(Displayed):
         Travel of the command [rad]; the largest of stretches.
     evaluations
         Windows of the model that were computed.
-    computing_time_s
+    computing_time
         Time from window to estimate [s].
     valid
         Whether the estimate may be used.
@@ -134,13 +134,13 @@ class Estimate(Displayed):
     unobservable: Flags = field(default_factory=lambda: np.ones(N_FAULTS, dtype=bool))
     quantiles: Array = field(default_factory=lambda: np.full(_SHAPES["quantiles"], math.nan))
     probability: Array = field(default_factory=lambda: np.full(N_FAULTS, math.nan))
-    play: float = math.nan
+    play_offset: float = math.nan
     fitness: float = math.nan
     goodness_of_fit: float = math.nan
     goodness_limit: float = math.nan
     excitation: float = math.nan
     evaluations: int = 0
-    computing_time_s: float = 0.0
+    computing_time: float = 0.0
     valid: bool = False
     reasons: tuple[Reason, ...] = ()
     insignificant: Flags = field(default_factory=lambda: np.zeros(N_FAULTS, dtype=bool))
@@ -360,10 +360,8 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
 
 
 def reasons_of(record: Mapping[str, Any]) -> tuple[Reason, ...]:
-    """Return the reasons of a record, or the text that version 0.1 wrote, as a remark."""
-    if "reasons" in record:
-        return tuple(map(Reason.of_record, record["reasons"]))
-    return (Remark(record["reason"]),) if record["reason"] else ()
+    """Return the reasons of the record of an estimate, or of a test without one."""
+    return tuple(map(Reason.of_record, record["reasons"]))
 
 
 def by_fault(values: Iterable[float]) -> dict[str, Any]:

@@ -140,7 +140,7 @@ def identify_record(
         insignificant=insignificant,
         excitation=float(np.ptp(window.telemetry.position)),
         evaluations=1,
-        computing_time_s=time.perf_counter() - started,
+        computing_time=time.perf_counter() - started,
         valid=True,
         reasons=tuple(filter(None, reasons)),
         calibration_windows=calibration.windows,

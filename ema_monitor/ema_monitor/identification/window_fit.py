@@ -69,7 +69,7 @@ def expected_signals(window: Window, estimate: Estimate, calibration: Calibratio
             columns[row, COLUMNS.index(one.name)] = one.value
     deviations, position = read(columns, window)
     response = calibration.model().respond(
-        window, faults, estimate.play, deviations=deviations, position=position
+        window, faults, estimate.play_offset, deviations=deviations, position=position
     )
     return calibration.expect(response, window)
 
@@ -140,5 +140,8 @@ def in_stretch(
     if not np.isfinite(of_stretch.fitness):
         raise ValueError("the stretch cannot be fitted with the faults of the motion")
     return replace(
-        estimate, play=of_stretch.play, causes=of_stretch.causes, measured=of_stretch.measured
+        estimate,
+        play_offset=of_stretch.play_offset,
+        causes=of_stretch.causes,
+        measured=of_stretch.measured,
     )

@@ -26,7 +26,7 @@ from ema_monitor.prognosis.history_entry import (
     read_test,
 )
 
-SCHEMA_VERSION: Final = 9
+SCHEMA_VERSION: Final = 10
 """``user_version`` of the database."""
 
 _TABLES: Final = """

@@ -37,6 +37,7 @@ from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.prediction import FAN_LEVELS
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.reason_texts import part_label
+from ema_monitor.reasons import codes
 from ema_monitor.reports import EventReport, health_report
 from ema_monitor.unit import KnownTest
 from ema_monitor.windows.window import MIN_TRAVEL
@@ -65,14 +66,13 @@ def estimate_to_message(
         faults=faults_to_message(estimate.faults),
         unobservable=_bits(estimate.unobservable),
         insignificant=_bits(estimate.insignificant),
-        play_offset=estimate.play,
-        hidden_causes=[_hidden_cause(cause, estimate) for cause in estimate.causes],
-        measured_causes=[_hidden_cause(cause) for cause in estimate.measured],
+        causes=[_hidden_cause(cause, estimate) for cause in estimate.causes],
+        measured=[_hidden_cause(cause) for cause in estimate.measured],
         quantities=_quantities(estimate.comparison),
-        confusions=[Confusion(**pair.as_record()) for pair in estimate.alternatives],
+        alternatives=[Confusion(**pair.as_record()) for pair in estimate.alternatives],
         verdict=VERDICTS.index(estimate.verdict),
         excitation_limit=MIN_TRAVEL,
-        computing_time=estimate.computing_time_s,
+        reason_codes=list(codes(estimate.reasons)),
     )
 
 

@@ -81,10 +81,10 @@ function Trust({ estimate }: { estimate: FaultEstimate }) {
           </Figure>
         )}
       </dl>
-      <Causes title="Explained by what is no fault" causes={estimate.hidden_causes} />
-      <Causes title="Measured, and taken for known" causes={estimate.measured_causes} />
-      {estimate.confusions.length > 0 && (
-        <p class="remark">This {isRecord ? "record" : "window"} cannot separate: {estimate.confusions.map(confused).join("; ")}.</p>
+      <Causes title="Explained by what is no fault" causes={estimate.causes} />
+      <Causes title="Measured, and taken for known" causes={estimate.measured} />
+      {estimate.alternatives.length > 0 && (
+        <p class="remark">This {isRecord ? "record" : "window"} cannot separate: {estimate.alternatives.map(confused).join("; ")}.</p>
       )}
     </>
   );

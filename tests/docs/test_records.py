@@ -1,0 +1,64 @@
+"""A field of an estimate or health has one name, in message, JSON and table, and on its page."""
+
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from runpy import run_path
+from typing import Any
+
+import pytest
+
+from ema_archive.tables import PARTITIONED
+from ema_core.faults import FAULT_NAMES
+from ema_monitor import reports
+from ema_monitor.identification.estimate import Estimate, estimate_record, refusal
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.reasons import MotorStill
+from ema_monitor.windows.trigger import Refusal
+
+RECORDS: dict[str, Any] = run_path(str(Path(__file__).parents[2] / "tools" / "records.py"))
+REPORTS = {
+    "Health": reports.HealthReport,
+    "FaultHealth": reports.ItemReport,
+    "RemainingUsefulLife": reports.LifeReport,
+    "ScenarioLife": reports.ScenarioReport,
+    "UnitEvent": reports.EventReport,
+}
+
+
+def names_of(message: str) -> list[str]:
+    return [one.name for one in RECORDS["message_fields"](message)]
+
+
+def test_page_is_up_to_date():
+    text = RECORDS["PAGE"].read_text(encoding="utf-8")
+    assert text == RECORDS["records_page"](), "make records"
+
+
+def test_estimate_has_the_names_of_its_message():
+    own = {item.name for item in fields(Estimate)}
+    represented = RECORDS["REPRESENTED"]
+    assert set(represented) | set(RECORDS["JSON_ALONE"]) <= own
+    expected = {represented.get(name, name) for name in own - set(RECORDS["JSON_ALONE"])}
+    assert expected | {*RECORDS["UNIT"], *RECORDS["MESSAGE_ALONE"]} == set(
+        names_of("FaultEstimate")
+    )
+
+
+def test_json_of_an_estimate_has_its_fields_and_their_reason():
+    made = refusal(Refusal(1, 2, ""), "", SearchSettings(), MotorStill())
+    assert set(estimate_record(made)) == {*(item.name for item in fields(Estimate)), "reason"}
+
+
+def test_table_of_estimates_has_the_fields_of_an_estimate():
+    own = {item.name for item in fields(Estimate)} - {"faults"} | {"reason"}
+    columns = set(PARTITIONED["estimates"].names) if "estimates" in PARTITIONED else set()
+    assert own <= columns
+    sigmas = {f"{name}_sigma" for name in FAULT_NAMES}
+    of_unit = {"actuator_id", "serial_number", "tested", "number", "bag", "bag_sha256"}
+    assert columns - own == {*FAULT_NAMES, *sigmas, *of_unit, "software", "settings"}
+
+
+@pytest.mark.parametrize("message", REPORTS)
+def test_reports_have_the_fields_of_their_messages(message: str):
+    assert is_dataclass(REPORTS[message])
+    assert [item.name for item in fields(REPORTS[message])] == names_of(message)

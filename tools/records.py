@@ -1,0 +1,116 @@
+"""The page of records, from the definitions of estimate, health and reasons: ``make records``.
+
+A field has one name in message, JSON, history and archive. `REPRESENTED` has the few that a message
+holds in another form; tests/docs compares all with the definitions.
+"""
+
+import inspect
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.reasons import KINDS, Reason
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+PAGE: Final = ROOT / "docs" / "records.md"
+
+UNIT: Final = ("header", "actuator_id", "serial_number")
+"""Fields that place a message; a record is that of a unit already."""
+
+REPRESENTED: Final = {
+    "start_ns": "window_start",
+    "end_ns": "window_end",
+    "reasons": "reason_codes",
+    "comparison": "quantities",
+}
+"""Fields of an estimate that the message holds in another form, under another name."""
+
+JSON_ALONE: Final = {
+    "parts": "figures of the window, or of each stretch, for a baseline of windows"
+}
+"""Fields of an estimate that are in no message, with their meaning."""
+
+MESSAGE_ALONE: Final = ("window", "excitation_limit", "reason")
+"""Fields of the message that follow from others, or from where the window is."""
+
+_HEAD: Final = """# Records of estimates and health
+
+Made from the definitions by `make records`. A field of an estimate has one name in messages, in
+JSON (`ema estimate --json`), in the history of a unit and in the table `estimates` of an archive.
+
+In JSON, stamps are whole nanoseconds (`_ns`), flags and verdicts are names, a vector of faults is
+an object by name, and what is not a number is null. In the table each fault is a column, and each
+standard deviation a column `FAULT_sigma`.
+
+Health in JSON (`ema predict --json`) has the names of the messages `Health`, `FaultHealth`,
+`RemainingUsefulLife`, `ScenarioLife` and `UnitEvent` ([messages](api/messages.md)). In the table
+`health` of an archive, `flight_hours` is `hours`, and `rul.hours_05` is `rul_05`.
+"""
+_REASONS: Final = """## Reasons
+
+`reasons` in JSON is a list of objects: `code` and the figures of that kind. `reason_codes` of the
+message has the codes, `reason` of both the sentences. With `stretches` and `of_stretches`, a reason
+holds in some of the stretches of ordinary motion only.
+
+| code | figures | meaning |
+|---|---|---|
+"""
+_COUNTS: Final = {item.name for item in fields(Reason)}
+_LINE: Final = re.compile(r"^(\S+) (\w+)(?: [^#=\s]+)?\s+# (.*)$", re.MULTILINE)
+
+
+class MessageField(NamedTuple):
+    """A field of a message: its type, name and meaning."""
+
+    kind: str
+    name: str
+    meaning: str
+
+
+def message_fields(name: str) -> list[MessageField]:
+    """Return the fields of a message of ``ema_interfaces``, in their order."""
+    path = ROOT / "ema_interfaces" / "msg" / f"{name}.msg"
+    return [MessageField(*one) for one in _LINE.findall(path.read_text(encoding="utf-8"))]
+
+
+def records_page() -> str:
+    """Return the page."""
+    lines = [_HEAD, "## Estimate", "", "| message | JSON | meaning |", "|---|---|---|"]
+    lines += _estimate_rows()
+    lines += ["", _REASONS + "\n".join(_reason_rows())]
+    return "\n".join(lines) + "\n"
+
+
+def _estimate_rows() -> Iterator[str]:
+    in_json = {item.name for item in fields(Estimate)}
+    by_message = {message: name for name, message in REPRESENTED.items()}
+    for one in message_fields("FaultEstimate"):
+        if one.name in UNIT:
+            continue
+        name = by_message.get(one.name, one.name)
+        is_in_json = name in in_json or name in ("reason", "excitation_limit")
+        shown = f"`{name}`" if is_in_json else "–"
+        yield f"| `{one.name}` | {shown} | {_escaped(one.meaning)} |"
+    for name, meaning in JSON_ALONE.items():
+        yield f"| – | `{name}` | {meaning} |"
+
+
+def _reason_rows() -> Iterator[str]:
+    for code, kind in KINDS.items():
+        names = [
+            item.name for item in fields(kind) if item.name not in ("stretches", "of_stretches")
+        ]
+        figures = ", ".join(f"`{name}`" for name in names)
+        meaning = inspect.cleandoc(kind.__doc__ or "").partition("\n")[0]
+        yield f"| `{code}` | {figures} | {_escaped(meaning.rstrip('.'))} |"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("|", "\\|").replace("``", "`").replace("*", "\\*")
+
+
+if __name__ == "__main__":
+    PAGE.write_text(records_page(), encoding="utf-8")
