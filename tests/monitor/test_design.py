@@ -223,4 +223,11 @@ def test_record_has_plain_values_and_none_for_what_is_not_known(certificate):
     assert record["faults"][BACKLASH]["sigma"] is None
     assert record["healthy_speed_rms"] is None
     assert record["faults"][0]["half_width"] == pytest.approx(HALF_WIDTH * 0.004)
-    assert record["causes"][0] == {"name": "torque_constant", "size": 0.05, "verdict": "named"}
+    assert record["causes"][0] == {
+        "name": "torque_constant",
+        "size": 0.05,
+        "naming": "named",
+        "not_told_from": (),
+        "beside": (),
+        "meaning": "named",
+    }
