@@ -92,10 +92,10 @@ export interface FaultEstimate {
   goodness_of_fit: number;
   goodness_limit: number;
   unexplained_share: number;
-  hidden_causes: HiddenCause[];
-  measured_causes: HiddenCause[];
+  causes: HiddenCause[];
+  measured: HiddenCause[];
   quantities: QuantityChange[];
-  confusions: Confusion[];
+  alternatives: Confusion[];
   verdict: number;
   excitation: number;
   excitation_limit: number;
@@ -109,6 +109,7 @@ export interface FaultEstimate {
   lacks_calibration: boolean;
   valid: boolean;
   reason: string;
+  reason_codes: string[];
 }
 
 export interface FaultForecast {
