@@ -28,7 +28,7 @@ from ema_core.faults import N_FAULTS, FaultVector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import AnyCalibration, load_calibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
-from ema_monitor.identification.alternatives import Alternative, alternative_of
+from ema_monitor.identification.alternatives import Alternative
 from ema_monitor.identification.estimate import SKIPPED, VERDICTS, Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.joint.comparison import Comparison
@@ -106,10 +106,11 @@ class _Recorded(NamedTuple):
     @classmethod
     def of_message(cls, message: Any) -> "_Recorded":
         covariance = np.reshape(message.covariance, (N_FAULTS, N_FAULTS))
-        # Bags of earlier versions have no quantities.
+        # Bags of 0.1.0 have no quantities, causes and alternatives.
         quantities = tuple(map(quantity_of, getattr(message, "quantities", ())))
         causes = [
-            CauseEstimate(cause.name, cause.value, cause.sigma) for cause in message.hidden_causes
+            CauseEstimate(cause.name, cause.value, cause.sigma)
+            for cause in getattr(message, "causes", ())
         ]
         estimate = Estimate(
             stamp_from_message(message.window_start),
@@ -125,18 +126,14 @@ class _Recorded(NamedTuple):
             warm_start=message.warm_start,
             verdict=VERDICTS[message.verdict],
             causes=tuple(causes),
-            alternatives=tuple(map(_alternative_of, message.confusions)),
+            alternatives=tuple(
+                Alternative(tuple(pair.part), tuple(pair.stand_in))
+                for pair in getattr(message, "alternatives", ())
+            ),
             stretches=int(message.stretches),
             comparison=Comparison(quantities) if quantities else None,
         )
         return cls(int(message.window), estimate)
-
-
-def _alternative_of(confusion: Any) -> Alternative:
-    """Return an alternative as recorded: a message, or the text of a bag of an earlier version."""
-    if isinstance(confusion, str):
-        return alternative_of(confusion.split(" or "))
-    return Alternative(tuple(confusion.part), tuple(confusion.stand_in))
 
 
 @click.command()

@@ -82,7 +82,11 @@ class ActuatorHistory:
             since_ns = stamp_from_message(before.header.stamp)
             if not any(at >= since_ns and kind == "restart" for at, kind, _ in self._events):
                 self._happened(estimate.header.stamp, "restart", "the monitor was restarted")
-        is_repeated = before is not None and before.reason_codes == estimate.reason_codes
+        is_repeated = (
+            before is not None
+            and before.lacks_calibration
+            and before.reason_codes == estimate.reason_codes
+        )
         if estimate.lacks_calibration and not is_repeated:
             self._happened(estimate.header.stamp, "calibration", estimate.reason)
         if estimate.valid:
