@@ -11,13 +11,16 @@ import pytest
 from ema_monitor.reason_texts import joined, text_of
 from ema_monitor.reasons import KINDS, MotorStill, NotConverged, NoTravel, Reason, codes
 
+_RPM = ("unit", 60.0, "rpm", "rad/s")
 _NAMES: dict[str, Any] = {
     "part": ("inertia",),
     "stand_ins": (("gain",), ("friction", "backlash")),
     "faults": ("friction", "gain"),
     "columns": ("position", "command"),
     "name": "load_torque",
-    "mistake": "rpm",
+    "mistake": _RPM,
+    "mistakes": (_RPM, ("sign", -1.0, "", "")),
+    "reference": "speed",
     "figures": ("current_rms",),
 }
 
