@@ -225,8 +225,8 @@ def mistake_row(mistake: Mistake) -> MistakeRow:
 
 def mistake_of(row: MistakeRow) -> Mistake:
     """Return the mistake of ``mistake_row``."""
-    kind, *rest = row
-    return Mistake(Kind(kind), *rest)
+    kind, factor, unit, stated = row
+    return Mistake(Kind(kind), factor, unit, stated)
 
 
 @dataclass(frozen=True)
