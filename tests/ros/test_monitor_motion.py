@@ -19,8 +19,8 @@ from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.node.publish.unit_status import unit_tasks
 from ema_monitor.node.receive.arrivals import Arrivals
 from ema_monitor.prognosis.outlook import unknown_outlook
-from ema_monitor.windows.finder import WindowFinder
 from ema_monitor.reasons import WindowUnusable
+from ema_monitor.windows.finder import WindowFinder
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_ros.stamps import stamp_from_message
 from ema_sim.actuator import SimulatedActuator
