@@ -1,12 +1,21 @@
 """The history of a unit as rows: its tests, which refer to their windows, and what followed."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import pyarrow as pa
 
-from ema_archive.tables import DUTY_LISTS, EVENT, duty_from, duty_lists, estimate_from
+from ema_archive.tables import (
+    DUTY_LISTS,
+    EVENT,
+    REASON,
+    duty_from,
+    duty_lists,
+    estimate_from,
+    reason_rows,
+    reasons_from,
+)
 from ema_core.description import UnitKey
 from ema_monitor.identification.estimate import REFUSED
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN
@@ -46,7 +55,7 @@ HISTORY_TABLES: Final = {
             "count": pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "cycles": _INT}),
             "flown": pa.struct({"hours": _FLOAT, **dict.fromkeys(DUTY_LISTS, pa.list_(_FLOAT))}),
             "shift_ns": _INT,
-            "problem": _TEXT,
+            "unordered": pa.list_(REASON),
         }
     ),
     ASSESSMENTS: pa.schema(
@@ -66,8 +75,8 @@ HISTORY_TABLES: Final = {
 }
 """Columns of the tables of histories: a row for each test, which refers to its window by
 ``end_ns``, for each assessment, and for each piece of the state of growth. The fields are those of
-``Entry``, ``UnusedCycle`` and ``Assessment``; ``problem`` is why it is not known which test came
-first."""
+``Entry``, ``UnusedCycle`` and ``Assessment``; ``unordered`` is why it is not known which test came
+first, and empty if that is known."""
 
 
 @dataclass(frozen=True)
@@ -126,14 +135,14 @@ def _test_row(number: int, test: Test) -> dict[str, Any]:
         "end_ns": test.end_ns,
         "is_valid": isinstance(test, Entry),
         "shift_ns": test.shift_ns,
-        "problem": "",
+        "unordered": [],
     }
     if test.flown.hours:
         row["flown"] = {"hours": float(test.flown.hours), **duty_lists(test.flown)}
     if isinstance(test, Entry):
         count = None if test.count is None else asdict(test.count)
         return row | {"hours": float(test.hours), "cycles": test.cycles, "count": count}
-    return row if test.is_ordered else row | {"problem": test.reason}
+    return row if test.is_ordered else row | {"unordered": reason_rows(test.reasons)}
 
 
 def _test_from(row: Row, window: Row) -> Test:
@@ -144,10 +153,16 @@ def _test_from(row: Row, window: Row) -> Test:
         count = None if row["count"] is None else Count(**row["count"])
         return Entry(estimate, row["hours"], row["cycles"], count, flown, row["shift_ns"])
     test = UnusedCycle.of(estimate, flown, row["shift_ns"])
-    if row["problem"]:
-        words = {"verdict": REFUSED, "reason": row["problem"], "parts": ()}
-        test = replace(test, **words, comparison=None, is_ordered=False)
-    return test
+    if not row["unordered"]:
+        return test
+    return UnusedCycle(
+        test.stamp_ns,
+        REFUSED,
+        reasons_from(row["unordered"]),
+        flown,
+        shift_ns=row["shift_ns"],
+        is_ordered=False,
+    )
 
 
 def _assessment_row(one: Assessment) -> dict[str, Any]:

@@ -23,7 +23,8 @@ _INT: Final = pa.int64()
 _FLOAT: Final = pa.float64()
 _STAMP: Final = pa.timestamp("us")  # UTC
 _CAUSE: Final = pa.struct({"name": _TEXT, "value": _FLOAT, "sigma": _FLOAT})
-_REASON: Final = pa.struct({"code": _TEXT, "figures": _TEXT})
+REASON: Final = pa.struct({"code": _TEXT, "figures": _TEXT})
+"""A reason: its code, and its figures as JSON."""
 _ALTERNATIVE: Final = pa.struct({"part": pa.list_(_TEXT), "stand_in": pa.list_(_TEXT)})
 EVENT: Final = pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "kind": _TEXT, "text": _TEXT})
 _QUANTITY: Final = pa.struct(
@@ -81,7 +82,7 @@ _ESTIMATES: Final = pa.schema(
         **dict.fromkeys(("unobservable", "insignificant"), pa.list_(_TEXT)),
         **dict.fromkeys(("causes", "measured"), pa.list_(_CAUSE)),
         "reason": _TEXT,
-        "reasons": pa.list_(_REASON),
+        "reasons": pa.list_(REASON),
         "alternatives": pa.list_(_ALTERNATIVE),
         "parts": pa.list_(pa.list_(_FLOAT)),
         "comparison": _COMPARISON,
@@ -222,19 +223,26 @@ def estimate_from(row: Mapping[str, Any]) -> Estimate:
     compared = row["comparison"]
     if compared is not None and compared["states"] is not None:
         compared = {**compared, "states": dict(compared["states"])}
-    reasons = [{"code": one["code"], **json.loads(one["figures"])} for one in row["reasons"]]
+    reasons = [reason.as_record() for reason in reasons_from(row["reasons"])]
     found = {**row, "faults": row, **matrices, "comparison": compared, "reasons": reasons}
     return estimate_of(found)
 
 
 def reason_rows(reasons: Iterable[Reason]) -> list[dict[str, str]]:
-    """Return the code of each reason, and its figures as JSON."""
+    """Return reasons as rows."""
     rows = []
     for reason in reasons:
         figures = reason.as_record()
         code = figures.pop("code")
         rows.append({"code": code, "figures": json.dumps(plain(figures), ensure_ascii=False)})
     return rows
+
+
+def reasons_from(rows: Iterable[Mapping[str, str]]) -> tuple[Reason, ...]:
+    """Return the reasons that the rows of `reason_rows` hold."""
+    return tuple(
+        Reason.of_record({"code": row["code"], **json.loads(row["figures"])}) for row in rows
+    )
 
 
 def count_row(count: Count, number: int) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from ema_archive.tables import PARTITIONED
+from ema_archive.tables import BAG_TABLES
 from ema_core.faults import FAULT_NAMES
 from ema_monitor import reports
 from ema_monitor.identification.estimate import Estimate, estimate_record, refusal
@@ -51,7 +51,7 @@ def test_json_of_an_estimate_has_its_fields_and_their_reason():
 
 def test_table_of_estimates_has_the_fields_of_an_estimate():
     own = {item.name for item in fields(Estimate)} - {"faults"} | {"reason"}
-    columns = set(PARTITIONED["estimates"].names) if "estimates" in PARTITIONED else set()
+    columns = set(BAG_TABLES["estimates"].names)
     assert own <= columns
     sigmas = {f"{name}_sigma" for name in FAULT_NAMES}
     of_unit = {"actuator_id", "serial_number", "tested", "number", "bag", "bag_sha256"}
