@@ -56,11 +56,10 @@ NAMES: Final = frozenset(
 
 UNTREATED: Final = (
     *("ema_archive/", "ema_study/", "ros2_ws/src/ema_bags/"),
-    "ema_core/ema_core/consistency.py",
     *(
         f"ema_monitor/ema_monitor/{name}"
         for name in (
-            *("calibration", "identification", "node", "prognosis"),
+            *("identification", "node", "prognosis"),
             *("api.py", "diagnosis.py", "health.py", "intake.py", "monitor.py"),
             *("reports.py", "unit.py", "unusual_causes.py"),
         )

@@ -1,8 +1,8 @@
-"""Coupled parameters of a description that contradict each other.
+"""Contradictions between coupled parameters of a description.
 
-Who changes one parameter of the built-in example and leaves those that depend on it describes an
-actuator that does not exist. Each coupling is a ratio with its usual range; outside of it there is
-a remark with the parameters to check, not a refusal: an actuator may be unusual.
+Changing one parameter of the built-in example without its dependent parameters describes an
+actuator that does not exist. Each coupling is a ratio with its usual range. A ratio outside its
+range gives a remark with the parameters to check, not a refusal: an actuator may be unusual.
 """
 
 import math
@@ -12,25 +12,26 @@ from typing import Final, NamedTuple
 from ema_core.parameters import ActuatorParameters
 
 TORQUE_PER_EMF: Final = {"six_step": 1.0, "field_oriented": math.sqrt(3.0) / 2.0}
-"""Torque constant over back-EMF constant by drive [-]. Both are between two terminals. Six-step
-commutation drives two phases in series; the current of field-oriented control is the amplitude
-i_q of the phase currents, with 3/2 P lambda of torque and sqrt(3) P lambda of voltage between two
-terminals (M33)."""
+"""Torque constant over back-EMF constant by drive [-].
+
+Both constants are between two terminals. Six-step commutation drives two phases in series. The
+current of field-oriented control is the amplitude i_q of the phase currents: the torque constant is
+3/2 P lambda, the back-EMF constant sqrt(3) P lambda (M33)."""
 
 
 class _Coupling(NamedTuple):
-    """A ratio of parameters, its name, its usual range, and the parameters to check."""
+    """A ratio of parameters with its usual range, and the remark outside of the range."""
 
     name: str
     ratio: Callable[[ActuatorParameters], float]
     lowest: float
     highest: float
-    look_at: str
+    remark: str
     unit: str = ""
 
 
 def _over(numerator: float, denominator: float) -> float:
-    """Return a quotient; NaN where it does not exist, as nothing is coupled then."""
+    """Return a quotient; NaN if the denominator is not positive: there is no coupling then."""
     return numerator / denominator if denominator > 0.0 else math.nan
 
 
@@ -128,17 +129,17 @@ _OF_SIX_STEP: Final = (
 )
 
 
-def _in_words(value: float, unit: str = "") -> str:
+def _with_unit(value: float, unit: str = "") -> str:
     return f"{float(f'{value:.3g}'):.12g} {unit}".strip()
 
 
 def torque_per_current(parameters: ActuatorParameters, drive: str) -> float:
-    """Return the torque that a healthy motor makes of 1 A [N.m/A], from its back-EMF."""
+    """Return the torque constant of a healthy motor from its back-EMF constant [N.m/A]."""
     return TORQUE_PER_EMF[drive] * parameters.k_e
 
 
 def standstill(parameters: ActuatorParameters, drive: str) -> str:
-    """Return why an actuator so described never moves; empty where it may."""
+    """Return why the described actuator can never move; empty if it can."""
     p = parameters
     if drive not in TORQUE_PER_EMF:
         return ""
@@ -153,7 +154,7 @@ def standstill(parameters: ActuatorParameters, drive: str) -> str:
 
 
 def remarks(parameters: ActuatorParameters, drive: str) -> tuple[str, ...]:
-    """Return which coupled parameters of an actuator contradict each other, a sentence each.
+    """Return the contradictions between coupled parameters of an actuator, a sentence each.
 
     A drive with an unknown controller is not checked: most of its parameters are not used.
     """
@@ -171,11 +172,14 @@ def remarks(parameters: ActuatorParameters, drive: str) -> tuple[str, ...]:
     )
     couplings = (of_drive, *_OF_BOTH, *(_OF_SIX_STEP if drive == "six_step" else ()))
     unusual = []
-    for one in couplings:
-        ratio = one.ratio(p)
-        if ratio < one.lowest or ratio > one.highest:
+    for coupling in couplings:
+        ratio = coupling.ratio(p)
+        if ratio < coupling.lowest or ratio > coupling.highest:
+            usual_range = (
+                f"{_with_unit(coupling.lowest)} to {_with_unit(coupling.highest, coupling.unit)}"
+            )
             unusual.append(
-                f"{one.name} = {_in_words(ratio, one.unit)}, usually "
-                f"{_in_words(one.lowest)} to {_in_words(one.highest, one.unit)}: {one.look_at}"
+                f"{coupling.name} = {_with_unit(ratio, coupling.unit)}, usually {usual_range}: "
+                f"{coupling.remark}"
             )
     return tuple(unusual)

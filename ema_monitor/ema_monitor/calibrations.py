@@ -1,4 +1,4 @@
-"""Calibrations of either kind: making one, reading its file, and those of several units."""
+"""Calibrations of either kind: fitting, reading files, and a store for several units."""
 
 import re
 from collections.abc import Sequence
@@ -20,10 +20,10 @@ from ema_monitor.joint.window_baseline import WindowBaseline
 from ema_monitor.windows.window import Window
 
 AnyCalibration = Calibration | JointCalibration
-"""Of a drive that is modelled, or of one whose controller is not."""
+"""Calibration of a modelled drive, or of a unit whose controller is not modelled."""
 
 CALIBRATION_FILE: Final = "calibration.yaml"
-"""Name of the calibration of the unit whose bags lie in the same folder."""
+"""Name of the calibration file in the folder of a unit's bags."""
 
 _SUFFIXES: Final = (".yaml", ".yml")
 
@@ -34,9 +34,9 @@ def load_calibration(path: Path) -> AnyCalibration:
     Raises
     ------
     ValueError
-        When the file is no calibration; the message names file and defect.
+        If the file is not a calibration; the message names file and defect.
     OSError
-        When it cannot be read.
+        If the file cannot be read.
     """
     content = load_yaml(path, MOST_BYTES)
     if isinstance(content, dict) and content.get("format") == JointCalibration.FORMAT:
@@ -50,49 +50,55 @@ def calibrate(
     form: str | None = None,
     accepted_by: str = "",
 ) -> AnyCalibration:
-    """Calibrate on healthy windows of one actuator, as its drive wants it.
+    """Return the calibration of an actuator, fitted to its healthy windows.
 
     Parameters
     ----------
     windows
-        Healthy windows, at least one; of a test cycle, ten or more average out the PWM's ripple.
-        They are used one at a time, several times over. What was measured beside them is taken
-        for known, within its sigma.
+        Healthy windows, at least one. Ten or more windows of a test cycle average out the PWM
+        ripple. The fit reads them one at a time, several times over. Measured causes enter with
+        their sigma.
     description
-        The unit that the windows were taken from; the built-in actuator when None.
+        Unit of the windows; the built-in actuator if None.
     form
-        Form of the monitor model, that of the drive when None; it does not matter where the drive
-        is unknown.
+        Form of the monitor model; the default form of the drive if None. It is ignored if the
+        drive is unknown.
     accepted_by
         Person who accepts a unit that is implausible for its description; "" to refuse it.
 
     Raises
     ------
     ValueError
-        When there is no window, one has no excitation, another sample period than the first or
-        other columns than the description says, the motion is too little, or the unit deviates
-        impossibly far from its description, or implausibly far and no person accepts it.
+        If there is no window, the motion is too small, or a window has no excitation, a different
+        sample period than the first window, or different columns than the description states. Also
+        if the unit deviates impossibly far from its description, or implausibly far and no person
+        accepts it.
     """
     description = description or ActuatorDescription()
     if description.drive == "unknown":
         return calibrate_joint(windows, description)
-    made = calibrate_model(windows, description, form)
-    reason = "" if accepted_by else implausible(made, windows[0])
+    calibration = calibrate_model(windows, description, form)
+    reason = "" if accepted_by else implausible(calibration, windows[0])
     if not accepted_by and not reason:
-        reason = fault_instead(made, windows, description)
+        reason = fault_instead(calibration, windows, description)
     if reason:
         raise ValueError(
             f"the windows are implausible for a healthy unit of this description: {reason}; check "
             "unit and description, or name who accepts it: force and person of ~/calibrate, "
             "--accepted-by of `ema calibrate`"
         )
-    return replace(made, baseline=WindowBaseline.of(one.telemetry for one in windows))
+    return replace(calibration, baseline=WindowBaseline.of(window.telemetry for window in windows))
 
 
 def with_labels_of(calibration: AnyCalibration, replaced: AnyCalibration) -> AnyCalibration:
-    """Return a calibration with the labels of one that it replaces, if of the same unit."""
-    one, other = ((item.actuator_id, item.serial_number) for item in (calibration, replaced))
-    if one != other:
+    """Return a calibration with the labels of the calibration that it replaces.
+
+    It is returned unchanged if the replaced calibration belongs to a different unit.
+    """
+    unit, replaced_unit = (
+        (item.actuator_id, item.serial_number) for item in (calibration, replaced)
+    )
+    if unit != replaced_unit:
         return calibration
     if isinstance(calibration, JointCalibration) and isinstance(replaced, JointCalibration):
         return calibration.with_labels_of(replaced)
@@ -102,22 +108,31 @@ def with_labels_of(calibration: AnyCalibration, replaced: AnyCalibration) -> Any
 
 
 class CalibrationStore:
-    """Gives each actuator its calibration, and stores new ones.
+    """Calibrations of the actuators of a monitor, and their files.
 
-    They are in ``file``, in which ``{actuator_id}`` and ``{serial_number}`` stand for those of the
-    actuator; empty, the shipped calibration of the built-in actuator is used. Other names in
-    braces, or a home that does not exist, are a ValueError. In ``own_folder`` a call may name a
-    file, and new ones are stored there when neither ``file`` nor the call says where.
+    Parameters
+    ----------
+    file
+        Path of the calibration of an actuator, in which ``{actuator_id}`` and ``{serial_number}``
+        are replaced. If it is empty, the shipped calibration of the built-in actuator is used.
+    folder
+        Folder of the files that a call names, and of new calibrations if neither ``file`` nor the
+        call names a path.
+
+    Raises
+    ------
+    ValueError
+        If ``file`` has other names in braces or refers to a home folder that does not exist.
     """
 
-    def __init__(self, file: str, own_folder: Path) -> None:
+    def __init__(self, file: str, folder: Path) -> None:
         self._file = file
-        self._own_folder = own_folder
+        self._folder = folder
         self._in_use: dict[UnitKey, AnyCalibration] = {}
         self._set_path(ActuatorDescription())
 
     def of(self, description: ActuatorDescription) -> AnyCalibration | str:
-        """Return the calibration of an actuator, or why there is none."""
+        """Return the calibration of an actuator, or the reason why it has none."""
         key = description.unit_key
         if key not in self._in_use and self._file:
             path = self._set_path(description)
@@ -132,11 +147,23 @@ class CalibrationStore:
         return self._in_use.get(key) or Calibration.builtin()
 
     def load(self, description: ActuatorDescription, file: str) -> tuple[AnyCalibration, Path]:
-        """Use a calibration from a file from now on; return it, and where it came from.
+        """Read the calibration of an actuator from a file and use it; return it and its path.
 
-        The file is in the own folder; empty, it is the usual place. Where it cannot be read, is no
-        calibration, not of this unit, or elsewhere, ValueError or OSError say so, and the
-        calibration in use stays.
+        If an error is raised, the calibration in use remains.
+
+        Parameters
+        ----------
+        description
+            The actuator.
+        file
+            Path inside the folder of the store; empty for the default path of the actuator.
+
+        Raises
+        ------
+        ValueError
+            If the file is outside of the folder, not a calibration, or of a different unit.
+        OSError
+            If the file cannot be read.
         """
         path = self._place(description, file)
         calibration = load_calibration(path)
@@ -146,13 +173,24 @@ class CalibrationStore:
         return calibration, path
 
     def prepare(self, description: ActuatorDescription, file: str) -> Path:
-        """Return where a calibration is to be stored, and make the folder; the file as of ``load``.
+        """Return the path for a new calibration of an actuator, and make its folder.
 
-        What is there and no calibration, and a folder that cannot be made, are ValueErrors as well.
+        Parameters
+        ----------
+        description
+            The actuator.
+        file
+            Path inside the folder of the store; empty for the default path of the actuator.
+
+        Raises
+        ------
+        ValueError
+            If the path is outside of the folder or an existing file that is not a calibration, or
+            if the folder cannot be made.
         """
         path = self._place(description, file)
         if path.exists() and not is_calibration_file(path):
-            raise ValueError(f"{path} is there, is no calibration and is not replaced")
+            raise ValueError(f"{path} exists and is not a calibration; it was not overwritten")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -160,13 +198,13 @@ class CalibrationStore:
         return path
 
     def is_used_again(self, description: ActuatorDescription, path: Path) -> bool:
-        """Return whether a file is that which an actuator's calibration is read from at a start."""
+        """Return whether the store reads an actuator's calibration from this file at its start."""
         return bool(self._file) and path.resolve() == self._set_path(description).resolve()
 
     def keep(
         self, description: ActuatorDescription, calibration: AnyCalibration, path: Path
     ) -> None:
-        """Store a calibration and use it from now on; ValueError if it cannot be stored."""
+        """Store a calibration and use it; raise ValueError if it cannot be stored."""
         with suppress(OSError, ValueError):
             calibration = with_labels_of(calibration, load_calibration(path))
         try:
@@ -181,26 +219,26 @@ class CalibrationStore:
         if self._file:
             return self._set_path(description)
         name = f"calibration_{description.actuator_id}_{description.serial_number}.yaml"
-        return self._own_folder / _as_file_name(name)
+        return self._folder / _as_file_name(name)
 
     def _set_path(self, description: ActuatorDescription) -> Path:
-        """Return the path by the setting, which may be anywhere."""
+        """Return the path that the setting gives; it may be outside of the folder."""
         try:
             return Path(_filled(self._file, description)).expanduser()
         except (RuntimeError, ValueError) as error:
             raise ValueError(f"calibration_file = {self._file!r}: {error}") from error
 
     def _called_path(self, file: str, description: ActuatorDescription) -> Path:
-        """Return the path that a call names, which any node of the graph can make."""
+        """Return the path that a call names; it must be inside the folder, as any node may call."""
         try:
-            path = (self._own_folder / _filled(file, description)).resolve()
+            path = (self._folder / _filled(file, description)).resolve()
         except (OSError, RuntimeError, ValueError) as error:
             raise ValueError(f"file = {file!r}: {error}") from error
-        is_inside = path.is_relative_to(self._own_folder.resolve())
+        is_inside = path.is_relative_to(self._folder.resolve())
         if not is_inside or path.suffix not in _SUFFIXES or file.startswith("~"):
             raise ValueError(
                 f"file = {file!r}: expected a name that ends in {' or '.join(_SUFFIXES)}, inside "
-                f"{self._own_folder} (parameter calibration_folder)"
+                f"{self._folder} (parameter calibration_folder)"
             )
         return path
 
@@ -210,13 +248,13 @@ def _not_stored(path: Path, error: OSError) -> ValueError:
 
 
 def _filled(path: str, description: ActuatorDescription) -> str:
-    """Return a path with the names of an actuator in the places of their braces."""
+    """Return a path with the placeholders in braces replaced by an actuator's names."""
     names = {
         "actuator_id": _as_file_name(description.actuator_id),
         "serial_number": _as_file_name(description.serial_number),
     }
-    filled = re.sub(r"\{(\w+)\}", lambda found: names.get(found[1], found[0]), path)
-    if "{" in filled or "}" in filled:  # names have none: they are quoted
+    filled = re.sub(r"\{(\w+)\}", lambda match: names.get(match[1], match[0]), path)
+    if "{" in filled or "}" in filled:  # the names are quoted and contain no braces
         raise ValueError(
             "expected a path, in which {actuator_id} and {serial_number} may stand in braces"
         )
@@ -224,5 +262,5 @@ def _filled(path: str, description: ActuatorDescription) -> str:
 
 
 def _as_file_name(name: str) -> str:
-    """Return a name without anything that would lead into another folder."""
+    """Return a name with the characters quoted that could lead into another folder."""
     return name.replace(".", "%2E") if name in (".", "..") else quote(name, safe=" ")

@@ -1,4 +1,4 @@
-"""Whether a fault explains the windows of a calibration about as well as a healthy unit does."""
+"""Detection of calibration windows that a fault explains about as well as a healthy unit."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,9 +16,11 @@ from ema_monitor.model.deviations import Deviations
 from ema_monitor.windows.window import Window
 
 WORST_RATIO: Final = 2.0
-"""Mean square residual of a fault, in those of a healthy unit with its deviations, up to which the
-fault explains a window too: measured 0.6 to 1.5 for a phase shorted by 45 to 60 %, and from 1.3 for
-healthy units, of which none shows a fault beyond its limit."""
+"""Largest ratio of the cost of a fault to the cost of a healthy unit with deviations at which the
+fault still explains a window [-].
+
+Measured 0.6 to 1.5 for a phase shorted by 45 to 60 %, and 1.3 or more for healthy units, which show
+no fault beyond its limit."""
 
 _WINDOWS: Final = 2
 
@@ -26,20 +28,20 @@ _WINDOWS: Final = 2
 def fault_instead(
     calibration: Calibration, windows: Sequence[Window], description: ActuatorDescription
 ) -> str:
-    """Return the fault that explains windows of a calibration as well, in words; "" for none.
+    """Return the fault that explains calibration windows as well, as a text; "" if none does.
 
-    The unit as described, with faults, is compared with the healthy unit that was fitted, whose
-    deviations may have taken up a fault that is none of them. A fault counts if it is beyond its
-    limit in each of the windows compared.
+    The deviations of a calibration may have absorbed a fault. The described unit with faults is
+    therefore compared with the fitted healthy unit. A fault counts if it exceeds its limit in each
+    compared window.
 
     Parameters
     ----------
     calibration
-        Of the windows.
+        Calibration that was fitted to the windows.
     windows
-        At least one.
+        Windows of the calibration, at least one; the first two are compared.
     description
-        The unit.
+        Description of the unit.
     """
     fitted = calibration.of_any_motion()
     nominal = replace(fitted, unit=Deviations())

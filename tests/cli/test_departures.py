@@ -125,7 +125,7 @@ def test_state_that_was_labelled_is_named_by_estimate_and_report(
         (
             simulated("other", 1, "-p", "serial_number=S2"),
             "dry",
-            "was made on 'SIM-0001': `ema calibrate` makes its own",
+            "was made on 'SIM-0001': run `ema calibrate` for this unit",
         ),
         (later, "healthy", "give healthy bags to `ema calibrate`"),
     ):
@@ -207,7 +207,7 @@ def test_records_of_an_unknown_drive_are_labelled(ema, tmp_path, slides, healthy
     history = History("slide", "R1", history_path(tmp_path, "slide", "R1"))
     history.close()
     for wrong, words in (
-        (slides("other", serial="R2"), "was made on 'R1': `ema calibrate` makes its own"),
+        (slides("other", serial="R2"), "was made on 'R1': run `ema calibrate` for this unit"),
         (healthy_slides[0], "it is one of the healthy records of the calibration"),
         (slides("short", seconds=8.0), "no record can be labelled:"),
         (history_path(tmp_path, "slide", "R1"), "does not hold the figures of records"),

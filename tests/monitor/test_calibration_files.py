@@ -86,7 +86,7 @@ def test_builtin_calibration_is_that_of_the_built_in_actuator(stirred_window, de
     assert rms(residual) == pytest.approx(builtin.healthy_speed_rms, rel=0.35)
 
 
-OTHER = "is not a calibration of format 4; make it anew"
+OTHER = "is not a calibration of format 4; make it again"
 
 
 @pytest.mark.parametrize(

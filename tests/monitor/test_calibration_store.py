@@ -153,7 +153,7 @@ def test_what_is_no_calibration_is_not_replaced(content: str, tmp_path: Path):
     file = tmp_path / "other.yaml"
     file.write_text(content)
     store = CalibrationStore("", tmp_path)
-    with pytest.raises(ValueError, match=r"other\.yaml is there, is no calibration"):
+    with pytest.raises(ValueError, match=r"other\.yaml exists and is not a calibration"):
         store.prepare(FLAP, "other.yaml")
     SMALL.save(file)
     assert store.prepare(FLAP, "other.yaml") == file
@@ -167,7 +167,7 @@ def test_neither_pipe_nor_device_is_loaded(tmp_path: Path):
         store.load(FLAP, "pipe.yaml")
     with pytest.raises(ValueError, match="inside"):
         store.load(FLAP, "zero.yaml")
-    with pytest.raises(ValueError, match="is no calibration"):
+    with pytest.raises(ValueError, match="is not a calibration"):
         store.prepare(FLAP, "pipe.yaml")
 
 

@@ -1,7 +1,7 @@
-"""Laying one window over another by their commands.
+"""Alignment of windows of the same command.
 
-Noise or coarse steps in the measured command move the sample at which it is seen to leave its
-rest, so that windows of the same command begin some samples apart.
+Noise or coarse steps in the measured command move the sample at which the motion is detected, so
+that windows of the same command begin some samples apart.
 """
 
 from typing import Final
@@ -13,33 +13,33 @@ from ema_core.arrays import Array
 from ema_monitor.windows.band import rms
 
 COMMAND_TOLERANCE: Final = 5e-3
-"""Difference of two commands that count as the same, of their rms [-]."""
+"""Largest rms difference of two commands that count as the same, relative to their rms [-]."""
 
 MOST_SHIFT_S: Final = 6e-3
-"""Longest time that two windows may begin apart [s]."""
+"""Largest offset between the starts of two windows of the same command [s]."""
 
 _LEAST_SAMPLES: Final = 2
 
-# Share of the travel: far more than rounding, far less than the motion in a sample.
+# Share of the travel: far above rounding errors, far below the motion within a sample.
 _SAME: Final = 1e-6
 
 
 def shift_between(command: Array, reference: Array, sample_period: float) -> int:
-    """Return how many samples later than a reference a window begins.
+    """Return the number of samples by which a window begins later than a reference.
 
     Parameters
     ----------
     command, reference
         Commands of the two windows, both ``(n,)`` [rad].
     sample_period
-        Sample period of both [s].
+        Sample period of both windows [s].
     """
     if np.max(np.abs(command - reference)) <= _SAME * np.ptp(reference):
         return 0
     most = max(_LEAST_SAMPLES, round(MOST_SHIFT_S / sample_period))
     most = min(most, (len(command) - 1) // 2)
     shifts = np.array(sorted(range(-most, most + 1), key=abs))
-    # What of the reference has a counterpart at every shift.
+    # The part of the reference that has a counterpart at every shift.
     middle = reference[most : len(reference) - most]
     counterparts = sliding_window_view(command, len(middle))[most - shifts]
     return int(shifts[np.argmin(np.mean((counterparts - middle) ** 2, axis=1))])
@@ -53,7 +53,7 @@ def difference_at(command: Array, reference: Array, shift: int) -> float:
     command, reference
         Commands of the two windows, both ``(n,)`` [rad].
     shift
-        How many samples later than the reference the window begins.
+        Number of samples by which the window begins later than the reference.
     """
     if shift < 0:
         command, reference, shift = reference, command, -shift
@@ -61,16 +61,17 @@ def difference_at(command: Array, reference: Array, shift: int) -> float:
 
 
 def shift_if_same(command: Array, reference: Array, sample_period: float) -> int | None:
-    """Return how many samples later than a reference a window of the same command begins.
+    """Return the shift between two windows of the same command [samples].
 
-    None where the two commands, one laid over the other, do not count as the same.
+    The shift is positive if the window begins later than the reference. It is None if the aligned
+    commands differ by more than `COMMAND_TOLERANCE` or in length.
 
     Parameters
     ----------
     command, reference
-        Commands of two windows, of any lengths [rad].
+        Commands of the two windows, of any lengths [rad].
     sample_period
-        Sample period of both [s].
+        Sample period of both windows [s].
     """
     if len(command) != len(reference):
         return None
@@ -80,6 +81,6 @@ def shift_if_same(command: Array, reference: Array, sample_period: float) -> int
 
 
 def moved(row: Array, shift: int) -> Array:
-    """Return a row as seen from ``shift`` samples later, ``(n,)``; its ends are held."""
+    """Return a row shifted by ``shift`` samples towards its start, ``(n,)``; its ends are held."""
     n = len(row)
     return row[np.clip(np.arange(n) + shift, 0, n - 1)]

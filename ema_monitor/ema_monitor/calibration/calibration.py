@@ -23,12 +23,12 @@ from ema_monitor.model.monitor_model import FORMS_OF_DRIVES, MonitorModel, Respo
 from ema_monitor.windows.window import Window
 
 LEAST_SCATTER: Final = 1e-6
-"""Scatter below which healthy windows count as equal, so that it is unknown [A, rad/s]."""
+"""Scatter below which healthy windows count as equal and the scatter as unknown [A, rad/s]."""
 
-# Of the standard deviation that is expected before any window.
+# Share of the prior standard deviation above which a deviation counts as not learned.
 _LEARNED = 0.7
 _SAME_SCALE = 0.015
-# Name of the baseline in the identity, and in files of format 4 by earlier versions.
+# Key of the baseline in the identity, and in files of format 4 that earlier versions wrote.
 _IDENTIFIED_AS = "normal"
 _ROWS = ("command", "correction", "speed_correction")
 _SCATTERS = ("healthy_rms", "healthy_speed_rms", "model_rms", "model_speed_rms")
@@ -44,94 +44,69 @@ _RANGES = {
 
 
 class HealthyReference(NamedTuple):
-    """What a calibration knows of a healthy window beyond the model.
-
-    Attributes
-    ----------
-    knows_command
-        Whether the window has the calibrated command.
-    corrections
-        Added to current and speed of the model, ``(n,)`` each [A, rad/s]; zeros under another
-        command.
-    scatter
-        Rms of the residual of current and speed [A, rad/s]; under another command nothing is
-        corrected.
-    """
+    """Expected residuals of the model in a healthy window."""
 
     knows_command: bool
+    """Whether the window has the calibrated command."""
     corrections: Response
+    """Corrections to add to current and speed of the model, ``(n,)`` each [A, rad/s]; zeros under
+    another command."""
     scatter: tuple[float, float]
+    """Rms of the residuals of current and speed [A, rad/s], after the correction under the
+    calibrated command, without a correction under another command."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration(StoredCalibration):
     """Calibration of a monitor model for one unit and one sample period.
 
-    What the unit deviates from nominal changes the model itself, and so holds away from the healthy
-    state and under any command. What the model still misses on healthy windows is a correction
-    under the command of these windows, and counts as scatter under any other.
-
-    Attributes
-    ----------
-    actuator_id, serial_number
-        The unit it was made on.
-    parameters
-        Nominal parameters that the model had.
-    form, dt
-        Form of the monitor model, and its step [s].
-    sample_period
-        Period of the telemetry [s].
-    command
-        Command of the window including that at the start, ``(n + 1,)`` [rad].
-    unit
-        What the unit deviates from nominal.
-    unit_covariance
-        Covariance of these, ``(25, 25)``, and of those that were not worth fitting; 0 where they
-        were kept.
-    correction, speed_correction
-        What the model still misses of current and speed, both ``(n,)`` [A, rad/s].
-    healthy_rms, healthy_speed_rms
-        Rms of the band-limited residual of current and speed that another healthy window has
-        [A, rad/s], after the correction; NaN when that is unknown: there was a single window, or
-        all were equal.
-    model_rms, model_speed_rms
-        The same without the correction, for other commands.
-    windows
-        Number of windows averaged.
-    travel_ratio
-        User-shaft travel divided by motor travel through the gear, by the sensors of position and
-        speed when healthy [-]; NaN when unknown.
-    law_offset
-        By how much the position is too high for the control law when healthy [rad]; NaN when that
-        is unknown.
-    acquisition
-        How the telemetry of the windows was acquired.
-    baseline
-        Figures of the windows, from which later windows may depart; empty if none were taken.
+    The deviations of the unit from nominal change the model itself. They apply to faulty states and
+    any command as well. The mean residual that remains in healthy windows is a correction under
+    their command, and counts as scatter under any other command.
     """
 
     FORMAT: ClassVar = 4
 
     actuator_id: str
     serial_number: str
+    """Names of actuator and unit that were calibrated."""
     parameters: ActuatorParameters
+    """Nominal parameters of the model."""
     form: str
     dt: float
+    """Form of the monitor model, and its integration step [s]."""
     sample_period: float
+    """Period of the telemetry [s]."""
     command: Array = field(repr=False)
+    """Command of the first window, including the command at its start, ``(n + 1,)`` [rad]."""
     unit: Deviations
+    """Deviations of the unit from nominal."""
     unit_covariance: Array = field(repr=False)
+    """Covariance of the deviations, ``(25, 25)``, including deviations that were not worth fitting;
+    0 if none were fitted."""
     correction: Array = field(repr=False)
     speed_correction: Array = field(repr=False)
+    """Mean residuals of the fitted model in current and speed, both ``(n,)`` [A, rad/s]."""
     healthy_rms: float
     healthy_speed_rms: float
+    """Expected rms of the band-limited residuals of another healthy window after the correction
+    [A, rad/s]; NaN if unknown, as after a single window or equal windows."""
     model_rms: float
     model_speed_rms: float
+    """Expected rms of the band-limited residuals of a healthy window under another command, without
+    a correction [A, rad/s]; NaN if unknown."""
     windows: int
+    """Number of healthy windows."""
     travel_ratio: float = math.nan
+    """User-shaft travel over motor travel through the gear, from the sensors of position and speed
+    in healthy windows [-]; NaN if unknown."""
     law_offset: float = math.nan
+    """Excess of the position over the position that the control law implies, in healthy windows
+    [rad]; NaN if unknown."""
     acquisition: Acquisition = USUAL
+    """How the telemetry of the windows was acquired."""
     baseline: WindowBaseline = field(default=WindowBaseline(), repr=False)
+    """Figures of the healthy windows, with which later windows are compared; may be empty."""
 
     def __post_init__(self) -> None:
         for name in ("actuator_id", "serial_number", "form"):
@@ -172,32 +147,32 @@ class Calibration(StoredCalibration):
         self.model().steps(self.sample_period)
 
     def __str__(self) -> str:
-        known = f"{self.healthy_rms:.4f} A" if math.isfinite(self.healthy_rms) else "unknown"
+        residual = f"{self.healthy_rms:.4f} A" if math.isfinite(self.healthy_rms) else "unknown"
         lift = f"lift {self.unit.lift:.4f} A, " if self.form == "fast" else ""
         return (
             f"calibration {self.calibration_id} of {self.actuator_id} from "
             f"{counted(self.windows, 'window')}, {lift}friction "
             f"{1.0 + self.unit.friction:.3f} and inertia {1.0 + self.unit.inertia:.3f} of nominal, "
-            f"residual of a healthy window {known}{self._remark}"
+            f"residual of a healthy window {residual}{self._remark}"
         )
 
     @cached_property
     def not_learned(self) -> tuple[str, ...]:
-        """Names of the deviations that the healthy windows did not show.
+        """Names of the deviations that the healthy windows did not determine.
 
-        They are hardly better known than they are of any unit.
+        Their standard deviations are hardly below their priors.
         """
         if not np.any(self.unit_covariance):
             return ()  # none was fitted
         travel = float(np.ptp(self.command))
         sigma = dict(zip(NAMES, np.sqrt(np.diag(self.unit_covariance)), strict=True))
         return tuple(
-            one.name
-            for one in unit_priors(self.parameters, travel or 1.0, self.form)
-            # Without a command nothing is known of the travel by which that one is judged.
-            if sigma[one.name] > _LEARNED * one.sigma
-            and (travel or one.name != "load_stiffness")
-            and not one.name.startswith(tuple(f"{name}_" for name in self.acquisition.missing))
+            prior.name
+            for prior in unit_priors(self.parameters, travel or 1.0, self.form)
+            # The prior of the load stiffness depends on the travel, which needs a command.
+            if sigma[prior.name] > _LEARNED * prior.sigma
+            and (travel or prior.name != "load_stiffness")
+            and not prior.name.startswith(tuple(f"{name}_" for name in self.acquisition.missing))
         )
 
     @property
@@ -213,12 +188,12 @@ class Calibration(StoredCalibration):
 
     @property
     def drive(self) -> str:
-        """The drive that its form is a model of."""
+        """Drive that the form of the model describes."""
         return next(drive for drive, forms in FORMS_OF_DRIVES.items() if self.form in forms)
 
     @property
     def residual_in_words(self) -> str:
-        """Residual of a healthy window, current and speed."""
+        """Residuals of a healthy window in current and speed, as a text."""
         return f"{self.healthy_rms:.4g} A, {self.healthy_speed_rms:.4g} rad/s"
 
     def model(self) -> MonitorModel:
@@ -227,12 +202,12 @@ class Calibration(StoredCalibration):
 
     def of_any_motion(self) -> "Calibration":
         """Return the part valid under any command: all but the calibrated command's correction."""
-        nothing = np.zeros(0)
-        return replace(self, command=self.command[:1], correction=nothing, speed_correction=nothing)
+        empty = np.zeros(0)
+        return replace(self, command=self.command[:1], correction=empty, speed_correction=empty)
 
     @property
     def unit_parameters(self) -> ActuatorParameters:
-        """Parameters of the unit, as far as its deviations are such."""
+        """Parameters of the unit: nominal values with the deviations that apply to parameters."""
         factors = {
             "friction": ("f_sm", "f_su"),
             "inertia": ("J_m", "J_u"),
@@ -258,14 +233,14 @@ class Calibration(StoredCalibration):
         return Response(response.current + current, response.speed + speed)
 
     def reference(self, window: Window) -> HealthyReference:
-        """Return the healthy reference of a window beyond the model.
+        """Return the expected residuals of the model in a healthy window.
 
-        Laying the commands over each other takes a few milliseconds where they are noisy.
+        Aligning noisy commands takes a few milliseconds.
         """
         shift = shift_if_same(window.command, self.command, self.sample_period)
         if shift is None:
-            nothing = Response(*np.zeros((2, len(window))))
-            return HealthyReference(False, nothing, (self.model_rms, self.model_speed_rms))
+            zeros = Response(*np.zeros((2, len(window))))
+            return HealthyReference(False, zeros, (self.model_rms, self.model_speed_rms))
         corrections = moved(self.correction, shift), moved(self.speed_correction, shift)
         return HealthyReference(
             True, Response(*corrections), (self.healthy_rms, self.healthy_speed_rms)
@@ -289,7 +264,7 @@ class Calibration(StoredCalibration):
         return "; ".join(reasons)
 
     def shape_mismatch(self, window: Window) -> str:
-        """Return why the samples of a window are not those calibrated; empty when they are."""
+        """Return why the samples of a window do not fit the calibration; empty if they fit."""
         missing = window.telemetry.missing
         return super().shape_mismatch(window) or self.acquisition.contradiction(missing)
 
@@ -306,18 +281,18 @@ class Calibration(StoredCalibration):
         Raises
         ------
         ValueError
-            When the file is not a calibration; the message names file and defect.
+            If the file is not a calibration; the message names file and defect.
         OSError
-            When it cannot be read.
+            If the file cannot be read.
         """
         return cls.of_content(path, load_yaml(path, MOST_BYTES))
 
     @classmethod
     def _of_mapping(cls, content: dict[str, Any]) -> Self:
-        given = content["parameters"]
-        content["parameters"] = ActuatorParameters().replace(given)
+        values = content["parameters"]
+        content["parameters"] = ActuatorParameters().replace(values)
         for name in content["parameters"].as_mapping():
-            if name not in (*given, *_unused_by(content["form"]), "lead"):
+            if name not in (*values, *_unused_by(content["form"]), "lead"):
                 raise ValueError(f"parameter {name} is missing")
         for name in (*_ROWS, "unit_covariance"):
             content[name] = numbers(name, content[name])
@@ -345,7 +320,7 @@ class Calibration(StoredCalibration):
         content["unit"] = self.unit._asdict()
         for name in _SCATTERS:
             content[name] = float(getattr(self, name))
-        # What is usual is left out.
+        # The file omits defaults.
         for name in _unused_by(self.form):
             del content["parameters"][name]
         if self.acquisition == USUAL:
@@ -359,5 +334,5 @@ class Calibration(StoredCalibration):
 
 
 def _unused_by(form: str) -> tuple[str, ...]:
-    """Return the parameters that a form of the model does not know."""
+    """Return the parameters that a form of the model does not use."""
     return () if form in FORMS_OF_DRIVES["field_oriented"] else ("omega_c",)

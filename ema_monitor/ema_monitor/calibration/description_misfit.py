@@ -1,4 +1,4 @@
-"""Whether a window is that of a healthy actuator as described: its columns and parameters."""
+"""Contradictions between a window and the description of a healthy actuator."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -21,18 +21,12 @@ _LOWEST_CORRELATION: Final = 0.5
 
 @dataclass(frozen=True)
 class DescriptionMisfit:
-    """How a window contradicts the description of its actuator.
-
-    Attributes
-    ----------
-    column
-        The column that is not as the model of the healthy actuator expects.
-    examples
-        Parameters that matter in the window and have the built-in example's value, by name.
-    """
+    """Contradiction between a window and the description of its actuator."""
 
     column: ColumnError | UnrelatedColumn
+    """Column that differs from the response of the healthy model."""
     examples: dict[str, float]
+    """Parameters with the built-in example's values that affect the window, by name."""
 
     def __str__(self) -> str:
         if not self.examples:
@@ -45,7 +39,7 @@ class DescriptionMisfit:
 
 
 def description_misfit(window: Window, model: MonitorModel) -> DescriptionMisfit | None:
-    """Return how a window contradicts the model of the actuator as described; None if it agrees."""
+    """Return how a window contradicts the model of the described actuator; None if it agrees."""
     column = _wrong_column(window, healthy_response(window, model), model.parameters)
     if column is None:
         return None
@@ -55,9 +49,10 @@ def description_misfit(window: Window, model: MonitorModel) -> DescriptionMisfit
 
 
 def _examples_that_matter(window: Window, model: MonitorModel) -> list[str]:
-    """Return the parameters that have the built-in example's value and matter in a window.
+    """Return the parameters with the built-in example's values that affect a window.
 
-    There is none for the example itself. A parameter matters if it changes the response by a tenth.
+    A parameter affects the window if a 50 % larger value changes the response by 10 %. Nothing is
+    returned for the example actuator itself.
     """
     example, actual = ActuatorParameters().as_mapping(), model.parameters.as_mapping()
     left = [name for name, value in example.items() if actual[name] == value and value]
@@ -68,10 +63,10 @@ def _examples_that_matter(window: Window, model: MonitorModel) -> list[str]:
     for name in left:
         try:
             changed = model.parameters.replace({name: _CHANGED * actual[name]})
-        except ValueError:  # it contradicts another one
+        except ValueError:  # the new value contradicts another parameter
             continue
-        other = MonitorModel(changed, model.form, model.dt, acquisition=model.acquisition)
-        response = healthy_response(window, other)
+        varied = MonitorModel(changed, model.form, model.dt, acquisition=model.acquisition)
+        response = healthy_response(window, varied)
         for changed_row, before in (
             (response.current, expected.current),
             (response.speed, expected.speed),
@@ -85,7 +80,7 @@ def _examples_that_matter(window: Window, model: MonitorModel) -> list[str]:
 def _wrong_column(
     window: Window, expected: Response, parameters: ActuatorParameters
 ) -> ColumnError | UnrelatedColumn | None:
-    """Return which column of a window is wrong by the nominal response, if one is, and how."""
+    """Return the first column of a window that contradicts the nominal response; None if none."""
     measured = window.telemetry
     travel = window.command - window.command[0]
     moves = window.moves
@@ -104,7 +99,7 @@ def _wrong_column(
 def _difference(
     name: str, row: Array, model: Array, tau: float
 ) -> ColumnError | UnrelatedColumn | None:
-    """Return how a column differs from its expectation; None if it does not."""
+    """Return how a column differs from its expected values; None if it agrees."""
     size = float(np.linalg.norm(row) * np.linalg.norm(model))
     correlation = float(row @ model) / size if size > 0.0 else 0.0
     if abs(correlation) < _LOWEST_CORRELATION:

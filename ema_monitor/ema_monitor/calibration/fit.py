@@ -1,4 +1,4 @@
-"""Calibrating: from healthy windows of one unit to its calibration."""
+"""Fit of the calibration of a unit to its healthy windows."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -35,24 +35,24 @@ def calibrate_model(
     Parameters
     ----------
     windows
-        Windows of one or several commands, at least one; ten or more of the first one average out
-        the PWM's ripple. They are used one at a time, several times over, so that they may be read
-        when needed. Causes measured with them are assumed known, within their sigma.
+        Windows of one or several commands, at least one. Ten or more windows of the first command
+        average out the PWM ripple. The fit reads them one at a time, several times over, so that
+        the sequence may load them on demand. Measured causes enter with their sigma.
     description
-        The unit that the windows were taken from; the built-in actuator when None.
+        Unit of the windows; the built-in actuator if None.
     form
-        Form of the monitor model, the drive's form when None. No deviations are fitted for the
-        "source" form: the thesis's calibration, which goes with it, is the correction alone.
+        Form of the monitor model; the default form of the drive if None. No deviations are fitted
+        for the "source" form: its calibration is the correction alone, as in the thesis.
     structural
-        Whether to fit the unit's deviations from nominal, if the form has them; otherwise only the
-        correction is fitted.
+        Whether to fit the deviations of the unit from nominal if the form has them. Otherwise only
+        the correction is fitted.
 
     Raises
     ------
     ValueError
-        When there is no window, one has no excitation, another sample period than the first or
-        other columns than the description says, the unit deviates impossibly far from its
-        description, or there is no such model of its drive.
+        If there is no window, the form does not exist for the drive, the unit deviates impossibly
+        far from its description, or a window has no excitation, a different sample period than the
+        first window, or different columns than the description states.
     """
     description = description or ActuatorDescription()
     form = form_of(description.drive, form)
@@ -75,7 +75,7 @@ def calibrate_model(
                 break
         else:
             groups.append([number])
-    # The longest step up to the form's own that divides the sample period.
+    # The longest step that divides the sample period and is at most the step of the form.
     dt = h / math.ceil(h / FORMS[form] - 1e-6)
     parameters = description.parameters
     by_command = [WindowGroup(windows, group) for group in groups]
@@ -116,9 +116,9 @@ def calibrate_model(
 
 
 def _relations(windows: Sequence[Window], parameters: ActuatorParameters) -> dict[str, float]:
-    """Return the relations between columns by name, except measured ones.
+    """Return the healthy relations between columns by name, without the effects of measured causes.
 
-    Each is the mean over the windows in which it can be measured; NaN without any.
+    Each is the mean over the windows that determine it; NaN if no window does.
     """
     relations: dict[str, list[float]] = {"travel_ratio": [], "law_offset": []}
     slopes = law_slopes(parameters)
@@ -128,35 +128,37 @@ def _relations(windows: Sequence[Window], parameters: ActuatorParameters) -> dic
             relations["travel_ratio"].append(travel.value / (1.0 + float(TRAVEL @ measured)))
         if law := law_offset(window, parameters):
             relations["law_offset"].append(law.value - float(slopes @ measured))
-    return {name: float(np.mean(one)) if one else math.nan for name, one in relations.items()}
+    return {
+        name: float(np.mean(values)) if values else math.nan for name, values in relations.items()
+    }
 
 
 def _scatter(
     windows: Sequence[Window], model: MonitorModel, mean: Array, h: float
 ) -> tuple[float, float]:
-    """Return the rms in current and speed that another window has in its band after correction."""
+    """Return the expected band-limited rms of current and speed in another window."""
     m = len(windows)
     if m == 1:
         return float("nan"), float("nan")
-    # Each window is itself in the mean that it is compared with; another one will not be.
+    # Each window is part of the mean that it is compared with; a later window is not.
     scale = math.sqrt((m + 1.0) / (m - 1.0))
-    return _known(scale * _rms_in_band((rows - mean for rows in missed(windows, model)), h))
+    return _meaningful(scale * _rms_in_band((rows - mean for rows in missed(windows, model)), h))
 
 
 def _uncorrected(
     groups: Sequence[Sequence[Window]], model: MonitorModel, h: float
 ) -> tuple[float, float]:
-    """Return the rms in current and speed that the model alone misses in its band."""
+    """Return the band-limited rms residuals of current and speed without a correction."""
     rows = (
         of_window
         for group, weights in zip(groups, sample_weights(groups), strict=True)
         for of_window in missed(group, model, weights)
     )
-    return _known(_rms_in_band(rows, h))
+    return _meaningful(_rms_in_band(rows, h))
 
 
 def _rms_in_band(rows: Iterable[Array], h: float) -> Array:
-    """Return the rms of current and speed in their band over the rows of windows, ``(2, n)``."""
+    """Return the band-limited rms, ``(2,)``, of residuals, ``(2, n)`` each."""
     squares, count = np.zeros(2), 0
     for row in rows:
         band = band_limited(row, h)
@@ -165,7 +167,7 @@ def _rms_in_band(rows: Iterable[Array], h: float) -> Array:
     return np.sqrt(squares / count)
 
 
-def _known(scatters: Array) -> tuple[float, float]:
-    """Return two scatters, NaN for one so small that it is unknown."""
+def _meaningful(scatters: Array) -> tuple[float, float]:
+    """Return two scatters; NaN for a scatter too small to be meaningful."""
     current, speed = np.where(scatters > LEAST_SCATTER, scatters, np.nan).tolist()
     return current, speed

@@ -1,4 +1,4 @@
-"""What the model of a healthy unit misses in healthy windows."""
+"""Residuals of the healthy model in healthy windows."""
 
 from collections.abc import Iterator, Sequence
 from functools import reduce
@@ -16,7 +16,7 @@ from ema_monitor.windows.window import Window
 
 
 class WindowGroup(Sequence[Window]):
-    """Windows of one command, read when needed."""
+    """Windows of one command, loaded on access."""
 
     def __init__(self, windows: Sequence[Window], numbers: list[int]) -> None:
         self._windows, self._numbers = windows, numbers
@@ -31,9 +31,10 @@ class WindowGroup(Sequence[Window]):
 def missed(
     windows: Sequence[Window], model: MonitorModel, weights: Array | float = 1.0
 ) -> Iterator[Array]:
-    """Yield the healthy model's residuals of current and speed, ``(2, n)`` [A, rad/s] a window.
+    """Yield the residuals of the healthy model in current and speed, ``(2, n)`` [A, rad/s].
 
-    All windows are laid over the first. What is missed is multiplied by ``weights``, ``(n,)``.
+    There is one array per window, aligned with the first window and multiplied by ``weights``,
+    ``(n,)``.
     """
     command = windows[0].command
     for window in windows:
@@ -53,9 +54,9 @@ def mean_missed(
 def sample_weights(groups: Sequence[Sequence[Window]]) -> list[Array | float]:
     """Return the weights of samples in the fit of a unit, ``(n,)`` for each command.
 
-    Ordinary motion is slow or stands still for much of its time, where the model of the mean
-    current is at its worst: as soon as a window dwells, samples count as they do in an estimate
-    (M15). In test cycles alone all count alike.
+    Ordinary motion is often slow or at rest, where the model of the mean current is least accurate.
+    If any window contains a rest, samples are weighted as in an estimate (M15). If all windows are
+    test cycles, all samples have equal weight.
     """
     if all(np.all(group[0].moves) for group in groups):
         return [1.0] * len(groups)
@@ -71,5 +72,5 @@ def healthy_response(window: Window, model: MonitorModel) -> Response:
 
 
 def place_in_play(window: Window) -> float:
-    """Return where in its play the motor stands at the start, 0 where unknown [half-widths]."""
+    """Return the motor's position in its play at the start [half-widths]; 0 if unknown."""
     return 0.0 if window.play is None else window.play

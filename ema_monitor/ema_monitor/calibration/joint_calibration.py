@@ -29,18 +29,18 @@ from ema_monitor.windows.window import Window
 _USED: Final = ("tau", "k_t", "lead")
 _N: Final = len(COEFFICIENTS)
 _UNITS: Final = {"A": ("rad", "A.s^2/rad"), "N.m": ("rad", "kg.m^2"), "N": ("m", "kg")}
-"""By unit of the effort: the units of the motion and of the inertia."""
+"""Units of motion and inertia, by unit of the effort."""
 
 
 class OutlyingRecord(NamedTuple):
-    """A healthy record that differs from the others: its stamp [ns], the difference, its place.
-
-    ``number`` is the place among the healthy records of the baseline, from 0.
-    """
+    """A healthy record that differs from the other healthy records."""
 
     stamp_ns: int
+    """Stamp of the record [ns]."""
     finding: str
+    """Difference from the other records, as a text."""
     number: int
+    """Index among the healthy records of the baseline, from 0."""
 
     def __str__(self) -> str:
         if not has_date(self.stamp_ns):
@@ -50,7 +50,7 @@ class OutlyingRecord(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """What follows the name of the record in a warning."""
+        """Text that follows the name of the record in a warning."""
         return (
             f"differs from the other healthy records: {self.finding}. Leave it out, or confirm "
             "that the unit was healthy"
@@ -59,43 +59,32 @@ class OutlyingRecord(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointCalibration(StoredCalibration):
-    """Baseline of a unit, and the unit that it belongs to.
-
-    Attributes
-    ----------
-    actuator_id, serial_number
-        The unit.
-    parameters
-        Those described; the gear ratio, the torque constant and the lead are used, to convert
-        between the motor, the user shaft and the rod.
-    sample_period
-        Period of the telemetry of the healthy records [s].
-    speed_measured
-        Whether the speed was measured.
-    effort_unit
-        Unit in which the effort was recorded.
-    baseline
-        Healthy records, and the model that they were fitted with.
-    outliers
-        Healthy records that differ from the others. They are used like the others.
-    """
+    """Baseline of a unit whose controller is not modelled."""
 
     FORMAT: ClassVar = "joint_1"
 
     form = "joint"
-    """Do nothing: it has no kernels to compile."""
+    """Form that has no kernels to compile."""
 
     unit_parameters = None
-    """Nothing is known of the unit in the units of the parameters."""
+    """None: the baseline does not determine parameters of the unit."""
 
     actuator_id: str
     serial_number: str
+    """Names of actuator and unit that were calibrated."""
     parameters: ActuatorParameters
+    """Parameters of the description. Gear ratio, torque constant and lead convert between motor,
+    user shaft and rod; the others are not used."""
     sample_period: float
+    """Period of the telemetry of the healthy records [s]."""
     speed_measured: bool
+    """Whether the speed was measured."""
     effort_unit: str
+    """Unit in which the effort was recorded."""
     baseline: Baseline = field(repr=False)
+    """Healthy records and their fitted model."""
     outliers: tuple[OutlyingRecord, ...] = ()
+    """Healthy records that differ from the other healthy records; they remain in the baseline."""
 
     @property
     def windows(self) -> int:
@@ -104,18 +93,18 @@ class JointCalibration(StoredCalibration):
 
     @cached_property
     def comparer(self) -> Comparer:
-        """What compares a record with the baseline."""
+        """Comparer of records with the baseline."""
         unit, scale = self.effort_shown
         return Comparer(self.baseline, unit, scale)
 
     @property
     def effort_shown(self) -> DisplayUnit:
-        """Unit in which the effort was recorded, and its size for 1 A."""
+        """Unit in which the effort was recorded, and the effort for 1 A in this unit."""
         parameters = self.parameters
         torque = parameters.k_t / parameters.tau
         if self.effort_unit == "N.m":
             return DisplayUnit("N.m", torque)
-        if self.effort_unit == "N":  # without a lead the force itself was taken as the effort
+        if self.effort_unit == "N":  # without a lead, the effort is the force itself
             return DisplayUnit(
                 "N", torque * 2.0 * math.pi / parameters.lead if parameters.lead else 1.0
             )
@@ -128,7 +117,7 @@ class JointCalibration(StoredCalibration):
 
     @property
     def not_learned(self) -> tuple[str, ...]:
-        """Always empty: it names unit parameters of a drive model, and there is no model."""
+        """Empty: there is no drive model whose deviations could be learned."""
         return ()
 
     def __str__(self) -> str:
@@ -142,7 +131,7 @@ class JointCalibration(StoredCalibration):
 
     @property
     def _healthy_in_words(self) -> str:
-        """The healthy coefficients in the units of the effort and of the motion."""
+        """Healthy coefficients in the units of effort and motion, as a text."""
         baseline, shown = self.baseline, self.effort_shown
         way = self.parameters.lead / (2.0 * math.pi) if self.parameters.lead else 1.0
         length, mass = _UNITS[shown.unit]
@@ -155,18 +144,21 @@ class JointCalibration(StoredCalibration):
         return ", ".join([*words, f"constant load {load:.4g} {shown.unit}"])
 
     def with_labels_of(self, other: "JointCalibration") -> Self:
-        """Return the calibration with the labelled records of another, if they are not healthy."""
+        """Return the calibration with the labelled records of another calibration.
+
+        Records that are healthy records of this calibration are left out.
+        """
         healthy = self.baseline.records
         kept = [
-            one
-            for one in other.baseline.labelled
-            if not any(one.record.is_same(record) for record in healthy)
+            labelled
+            for labelled in other.baseline.labelled
+            if not any(labelled.record.is_same(record) for record in healthy)
         ]
         return replace(self, baseline=self.baseline.with_labels(kept))
 
     @property
     def residual_in_words(self) -> str:
-        """Standard error of the friction of a healthy record."""
+        """Standard error of the friction of a healthy record, as a text."""
         sigma = math.sqrt(float(np.median(self.baseline.covariances[:, 0, 0])))
         return f"friction of a record ± {100.0 * sigma:.2g} %"
 
@@ -175,9 +167,9 @@ class JointCalibration(StoredCalibration):
         return self
 
     def shape_mismatch(self, window: Window) -> str:
-        """Return why the samples of a record cannot be compared; empty when they can.
+        """Return why the samples of a record cannot be compared; empty if they can.
 
-        Records of another sample rate are filtered to the same band.
+        Records of different sample rates are filtered to the same band.
         """
         highest = self.baseline.preparation.highest_period
         if window.sample_period <= highest:
@@ -188,7 +180,7 @@ class JointCalibration(StoredCalibration):
         )
 
     def unit_mismatch(self, description: ActuatorDescription) -> str:
-        """Return why this calibration does not fit a described actuator; empty when it does."""
+        """Return why this calibration does not fit a described actuator; empty if it fits."""
         reasons = []
         if description.drive != "unknown":
             reasons.append(
@@ -211,14 +203,14 @@ class JointCalibration(StoredCalibration):
             "effort_unit": self.effort_unit,
             "preparation": baseline.preparation._asdict(),
             "shape": asdict(baseline.shape),
-            "records": [_record_mapping(one) for one in baseline.records],
+            "records": [_record_mapping(record) for record in baseline.records],
         }
         if self.outliers:
-            content["outliers"] = [one._asdict() for one in self.outliers]
+            content["outliers"] = [outlier._asdict() for outlier in self.outliers]
         if with_labels and baseline.labelled:
             content["labelled"] = [
-                {"state": one.state, "record": _record_mapping(one.record)}
-                for one in baseline.labelled
+                {"state": labelled.state, "record": _record_mapping(labelled.record)}
+                for labelled in baseline.labelled
             ]
         return content
 
@@ -229,16 +221,16 @@ class JointCalibration(StoredCalibration):
             _shape_of(content.pop("shape")),
             tuple(map(_record_of, content.pop("records"))),
             tuple(
-                LabelledRecord(str(one["state"]), _record_of(one["record"]))
-                for one in content.pop("labelled", [])
+                LabelledRecord(str(entry["state"]), _record_of(entry["record"]))
+                for entry in content.pop("labelled", [])
             ),
         )
         if not baseline.records:
             raise ValueError("records is empty: expected healthy records")
         content["parameters"] = ActuatorParameters().replace(content["parameters"])
         content["outliers"] = tuple(
-            OutlyingRecord(int(one["stamp_ns"]), str(one["finding"]), int(one["number"]))
-            for one in content.get("outliers", [])
+            OutlyingRecord(int(entry["stamp_ns"]), str(entry["finding"]), int(entry["number"]))
+            for entry in content.get("outliers", [])
         )
         return cls(**content, baseline=baseline)
 
@@ -246,19 +238,19 @@ class JointCalibration(StoredCalibration):
 def calibrate_joint(
     windows: Sequence[Window], description: ActuatorDescription
 ) -> JointCalibration:
-    """Return the calibration of a unit on its healthy records.
+    """Return the calibration of a unit whose controller is not modelled.
 
     Parameters
     ----------
     windows
         Healthy records, at least one. A measured winding temperature is used.
     description
-        The unit.
+        Description of the unit.
 
     Raises
     ------
     ValueError
-        When there is no record, no measured effort, or the records do not show the friction.
+        If there is no record, no measured effort, or the records do not determine the friction.
     """
     if description.acquisition.current == "none":
         raise ValueError(
@@ -266,33 +258,33 @@ def calibrate_joint(
             "none"
         )
     baseline = learn(
-        [one.telemetry for one in windows],
+        [window.telemetry for window in windows],
         description,
-        temperatures=[winding_temperature(one) for one in windows],
+        temperatures=[winding_temperature(window) for window in windows],
     )
     return JointCalibration(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
         parameters=description.parameters,
-        sample_period=float(np.median([one.sample_period for one in windows])),
+        sample_period=float(np.median([window.sample_period for window in windows])),
         speed_measured=description.acquisition.speed,
         effort_unit=description.acquisition.effort_unit,
         baseline=baseline,
         outliers=tuple(
-            OutlyingRecord(one.record.stamp_ns, finding(one.comparison), one.number)
-            for one in outliers(baseline)
+            OutlyingRecord(outlier.record.stamp_ns, finding(outlier.comparison), outlier.number)
+            for outlier in outliers(baseline)
         ),
     )
 
 
 def winding_temperature(window: Window) -> float:
     """Return the measured rise of the winding temperature in a record [K]; NaN if not measured."""
-    measured = (one.value for one in window.measured if one.name == "winding_temperature")
+    measured = (cause.value for cause in window.measured if cause.name == "winding_temperature")
     return next(measured, math.nan)
 
 
 def _preparation_of(content: dict[str, Any]) -> Preparation:
-    ripples = tuple(float(one) for one in content.pop("ripples", ()))
+    ripples = tuple(map(float, content.pop("ripples", ())))
     return Preparation(**content, ripples=ripples)
 
 

@@ -1,4 +1,4 @@
-"""Whether a calibration is plausible for the description of its unit."""
+"""Plausibility of a calibration for the description of its unit."""
 
 import math
 from collections.abc import Iterator
@@ -12,10 +12,12 @@ from ema_monitor.windows.band import band_limited, rms
 from ema_monitor.windows.window import Window
 
 PLAUSIBLE_SIGMAS: Final = 3.5
-"""Standard deviations of a deviation, as expected of a unit, up to which it is plausible."""
+"""Largest plausible distance of a deviation from its expected value [prior sigma]."""
 
 PLAUSIBLE_SHARE: Final = 0.1
-"""Share of the current that the model of a plausible unit may miss: 1 to 4 % of healthy ones."""
+"""Largest plausible share of the current that the model does not explain [-].
+
+Healthy units have 0.01 to 0.04."""
 
 
 FAULTY: Final = (
@@ -37,26 +39,26 @@ def implausible(calibration: Calibration, window: Window) -> str:
     Parameters
     ----------
     calibration
-        Of the unit.
+        Calibration of the unit.
     window
-        A window of the calibration.
+        One of the windows that the calibration was fitted to.
 
     Notes
     -----
-    Deviations that a fault is taken for are compared with those expected of a unit. What the model
-    misses, without the correction and the scatter between windows, is compared with the current: a
-    worn unit may need faults that are no deviation, such as play.
+    The function compares the deviations in `FAULTY` with their priors. It also compares the
+    residual of the uncorrected model, without the scatter between windows, with the current: the
+    faults of a worn unit may not correspond to any deviation.
     """
     return "; ".join(_reasons(calibration, window))
 
 
 def _reasons(calibration: Calibration, window: Window) -> Iterator[str]:
     priors = unit_priors(calibration.parameters, window.excitation, calibration.form)
-    for one in priors:
-        value = getattr(calibration.unit, one.name)
-        if one.name in FAULTY and abs(value - one.expected) > PLAUSIBLE_SIGMAS * one.sigma:
-            name = one.name.replace("_", " ")
-            yield f"{name} is {value:+.3g}, expected {one.expected:.2g} ± {one.sigma:.2g}"
+    for prior in priors:
+        value = getattr(calibration.unit, prior.name)
+        if prior.name in FAULTY and abs(value - prior.expected) > PLAUSIBLE_SIGMAS * prior.sigma:
+            name = prior.name.replace("_", " ")
+            yield f"{name} is {value:+.3g}, expected {prior.expected:.2g} ± {prior.sigma:.2g}"
     share = _missed_share(calibration, window)
     if share > PLAUSIBLE_SHARE:
         yield (
@@ -66,7 +68,7 @@ def _reasons(calibration: Calibration, window: Window) -> Iterator[str]:
 
 
 def _missed_share(calibration: Calibration, window: Window) -> float:
-    """Return the share of the current that the model misses in all windows; NaN if unknown."""
+    """Return the unexplained share of the current over all windows; NaN if unknown."""
     if not np.any(calibration.unit_covariance) or not len(window.telemetry.current):
         return math.nan
     current = rms(band_limited(window.telemetry.current[None, 1:], window.sample_period)[0])

@@ -1,4 +1,4 @@
-"""What calibrations of every kind have in common: identity, file, and whom they fit."""
+"""Identity, file and match with a unit, for calibrations of every kind."""
 
 import hashlib
 import json
@@ -20,17 +20,17 @@ from ema_core.parameters import ActuatorParameters
 from ema_monitor.windows.window import Window
 
 MOST_BYTES: Final = 5_000_000
-"""Largest file that is read as a calibration [bytes]: ten times the largest calibration."""
+"""Largest accepted calibration file [bytes]: ten times the largest calibration."""
 
 _HEAD_BYTES: Final = 200
 _log = logging.getLogger(__name__)
 
 
 class StoredCalibration(Displayed, ABC):
-    """A calibration of one unit, in a YAML file that carries its identity.
+    """A calibration of one unit, stored in a YAML file with its identity.
 
-    A kind of calibration is a frozen dataclass with the attributes below and a ``FORMAT`` of its
-    own. A ``ValueError`` names a figure that is impossible.
+    Each kind of calibration is a frozen dataclass with the attributes below and its own ``FORMAT``.
+    Constructing one with an impossible value raises a ``ValueError`` that names the value.
     """
 
     FORMAT: ClassVar[int | str]
@@ -43,14 +43,14 @@ class StoredCalibration(Displayed, ABC):
 
     @cached_property
     def calibration_id(self) -> str:
-        """Identity of the content: the same figures give the same name."""
-        # A label changes no estimate: it names the departure.
+        """Identity of the content: equal contents have equal identities."""
+        # Labels are left out: they name departures and change no estimate.
         text = json.dumps(self._content(with_labels=False), sort_keys=True)
         return f"{self.serial_number}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
 
     @property
     def brief(self) -> str:
-        """Identity and unit in a few words."""
+        """Identity and unit as a short text."""
         return f"{self.calibration_id} of {self.actuator_id}"
 
     @property
@@ -59,7 +59,7 @@ class StoredCalibration(Displayed, ABC):
         return f"; not learned from these windows: {words}" if words else ""
 
     def shape_mismatch(self, window: Window) -> str:
-        """Return why the samples of a window are not those calibrated; empty when they are."""
+        """Return why the samples of a window do not fit the calibration; empty if they fit."""
         if abs(window.sample_period / self.sample_period - 1.0) > 1e-6:
             return (
                 f"the sample period is {window.sample_period:g} s, in the calibration of "
@@ -69,25 +69,25 @@ class StoredCalibration(Displayed, ABC):
 
     @abstractmethod
     def unit_mismatch(self, description: ActuatorDescription) -> str:
-        """Return why this calibration does not fit a described actuator; empty when it does."""
+        """Return why this calibration does not fit a described actuator; empty if it fits."""
 
     def _mismatches(self, description: ActuatorDescription, used: Iterable[str]) -> list[str]:
-        """Return the differences in the serial number and the parameters that are used."""
+        """Return the differences in serial number and used parameters, a text each."""
         reasons = []
         if description.serial_number != self.serial_number:
             reasons.append(
                 f"the actuator has serial number {description.serial_number!r}, the calibration "
-                f"was made on {self.serial_number!r}: `ema calibrate` makes its own"
+                f"was made on {self.serial_number!r}: run `ema calibrate` for this unit"
             )
-        mine, theirs = self.parameters.as_mapping(), description.parameters.as_mapping()
+        calibrated, described = self.parameters.as_mapping(), description.parameters.as_mapping()
         return reasons + [
-            f"the actuator has {name} = {theirs[name]:g}, the calibration {mine[name]:g}"
+            f"the actuator has {name} = {described[name]:g}, the calibration {calibrated[name]:g}"
             for name in used
-            if not abs(mine[name] - theirs[name]) <= 1e-9 * abs(theirs[name])
+            if not abs(calibrated[name] - described[name]) <= 1e-9 * abs(described[name])
         ]
 
     def save(self, path: Path) -> None:
-        """Write the calibration to a YAML file; an existing one is replaced once it is complete."""
+        """Write the calibration to a YAML file, which replaces an existing file once complete."""
         text = yaml.safe_dump(
             {**self._content(), "calibration_id": self.calibration_id},
             sort_keys=False,
@@ -99,17 +99,26 @@ class StoredCalibration(Displayed, ABC):
 
     @classmethod
     def of_content(cls, path: Path, content: Any) -> Self:
-        """Return the calibration in a file; log if its content differs from what was written.
+        """Return the calibration in the content of a file.
+
+        Logs a warning if the content was changed after it was written.
+
+        Parameters
+        ----------
+        path
+            File that the content was read from, for messages.
+        content
+            Parsed content of the file.
 
         Raises
         ------
         ValueError
-            When it holds none; the message names file and defect.
+            If the content is not a calibration; the message names file and defect.
         """
         if not isinstance(content, dict) or content.get("format") != cls.FORMAT:
             raise ValueError(
                 f"{path} is not a calibration of format {cls.FORMAT}; "
-                "make it anew with `ema calibrate`"
+                "make it again with `ema calibrate`"
             )
         entries = {**content}
         made_as = entries.pop("calibration_id", None)
@@ -119,7 +128,7 @@ class StoredCalibration(Displayed, ABC):
             actual_id = loaded.calibration_id
         except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{path} is a damaged calibration: {error}") from error
-        # A change by hand is permitted.
+        # Editing a calibration by hand is permitted.
         if made_as not in (None, actual_id):
             _log.warning(
                 "%s was changed after it was written: it was calibration %s and is %s now",
@@ -130,12 +139,12 @@ class StoredCalibration(Displayed, ABC):
         return loaded
 
     def _content(self, *, with_labels: bool = True) -> dict[str, Any]:
-        """Return the content of the file but for the identity, to the last bit.
+        """Return the exact content of the file without the identity.
 
         Labelled states are left out unless ``with_labels``.
         """
         content = self._as_mapping(with_labels=with_labels)
-        if not self.parameters.lead:  # rotary ones keep the identity that they always had
+        if not self.parameters.lead:  # rotary units keep the identity that version 0.1 gave them
             del content["parameters"]["lead"]
         return content
 
@@ -146,11 +155,11 @@ class StoredCalibration(Displayed, ABC):
     @classmethod
     @abstractmethod
     def _of_mapping(cls, content: dict[str, Any]) -> Self:
-        """Return the calibration of the entries of a file, which may be changed."""
+        """Return the calibration of the entries of a file; ``content`` may be modified."""
 
 
 def numbers(name: str, values: Any) -> Array:
-    """Return the array of an entry of a file; ValueError when it is not made of numbers."""
+    """Return the array of an entry of a file; raise ValueError if it is not made of numbers."""
     try:
         return np.array(values, dtype=np.float64)
     except (OverflowError, TypeError, ValueError):
@@ -158,7 +167,7 @@ def numbers(name: str, values: Any) -> Array:
 
 
 def is_calibration_file(path: Path) -> bool:
-    """Return whether a file begins as the file of a calibration does, of any kind."""
+    """Return whether a file begins like a calibration of any kind."""
     try:
         with open_regular_file(path) as file:
             head = file.read(_HEAD_BYTES).split(b"\n")

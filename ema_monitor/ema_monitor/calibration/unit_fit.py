@@ -1,4 +1,4 @@
-"""Fit of a unit: how it deviates from its description, by its healthy windows."""
+"""Fit of the deviations of a unit from its description to its healthy windows."""
 
 import math
 from collections.abc import Sequence
@@ -18,27 +18,30 @@ from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
 from ema_monitor.windows.band import BAND_CORRELATION, band_limited, rms, speed_weight
 from ema_monitor.windows.window import Window
 
-# Measured on five drawn units of twelve windows each; a sigma is that of a fitted deviation.
+# Measured on five simulated units with twelve windows each; sigma refers to fitted deviations.
 _STEPS: Final = 0.05
-"""Step of the difference quotients [20 sigma of the prior]; 0.02 and 0.1 move a unit by up to 1.6
-sigma, as friction has kinks, and hardly the current that the model misses."""
+"""Step of the difference quotients [20 sigma of the prior].
+
+0.02 and 0.1 move the fit by up to 1.6 sigma, as friction has kinks, and hardly change the residual
+of the current."""
 _SETTLED: Final = 0.02
-"""Step below which a fit has converged [sigma of the prior]: 0.004 moves no deviation by more than
-0.02 sigma, 0.1 moves one by 1.4."""
+"""Step below which a fit has converged [sigma of the prior].
+
+0.004 moves no deviation by more than 0.02 sigma, 0.1 moves a deviation by 1.4 sigma."""
 _SHARES: Final = ((1.0,), (0.5,), (0.25,), (0.1,), (0.03,))
-"""Shares of a step, one after the other, as each takes a run of all windows. The full step was
-taken each time."""
+"""Shares of a step, tried one after the other, as each takes a run over all windows. In all
+measured fits, the full step was taken."""
 _MOST_ITERATIONS: Final = 100
-"""At most 7 were needed."""
+"""The measured fits took at most 7."""
 _WORTHWHILE: Final = 0.3
-"""Share of what is left that a further deviation has to explain [-]: 0.15 and 0.6 fit the same
-deviations."""
+"""Share of the remaining cost that a further deviation has to explain [-]. 0.15 and 0.6 select the
+same deviations."""
 _NOTABLE: Final = 0.4
-"""Least size of a further deviation [sigma of the prior]: with 0.2 one more deviation is fitted,
-with 0.8 the model misses up to 12 % more current."""
+"""Least size of a further deviation [sigma of the prior]. With 0.2 one more deviation is fitted,
+with 0.8 the residual of the current grows by up to 12 %."""
 _ALWAYS_FITTED: Final = ("lift", "friction", "stribeck_speed", "inertia")
 _LEAST_NOISE: Final = 1e-2
-"""Least noise of the current [A]: 0.005 and 0.02 give the same fits, as real noise is larger."""
+"""Least noise of the current [A]. 0.005 and 0.02 give the same fits, as real noise is larger."""
 
 
 class UnitFit(NamedTuple):
@@ -49,9 +52,9 @@ class UnitFit(NamedTuple):
 
 
 class _UnitProblem:
-    """What a unit's deviations are fitted to: the mean of each command, in its band.
+    """Least-squares problem of the deviations: the band-limited mean residual of each command.
 
-    ``x`` are the values of the deviations that ``priors`` names, ``(d,)``.
+    ``x``, ``(d,)``, has the values of the deviations in the order of ``priors``.
     """
 
     def __init__(self, groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> None:
@@ -60,39 +63,39 @@ class _UnitProblem:
         self._weights = sample_weights(groups)
         self._h = groups[0][0].sample_period
         self._stiffness = speed_weight(parameters)
-        # Nothing is missed of a current that is not measured.
+        # A current that is not measured has no residual.
         self._current_weight = float(nominal.acquisition.current != "none")
         travel = max(group[0].excitation for group in groups)
         self.priors = unit_priors(parameters, travel, nominal.form)
-        self._columns = [NAMES.index(one.name) for one in self.priors]
+        self._columns = [NAMES.index(prior.name) for prior in self.priors]
         self.expected, self.sigma, self.lowest, self.highest = np.array(
-            [(one.expected, one.sigma, one.lowest, one.reach) for one in self.priors]
+            [(prior.expected, prior.sigma, prior.lowest, prior.reach) for prior in self.priors]
         ).T
-        # A difference of a fraction of the prior, and enough to be seen through the friction.
+        # A fraction of the prior, large enough to overcome friction.
         self._steps = _STEPS * np.minimum(20.0 * self.sigma, self.highest)
         self._latest: dict[bytes, Array] = {}
         self.noise = self._noise_at(self.expected)
 
     def deviations(self, x: Array) -> Array:
-        """Return all deviations, ``(..., 25)``, of ``x``, ``(..., d)``."""
+        """Return all deviations, ``(..., 25)``, for ``x``, ``(..., d)``."""
         values = np.zeros((*x.shape[:-1], N_DEVIATIONS))
         values[..., self._columns] = x
         return values
 
-    def covariance(self, known: Array) -> Array:
-        """Return the covariance of all deviations, ``(25, 25)``, from ``x``'s, ``(d, d)``."""
+    def covariance(self, covariance_of_x: Array) -> Array:
+        """Return the covariance of all deviations, ``(25, 25)``."""
         covariance = np.zeros((N_DEVIATIONS, N_DEVIATIONS))
-        covariance[np.ix_(self._columns, self._columns)] = known
+        covariance[np.ix_(self._columns, self._columns)] = covariance_of_x
         return covariance
 
     def residuals(self, points: Array) -> Array:
-        """Return what the model misses over the noise, and then the priors', ``(m, r + d)``."""
+        """Return the residuals of the model over the noise, then of the priors, ``(m, r + d)``."""
         away = (points - self.expected) / self.sigma
         left = np.array([self.missed(x) for x in points]) / self.noise
         return np.concatenate([left, away], axis=1)
 
     def linearise(self, x: Array) -> Linearisation:
-        """Return the linearisation at ``x``, with the noise that is left there."""
+        """Return the linearisation at ``x``; the noise is set to its value there."""
         self._latest = {x.tobytes(): self.missed(x)}
         self.noise = self._noise_at(x)
         [residuals] = self.residuals(x[None])
@@ -104,7 +107,7 @@ class _UnitProblem:
         return math.sqrt(BAND_CORRELATION) * max(rms(self.missed(x)), _LEAST_NOISE)
 
     def missed(self, x: Array) -> Array:
-        """Return what the model misses, ``(r,)`` [A]."""
+        """Return the residuals of the model, ``(r,)`` [A]."""
         key = x.tobytes()
         if key not in self._latest:
             model = self._model(x)
@@ -127,14 +130,16 @@ class _UnitProblem:
     def effects_of_measured(self, x: Array) -> Array:
         """Return the effect of one sigma of each measured cause on the response, ``(r, k)`` [A].
 
-        A sensor is as wrong in all windows as in one.
+        The error of a sensor is assumed to be the same in all windows.
         """
-        measured = [{one.name: one for one in group[0].measured} for group in self._groups]
+        measured = [{cause.name: cause for cause in group[0].measured} for group in self._groups]
         names = sorted({name for by_name in measured for name in by_name})
         sides = []
         for by_name in measured:
-            known = [[by_name[name]] if name in by_name else [] for name in names]
-            errors = [[one._replace(value=one.sigma) for one in causes] for causes in known]
+            causes_by_name = [[by_name[name]] if name in by_name else [] for name in names]
+            errors = [
+                [cause._replace(value=cause.sigma) for cause in causes] for causes in causes_by_name
+            ]
             above = np.array([measured_columns(causes) for causes in errors])
             above = above.reshape(-1, len(COLUMNS))
             sides.append(np.concatenate([above, -above]))
@@ -143,14 +148,15 @@ class _UnitProblem:
         return self._differences(x, sides) / 2.0
 
     def _differences(self, x: Array, sides: Sequence[Array]) -> Array:
-        """Return how the response to deviations differs from that to others, ``(r, k)`` [A].
+        """Return the differences between responses to pairs of deviations, ``(r, k)`` [A].
 
         Parameters
         ----------
         x
-            Where.
+            Deviations of the model, ``(d,)``.
         sides
-            Of each command those, and then the others, in the order of `COLUMNS`, ``(2 k, 28)``.
+            For each command, the ``k`` minuends followed by the ``k`` subtrahends, each in the
+            order of `COLUMNS`, ``(2 k, 28)``.
         """
         model, columns = self._model(x), []
         for group, weights, of_group in zip(self._groups, self._weights, sides, strict=True):
@@ -167,7 +173,7 @@ class _UnitProblem:
         return np.concatenate(columns)
 
     def lowest_of(self, at: Linearisation, active: Flags) -> Array:
-        """Return where a linear model is lowest within the bounds of the active deviations."""
+        """Return the minimum of a linear model within the bounds of the active deviations."""
         x = at.point.copy()
         quadratic = Quadratic.of(at.restricted(x, active))
         x[active] = quadratic.lowest_between(self.lowest[active], self.highest[active])
@@ -185,16 +191,16 @@ class _UnitProblem:
 def fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> UnitFit:
     """Fit the deviations of a unit from nominal to healthy windows.
 
-    Gauss-Newton on current and speed in their band, with priors, which only matter for deviations
-    that the windows do not determine. It begins with lift, friction and inertia. Each further
-    deviation is fitted only if it explains most of the remaining residuals, one after the other:
-    otherwise it would absorb residuals with other reasons.
+    Gauss-Newton on band-limited current and speed with priors, which only matter for deviations
+    that the windows do not determine. The fit begins with lift, friction, Stribeck speed and
+    inertia. It adds further deviations one at a time, and only if they explain a large share of the
+    remaining residuals: otherwise they would absorb residuals of different causes.
     """
     problem = _UnitProblem(groups, nominal)
     priors, sigma = problem.priors, problem.sigma
     stopping = Stopping(_MOST_ITERATIONS, step=_SETTLED * sigma)
     x = problem.expected
-    active = np.array([one.name in _ALWAYS_FITTED for one in priors])
+    active = np.array([prior.name in _ALWAYS_FITTED for prior in priors])
     while True:
         search = LineSearch(lambda at: problem.lowest_of(at, active), _SHARES)
         least_squares = Problem(problem.residuals, problem.linearise)
@@ -206,35 +212,37 @@ def fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> UnitF
         if added is None or added.gain < _WORTHWHILE * least:
             break
         active[added.number] = True
-    for one, value in zip(priors, x, strict=True):
-        # That there is no viscous friction at all is possible.
-        if not -one.reach < value < one.reach:
+    for prior, value in zip(priors, x, strict=True):
+        # The lower bound may be a valid result: viscous friction can be absent.
+        if not -prior.reach < value < prior.reach:
             raise ValueError(
-                f"the fit drives {one.name} of the unit to its bound {value:g}: expected about "
-                f"{one.expected:g} ± {one.sigma:g}; do the parameters belong to this actuator, "
+                f"the fit drives {prior.name} of the unit to its bound {value:g}: expected about "
+                f"{prior.expected:g} ± {prior.sigma:g}; do the parameters belong to this actuator, "
                 "and are the units and signs of the columns right?"
             )
-    # What was left out may still be there, as far as the windows and the priors let it.
+    # Deviations that were not fitted may still be present, as far as windows and priors permit.
     normal = at.hessian
     left_out = np.where(active, 0.0, np.linalg.solve(normal, at.gradient))
-    known: Array = np.linalg.inv(normal) + np.diag(left_out**2)  # pyright: ignore[reportAssignmentType]
-    # Measured causes were assumed known throughout.
+    covariance: Array = np.linalg.inv(normal) + np.diag(left_out**2)  # pyright: ignore[reportAssignmentType]
+    # The fit took measured causes as exact: their uncertainty is added here.
     slopes = descent.at.jacobian[: -len(x)]
     shifts = np.linalg.solve(normal, slopes.T @ problem.effects_of_measured(x) / problem.noise)
-    return UnitFit(problem.deviations(x), problem.covariance(known + shifts @ shifts.T))
+    return UnitFit(problem.deviations(x), problem.covariance(covariance + shifts @ shifts.T))
 
 
 class _Addition(NamedTuple):
-    """A deviation to be fitted, and by how much that lowers the normalised cost."""
+    """A deviation to fit in addition."""
 
     number: int
+    """Index of the deviation in ``x``."""
     gain: float
+    """Reduction of the normalised cost [-]."""
 
 
 def _most_explaining(at: Quadratic, active: Flags, least: Array) -> _Addition | None:
-    """Return which deviation, besides those that are fitted, explains most.
+    """Return the unfitted deviation that lowers the cost most.
 
-    None when there is none that would be as large as ``least``, ``(d,)``, its sign aside.
+    None if no unfitted deviation would reach the magnitude ``least``, ``(d,)``.
     """
     best = None
     for number in np.flatnonzero(~active):
