@@ -106,10 +106,10 @@ def test_table_that_the_study_cannot_repeat_is_refused_with_those_that_it_can(
     assert not (tmp_path / "study").exists()
 
 
-def test_help_lists_the_tables(ema):
-    output = ema("thesis", "--help").output
-    assert "24 to 27  Backlash high, GA, PSO, DE, GWO" in output
-    assert "61        Reliability coefficient, multiple fault" in output
+def test_help_says_which_tables_there_are(ema):
+    output = " ".join(ema("thesis", "--help").output.split())
+    assert "11 to 55 single faults" in output
+    assert "docs/study.md names each" in output
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Which tables the study repeats, and the runs that each needs."""
 
+from pathlib import Path
+
 import pandas as pd
 import pytest
 
@@ -79,3 +81,9 @@ def test_python_repeats_a_table_with_the_runs_of_the_command():
     assert ours.loc["1", K].tolist() == expected[K].tolist()
     assert ours.loc["1", "error [%]"] == expected["error_percent"] < 1.0
     assert printed.loc["mean as printed", "error [%]"] == 0.29
+
+
+def test_document_names_each_table():
+    text = (Path(__file__).parents[2] / "docs" / "study.md").read_text(encoding="utf-8")
+    for numbers, title in in_words():
+        assert f"| {numbers} | {title} |" in text

@@ -35,7 +35,7 @@ def test_who_comes_after_a_monitor_has_gone_is_told_nothing_that_it_said(
         heard = viewer.heard["/ema/health"]
         return bool(heard) and heard[-1][1].level == level
 
-    wait_for(lambda: status.publish(report) or node._claims._heard_s, "the monitor is heard")
+    wait_for(lambda: status.publish(report) or node._claims._reported_s, "the monitor is heard")
     now_ns = session.source.get_clock().now().nanoseconds
     output.publish(claimed(OK, 1000.0 if how == "silent" else 0.5, now_ns))
     if how == "silent":

@@ -11,6 +11,7 @@ from ema_bags.inputs.bridged_actuator import SILENT_S, BridgedActuator, Receptio
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
 from ema_bags.inputs.joint_states import JointStates, reads_joint_states
 from ema_bags.inputs.mapping import load_mapping
+from ema_bags.inputs.series import Collector
 from ema_bags.message_type import message_class
 from ema_bags.qos import common_offer
 from ema_core.description import ActuatorDescription
@@ -179,7 +180,7 @@ class BridgeNode(ManagedNode):
             return
         for unit in self._actuators.values():
             collector = unit.bridge.collector
-            if topic in collector.topics:
+            if isinstance(collector, Collector) and topic in collector.topics:
                 is_read = collector.add(topic, message, sent_ns, received_ns)
                 unit.count(topic, is_left_out=not is_read)
 

@@ -293,11 +293,12 @@ class Recognizer:
     def _weights(self) -> NDArray[np.float64]:
         """Low-pass filter by frequency, as the square of a Gaussian one."""
         width = max(_SMOOTH_S, _SMOOTH_SAMPLES * self.period)
-        return np.exp(-((self._omega * width) ** 2))
+        return np.asarray(np.exp(-((self._omega * width) ** 2)), dtype=np.float64)
 
     @cached_property
     def _omega(self) -> NDArray[np.float64]:
-        return 2.0 * np.pi * np.fft.rfftfreq(self.values.shape[1], self.period)
+        frequencies = np.fft.rfftfreq(self.values.shape[1], self.period)
+        return np.asarray(2.0 * np.pi * frequencies, dtype=np.float64)
 
     @cached_property
     def _spectra(self) -> NDArray[np.complex128]:
