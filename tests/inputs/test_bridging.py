@@ -9,6 +9,7 @@ import pytest
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
 from ema_bags.inputs.defects import not_finite, two_publishers
 from ema_core.acquisition import Acquisition
+from ema_core.telemetry import Telemetry
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_monitor.windows.window import Window
@@ -328,3 +329,37 @@ def test_telemetry_of_two_publishers_is_withheld():
     send_moves(target, 6.0, publishers_ns=(0, 1_500_000))
     assert "two_publishers" in [item.name for item in target.refused]
     assert target.withheld > 0
+
+
+@pytest.mark.parametrize(("before_hz", "after_hz"), [(1000, 100), (100, 500), (500, 250)])
+def test_rate_that_changes_is_learned_anew(before_hz, after_hz):
+    """Nothing is published at a rate that is not that of the samples any more."""
+    target = joint_bridge(learn_s=0.5)
+    stamp_ns, blocks = START_NS, list[Telemetry]()
+    for rate_hz in (before_hz, after_hz):
+        columns, stamps = moves(4.0, rate_hz)
+        shift_ns = stamp_ns - int(stamps[0])
+        for i, stamp in enumerate(stamps + shift_ns):
+            stamp_ns = int(stamp)
+            at = {name: values[i] for name, values in columns.items()}
+            header = SimpleNamespace(
+                stamp=SimpleNamespace(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+            )
+            message = SimpleNamespace(
+                header=header,
+                name=["flap"],
+                position=[at["position"]],
+                velocity=[at["speed"] * JOINT_TAU],
+                effort=[at["current"]],
+            )
+            target.collector.add(STATES, message, 0, stamp_ns)
+            blocks += target.advance() if i % 20 == 0 else []
+        stamp_ns += round(1e9 / rate_hz)
+    assert target.rate is not None
+    assert target.rate.period == pytest.approx(1.0 / after_hz)
+    assert target.description is not None
+    assert target.description.sample_period == pytest.approx(1.0 / after_hz)
+    assert blocks[0].sample_period == pytest.approx(1.0 / before_hz)
+    assert blocks[-1].sample_period == pytest.approx(1.0 / after_hz)
+    assert blocks[-1].stamp_ns > START_NS + 7 * 10**9
+    assert sum(map(len, blocks)) > 3 * before_hz + after_hz

@@ -108,7 +108,7 @@ class BridgeNode(ManagedNode):
         return [task for unit in self._actuators.values() for task in unit.tasks(reception)]
 
     def _begin(self) -> None:
-        self._described: set[str] = set()
+        self._described: dict[str, ActuatorDescription] = {}
         self._states: JointStates | None = None
         if len(self._descriptions) > 1 and reads_joint_states(self._mapping):
             self._states = JointStates(self._mapping)
@@ -195,7 +195,7 @@ class BridgeNode(ManagedNode):
                 self.get_logger().error(f"{name}: {unit.problem}", throttle_duration_sec=5.0)
                 continue
             bridge = unit.bridge
-            if bridge.description is not None and name not in self._described:
+            if bridge.description not in (None, self._described.get(name)):
                 self._describe(name, unit)
             for rise in bridge.take_rises():
                 # Published before the telemetry to which it applies.
@@ -210,7 +210,7 @@ class BridgeNode(ManagedNode):
         description, rate = unit.bridge.description, unit.bridge.rate
         assert description is not None
         assert rate is not None
-        self._described.add(name)
+        self._described[name] = description
         longest_s = max(item.bridge.block_s for item in self._actuators.values())
         self._timer.timer_period_ns = round(longest_s * 1e9)
         self._descriptors[name].publish(description_to_message(description, time.time_ns()))

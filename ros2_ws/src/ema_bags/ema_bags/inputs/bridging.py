@@ -36,6 +36,9 @@ _NOT_FINITE_S: Final = 3.0
 _CHECK_S: Final = 0.2
 _RECHECK_S: Final = 2.0
 _MOST_WAITING: Final = 200_000
+# Ratio of the usual step to the period from which on the samples have another rate: half of them
+# lost, or twice as many.
+_OTHER_RATE: Final = 1.5
 _BLOCK_SAMPLES: Final = 20
 _SLOW_BLOCK_S: Final = 0.1
 
@@ -135,6 +138,8 @@ class Bridge:
         # The latest converted samples, in which defects are looked for.
         self._latest: deque[_Part] = deque()
         self._unchecked = 0
+        # Latest stamps, by which a change of the rate is noticed [ns].
+        self._recent_ns = np.empty(0, dtype=np.int64)
 
     @property
     def description(self) -> ActuatorDescription | None:
@@ -196,6 +201,9 @@ class Bridge:
             if self._stream is None:
                 return []
         self._stamp(self._waiting[primary])
+        if self._has_other_rate():
+            self._learn_anew()
+            return []
         stamps = self._settled[: self._complete(len(self._settled))]
         if not len(stamps):
             return []
@@ -232,6 +240,27 @@ class Bridge:
         self.rate = rate
         return stream
 
+    def _has_other_rate(self) -> bool:
+        """Return whether samples have come at another rate for as long as it takes to learn one."""
+        assert self._stream is not None
+        if self._clock is not None or len(self._recent_ns) < LEAST_SAMPLES:
+            return False
+        if 1e-9 * np.ptp(self._recent_ns) < self.settings.learn_s:
+            return False
+        # Steps of two publishers differ from each other.
+        short, usual, long = np.quantile(1e-9 * np.diff(self._recent_ns), (0.1, 0.5, 0.9))
+        period = self._stream.description.sample_period
+        is_other = not period / _OTHER_RATE < usual < period * _OTHER_RATE
+        return is_other and bool(long < _OTHER_RATE * usual and usual < _OTHER_RATE * short)
+
+    def _learn_anew(self) -> None:
+        """Forget the rate; it is learned from the samples that wait and those to come."""
+        self._stream, self.rate, self.defects = None, None, []
+        self._settled, self._stamped = np.empty(0, dtype=np.int64), 0
+        self._recent_ns = np.empty(0, dtype=np.int64)
+        self._latest.clear()
+        self._unchecked = 0
+
     def _stamp(self, primary: Series) -> None:
         """Give the samples that are new to the clock."""
         fresh = primary[self._stamped :]
@@ -241,7 +270,17 @@ class Bridge:
         else:
             stamps, filled = fresh.stamped()
             self._filled += filled
+            self._recent_ns = self._latest_stamps(stamps)
         self._settled = np.concatenate([self._settled, stamps])
+
+    def _latest_stamps(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the stamps of the time in which a rate is learned, up to the latest ones."""
+        recent = np.concatenate([self._recent_ns, stamps])[-_MOST_WAITING:]
+        if not len(recent):
+            return recent
+        # Twice as long, so that the time of learning is full whatever the block.
+        span_ns = round(2e9 * self.settings.learn_s)
+        return recent[recent > recent[-1] - span_ns][-_MOST_WAITING:]
 
     def _complete(self, count: int) -> int:
         """Return how many samples have the earlier messages of all other topics."""
