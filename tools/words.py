@@ -59,9 +59,8 @@ UNTREATED: Final = (
     *(
         f"ema_monitor/ema_monitor/{name}"
         for name in (
-            *("identification", "node", "prognosis"),
-            *("api.py", "diagnosis.py", "health.py", "intake.py", "monitor.py"),
-            *("reports.py", "unit.py", "unusual_causes.py"),
+            *("identification", "prognosis"),
+            *("health.py", "reports.py", "unit.py"),
         )
     ),
 )

@@ -1,4 +1,4 @@
-"""The monitor as a library: from telemetry to faults, health and remaining life."""
+"""Library interface of the monitor: faults, health and remaining life from telemetry."""
 
 import warnings
 from collections.abc import Iterable
@@ -82,35 +82,34 @@ def find_windows(
     description: ActuatorDescription | None = None,
     settings: TriggerSettings | None = None,
 ) -> list[Window]:
-    """Return the windows in telemetry that can be used.
+    """Return the usable windows in telemetry.
 
-    Of a stretch that begins like a window and cannot be used, and of a defect of the telemetry,
-    there is a warning with the reason.
+    For each refused window and each defect of the telemetry, a warning gives the reason.
 
     Parameters
     ----------
     telemetry
         Telemetry of one actuator, as one block or as blocks in order.
     description
-        The actuator; the built-in one when None.
+        The actuator; None for the built-in actuator.
     settings
         When a window begins and how long it is.
 
     Raises
     ------
     ValueError
-        When it is given anything but telemetry.
+        If ``telemetry`` is not telemetry.
     """
     finder = WindowFinder(settings or TriggerSettings(), description or ActuatorDescription())
     windows: list[Window] = []
     for events in (*map(finder.feed, _blocks(telemetry)), finder.finish()):
         for event in events:
-            found = event.window if isinstance(event, Segment) else event
-            if isinstance(found, Window):
-                windows.append(found)
+            item = event.window if isinstance(event, Segment) else event
+            if isinstance(item, Window):
+                windows.append(item)
             else:
-                place = found.start_ns if isinstance(found, Refusal) else found.stamp_ns
-                warnings.warn(f"telemetry at {place} ns: {found.reason}", stacklevel=2)
+                stamp_ns = item.start_ns if isinstance(item, Refusal) else item.stamp_ns
+                warnings.warn(f"telemetry at {stamp_ns} ns: {item.reason}", stacklevel=2)
     return windows
 
 
@@ -131,27 +130,27 @@ def identify_motion(
     calibration: Calibration | None = None,
     settings: CombinationSettings | None = None,
 ) -> list[Estimate]:
-    """Identify the faults in ordinary motion; it needs no test cycle.
+    """Identify the faults in ordinary motion, without a test cycle.
 
-    Stretches of the motion are combined until the faults are known as well as the settings want,
-    so that there are few estimates, each of many stretches. There is none where the motion shows no
-    fault well enough; `find_windows` and a `Combination` tell more.
+    Stretches of the motion are combined until the faults reach the accuracy of the settings: a few
+    estimates result, each of many stretches. The list is empty if the motion does not determine
+    any fault well enough; `find_windows` and a `Combination` give details.
 
     Parameters
     ----------
     telemetry
         Telemetry of one actuator, as one block or as blocks in order.
     description, calibration
-        The actuator and its calibration; those of the built-in one when None.
+        The actuator and its calibration; None for the built-in actuator.
     settings
-        Until when stretches are combined.
+        How many stretches are combined.
     """
     description = description or ActuatorDescription()
     calibration = calibration or Calibration.builtin()
     combination = Combination(description, calibration, settings=settings)
     stretches = find_windows(telemetry, description, TriggerSettings(windows=ANY_MOTION))
-    found = [one for stretch in stretches for one in combination.add(stretch)]
-    return [one for one in found if isinstance(one, Estimate)] + combination.finish()
+    steps = [step for stretch in stretches for step in combination.add(stretch)]
+    return [step for step in steps if isinstance(step, Estimate)] + combination.finish()
 
 
 def track(
@@ -160,25 +159,26 @@ def track(
     limits: HealthLimits | None = None,
     settings: TrackerSettings | None = None,
 ) -> Tracker:
-    """Return a tracker of the growth of faults that knows the estimates of one unit.
+    """Return a tracker of the growth of faults, updated by the estimates of one unit.
 
-    Its ``predict`` gives the remaining useful life. Estimates that are not valid are left out.
+    Its ``predict`` returns the remaining useful life. Invalid estimates are ignored.
 
     Parameters
     ----------
     estimates
         Estimates of successive tests.
     hours
-        Service hours of each of them [h], ascending.
+        Service hours of each test [h], ascending.
     limits
-        Where life ends.
+        Faults at which life ends.
     settings
-        What is assumed of growth; by default that no law is known.
+        Settings of the growth model; by default no growth law is known.
 
     Raises
     ------
     ValueError
-        When there are not as many hours as estimates, the hours descend, or an estimate is none.
+        If the numbers of hours and estimates differ, the hours descend, or an item of
+        ``estimates`` is not an estimate.
     """
     tracker, estimates, hours = Tracker(limits, settings), list(estimates), list(hours)
     if len(estimates) != len(hours):

@@ -1,4 +1,4 @@
-"""Diagnosis of one actuator: windows and stretches of motion in, estimates of its faults out."""
+"""Diagnosis of one actuator: fault estimates from windows and stretches of motion."""
 
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -29,7 +29,7 @@ from ema_monitor.windows.window import Window
 
 _FAULT_EXPLAINS: Final = 3.0
 _CAUSE_EXPLAINS: Final = 2.0
-"""Standard deviations beyond which a fault, or a cause, explains what departs."""
+"""Standard deviations beyond which a fault, or a cause, explains a departure."""
 
 
 def _identified(
@@ -41,7 +41,7 @@ def _identified(
     previous: ArrayLike | None,
     memory: Memory = NOTHING,
 ) -> Generator[Generation, None, Estimate]:
-    """Yield the state after each generation, and return the estimate of any drive."""
+    """Yield the state after each generation; return the estimate, for modelled and other drives."""
     if isinstance(calibration, JointCalibration):
         return identify_record(window, description, calibration, force=force)
     faults = None if previous is None else fault_vector(previous)
@@ -54,7 +54,7 @@ def _identified(
 def _figures(window: Window | Refusal, calibration: AnyCalibration | str) -> list[WindowFigures]:
     """Return the figures of a window, if there is a baseline to compare them with.
 
-    There are none if a cause was measured: the load may be another one.
+    If a cause was measured, the list is empty: the load may differ from the baseline.
     """
     if isinstance(window, Refusal) or not isinstance(calibration, Calibration) or window.measured:
         return []
@@ -67,9 +67,9 @@ def _judged(
     calibration: AnyCalibration | str,
     description: ActuatorDescription,
 ) -> Estimate:
-    """Return an estimate as departed where the motion does and nothing that was found explains it.
+    """Return an estimate, with the verdict departed if no fault or cause explains a departure.
 
-    A window that is refused is judged, too, unless it is of another unit.
+    Refused windows are judged as well, unless they belong to another unit.
     """
     if not isinstance(calibration, Calibration) or estimate.verdict in (FAILED, SKIPPED):
         return estimate
@@ -89,17 +89,17 @@ def _judged(
 
 
 def _is_explained(estimate: Estimate, departure: Departure) -> bool:
-    """Return whether a fault or a cause was found that explains what departs.
+    """Return whether an estimated fault or cause explains a departure.
 
-    No cause explains a state with a name; a small load, or a known one, only what it can change.
+    No cause explains a labelled state. A load explains only figures that it can change.
     """
     away = np.abs(np.subtract(estimate.faults, healthy_faults()))
     far = away > _FAULT_EXPLAINS * np.asarray(estimate.sigma)
     causes = () if departure.is_named else estimate.causes
     return bool(np.any(estimate.found & far)) or any(
-        abs(one.value) > _CAUSE_EXPLAINS * one.sigma
-        and (departure.load_explains or one.name != "load_torque")
-        for one in causes
+        abs(cause.value) > _CAUSE_EXPLAINS * cause.sigma
+        and (departure.load_explains or cause.name != "load_torque")
+        for cause in causes
     )
 
 
@@ -108,9 +108,19 @@ class Identification:
 
     Parameters
     ----------
-    window, description, calibration, settings, force, previous
-        As of ``ModelIdentification``. Where the drive is unknown there is no search, and the
-        measured current takes its place.
+    window
+        The window, or the refusal of a window.
+    description
+        The actuator.
+    calibration
+        Its calibration, or why it has none.
+    settings
+        Settings of the search; unused for an unknown drive, whose record is compared with the
+        measured current of healthy records instead.
+    force
+        Identify even if the calibration does not match the unit.
+    previous
+        Faults at which the search starts, (8,) [-]; None for a cold start.
 
     Attributes
     ----------
@@ -132,7 +142,7 @@ class Identification:
         self.estimate: Estimate | None = None
 
     def __iter__(self) -> Iterator[Generation]:
-        """Yield the state after each generation; there is none where a window is refused."""
+        """Yield the state after each generation; nothing for a refused window."""
         self.estimate = yield from self._run
 
 
@@ -150,23 +160,24 @@ def identify(
 
     Parameters
     ----------
-    window, description, calibration, settings, force, previous
-        As of ``Identification``. Description and calibration are those of the built-in actuator
-        when None.
+    window, settings, force, previous
+        See ``Identification``.
+    description, calibration
+        The actuator and its calibration; None for the built-in actuator.
     measured
-        Hidden causes that were measured, value and standard deviation by name, as of
-        ``measured_causes``; those of the window when None.
+        Measured hidden causes: value and standard deviation by name (see ``measured_causes``);
+        None for the measured causes of the window.
 
     Raises
     ------
     ValueError
-        As of ``measured_causes``, or when it is given anything but a window.
+        If ``window`` is not a window, or a measured cause is unknown or impossible.
     """
     hint = "find_windows(telemetry) gives the windows of telemetry"
     require_type("window", window, (Window, Refusal), hint)
     if measured is not None:
-        known = measured_causes(measured)
-        window = window if isinstance(window, Refusal) else replace(window, measured=known)
+        causes = measured_causes(measured)
+        window = window if isinstance(window, Refusal) else replace(window, measured=causes)
     identification = Identification(
         window,
         description or ActuatorDescription(),
@@ -182,8 +193,8 @@ def identify(
     return identification.estimate
 
 
-class Found(Protocol):
-    """A window, or the refusal of one, as a finder or a recording gives it."""
+class NumberedWindow(Protocol):
+    """A window or a refusal, with its number and actuator, from a finder or a recording."""
 
     @property
     def number(self) -> int:
@@ -192,56 +203,54 @@ class Found(Protocol):
 
     @property
     def description(self) -> ActuatorDescription:
-        """The actuator, as it was described at the time."""
+        """The actuator, as described at the time of the window."""
         ...
 
     @property
     def window(self) -> Window | Refusal:
-        """The window, or why there is none."""
+        """The window, or its refusal."""
         ...
 
 
 class Diagnosed(NamedTuple):
-    """An estimate and what it is of.
-
-    Attributes
-    ----------
-    number
-        Number of the window; of combined stretches, running number of the estimate.
-    last
-        Number of the latest window that was looked at.
-    description
-        The actuator.
-    estimate
-        The estimate, or a refusal with its reason.
-    """
+    """An estimate with its actuator and the numbers of its windows."""
 
     number: int
+    """Number of the window; for combined stretches, running number of the estimate."""
+
     last: int
+    """Number of the latest window used."""
+
     description: ActuatorDescription
+    """The actuator."""
+
     estimate: Estimate
+    """The estimate, or a refusal with its reason."""
 
 
 @dataclass
 class _Motion:
-    """Ordinary motion of one unit.
-
-    ``since`` has stamps and figures of the stretches since the last estimate, by number: one may be
-    looked at again. ``fruitless`` are the combinations known to have come to nothing.
-    """
+    """Ordinary motion of one unit."""
 
     combination: Combining
     key: tuple[object, ...]
     description: ActuatorDescription
     calibration: AnyCalibration | str
     search: SearchSettings
+
     since: dict[int, tuple[int, int, list[WindowFigures]]] = field(default_factory=dict)
+    """Stamps [ns] and figures of the stretches since the last estimate, by number.
+
+    A stretch whose search was cancelled may be added again under its number.
+    """
+
     fruitless: int = 0
+    """Number of handled combinations without an estimate."""
 
     def judged(self, estimate: Estimate) -> Estimate:
-        """Return an estimate, judged by all motion since the last one.
+        """Return an estimate, judged by all motion since the last estimate.
 
-        That counts which was refused, too: what departs may be what no model explains.
+        Refused stretches count as well: the departure may be something the model cannot explain.
         """
         parts = [part for *_, some in self.since.values() for part in some]
         return _judged(estimate, parts, self.calibration, self.description)
@@ -250,11 +259,11 @@ class _Motion:
 class Diagnosis:
     """Diagnoses one actuator, window by window.
 
-    A search begins at the faults of the last valid estimate, and earlier tests are its prior, if
-    they were of the same description and calibration. Stretches of ordinary motion are combined;
-    under another description, calibration or other settings a new combination begins. The estimates
-    depend on the windows and their order alone: live, in a replay and offline, the same windows
-    give the same estimates.
+    A search starts at the faults of the last valid estimate, and earlier tests are its prior, if
+    description and calibration are unchanged. Stretches of ordinary motion are combined; a change
+    of description, calibration or settings starts a new combination. The estimates depend only on
+    the windows and their order: live, in a replay and offline, the same windows give the same
+    estimates.
     """
 
     def __init__(self) -> None:
@@ -263,83 +272,84 @@ class Diagnosis:
         self._memory = NOTHING
         self._motion: _Motion | None = None
         self._combined = 0
-        self._looked_at = 0
+        self._latest = 0
 
     def add(
         self,
-        found: Found,
+        segment: NumberedWindow,
         calibration: AnyCalibration | str,
         search: SearchSettings,
         combining: CombinationSettings | None = None,
         *,
         force: bool = False,
     ) -> Iterator[Generation | Diagnosed]:
-        """Yield the state after each generation of the search, and the estimates as they are made.
+        """Yield the state after each generation of the search, and each estimate.
 
-        A search is cancelled by not going on: what is known of the actuator is left as it was.
+        To cancel a search, stop iterating: the state of the diagnosis is then unchanged.
 
         Parameters
         ----------
-        found
-            The next window, or its refusal.
+        segment
+            The next window or refusal.
         calibration
-            Calibration of the actuator, or why there is none.
+            Calibration of the actuator, or why it has none.
         search
-            How to identify.
+            Settings of the identification.
         combining
-            Until when stretches of ordinary motion are combined; None for a test window. Records of
-            a controller that is not modelled are never combined.
+            Settings of the combination of stretches of ordinary motion; None for a test window.
+            Records of a controller without a model are never combined.
         force
-            As of `Identification`.
+            Identify even if the calibration does not match the unit.
 
         Raises
         ------
         ValueError
-            When the settings cannot be used.
+            If the settings cannot be used.
         """
-        self._looked_at, window = found.number, found.window
-        described = found.description, _identity(calibration)
+        self._latest, window = segment.number, segment.window
+        described = segment.description, _identity(calibration)
         previous, memory = None, NOTHING
         if search.warm_start and search.memory and self._last[0] == described:
             previous, memory = self._last[1], self._memory.before(window.start_ns)
         if combining is not None and not isinstance(calibration, JointCalibration):
             yield from self._combine(
-                window, found.description, calibration, search, combining, previous, force
+                window, segment.description, calibration, search, combining, previous, force
             )
         else:
             estimate = yield from _identified(
-                window, found.description, calibration, search, force, previous, memory
+                window, segment.description, calibration, search, force, previous, memory
             )
-            yield Diagnosed(found.number, found.number, found.description, estimate)
-            self.begin_at(found.description, estimate)
+            yield Diagnosed(segment.number, segment.number, segment.description, estimate)
+            self.begin_at(segment.description, estimate)
 
     def finish(self) -> list[Diagnosed]:
-        """End the motion; return the estimate of the stretches combined so far, if there is one."""
-        if self._motion is None:
+        """End the motion; return the estimate of the stretches combined so far, if any."""
+        motion = self._motion
+        if motion is None:
             return []
-        made = [self._numbered(self._motion, one) for one in self._motion.combination.finish()]
-        return made + self._come_to_nothing(self._motion)
+        made = [self._numbered(motion, estimate) for estimate in motion.combination.finish()]
+        return made + self._departed_without_estimate(motion)
 
     @property
     def tally(self) -> Tally:
-        """How many stretches there were since the combination was set up."""
+        """Numbers of stretches by result since the start of the combination."""
         return Tally() if self._motion is None else self._motion.combination.tally
 
     def begin_at(self, description: ActuatorDescription, estimate: Estimate) -> None:
-        """Let the next search begin at an estimate, if it is valid and knows every fault.
+        """Start the next search at an estimate, if it is valid and every fault is finite.
 
-        The estimates of a history, one after the other, become the memory of the unit; one that
-        began cold begins another.
+        Successive estimates of a history form the memory of the unit; an estimate from a cold
+        start begins a new memory.
         """
         if estimate.valid and np.all(np.isfinite(estimate.faults)):
             described = description, estimate.calibration_id
             is_next = self._last[0] == described and estimate.warm_start
-            known = self._memory if is_next else NOTHING
-            self._memory = known.updated(estimate)
+            memory = self._memory if is_next else NOTHING
+            self._memory = memory.updated(estimate)
             self._last = described, np.array(estimate.faults)
 
     def stopped(self) -> "Diagnosis":
-        """Return a diagnosis that begins at the same faults, with no stretches combined."""
+        """Return a diagnosis that starts at the same faults, without combined stretches."""
         twin = Diagnosis()
         twin._last, twin._memory = self._last, self._memory
         return twin
@@ -363,22 +373,22 @@ class Diagnosis:
             self._motion = _Motion(new, key, description, calibration, search)
         motion = self._motion
         figures = _figures(window, calibration)
-        motion.since[self._looked_at] = window.start_ns, window.end_ns, figures
+        motion.since[self._latest] = window.start_ns, window.end_ns, figures
         for old in list(motion.since)[: -combining.most_stretches]:
             del motion.since[old]
-        for one in motion.combination.add(window):
-            yield self._numbered(motion, one) if isinstance(one, Estimate) else one
-        yield from self._come_to_nothing(motion)
+        for step in motion.combination.add(window):
+            yield self._numbered(motion, step) if isinstance(step, Estimate) else step
+        yield from self._departed_without_estimate(motion)
 
     def _numbered(self, motion: _Motion, estimate: Estimate) -> Diagnosed:
         estimate = motion.judged(estimate)
         motion.since.clear()
         self.begin_at(motion.description, estimate)
         self._combined += 1
-        return Diagnosed(self._combined - 1, self._looked_at, motion.description, estimate)
+        return Diagnosed(self._combined - 1, self._latest, motion.description, estimate)
 
-    def _come_to_nothing(self, motion: _Motion) -> list[Diagnosed]:
-        """Return as refused stretches that have shown no fault, if they depart."""
+    def _departed_without_estimate(self, motion: _Motion) -> list[Diagnosed]:
+        """Return a refusal of the stretches of a combination without estimate, if they depart."""
         is_new = motion.combination.tally.fruitless > motion.fruitless
         motion.fruitless = motion.combination.tally.fruitless
         if not is_new or not (stretches := list(motion.since.values())):
@@ -397,17 +407,17 @@ def _identity(calibration: AnyCalibration | str) -> str:
 
 
 def diagnose(
-    windows: Iterable[Found],
+    windows: Iterable[NumberedWindow],
     calibration: AnyCalibration | str,
     search: SearchSettings | None = None,
     combining: CombinationSettings | None = None,
     *,
     force: bool = False,
 ) -> Iterator[Generation | Diagnosed]:
-    """Diagnose all windows of one actuator with the same settings, as `Diagnosis.add` does each."""
+    """Diagnose all windows of one actuator with the same settings (see `Diagnosis.add`)."""
     diagnosis = Diagnosis()
-    for found in windows:
+    for segment in windows:
         yield from diagnosis.add(
-            found, calibration, search or SearchSettings(), combining, force=force
+            segment, calibration, search or SearchSettings(), combining, force=force
         )
     yield from diagnosis.finish()

@@ -1,6 +1,6 @@
-"""Intake of one actuator: telemetry, measurements and counts in; windows and use of units out.
+"""Intake of one actuator: windows and use of units from telemetry, measurements and counts.
 
-The node, `Monitor`, the commands for bags and the archive use the same one.
+The node, `Monitor`, the commands for bags and the archive share it.
 """
 
 from collections import deque
@@ -24,46 +24,49 @@ if TYPE_CHECKING:  # an estimate alone needs no prognosis
     from ema_monitor.prognosis.service import CountLog
 
 MOST_MEASUREMENTS: Final = 10_000
-"""Measurements of a cause that are kept while telemetry comes without end."""
+"""Measurements of a cause that are kept in an endless stream of telemetry."""
 
 MOST_PIECES: Final = 1000
-"""Windows whose duty is kept apart while telemetry comes without end."""
+"""Windows whose duty is kept separately in an endless stream of telemetry."""
 
 _MOST_UNITS: Final = 10
 
 
 class Use(NamedTuple):
-    """Use of a unit up to a test: the latest count of service life, and the duty flown."""
+    """Use of a unit up to a test."""
 
     counted: "Count | None"
+    """Latest count of service life; None without a count."""
+
     flown: "FlownDuty"
+    """Duty flown since the previous test."""
 
 
 class Intake:
-    """Takes in what is received of one actuator.
+    """Processes telemetry, measurements and counts of one actuator.
 
-    Windows have the measured causes that hold for them. The duty in all telemetry of a unit, and
-    the counts of its service life, are kept until a test of the unit takes them.
+    Each window has the measured causes that are valid at its start. The duty in all telemetry of
+    a unit, and the counts of its service life, are kept until a test of the unit takes them.
 
     Parameters
     ----------
     actuator_id
-        Name of the actuator, by which it is measured.
+        Name of the actuator in the logs.
     settings
         When a window begins and how long it is.
     description
-        The actuator, if that is known already.
+        The actuator; None until it is described.
     measurements, counts
-        Logs that the actuator shares with others; its own ones when None.
+        Logs shared with further actuators; None for separate logs.
     measured
-        Causes that were measured throughout, each in the place of what the log has.
+        Causes measured throughout; each replaces the measurements of the log.
     max_age_s
-        Returns the age at the start of a window up to which a measurement holds for it [s].
+        Returns the largest age of a measurement at the start of a window [s].
     most_pieces
-        Windows of a unit whose duty is kept apart, the latest ones; None for all, of any number of
-        units.
+        Number of the latest windows of a unit whose duty is kept separately; None for all windows
+        of any number of units.
     measures_duty
-        Whether to measure duty, for which a kernel is compiled.
+        Whether to measure duty, which compiles a kernel.
 
     Attributes
     ----------
@@ -94,11 +97,11 @@ class Intake:
         self._max_age_s = max_age_s
         self._most_pieces = most_pieces
         self._measures_duty = measures_duty
-        # The units that have been in the place of the actuator, the latest last.
+        # By unit mounted as this actuator, the latest last.
         self._meters: dict[UnitKey, DutyMeter] = {}
 
     def describe(self, description: ActuatorDescription) -> list[Segment | Defect]:
-        """Apply a description, as of `WindowFinder.describe`; early counts are of its unit."""
+        """Apply a description (see `WindowFinder.describe`); earlier counts belong to its unit."""
         if description == self.finder.description:
             return []
         if self._counts is not None:
@@ -106,11 +109,11 @@ class Intake:
         return self._complete(self.finder.describe(description))
 
     def restart(self, settings: TriggerSettings, reason: str) -> list[Segment | Defect]:
-        """Begin anew with other settings, as of `WindowFinder.restart`."""
+        """Restart the search for windows with new settings (see `WindowFinder.restart`)."""
         return self._complete(self.finder.restart(settings, reason))
 
     def feed(self, block: Telemetry) -> list[Segment | Defect]:
-        """Take in the next block; return the windows that it completes and its defects."""
+        """Process the next block; return the windows that it completes and its defects."""
         described = self.finder.description
         if self._measures_duty and described is not None:
             rise = self._measurements.winding_rise(
@@ -120,23 +123,29 @@ class Intake:
         return self._complete(self.finder.feed(block))
 
     def reject(self, stamp_ns: int, reason: str) -> list[Segment | Defect]:
-        """Take in a block that is no valid telemetry, as of `WindowFinder.reject`."""
+        """Report a malformed block (see `WindowFinder.reject`)."""
         return self._complete(self.finder.reject(stamp_ns, reason))
 
     def split(self, block: Telemetry) -> list[Segment | Defect]:
-        """End the telemetry so far if a block does not continue it, as of `WindowFinder.split`."""
+        """End the telemetry if a block does not continue it (see `WindowFinder.split`)."""
         return self._complete(self.finder.split(block))
 
     def finish(self) -> list[Segment | Defect]:
-        """End the telemetry; return the record that ends there, or the refusal of a window."""
+        """End the telemetry; return its last record, or the refusal of an open window."""
         return self._complete(self.finder.finish())
 
     def measure(self, stamp_ns: int, measured: Mapping[str, tuple[float, float]]) -> None:
-        """Keep what was measured at a time [ns]; arguments and errors as of `measured_causes`."""
+        """Add causes measured at a time [ns]: value and standard deviation by name.
+
+        Raises
+        ------
+        ValueError
+            If a cause is unknown or impossible (see `measured_causes`).
+        """
         self._measurements.add(self.actuator_id, stamp_ns, measured_causes(measured))
 
     def count(self, unit: UnitKey, count: "Count") -> None:
-        """Keep a count of the service life of a unit; it holds for tests after its stamp."""
+        """Add a count of the service life of a unit; it applies to tests after its stamp."""
         from ema_monitor.prognosis.service import CountLog
 
         self._counts = self._counts or CountLog()
@@ -152,14 +161,14 @@ class Intake:
         return Use(counted, flown)
 
     def pieces(self, end_ns: int) -> dict[UnitKey, "list[tuple[int, FlownDuty]]"]:
-        """Return the duty by unit up to the end of each window, and to a stamp, by stamps [ns]."""
+        """Return the duty of each unit up to the end of each window and up to a stamp [ns]."""
         for meter in self._meters.values():
             meter.cut(end_ns)
         return {unit: list(meter.pieces) for unit, meter in self._meters.items()}
 
     def _complete(self, events: Iterable[Segment | Defect]) -> list[Segment | Defect]:
         """Return windows with their measured causes, and assign the duty up to them."""
-        return [self._with_use(one) if isinstance(one, Segment) else one for one in events]
+        return [self._with_use(event) if isinstance(event, Segment) else event for event in events]
 
     def _with_use(self, segment: Segment) -> Segment:
         window = segment.window
@@ -167,14 +176,15 @@ class Intake:
             self._meter_of(segment.description.unit_key).cut(window.end_ns)
         if not isinstance(window, Window):
             return segment
-        known = self._measurements.at(self.actuator_id, window.start_ns, self._max_age_s())
+        causes = self._measurements.at(self.actuator_id, window.start_ns, self._max_age_s())
         if self._measured:
-            every = {one.name: (one.value, one.sigma) for one in (*known, *self._measured)}
-            known = measured_causes(every)
-        return replace(segment, window=replace(window, measured=known))
+            causes = measured_causes(
+                {cause.name: (cause.value, cause.sigma) for cause in (*causes, *self._measured)}
+            )
+        return replace(segment, window=replace(window, measured=causes))
 
     def _meter_of(self, unit: UnitKey) -> "DutyMeter":
-        from ema_monitor.prognosis.duty.meter import DutyMeter  # the compiler only for it
+        from ema_monitor.prognosis.duty.meter import DutyMeter  # imports the compiler
 
         meter = self._meters.pop(unit, None) or DutyMeter(deque(), self._most_pieces)
         self._meters[unit] = meter

@@ -1,4 +1,4 @@
-"""Monitor of one actuator: telemetry in, what happened out. It needs no ROS."""
+"""Monitor of one actuator: defects, estimates and health from telemetry, without ROS."""
 
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -25,49 +25,44 @@ from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, TriggerSettings
 
 Event = Defect | Diagnosed | Outlook
-"""A defect of the telemetry; the estimate of a window, or its refusal; health and life after it."""
+"""Defect of the telemetry, estimate or refusal of a window, or health and life after a test."""
 
 
 @dataclass(frozen=True)
 class MonitorSettings:
-    """How an actuator is monitored.
-
-    Attributes
-    ----------
-    trigger
-        When a window begins and how long it is.
-    search
-        How its faults are identified.
-    combining
-        Until when stretches of ordinary motion are combined.
-    prognosis
-        What health and remaining life rest on.
-    measured_max_age_s
-        Age at the start of a window up to which a measurement holds for it [s].
-    """
+    """Settings of a monitor of one actuator."""
 
     trigger: TriggerSettings = field(default_factory=TriggerSettings)
+    """When a window begins and how long it is."""
+
     search: SearchSettings = field(default_factory=SearchSettings)
+    """How faults are identified."""
+
     combining: CombinationSettings = field(default_factory=CombinationSettings)
+    """How many stretches of ordinary motion are combined."""
+
     prognosis: PrognosisSettings = field(default_factory=PrognosisSettings)
+    """Limits, requirements and growth model for health and remaining life."""
+
     measured_max_age_s: float = MAX_AGE_S
+    """Largest age of a measurement at the start of a window [s]."""
 
 
 class Monitor:
-    """Monitors one actuator: finds its windows, diagnoses them, and follows the unit.
+    """Monitors one actuator: finds and diagnoses its windows, and records the tests of its unit.
 
-    The node does the same with each part in the thread where it belongs, and has the same `Intake`.
+    The monitor node uses the same parts in several threads.
 
     Parameters
     ----------
     description
-        The actuator; the built-in one by default.
+        The actuator; the built-in actuator by default.
     calibration
-        Its calibration; the shipped one by default.
+        Its calibration; the shipped calibration by default.
     settings
-        How to monitor it.
+        Settings of the monitor.
     history_folder
-        Folder of the history of the unit; in memory alone when None.
+        Folder of the history of the unit; None to keep the history in memory only.
 
     Attributes
     ----------
@@ -97,37 +92,38 @@ class Monitor:
         self.unit = Unit(History(*key, path), self._settings.prognosis)
 
     def feed(self, telemetry: Telemetry) -> Iterator[Event]:
-        """Yield what a block of telemetry leads to, in its order.
+        """Yield the defects, estimates and outlooks that follow from a block of telemetry.
 
-        Blocks are fed in the order in which they were received. If the clock of their stamps goes
-        back, the level is unknown (``STALE``) until tests are later than before. If the clock of
-        this computer went back as well, or ``has_clock`` is false, the order of feeding counts.
+        Feed blocks in the order of their reception. If the clock of their stamps steps back, the
+        level is unknown (``STALE``) until tests are later than before the step. If the clock of
+        this computer stepped back as well, or ``has_clock`` is false, tests are ordered by
+        feeding.
         """
         return self._follow(self._intake.feed(telemetry))
 
     def count(self, count: Count) -> None:
-        """Take a count of service hours; it holds for the tests after its stamp."""
+        """Add a count of service hours; it applies to the tests after its stamp."""
         self._intake.count(self.unit.history.unit, count)
 
     def measure(self, stamp_ns: int, measured: Mapping[str, tuple[float, float]]) -> None:
-        """Take hidden causes that were measured; they hold for the windows that begin after.
+        """Add measured hidden causes; they apply to the windows that begin later.
 
         Parameters
         ----------
         stamp_ns
-            When they were measured [ns].
+            Time of the measurement [ns].
         measured
-            Value and standard deviation by name, as of `measured_causes`.
+            Value and standard deviation by name of the cause (see `measured_causes`).
 
         Raises
         ------
         ValueError
-            As of `measured_causes`.
+            If a cause is unknown or impossible.
         """
         self._intake.measure(stamp_ns, measured)
 
     def finish(self) -> Iterator[Event]:
-        """End the telemetry; yield what that leads to."""
+        """End the telemetry; yield its last defects, estimates and outlooks."""
         yield from self._follow(self._intake.finish())
         yield from self._assess(self._diagnosis.finish())
 
@@ -149,25 +145,25 @@ class Monitor:
     def _reception_of(self, estimate: Estimate) -> int:
         """Return the time [ns] if a test has to be ordered by its reception, else 0.
 
-        Telemetry is fed in the order in which it was received: a stamp that is not later than the
-        newest test's is of a clock that went back, or of another recording.
+        Telemetry is fed in the order of its reception. A stamp not later than the stamp of the
+        newest test therefore comes from a clock that stepped back, or from another recording.
         """
         newest = self.unit.history.newest
         is_later = newest is None or estimate.end_ns > newest.stamp_ns
         return 0 if is_later and self._settings.prognosis.has_clock else time.time_ns()
 
-    def _assess(self, found: Iterable[Generation | Diagnosed]) -> Iterator[Event]:
-        for one in found:
-            if not isinstance(one, Diagnosed):
+    def _assess(self, steps: Iterable[Generation | Diagnosed]) -> Iterator[Event]:
+        for step in steps:
+            if not isinstance(step, Diagnosed):
                 continue
-            yield one
-            use = self._intake.take_use(self.unit.history.unit, one.estimate.end_ns)
+            yield step
+            use = self._intake.take_use(self.unit.history.unit, step.estimate.end_ns)
             outlook = self.unit.update(
-                one.estimate,
+                step.estimate,
                 self._calibration.unit_parameters,
                 self._settings.prognosis,
                 *use,
-                received_ns=self._reception_of(one.estimate),
+                received_ns=self._reception_of(step.estimate),
             )
             if outlook is not None:
                 yield outlook

@@ -1,4 +1,4 @@
-"""Hidden causes beyond what is usual of healthy units: with them, an estimate is not OK."""
+"""Hidden causes outside the usual range of healthy units, which exclude the level OK."""
 
 from collections.abc import Iterable, Iterator
 from typing import Final
@@ -18,57 +18,59 @@ ONE_SIDED_95: Final = 1.645
 
 
 def usual_range(name: str) -> float:
-    """Return the largest usual change by a cause, either way, with probability 90 % [-]."""
+    """Return the largest usual change by a cause in both directions, with probability 90 % [-]."""
     return ONE_SIDED_95 * USUAL_SIGMA[name]
 
 
 def torque_change(estimate: Estimate) -> CauseEstimate | None:
-    """Return the change of the torque constant that was found, else measured; None without one.
+    """Return the estimated or else measured change of the torque constant; None without either.
 
     Equal short circuits that the window does not separate from a weaker motor are such a change.
     """
-    every = (*estimate.causes, *estimate.measured)
-    cause = next((one for one in every if one.name == TORQUE_CONSTANT), None)
-    if cause is None and any(EQUAL_SHORTS in pair for pair in estimate.alternatives):
+    causes = (*estimate.causes, *estimate.measured)
+    torque = next((cause for cause in causes if cause.name == TORQUE_CONSTANT), None)
+    if torque is None and any(EQUAL_SHORTS in pair for pair in estimate.alternatives):
         turns, sigmas = (
             np.asarray(row)[SHORT_CIRCUITS] for row in (estimate.faults, estimate.sigma)
         )
         return CauseEstimate(TORQUE_CONSTANT, -float(np.mean(turns)), float(np.max(sigmas)))
-    return cause
+    return torque
 
 
 def unusual_causes(estimate: Estimate) -> dict[str, str]:
-    """Return why the causes of an estimate keep it from being OK, in words, by cause.
+    """Return a text for each cause of an estimate that excludes the level OK, by cause.
 
-    A cause that was found or measured is unusual if its bound is beyond the usual range. Of a
-    degraded estimate its value decides, as sigma includes what the window cannot separate; if the
-    fit is poor, any such cause counts, as it stands for what the model does not explain.
+    An estimated or measured cause is unusual if its 95 % bound is outside the usual range. For a
+    degraded estimate the value is used instead of the bound, as sigma includes the uncertainty of
+    inseparable components. If the fit is poor, every estimated cause counts: it may stand for
+    anything that the model does not explain.
     """
     is_poor = estimate.goodness_of_fit > estimate.goodness_limit
     sigmas = 0.0 if estimate.verdict == DEGRADED else ONE_SIDED_95
     reasons: dict[str, str] = {}
-    for one in _watched(estimate.measured):
-        if _exceeds(one, ONE_SIDED_95):
-            reasons[one.name] = f"measured {_words(one)}"
+    for cause in _watched(estimate.measured):
+        if _exceeds(cause, ONE_SIDED_95):
+            reasons[cause.name] = f"measured {_words(cause)}"
     torque = torque_change(estimate)
-    found = {one.name: one for one in estimate.causes}
+    estimated = {cause.name: cause for cause in estimate.causes}
     if torque is not None and torque not in estimate.measured:
-        found[TORQUE_CONSTANT] = torque
-    for one in _watched(found.values()):
-        if _exceeds(one, sigmas):
-            reasons[one.name] = _words(one)
+        estimated[TORQUE_CONSTANT] = torque
+    for cause in _watched(estimated.values()):
+        if _exceeds(cause, sigmas):
+            reasons[cause.name] = _words(cause)
         elif is_poor:
-            reasons[one.name] = f"{CAUSE_BY_NAME[one.name].label} explains a window that fits badly"
+            label = CAUSE_BY_NAME[cause.name].label
+            reasons[cause.name] = f"{label} explains a window that fits badly"
     return reasons
 
 
-def _exceeds(one: CauseEstimate, sigmas: float) -> bool:
-    return abs(one.value) - sigmas * one.sigma > usual_range(one.name)
+def _exceeds(cause: CauseEstimate, sigmas: float) -> bool:
+    return abs(cause.value) - sigmas * cause.sigma > usual_range(cause.name)
 
 
 def _watched(causes: Iterable[CauseEstimate]) -> Iterator[CauseEstimate]:
-    return (one for one in causes if one.name in USUAL_SIGMA)
+    return (cause for cause in causes if cause.name in USUAL_SIGMA)
 
 
-def _words(one: CauseEstimate) -> str:
-    return f"{one} is beyond its usual ±{100.0 * usual_range(one.name):.2g} %"
+def _words(cause: CauseEstimate) -> str:
+    return f"{cause} is beyond its usual ±{100.0 * usual_range(cause.name):.2g} %"

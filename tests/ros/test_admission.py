@@ -66,7 +66,7 @@ def test_listed_actuators_of_other_shards_are_said_and_others_are_ignored():
     mine = list(made.listed)
     others = [name for name in NAMES[:6] if name not in mine]
     assert len(mine) == len(others)
-    words = made.list_in_words()
+    words = made.describe_list()
     assert words == (
         f"listed actuators of shard 0 of 2: {', '.join(mine)}; of other shards: {', '.join(others)}"
     )
@@ -93,7 +93,7 @@ def test_one_beyond_the_limit_is_refused_by_name_once_and_nothing_grows():
     followed = {"a": 0.0, "b": 0.0}
     assert made.refuse("b", {"a": 0.0}) is None
     said = [made.refuse("c", followed) for _ in range(3)]
-    assert said == ["not followed, as most_actuators = 2 are", "", ""]
+    assert said == ["not monitored: the limit most_actuators = 2 is reached", "", ""]
     level, message = made.status(followed)
     assert level == WARN
     assert "ignored: 3 messages of actuators beyond the limit, the latest of 'c'" in message

@@ -32,10 +32,10 @@ _CLOCK_FILE: Final = "clock.json"
 class MonitorNode(ManagedNode):
     """Monitors the actuators whose telemetry it receives: publishes their faults and health.
 
-    It has three parts: what is received gives windows, from which the work makes estimates and
-    health, which are published. Telemetry is received in one thread and windows are identified in
-    another, in the order in which they end. ``docs/nodes.md`` describes topics, services and
-    parameters.
+    It has three parts: ``receive`` finds windows in the telemetry, ``work`` identifies faults and
+    predicts lives, and ``publish`` publishes estimates and health. Telemetry is received in one
+    thread and windows are identified in another, in the order in which they end.
+    ``docs/nodes.md`` describes topics, services and parameters.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -51,21 +51,21 @@ class MonitorNode(ManagedNode):
         """Read the files, compile the kernels, and build the parts."""
         files = read(self, Files)
         store = CalibrationStore(files.calibration_file, folder_of(files.calibration_folder))
-        described = load_description(Path(files.actuator_file)) if files.actuator_file else None
+        description = load_description(Path(files.actuator_file)) if files.actuator_file else None
         if "{" not in files.calibration_file:
-            reason = store.of(described or ActuatorDescription())
+            reason = store.of(description or ActuatorDescription())
             if isinstance(reason, str):
                 self._log.warning(reason)
         fleet = FleetGrowth.read(folder_of(files.fleet_file)) if files.fleet_file else None
-        # Now, as no window waits for them yet.
+        # Before the subscriptions: no window waits for the compilation.
         compile_monitor_kernels(lambda: self.is_ending, self.report_progress)
         self._build(files, store, fleet)
         self.receiver.expect_listed()
-        if described is not None:
-            self.receiver.expect_described(described)
+        if description is not None:
+            self.receiver.expect_described(description)
 
     def _build(self, files: Files, store: CalibrationStore, fleet: FleetGrowth | None) -> None:
-        """Build what publishes, what works and what receives, and connect them."""
+        """Build and connect the parts that publish, work and receive."""
         settings, log, namespace = self.settings, self._log, self.unit_namespace
         is_simulated = bool(self.get_parameter("use_sim_time").value)
         folder = files.histories(is_simulated=is_simulated)
@@ -114,18 +114,18 @@ class MonitorNode(ManagedNode):
             log,
         )
         self.receiver.serve(self)
-        # On the clock of the system, a backward step would stop it; on simulated time it does not.
+        # A backward step of the system clock stops a timer on it; simulated time may step back.
         add_timer = self.create_timer if is_simulated else self.add_timer
         add_timer(_STALE_CHECK_S, self.receiver.check)
 
     def activate(self) -> None:
-        """Subscribe, and identify what is received."""
+        """Start to identify windows, and subscribe."""
         self.actuators.is_active = True
         self.work.start()
         self.receiver.subscribe(self)
 
     def deactivate(self) -> None:
-        """Refuse the windows that still wait; nothing is known any more."""
+        """Refuse the queued windows, and withdraw the health of all actuators."""
         with self.actuators.lock:
             self.actuators.is_active = False
         self.work.stop(self.receiver.finish)
@@ -138,14 +138,14 @@ class MonitorNode(ManagedNode):
         self.sources.clear()
 
     def counts(self) -> NodeStatus:
-        """Return what is counted of each actuator, and of all of them."""
+        """Return the counts of each actuator and of the node."""
         telemetry = self.actuators.telemetry(self.work.worker.queue.dropped)
         status = NodeStatus(kind=NodeStatus.MONITOR, telemetry=telemetry)
         self.work.count(status)
         return status
 
     def tasks(self, actuator_id: str = "") -> list[Task]:
-        """Return the status of one actuator and of the identification; of each one when empty."""
+        """Return the status of the node and of an actuator, or of all for an empty name."""
         queue = self.work.worker.queue
         return [
             *self.actuators.tasks(actuator_id, len(queue), queue.dropped),

@@ -1,4 +1,4 @@
-"""Settings of the monitor node: its own ones, and those of the library as parameters."""
+"""Settings of the monitor node, and settings of the library as ROS parameters."""
 
 import os
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.node_parameters import LiveSettings
 
 IN_MEMORY: Final = "memory"
-"""Folder of the histories that stands for none; launch files take no empty argument."""
+"""Value of ``history_folder`` for no folder; launch files accept no empty argument."""
 
 _PERIODS: Final = 3.0
 
@@ -53,9 +53,9 @@ class Files(Checked):
     )
 
     def histories(self, *, is_simulated: bool) -> Path | None:
-        """Return the folder of the histories; None for memory alone, as in simulated time.
+        """Return the folder of the histories; None to keep histories in memory only.
 
-        A bag that is replayed must not mix with tests of the actuator itself.
+        In simulated time it is None: a replayed bag must not mix with tests of the actuator.
         """
         is_on_disk = self.history_folder not in ("", IN_MEMORY) and not is_simulated
         return folder_of(self.history_folder) if is_on_disk else None
@@ -105,23 +105,23 @@ class Operation(Checked):
 
     @property
     def good_for_s(self) -> float:
-        """How long a level holds after its test [s]."""
+        """Validity of a level after its test [s]."""
         return self.good_for(0.0)
 
     def good_for(self, longest_s: float) -> float:
-        """Return how long a level holds after a test that lasts up to ``longest_s`` [s]."""
+        """Return the validity of a level after a test that lasts up to ``longest_s`` [s]."""
         return _PERIODS * max(self.expected_period_s, longest_s)
 
 
 class MonitorSettings:
-    """The settings of a monitor that can be changed at any time, each as it is at present.
+    """The current settings of a monitor; each can be changed at any time.
 
     Parameters
     ----------
     node
-        Has them as its parameters.
+        Node on which the settings are declared as parameters.
     restart
-        Called with new settings of the windows.
+        Called with the new trigger settings whenever these change.
     """
 
     def __init__(self, node: Node, restart: Callable[[TriggerSettings], None]) -> None:

@@ -1,1 +1,1 @@
-"""What a monitor publishes: estimates, health, status and log."""
+"""Publishing of a monitor: estimates, health, status and log."""

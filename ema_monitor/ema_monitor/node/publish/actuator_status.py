@@ -22,7 +22,7 @@ _SETTLED: Final = 3
 
 
 class ActuatorStatus:
-    """What is reported of one actuator.
+    """Status, counts and published health of one actuator.
 
     Parameters
     ----------
@@ -33,9 +33,9 @@ class ActuatorStatus:
     publish
         Publishes its health.
     steady_ns
-        Time by a clock that never goes back [ns].
+        Present time by a clock that never goes back [ns].
     stream
-        When its telemetry was received.
+        Reception of its telemetry.
     namespace
         Namespace of its telemetry.
 
@@ -44,17 +44,17 @@ class ActuatorStatus:
     finder
         Finds the windows in its telemetry.
     health
-        Its health as it is published.
+        Its published health.
     tally
-        What became of the stretches of its motion.
+        Numbers of stretches of its motion by result.
     is_listed, is_silent
-        Whether it is followed as it is listed, and whether no telemetry is received any more.
-    heard_ns
-        When telemetry was received last, or it was added, by the steady clock [ns].
+        Whether the parameter ``actuators`` lists it, and whether its telemetry has stopped.
+    received_ns
+        Steady time of its latest telemetry, or of its addition before the first telemetry [ns].
     latency_s
-        Age of the latest window's end when its estimate came [s].
+        Time from the end of the latest window to its estimate [s].
     alternation
-        Which units are described in turns under its name; empty when there is one.
+        Warning that several units use the name in turn; empty for a single unit.
     """
 
     def __init__(
@@ -76,9 +76,9 @@ class ActuatorStatus:
         self._exchanged: list[str] = []
         self._since_exchange = 0
         self._namespace = namespace
-        self.heard_ns = steady_ns
+        self.received_ns = steady_ns
         self.is_silent = False
-        # What was wrong, and the number of the first window after it.
+        # Defects, each after the number of the first window that it does not affect.
         self._open_defects: deque[tuple[int, str]] = deque(maxlen=_MOST_NAMED)
         self.defect_count = 0
         self.valid = 0
@@ -87,27 +87,27 @@ class ActuatorStatus:
 
     @property
     def description(self) -> ActuatorDescription | None:
-        """The latest description of the actuator; None when there was none."""
+        """The latest description of the actuator; None before the first one."""
         return self.finder.description
 
     @property
     def hardware_id(self) -> str:
-        """Namespace, actuator, and serial number once that is known."""
+        """Namespace, actuator, and serial number after the first description."""
         serial_number = self.description.serial_number if self.description else ""
         return hardware_name(self._namespace, self.actuator_id, serial_number)
 
     @property
     def defects(self) -> str:
-        """What was wrong since the window of the latest valid estimate; empty when nothing was."""
+        """Defects since the window of the latest valid estimate; empty without any."""
         return "; ".join(reason for _, reason in self._open_defects)
 
     def good_for_s(self, operation: Operation) -> float:
-        """Return how long a level holds after a test [s]; a record may be long."""
+        """Return the validity of a level after a test [s]; longer for long records."""
         return operation.good_for(self.finder.longest_s if self.finder.finds_records else 0.0)
 
     @contextmanager
     def calibrating(self) -> Iterator[None]:
-        """Say in the status that the calibration is being measured; ValueError if it is already."""
+        """Show a running calibration in the status; raise ValueError if one runs already."""
         if self.is_calibrating:
             raise ValueError(f"actuator {self.actuator_id!r} is being calibrated already")
         self.is_calibrating = True
@@ -117,12 +117,12 @@ class ActuatorStatus:
             self.is_calibrating = False
 
     def exchange(self, old: str, new: str) -> bool:
-        """Record that a serial number replaces another; return whether it was there before.
+        """Record the exchange of a unit; return whether the new unit was mounted before.
 
-        Actuators are exchanged seldom, and those that are taken out seldom come back: where they
-        alternate, two actuators have the same name.
+        Units are exchanged seldom, and removed units seldom return. Units that alternate are
+        therefore two actuators with the same name.
         """
-        earlier = [one for one in self._exchanged if one != old]
+        earlier = [number for number in self._exchanged if number != old]
         self._exchanged = [*earlier, old][-_MOST_NAMED:]
         self._since_exchange = 0
         if new not in self._exchanged:
@@ -135,10 +135,10 @@ class ActuatorStatus:
         return True
 
     def add_defect(self, reason: str, before_window: int | None = None) -> bool:
-        """Record a defect; return whether it is the only one at present.
+        """Record a defect; return whether it is the only open one.
 
-        ``before_window`` is the number of the first window that it does not affect; that of the
-        next one when None.
+        ``before_window`` is the number of the first window that the defect does not affect; None
+        for the next window.
         """
         is_first = not self._open_defects
         number = self.finder.windows if before_window is None else before_window
@@ -146,21 +146,21 @@ class ActuatorStatus:
         self.defect_count += 1
         return is_first
 
-    def record(self, found: Diagnosed, outlook: Outlook | None, now: Moment) -> str:
-        """Record an estimate, and publish the outlook after it, if one follows from it.
+    def record(self, diagnosed: Diagnosed, outlook: Outlook | None, now: Moment) -> str:
+        """Record an estimate, and publish the outlook after it unless that is None.
 
-        Return the change of the level in words, empty when there is none.
+        Return a description of the change of the level; empty without a change.
         """
-        estimate = found.estimate
+        estimate = diagnosed.estimate
         if estimate.valid:
             self.valid += 1
-            while self._open_defects and self._open_defects[0][0] <= found.last:
+            while self._open_defects and self._open_defects[0][0] <= diagnosed.last:
                 self._open_defects.popleft()
             self.latency_s = (now.clock_ns - estimate.end_ns) * 1e-9
         else:
             self.invalid += 1
-            self.add_defect(f"window {found.number}: {estimate.reason}", found.last + 1)
-        change = self.health.record(found, outlook, now) if outlook is not None else None
+            self.add_defect(f"window {diagnosed.number}: {estimate.reason}", diagnosed.last + 1)
+        change = self.health.record(diagnosed, outlook, now) if outlook is not None else None
         if change is None:
             return ""
         self._since_exchange += 1
@@ -169,7 +169,7 @@ class ActuatorStatus:
         return change
 
     def expire(self, good_for_s: float, now: Moment) -> HealthMessage | None:
-        """Publish the health if it has just become stale; return it if it was published."""
-        silent_s = (now.steady_ns - self.heard_ns) * 1e-9
+        """Publish the health if it has just become stale; return the published message."""
+        silent_s = (now.steady_ns - self.received_ns) * 1e-9
         self.is_silent = silent_s > min(_SILENT_S, good_for_s)
         return self.health.expire(good_for_s, now, self.defects)

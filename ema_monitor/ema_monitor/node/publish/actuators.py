@@ -1,4 +1,4 @@
-"""The actuators that a monitor follows, as they are reported, and the time of their claims."""
+"""The actuators that a monitor follows: their status, and the end of their levels."""
 
 import threading
 from collections.abc import Callable
@@ -26,7 +26,7 @@ _MOST_NAMED: Final = 10
 
 
 class Actuators(dict[str, ActuatorStatus]):
-    """Actuators by name: those that are listed, then in the order of their first message.
+    """Status of the actuators by name: listed actuators first, then by their first message.
 
     Parameters
     ----------
@@ -35,19 +35,19 @@ class Actuators(dict[str, ActuatorStatus]):
     namespace
         Namespace of the telemetry.
     read_clock
-        Returns the time, and by how much the clock has stepped back since the last call [ns].
+        Returns the time, and the backward step of the clock since the previous call [ns].
     why_not
-        Returns why an actuator is not to be followed by this monitor; empty when it is.
+        Returns why this monitor does not follow an actuator; empty if it does.
     rewind
-        Forgets tests later than a time to which simulated time has gone back [ns].
+        Forgets the tests after a time [ns], to which simulated time has stepped back.
 
     Attributes
     ----------
     lock
-        Held while actuators are changed, and while health is published: nothing older may follow
+        Held while actuators change and while health is published, so that no older health follows
         the health after a test.
     is_active
-        Whether the monitor is active: otherwise no level is published.
+        Whether the monitor is active; an inactive monitor publishes no level.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Actuators(dict[str, ActuatorStatus]):
         self._log = log
 
     def follow(self, actuator_id: str, finder: WindowFinder, stream: Stream) -> ActuatorStatus:
-        """Return the status of an actuator, which is published from now on."""
+        """Start to publish the status of an actuator, and return it."""
         self._outputs.add(actuator_id)
         publish, now = self._outputs.publish_health, self.now()
         status = self[actuator_id] = ActuatorStatus(
@@ -81,17 +81,17 @@ class Actuators(dict[str, ActuatorStatus]):
         return status
 
     def forget(self, actuator_id: str) -> None:
-        """Publish nothing of an actuator any more."""
+        """Stop publishing the status of an actuator."""
         del self[actuator_id]
         self._outputs.remove(actuator_id)
 
     def clear(self) -> None:
-        """Publish nothing of any actuator any more."""
+        """Stop publishing the status of all actuators."""
         super().clear()
         self._outputs.clear()
 
     def now(self) -> Moment:
-        """Return the time; where the clock has stepped back, no level of before is known."""
+        """Return the time; if the clock has stepped back, withdraw all levels."""
         with self.lock:
             now, back_ns = self._read_clock()
             if back_ns:
@@ -99,7 +99,7 @@ class Actuators(dict[str, ActuatorStatus]):
             return now
 
     def _step_back(self, now: Moment, back_s: float) -> None:
-        """End the claims of all actuators; forget what is later in simulated time."""
+        """Withdraw the levels of all actuators; in simulated time, forget later tests."""
         reason = f"the clock went back by {back_s:.0f} s: the next test gives the level"
         self._log.warning(reason)
         for status in self.values():
@@ -108,14 +108,17 @@ class Actuators(dict[str, ActuatorStatus]):
             self._rewind(now.clock_ns)
 
     def find(self, actuator_id: str) -> tuple[ActuatorStatus, ActuatorDescription]:
-        """Return an actuator that is described, and its description; the only one for "".
+        """Return the status and description of an actuator; "" selects the only one.
 
-        One that is not known or not described, or a choice, is a ValueError.
+        Raises
+        ------
+        ValueError
+            If the actuator is not monitored or not described, or if "" is ambiguous.
         """
         with self.lock:
             if not actuator_id and len(self) != 1:
                 raise ValueError(
-                    f"actuator_id is empty: expected one of those monitored: {self._in_words()}"
+                    f"actuator_id is empty: expected one of those monitored: {self._listing()}"
                 )
             status = self.get(actuator_id or next(iter(self)))
         if status is None:
@@ -125,22 +128,22 @@ class Actuators(dict[str, ActuatorStatus]):
         return status, status.description
 
     def not_monitored(self, actuator_id: str) -> str:
-        """Return that an actuator is not monitored, why not, or which ones are."""
-        reason = self._why_not(actuator_id) or f"monitored: {self._in_words()}"
+        """Return an error text for an actuator that is not monitored, with the reason."""
+        reason = self._why_not(actuator_id) or f"monitored: {self._listing()}"
         return f"actuator_id = {actuator_id!r} is not monitored; {reason}"
 
-    def _in_words(self) -> str:
+    def _listing(self) -> str:
         names = list(self)
         more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
         return (", ".join(names[:_MOST_NAMED]) or "none") + more
 
     def claimed(self, status: ActuatorStatus, outlook: Outlook) -> Outlook:
-        """Return an outlook that holds as long as the tests of an actuator require."""
+        """Return an outlook with the validity that the tests of an actuator require."""
         good_for_s = status.good_for_s(self._operation.value)
         return replace(outlook, claim=outlook.claim._replace(good_for_s=good_for_s))
 
     def worth(self, description: ActuatorDescription, outlook: Outlook) -> Outlook:
-        """Return what an outlook of a unit that is mounted is worth at this time."""
+        """Return the outlook of a mounted unit at this time: stale if its level has expired."""
         with self.lock:
             status, now = self[description.actuator_id], self.now()
             return status.health.worth(self.claimed(status, outlook), now)
@@ -152,15 +155,15 @@ class Actuators(dict[str, ActuatorStatus]):
             is_first = status is not None and status.add_defect(reason)
         self._log.warn(actuator_id, reason, is_first=is_first)
 
-    def tell(self, actuator_id: str, events: tuple[UnitEvent, ...]) -> None:
-        """Publish the health of an actuator as it is, with events."""
+    def add_events(self, actuator_id: str, events: tuple[UnitEvent, ...]) -> None:
+        """Publish the unchanged health of an actuator with events."""
         with self.lock:
             status = self.get(actuator_id)
             if status is not None and self.is_active:
-                status.health.tell(events)
+                status.health.add_events(events)
 
     def expire(self) -> list[HealthMessage]:
-        """Publish levels that have just become stale, and return them."""
+        """Publish each health that has just become stale, and return the messages."""
         with self.lock:
             now, operation = self.now(), self._operation.value
             published = [
@@ -169,25 +172,26 @@ class Actuators(dict[str, ActuatorStatus]):
         return [health for health in published if health is not None]
 
     def withdraw(self) -> None:
-        """Publish that no health is known any more, as the monitor is not active."""
+        """Publish unknown health of all actuators, as the monitor is not active."""
         with self.lock:
             for status in self.values():
                 status.health.withdraw(NOT_ACTIVE)
 
-    def is_any_heard(self) -> bool:
-        """Return whether telemetry of any actuator is received."""
+    def receives_telemetry(self) -> bool:
+        """Return whether any actuator sends telemetry."""
         with self.lock:
-            return any(one.finder.blocks and not one.is_silent for one in self.values())
+            return any(status.finder.blocks and not status.is_silent for status in self.values())
 
     def telemetry(self, dropped: dict[str, int]) -> list[TelemetryStatus]:
-        """Return what is counted of each actuator, with the number of windows dropped."""
+        """Return the counts of each actuator; ``dropped`` are its dropped windows by name."""
         with self.lock:
-            return [telemetry_status(one, dropped.get(name, 0)) for name, one in self.items()]
+            return [telemetry_status(status, dropped.get(name, 0)) for name, status in self.items()]
 
     def tasks(self, actuator_id: str, waiting: int, dropped: dict[str, int]) -> list[Task]:
-        """Return the status of one actuator, of each one when the name is empty.
+        """Return the status of an actuator, or of all actuators for an empty name.
 
-        ``waiting`` windows of all actuators wait, and so many of each were dropped.
+        ``waiting`` is the number of queued windows of all actuators, and ``dropped`` the number of
+        dropped windows by actuator.
         """
         with self.lock:
             tasks = [
@@ -199,6 +203,6 @@ class Actuators(dict[str, ActuatorStatus]):
         if self.is_active:
             return tasks
         return [
-            replace(one, level=STALE, message=f"{NOT_ACTIVE}, before: {one.message}")
-            for one in tasks
+            replace(task, level=STALE, message=f"{NOT_ACTIVE}, before: {task.message}")
+            for task in tasks
         ]

@@ -1,4 +1,4 @@
-"""Log and status of a monitor, as its parts write them."""
+"""Log and status reports of the parts of a monitor."""
 
 import time
 import traceback
@@ -15,21 +15,21 @@ class Reporter(Protocol):
     """Logs, and publishes the status of tasks: a managed node."""
 
     def get_logger(self) -> Any:
-        """Return its logger."""
+        """Return the logger of the node."""
 
     def tasks(self, actuator_id: str = "") -> list[Task]:
-        """Return the status of one actuator; of each one when empty."""
+        """Return the status of an actuator, or of all actuators for an empty name."""
         ...
 
     def report(self, tasks: Sequence[Task] = ()) -> None:
-        """Publish the status of some tasks, of all when there are none."""
+        """Publish the status of these tasks, or of all tasks if the sequence is empty."""
 
     def report_end(self, failure: str, trace: str) -> None:
         """Report that a thread has ended unexpectedly, with the traceback."""
 
 
 class Log:
-    """Logs what happens, and reports the status where it has changed; any thread may call."""
+    """Writes to the log, and publishes changes of the status; any thread may call."""
 
     def __init__(self, reporter: Reporter) -> None:
         self._reporter = reporter
@@ -37,19 +37,19 @@ class Log:
         self._throttle = Throttle(_PERIOD_S)
 
     def info(self, text: str) -> None:
-        """Log what happens."""
+        """Log an informational message."""
         self._logger.info(text)
 
     def warning(self, text: str) -> None:
-        """Log what is wrong."""
+        """Log a warning."""
         self._logger.warning(text)
 
     def error(self, text: str) -> None:
-        """Log what failed."""
+        """Log an error."""
         self._logger.error(text)
 
     def warn(self, actuator_id: str, text: str, *, is_first: bool = False) -> None:
-        """Log what is wrong now and then, and the first of its kind in the status at once."""
+        """Log a warning at a limited rate; publish the status as well if it is the first."""
         passed = self._throttle.passed(f"{actuator_id or 'input'}: {text}", time.monotonic())
         if passed is not None:
             self.warning(passed)
@@ -57,7 +57,7 @@ class Log:
             self.report_on(actuator_id)
 
     def failed(self, where: str, what: str, error: Exception) -> str:
-        """Log what has just failed, with its traceback, and return the reason."""
+        """Log the failure of a step with its traceback, and return the reason."""
         reason = f"{what} failed: {error!r}"
         self.error(f"{where or 'actuator'}: {reason}\n{traceback.format_exc()}")
         return reason
@@ -67,7 +67,7 @@ class Log:
         self._reporter.report()
 
     def report_on(self, actuator_id: str) -> None:
-        """Publish the status of one actuator alone: of all it would take long."""
+        """Publish the status of one actuator: the status of all actuators takes long."""
         self._reporter.report(self._reporter.tasks(actuator_id))
 
     def report_end(self, failure: str, trace: str) -> None:

@@ -1,4 +1,4 @@
-"""What a monitor publishes and answers, as messages; a stamp out of range is a ValueError."""
+"""Messages and answers of a monitor; a stamp out of range raises ValueError."""
 
 import math
 from array import array
@@ -45,16 +45,16 @@ from ema_ros.messages import faults_to_message
 from ema_ros.stamps import check_stamp, stamp_to_message
 
 _PLAIN = {"double": float, "boolean": bool, "string": str}
-"""What sets a field of these kinds; others are whole numbers."""
+"""Conversions to the types of fields; fields of all remaining types are whole numbers."""
 
 _ALL = 255
-"""Each fault has its bit."""
+"""Bits of all faults."""
 
 
 def estimate_to_message(
     estimate: Estimate, window: int, description: ActuatorDescription
 ) -> FaultEstimate:
-    """Return the estimate of a window of a running number as a message."""
+    """Return the estimate of a window, given by its running number, as a message."""
     return _made(
         FaultEstimate,
         description,
@@ -78,17 +78,17 @@ def estimate_to_message(
 
 def _quantities(comparison: Comparison | None) -> list[QuantityChange]:
     return [
-        _made(QuantityChange, one, judgement=JUDGEMENTS.index(one.judgement))
-        for one in (comparison.quantities if comparison else ())
+        _made(QuantityChange, quantity, judgement=JUDGEMENTS.index(quantity.judgement))
+        for quantity in (comparison.quantities if comparison else ())
     ]
 
 
-def _hidden_cause(one: CauseEstimate, estimate: Estimate | None = None) -> HiddenCause:
-    """Return a cause as a message, of an estimate with what else could stand in for it."""
-    cause = CAUSE_BY_NAME[one.name]
+def _hidden_cause(inferred: CauseEstimate, estimate: Estimate | None = None) -> HiddenCause:
+    """Return a cause as a message, with its alternatives in an estimate."""
+    cause = CAUSE_BY_NAME[inferred.name]
     pairs = estimate.alternatives if estimate else ()
-    stand_ins = [part_label(stand_in) for part, stand_in in pairs if part == (one.name,)]
-    return _made(HiddenCause, cause, one, alternatives=stand_ins)
+    stand_ins = [part_label(stand_in) for part, stand_in in pairs if part == (inferred.name,)]
+    return _made(HiddenCause, cause, inferred, alternatives=stand_ins)
 
 
 def _bits(components: Flags) -> int:
@@ -102,15 +102,17 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
 
 
 def message_of(message_class: Any, report: Any) -> Any:
-    """Return a report as the message that has its fields."""
+    """Return a report as a message of a class whose fields it has."""
     return _made(message_class, report)
 
 
 def _made(message_class: Any, *sources: Any, stamp_ns: int | None = None, **values: Any) -> Any:
-    """Return a message with what sources have by the names of its fields, and these values."""
+    """Return a message with the attributes of sources as fields of the same name, and values."""
     message, kinds = message_class(), message_class.get_fields_and_field_types()
-    found = {name: getattr(one, name) for one in sources for name in kinds if hasattr(one, name)}
-    for name, value in (found | values).items():
+    copied = {
+        name: getattr(source, name) for source in sources for name in kinds if hasattr(source, name)
+    }
+    for name, value in (copied | values).items():
         setattr(message, name, _field(kinds[name], value))
     if stamp_ns is not None:
         message.header.stamp = stamp_to_message(stamp_ns)
@@ -118,17 +120,17 @@ def _made(message_class: Any, *sources: Any, stamp_ns: int | None = None, **valu
 
 
 def _field(kind: str, value: Any) -> Any:
-    """Return a value as a field of a message is set; its kind is as ROS names it."""
+    """Return a value converted for a field of a message; ``kind`` is the ROS type."""
     if (plain := _PLAIN.get(kind)) is not None:
         return plain(value)
     if isinstance(value, np.ndarray):
-        # Fields of a fixed number of values are arrays of numpy.
+        # Fields of fixed length are NumPy arrays.
         if kind.endswith("]"):
             return value.astype(np.float64).ravel()
         return array("f" if "float" in kind else "d", value.ravel())
     if isinstance(value, tuple):
-        one = kind.removeprefix("sequence<").removesuffix(">")
-        return [_field(one, item) for item in value]
+        item_kind = kind.removeprefix("sequence<").removesuffix(">")
+        return [_field(item_kind, item) for item in value]
     if is_dataclass(value):
         package, _, name = kind.partition("/")
         return message_of(getattr(import_module(f"{package}.msg"), name), value)
@@ -138,7 +140,7 @@ def _field(kind: str, value: Any) -> Any:
 
 
 def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription) -> HealthForecast:
-    """Return the forecast of the faults as a message; without faults when hours are unknown."""
+    """Return the forecast of the faults as a message; without faults if hours are unknown."""
     outlook, fan = forecaster.outlook, forecaster.fan()
     return _made(
         HealthForecast,
@@ -158,7 +160,7 @@ def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription
 def advice_to_message(
     advice: Advice, outlook: Outlook, cost_unit: str, description: ActuatorDescription
 ) -> AdviceMessage:
-    """Return an advice as a message; ``outlook`` is what it rests on."""
+    """Return a removal advice, computed from ``outlook``, as a message."""
     return _made(
         AdviceMessage,
         description,
@@ -173,15 +175,15 @@ def advice_to_message(
     )
 
 
-def window_fit_to_message(fit: WindowFit, found: Diagnosed) -> WindowFitMessage:
-    """Return a window beside the model's response as a message."""
-    verdict = VERDICTS.index(found.estimate.verdict)
+def window_fit_to_message(fit: WindowFit, diagnosed: Diagnosed) -> WindowFitMessage:
+    """Return a window with the response of the model as a message."""
+    verdict = VERDICTS.index(diagnosed.estimate.verdict)
     return _made(
         WindowFitMessage,
-        found.description,
+        diagnosed.description,
         fit,
-        stamp_ns=found.estimate.end_ns,
-        window=found.number,
+        stamp_ns=diagnosed.estimate.end_ns,
+        window=diagnosed.number,
         verdict=verdict,
     )
 
@@ -189,7 +191,7 @@ def window_fit_to_message(fit: WindowFit, found: Diagnosed) -> WindowFitMessage:
 def history_to_message(
     tests: list[KnownTest], omitted: int, description: ActuatorDescription
 ) -> UnitHistory:
-    """Return the latest tests of a unit as a message; ``omitted`` earlier ones are known."""
+    """Return the latest tests of a unit as a message; ``omitted`` counts its earlier tests."""
     return _made(
         UnitHistory,
         description,
@@ -205,21 +207,21 @@ def history_to_message(
 
 
 def _unit_test(test: KnownTest) -> UnitTest:
-    estimate, found = test.entry.estimate, test.assessment
+    estimate, assessment = test.entry.estimate, test.assessment
     unobservable = estimate.unobservable
-    life = (found.life if found else None) or (math.nan,) * 3
+    life = (assessment.life if assessment else None) or (math.nan,) * 3
     return _made(
         UnitTest,
         test.entry,
-        found,
+        assessment,
         stamp=stamp_to_message(test.entry.end_ns),
         flight_hours=test.hours,
         verdict=VERDICTS.index(estimate.verdict),
         faults=np.where(unobservable, np.nan, np.array(estimate.faults)),
         sigmas=np.where(unobservable, np.nan, np.array(estimate.sigma)),
         insignificant=_bits(estimate.insignificant),
-        health_index=found.health_index if found else math.nan,
-        rul_known=bool(found and found.life),
+        health_index=assessment.health_index if assessment else math.nan,
+        rul_known=bool(assessment and assessment.life),
         rul_05=life[0],
         rul_50=life[1],
         rul_95=life[2],
@@ -227,7 +229,7 @@ def _unit_test(test: KnownTest) -> UnitTest:
 
 
 def summary_of(health: HealthMessage) -> HealthSummary:
-    """Return a health in a few lines."""
+    """Return the summary of a health."""
     life = health.rul.hours_50 if health.rul.known else math.nan
     words = LEVEL_NAMES[health.level]
     if health.dominant_fault:
@@ -241,7 +243,7 @@ def summary_of(health: HealthMessage) -> HealthSummary:
 
 
 def unknown_estimate(actuator_id: str, reason: str) -> FaultEstimate:
-    """Return the estimate of an answer that has none: every figure is NaN."""
+    """Return the estimate for an answer without one: every figure is NaN."""
     message = _without_figures(FaultEstimate())
     message.actuator_id, message.reason = actuator_id, reason
     message.verdict, message.unobservable = FaultEstimate.REFUSED, _ALL
@@ -249,7 +251,7 @@ def unknown_estimate(actuator_id: str, reason: str) -> FaultEstimate:
 
 
 def unknown_health(actuator_id: str, reason: str) -> HealthMessage:
-    """Return the health of an answer that has none: every figure is NaN."""
+    """Return the health for an answer without one: every figure is NaN."""
     message = _without_figures(HealthMessage())
     message.actuator_id, message.reason = actuator_id, reason
     message.level = HealthMessage.STALE
@@ -259,7 +261,7 @@ def unknown_health(actuator_id: str, reason: str) -> HealthMessage:
 
 
 def _without_figures(message: Any) -> Any:
-    """Return a message with NaN in each floating-point field, those of its parts included."""
+    """Return a message with NaN in each floating-point field, nested messages included."""
     for name in message.get_fields_and_field_types():
         value = getattr(message, name)
         if isinstance(value, float):
@@ -279,7 +281,8 @@ def scenarios_from_messages(messages: Sequence[Any]) -> tuple[Scenario, ...]:
     Raises
     ------
     ValueError
-        As ``scenarios_of``; or when values and shares are not of one number, or a value is twice.
+        If a scenario is impossible, if the numbers of values and shares differ, or if a value is
+        repeated.
     """
     return scenarios_of(
         [

@@ -1,4 +1,4 @@
-"""The topics of a monitor: estimates of all actuators, and latched ones of each actuator."""
+"""The topics of a monitor: estimates of all actuators, and latched topics of each actuator."""
 
 from collections.abc import Callable
 from typing import Any
@@ -23,14 +23,14 @@ from ema_ros import topics
 
 
 class Outputs:
-    """Publishes what follows from tests.
+    """Publishes the results of tests.
 
     Parameters
     ----------
     add_publisher
-        Returns a new publisher of a class of messages on a topic with a quality of service.
+        Creates a publisher from message class, topic and quality of service.
     remove_publisher
-        Removes one.
+        Removes a publisher.
 
     Attributes
     ----------
@@ -44,14 +44,14 @@ class Outputs:
         remove_publisher: Callable[[LifecyclePublisher], object],
     ) -> None:
         self._add_publisher, self._remove_publisher = add_publisher, remove_publisher
-        # One of each topic for each actuator, so that each is latched.
+        # Each actuator has a publisher for each topic, so that its latest message stays latched.
         self._latched: dict[tuple[str, str], LifecyclePublisher] = {}
         message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
         self.estimates = add_publisher(message_class, topics.FAULT_ESTIMATE, qos)
 
     def add(self, actuator_id: str) -> None:
         """Create the publishers of an actuator."""
-        # Listening for what others want takes long where there are many publishers.
+        # Events on incompatible subscriptions are slow with many publishers.
         quiet = bool(self._latched)
         for topic, (message_class, qos) in topics.MONITOR_TOPICS.items():
             if qos is topics.LATCHED:
@@ -64,36 +64,36 @@ class Outputs:
             self._remove_publisher(self._latched.pop(key))
 
     def clear(self) -> None:
-        """Publish nothing of any actuator any more; the publishers are removed with the node's."""
+        """Stop publishing for all actuators; the node removes the publishers."""
         self._latched.clear()
 
-    def publish_estimate(self, found: Diagnosed) -> None:
+    def publish_estimate(self, diagnosed: Diagnosed) -> None:
         """Publish an estimate."""
-        message = estimate_to_message(found.estimate, found.number, found.description)
+        message = estimate_to_message(diagnosed.estimate, diagnosed.number, diagnosed.description)
         self.estimates.publish(message)
 
     def publish_health(self, health: Health) -> None:
-        """Publish the health of an actuator, whole and in a few lines."""
+        """Publish the health of an actuator, and its summary."""
         self._publish(topics.HEALTH, health)
         self._publish(topics.HEALTH_SUMMARY, summary_of(health))
 
-    def publish_fit(self, fit: WindowFit, found: Diagnosed) -> None:
-        """Publish a window beside the response of the model."""
-        self._publish(topics.WINDOW_FIT, window_fit_to_message(fit, found))
+    def publish_fit(self, fit: WindowFit, diagnosed: Diagnosed) -> None:
+        """Publish a window with the response of the model."""
+        self._publish(topics.WINDOW_FIT, window_fit_to_message(fit, diagnosed))
 
     def publish_forecast(self, forecaster: Forecaster, description: ActuatorDescription) -> None:
-        """Publish how the faults of a unit are expected to grow."""
+        """Publish the forecast of the faults of a unit."""
         self._publish(topics.HEALTH_FORECAST, forecast_to_message(forecaster, description))
 
     def publish_advice(
         self, advice: Advice, outlook: Outlook, cost_unit: str, description: ActuatorDescription
     ) -> None:
-        """Publish when to remove a unit; ``outlook`` is what that rests on."""
+        """Publish the removal advice for a unit, computed from ``outlook``."""
         message = advice_to_message(advice, outlook, cost_unit, description)
         self._publish(topics.ADVICE, message)
 
     def _publish(self, topic: str, message: Any) -> None:
-        """Publish what is latched of an actuator, unless that is forgotten."""
+        """Publish on a latched topic of an actuator, unless the actuator was forgotten."""
         publisher = self._latched.get((topic, message.actuator_id))
         if publisher is not None:
             publisher.publish(message)

@@ -1,4 +1,4 @@
-"""The health of one actuator as it is published: what it is worth, and when that ends."""
+"""The published health of one actuator, and the end of its validity."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,25 +18,25 @@ _NOTHING_KNOWN: Final = unknown_outlook("no valid estimate so far")
 
 
 class Stream(Protocol):
-    """When the telemetry of an actuator was received."""
+    """Reception of the telemetry of an actuator."""
 
     has_streamed: bool
-    """Whether the actuator has ever sent telemetry while it was measured."""
+    """Whether the actuator has ever sent telemetry while measuring it."""
 
 
 class ShownHealth:
-    """The health that is published of one actuator.
+    """The published health of one actuator.
 
     Parameters
     ----------
     publish
-        Publishes it.
+        Publishes a health message.
     steady_ns
-        Time by a clock that never goes back [ns].
+        Present time by a clock that never goes back [ns].
     described
-        Returns the latest description of the actuator; None when there was none.
+        Returns the latest description of the actuator; None before the first one.
     stream
-        When its telemetry was received.
+        Reception of its telemetry.
 
     Attributes
     ----------
@@ -59,9 +59,9 @@ class ShownHealth:
         self.reset(steady_ns)
 
     def reset(self, steady_ns: int) -> None:
-        """Reset the health, as another unit is mounted."""
+        """Reset the health after a unit was exchanged."""
         self.comparison: Comparison | None = None
-        # Newest test of the outlook, when it was first shown, and why it is worth nothing any more.
+        # Newest test of the outlook, time of its first display, and the reason why it is invalid.
         self._claimed_test, self._claimed_at = (0, 0), Moment(0, 0)
         self._end_of_claim = self._doubt = ""
         self._added_ns = steady_ns
@@ -69,23 +69,23 @@ class ShownHealth:
         self._assessed: ActuatorDescription | None = None
         self.outlook = _NOTHING_KNOWN
 
-    def record(self, found: Diagnosed, outlook: Outlook, now: Moment) -> str | None:
-        """Publish the outlook after an estimate; return the change of the level in words.
+    def record(self, diagnosed: Diagnosed, outlook: Outlook, now: Moment) -> str | None:
+        """Publish the outlook after an estimate; return a description of the change of the level.
 
-        They are empty when there is none. None when the unit was replaced while its last window
-        waited: then it is published, and not kept.
+        The description is empty without a change. If the unit was exchanged while its last window
+        was queued, the outlook is published but not kept, and None is returned.
         """
-        if not self._is_mounted(found.description):
-            self._publish(health_to_message(outlook, found.description))
+        if not self._is_mounted(diagnosed.description):
+            self._publish(health_to_message(outlook, diagnosed.description))
             return None
-        self.comparison = found.estimate.comparison
-        return self._show(found.description, outlook, now)
+        self.comparison = diagnosed.estimate.comparison
+        return self._show(diagnosed.description, outlook, now)
 
     def resume(self, description: ActuatorDescription, outlook: Outlook, now: Moment) -> str | None:
-        """Publish the health after the newest test in the history, unless that was done already.
+        """Publish the health after the newest test in the history, unless already published.
 
-        It is published again when the requirements have become known. Return the change of the
-        level in words, empty when there is none; None when nothing was published.
+        It is published again when requirements become available. Return a description of the
+        change of the level, empty without a change; None if nothing was published.
         """
         if not self._is_mounted(description):
             return None
@@ -99,16 +99,16 @@ class ShownHealth:
             return None
         return self._show(description, outlook, now)
 
-    def tell(self, events: tuple[UnitEvent, ...]) -> None:
-        """Publish the health as it is, with events, unless none is shown."""
+    def add_events(self, events: tuple[UnitEvent, ...]) -> None:
+        """Publish the unchanged health with events, if a health is shown."""
         if self._assessed is not None and not self._is_withdrawn:
             self.outlook = replace(self.outlook, events=(*self.outlook.events, *events))
             self._publish_as_is()
 
     def expire(self, good_for_s: float, now: Moment, defects: str) -> HealthMessage | None:
-        """Publish the health if it has just become stale; return it if it was published.
+        """Publish the health if it has just become stale; return the published message.
 
-        ``defects`` are what was wrong since the latest valid estimate.
+        ``defects`` describes the defects since the latest valid estimate.
         """
         if not self._added_ns:
             self._added_ns = now.steady_ns  # simulated time has begun
@@ -118,7 +118,7 @@ class ShownHealth:
             is_due = (now.steady_ns - self._added_ns) * 1e-9 > good_for_s
             reason = f"no valid estimate for more than {good_for_s:g} s"
         else:
-            # The expected period may be another by now.
+            # The expected period may have changed.
             claim = self.outlook.claim._replace(good_for_s=good_for_s)
             self.outlook = replace(self.outlook, claim=claim)
             worth = self.worth(self.outlook, now)
@@ -128,19 +128,22 @@ class ShownHealth:
         return self.withdraw("; ".join(filter(None, [reason, defects])))
 
     def withdraw(self, reason: str) -> HealthMessage | None:
-        """Publish that the health is not known any more, and why; return it if it was published."""
+        """Publish unknown health with a reason; return the published message."""
         self.outlook = self.outlook.stale(reason)
         self._is_withdrawn = True
         return self._publish_as_is()
 
     def end_claim(self, reason: str) -> HealthMessage | None:
-        """End what the tests so far say of the level; return the health if it was published."""
+        """Withdraw the level of the tests so far; return the published message."""
         self._end_of_claim = reason
         is_known = self._assessed is not None and self.outlook.health.level != STALE
         return self.withdraw(reason) if is_known else None
 
     def worth(self, outlook: Outlook, now: Moment) -> Outlook:
-        """Return what an outlook is worth: a claim ends by the steady clock, and for good."""
+        """Return the outlook at a time: stale after its claim has ended by the steady clock.
+
+        A claim that has ended stays ended, even if the clock of stamps steps back.
+        """
         claim = outlook.claim
         test = claim.measured_ns, claim.received_ns
         if test != self._claimed_test:
@@ -156,7 +159,7 @@ class ShownHealth:
         return worth
 
     def _doubt_of(self, claim: Claim, now: Moment) -> str:
-        """Return why it is not known when the newest test was measured; empty if it is known."""
+        """Return why the time of the newest test is uncertain; empty if it is certain."""
         if not claim.good_for_s or claim.is_live or not now.is_real:
             return ""
         if not (claim.received_ns or now.is_continued):
@@ -174,7 +177,7 @@ class ShownHealth:
         return ""
 
     def _show(self, description: ActuatorDescription, outlook: Outlook, now: Moment) -> str:
-        """Publish an outlook; return the change of the level in words, empty when there is none."""
+        """Publish an outlook; return a description of the change of the level, if any."""
         self._is_withdrawn = False
         before = self.outlook.known_level
         self._assessed, self.outlook = description, self.worth(outlook, now)
@@ -186,12 +189,12 @@ class ShownHealth:
         return change
 
     def _is_mounted(self, description: ActuatorDescription) -> bool:
-        """Return whether a unit is the one that was described last."""
+        """Return whether a unit is the unit of the latest description."""
         latest = self._described()
         return latest is not None and latest.serial_number == description.serial_number
 
     def _publish_as_is(self) -> HealthMessage | None:
-        """Publish, and return, the health of the unit assessed last, or of the one described."""
+        """Publish and return the health of the unit assessed last, else of the unit described."""
         description = self._assessed or self._described()
         if description is None:
             return None

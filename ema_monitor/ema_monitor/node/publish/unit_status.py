@@ -23,11 +23,11 @@ from ema_ros.status import (
 )
 
 _LARGEST_COUNT: Final = 2**64 - 1
-"""Largest count of a message: sample numbers that jump to and fro may add up to more."""
+"""Largest count in a message; sample numbers that jump back and forth may add up to more."""
 
 
 def telemetry_status(unit: ActuatorStatus, dropped: int = 0) -> TelemetryStatus:
-    """Return what is counted of an actuator, of which ``dropped`` windows had to give way."""
+    """Return the counts of an actuator; ``dropped`` is the number of its dropped windows."""
     return TelemetryStatus(
         actuator_id=unit.actuator_id,
         serial_number=unit.description.serial_number if unit.description else "",
@@ -42,9 +42,10 @@ def telemetry_status(unit: ActuatorStatus, dropped: int = 0) -> TelemetryStatus:
 
 
 def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Task]:
-    """Return the status of telemetry and health, and of each fault.
+    """Return the status of telemetry, health, and each fault and requirement.
 
-    ``waiting`` windows of all actuators wait, and ``dropped`` ones of this one had to give way.
+    ``waiting`` is the number of queued windows of all actuators, and ``dropped`` the number of
+    dropped windows of this actuator.
     """
     health, life = unit.health.outlook.health, unit.health.outlook.rul
     figures = {
@@ -60,11 +61,11 @@ def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Tas
     figures |= {f"{item.name}{_unit(item, ' [{}]')}": item.value for item in rated}
     if unit.health.comparison is not None:
         figures |= _figures_of(unit.health.comparison)
-    level, known = health.level, unit.health.outlook.known_level
+    level, last_level = health.level, unit.health.outlook.known_level
     is_stale = level == STALE
     summary = "unknown" if is_stale else LEVEL_NAMES[level]
-    if is_stale and known != STALE:
-        summary = f"unknown, last {LEVEL_NAMES[known]}"
+    if is_stale and last_level != STALE:
+        summary = f"unknown, last {LEVEL_NAMES[last_level]}"
     if unit.health.outlook.dominant:
         summary += f": {unit.health.outlook.dominant}"
     if health.reason:
@@ -98,11 +99,11 @@ def _shown_by(
 def _figures_of(comparison: Comparison) -> dict[str, float]:
     """Return change and smallest detectable change of each quantity by key."""
     figures: dict[str, float] = {}
-    for one in comparison.quantities:
-        scale, unit = (100.0, "%") if one.unit == "-" else (1.0, one.unit)
-        name = one.name.replace("_", " ")
-        figures[f"{name} change [{unit}]"] = scale * one.change
-        figures[f"{name} smallest change [{unit}]"] = scale * one.smallest_change
+    for quantity in comparison.quantities:
+        scale, unit = (100.0, "%") if quantity.unit == "-" else (1.0, quantity.unit)
+        name = quantity.name.replace("_", " ")
+        figures[f"{name} change [{unit}]"] = scale * quantity.change
+        figures[f"{name} smallest change [{unit}]"] = scale * quantity.smallest_change
     return figures
 
 
@@ -178,13 +179,13 @@ def _item_task(unit: ActuatorStatus, item: FaultHealth, end: str) -> Task:
 
 
 def _unit(item: FaultHealth, form: str) -> str:
-    """Return the unit of a requirement in a form; nothing for a fault or share."""
+    """Return the formatted unit of a requirement; empty for a fault or share."""
     unit = RequirementLimits.unit(item.name)
     return "" if unit == "1" else form.format(unit)
 
 
 def _category(level: int, end: str, is_unknown: bool) -> str:
-    """Return the category of NAMUR NE 107 of a level, ``end`` that of ERROR."""
+    """Return the category of NAMUR NE 107 of a level; ``end`` is the category of ERROR."""
     if is_unknown:
         return CHECK_FUNCTION
     return {OK: NORMAL, WARN: MAINTENANCE_REQUIRED}.get(level, end)

@@ -1,1 +1,1 @@
-"""What a monitor receives: admitted messages become windows, measurements and counts."""
+"""Reception of a monitor: admitted messages become windows, measurements and counts."""

@@ -1,4 +1,4 @@
-"""Which messages a monitor takes: a list, a share, a limit; the others are counted, and bounded."""
+"""Admission of actuators to a monitor: by a list, a shard and a limit; refusals are counted."""
 
 import hashlib
 from collections import Counter
@@ -21,11 +21,11 @@ _REFUSED: Final = "messages of actuators beyond the limit"
 
 
 def shard_of(actuator_id: str, count: int, listed: Collection[str] = ()) -> int:
-    """Return the shard of an actuator among ``count``: the same in every process, for ever.
+    """Return the shard of an actuator among ``count``: the same in every process and release.
 
-    It is the BLAKE2b digest of 8 bytes of its name in UTF-8, as a big-endian number, modulo
-    ``count``. Actuators that are listed are dealt out in the order of their numbers instead, so
-    that shards differ by one at most.
+    It is the 8-byte BLAKE2b digest of the UTF-8 name, as a big-endian number, modulo ``count``.
+    Listed actuators are dealt out in the order of these numbers instead, so that the sizes of
+    shards differ by one at most.
     """
     if actuator_id in listed:
         return sorted(listed, key=lambda name: (_number_of(name), name)).index(actuator_id) % count
@@ -39,7 +39,7 @@ def _number_of(actuator_id: str) -> int:
 
 @dataclass(frozen=True)
 class Shard(Checked):
-    """The share of all actuators that one of several monitors follows."""
+    """The shard of actuators that a monitor follows, if several monitors share them."""
 
     index: int = quantity(0, "-", 0, 255, "which share of the actuators is followed, from 0")
     count: int = quantity(1, "-", 1, 256, "number of monitors that share the actuators")
@@ -53,7 +53,7 @@ class Shard(Checked):
             )
 
     def has(self, actuator_id: str, listed: Collection[str] = ()) -> bool:
-        """Return whether an actuator is of this share, as of ``shard_of``."""
+        """Return whether an actuator belongs to this shard (see ``shard_of``)."""
         return self.count == 1 or shard_of(actuator_id, self.count, listed) == self.index
 
     def __str__(self) -> str:
@@ -62,7 +62,7 @@ class Shard(Checked):
 
 @dataclass(frozen=True)
 class Selection(Checked):
-    """The actuators that are followed."""
+    """The list of actuators to monitor."""
 
     actuators: tuple[str, ...] = texts(
         "actuators to monitor, each by its actuator_id; empty: all that publish"
@@ -77,15 +77,20 @@ class Selection(Checked):
             raise ValueError(f"actuators = {list(self.actuators)}: {twice[0]!r} is given twice")
 
     def of(self, shard: Shard) -> tuple[str, ...]:
-        """Return those that are listed and of a share."""
+        """Return the listed actuators of a shard."""
         return tuple(name for name in self.actuators if shard.has(name, self.actuators))
 
 
 class Admission:
-    """Decides which actuators are followed; what it keeps of the others is bounded.
+    """Decides which actuators are followed; its record of the remaining ones is bounded.
 
-    An actuator is followed if it is of this shard and listed, where there is a list, as long as
-    there are not ``most_actuators`` of them. ``listed`` are those of the list and this shard.
+    An actuator is followed if it belongs to this shard and to the list, if there is one, until
+    ``most_actuators`` are followed.
+
+    Attributes
+    ----------
+    listed
+        Listed actuators of this shard.
     """
 
     def __init__(
@@ -96,11 +101,11 @@ class Admission:
         self._shard = shard
         self._operation = operation
         self._counts: Counter[str] = Counter()
-        # Of wrong messages of nobody, and of refused ones, the latest.
+        # The latest malformed and refused messages of unmonitored actuators, by kind.
         self._latest: dict[str, str] = {}
 
     def check(self) -> None:
-        """Raise ValueError when more are listed than may be followed."""
+        """Raise ValueError if the list is longer than ``most_actuators``."""
         most = self._operation.value.most_actuators
         if len(self.listed) > most:
             raise ValueError(
@@ -108,16 +113,16 @@ class Admission:
                 f"most_actuators = {most}"
             )
 
-    def list_in_words(self) -> str:
-        """Return which of the listed actuators are followed; empty without a list."""
+    def describe_list(self) -> str:
+        """Return a text with the listed actuators by shard; empty without a list."""
         if not self._all_listed:
             return ""
-        others = [name for name in self._all_listed if name not in self.listed]
+        elsewhere = [name for name in self._all_listed if name not in self.listed]
         words = f"listed actuators of {self._shard}: {', '.join(self.listed) or 'none'}"
-        return f"{words}; of other shards: {', '.join(others)}" if others else words
+        return f"{words}; of other shards: {', '.join(elsewhere)}" if elsewhere else words
 
     def why_not(self, actuator_id: str) -> str:
-        """Return why an actuator is not to be followed by this monitor; empty when it is."""
+        """Return why this monitor does not follow an actuator; empty if it does."""
         kind = self._kind(actuator_id)
         if kind == _OTHER_SHARDS:
             shard = shard_of(actuator_id, self._shard.count, self._all_listed)
@@ -125,14 +130,14 @@ class Admission:
         return "it is not listed in the parameter actuators" if kind == _NOT_LISTED else ""
 
     def ignores(self, actuator_id: str) -> bool:
-        """Return whether a message is for others, and count it if so."""
+        """Return whether the messages of an actuator are ignored; count the message if so."""
         kind = self._kind(actuator_id)
         if kind:
             self._counts[kind] += 1
         return bool(kind)
 
     def _kind(self, actuator_id: str) -> str:
-        """Return what messages of an actuator are counted as; empty where it is to be followed."""
+        """Return why messages of an actuator are ignored; empty if they are accepted."""
         if actuator_id in self._all_listed:
             return "" if actuator_id in self.listed else _OTHER_SHARDS
         if self._all_listed:
@@ -140,24 +145,27 @@ class Admission:
         return "" if self._shard.has(actuator_id) else _OTHER_SHARDS
 
     def refuse(self, actuator_id: str, followed: Collection[str]) -> str | None:
-        """Return None where there is room for one more; else why not, empty but for the first."""
+        """Return None if one more actuator may be followed, else the reason of the refusal.
+
+        The reason is empty after the first refusal.
+        """
         most = self._operation.value.most_actuators
         if len(followed) < most:
             return None
         self._count(_REFUSED, repr(actuator_id))
         is_first = self._counts[_REFUSED] == 1
-        return f"not followed, as most_actuators = {most} are" if is_first else ""
+        return f"not monitored: the limit most_actuators = {most} is reached" if is_first else ""
 
     def note_wrong(self, actuator_id: str, reason: str) -> bool:
-        """Record a wrong message of nobody that is followed; return whether it is the first."""
+        """Count a malformed message of an unmonitored actuator; return whether it is the first."""
         kind = _UNKNOWN if actuator_id else _UNNAMED
         self._count(kind, f"{actuator_id!r}: {reason}")
         return self._counts[kind] == 1
 
-    def status(self, followed: Collection[str], *, is_heard: bool = True) -> tuple[int, str]:
-        """Return level and message on what is received of all.
+    def status(self, followed: Collection[str], *, is_receiving: bool = True) -> tuple[int, str]:
+        """Return level and message of the reception from all actuators.
 
-        ``is_heard`` says whether telemetry of any of them is received.
+        ``is_receiving`` states whether any actuator sends telemetry.
         """
         remarks = []
         if not followed and not self._counts[_OTHER_SHARDS]:
@@ -170,7 +178,7 @@ class Admission:
         if remarks:
             return WARN, "; ".join(remarks)
         monitored = f"{counted(len(followed), 'actuator')} monitored"
-        if followed and not is_heard:
+        if followed and not is_receiving:
             return WARN, f"{monitored}; no telemetry is received"
         return OK, monitored
 

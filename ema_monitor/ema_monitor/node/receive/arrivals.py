@@ -1,4 +1,4 @@
-"""When the telemetry of an actuator was received, which shows whether it was stored before."""
+"""Reception times of telemetry, which show whether it was stored before it was sent."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -6,14 +6,17 @@ from itertools import islice
 from typing import Final, NamedTuple
 
 _SPAN_NS: Final = 1_000_000_000
+"""Shortest duration of the telemetry whose pace is computed [ns]."""
+
 _LEAST_BLOCKS: Final = 5
-"""Telemetry whose pace is looked at: the latest of so many nanoseconds, and so many blocks."""
+"""Smallest number of blocks of the telemetry whose pace is computed."""
 
 _LEAST_PACE: Final = 0.5
-"""Least time of reception over that of the measurement, if both are at the same time [-]."""
+"""Smallest ratio of reception time to measurement time of live telemetry [-]."""
 
 _STEADY_PACE: Final = (0.8, 1.25)
-"""The same of an actuator that streams by its clock: a slow sender of stored telemetry does not."""
+"""Range of the same ratio for an actuator that streams by its clock; a slow sender of stored
+telemetry does not stay within it."""
 
 _MOST_BLOCKS: Final = 1000
 
@@ -29,13 +32,13 @@ class Arrival(NamedTuple):
 class Arrivals:
     """The latest blocks of telemetry of an actuator.
 
-    Telemetry that is sent while it is measured arrives as fast as it was measured. Telemetry that
-    was stored arrives at once, whatever its stamps are.
+    Telemetry that is sent while it is measured arrives as fast as it was measured. Stored
+    telemetry arrives at once, for any stamps.
 
     Attributes
     ----------
     has_streamed
-        Whether the actuator has ever sent telemetry while it was measured.
+        Whether the actuator has ever sent telemetry while measuring it.
     """
 
     def __init__(self) -> None:
@@ -43,7 +46,7 @@ class Arrivals:
         self.has_streamed = False
 
     def add(self, start_ns: int, end_ns: int, steady_ns: int) -> None:
-        """Note a block by its stamps, and its reception by a clock that never goes back [ns]."""
+        """Add a block with its stamps and its reception by a clock that never goes back [ns]."""
         self._blocks.append(Arrival(start_ns, end_ns, steady_ns))
         if not self.has_streamed:
             low, high = _STEADY_PACE
@@ -52,8 +55,8 @@ class Arrivals:
     def are_live(self, end_ns: int) -> bool:
         """Return whether the telemetry up to a stamp [ns] was received as it was measured.
 
-        It is not known, and False, if too few blocks were received. If the stamp came several
-        times, all have to be live.
+        False if too few blocks were received to decide. If several blocks contain the stamp, all
+        of them have to be live.
         """
         runs = [
             self._run(place)
@@ -63,9 +66,9 @@ class Arrivals:
         return bool(runs) and all(map(_is_live, runs))
 
     def _run(self, place: int) -> list[Arrival]:
-        """Return the blocks up to one, counted from the latest, without a gap: the latest first.
+        """Return the latest blocks without a gap up to a place, the latest first.
 
-        Earlier ones than are looked at are left out.
+        ``place`` counts from the latest block, 0. Blocks that the pace does not need are omitted.
         """
         run = list[Arrival]()
         for block in self._from(place):
@@ -81,9 +84,9 @@ class Arrivals:
 
 
 def _is_live(run: Sequence[Arrival]) -> bool:
-    """Return whether both halves of a run, the latest block first, were received as measured.
+    """Return whether both halves of a run were received as fast as they were measured.
 
-    After a pause, stored telemetry fills one half of it at most.
+    After a pause, stored telemetry fills at most one half of a run.
     """
     return min(_paces(run)) >= _LEAST_PACE
 
@@ -97,6 +100,6 @@ def _paces(run: Sequence[Arrival]) -> tuple[float, float]:
 
 
 def _pace(run: Sequence[Arrival]) -> float:
-    """Return the time of reception over that of the measurement [-]."""
+    """Return the ratio of reception time to measurement time [-]."""
     last, first = run[0], run[-1]
     return (last.steady_ns - first.steady_ns) / (last.end_ns - first.end_ns)

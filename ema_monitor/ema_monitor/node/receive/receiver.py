@@ -1,4 +1,4 @@
-"""What a monitor receives of its actuators: messages in, windows for identification out."""
+"""Reception of messages from actuators, and search for windows to identify."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -31,10 +31,10 @@ _MOST_DESCRIBED: Final = 1000
 
 
 class Receiver:
-    """Receives messages in one thread, and hands the windows in the telemetry to the worker.
+    """Receives messages in one thread, and queues the windows in the telemetry for the worker.
 
-    What is received may be impossible: then it is reported as a defect of its actuator, or of
-    nobody.
+    An impossible message is reported as a defect of its actuator, or of the node if it names no
+    monitored actuator.
     """
 
     def __init__(
@@ -56,16 +56,16 @@ class Receiver:
         self._operation = operation
         self._now_ns = now_ns
         self._log = log
-        # Latched topics describe an actuator once: it is kept for its return.
+        # Latched topics describe an actuator once: the description is kept for its return.
         self._described: dict[str, ActuatorDescription] = {}
 
     def serve(self, node: ManagedNode) -> None:
         """Offer the service ``~/forget_actuator`` of a node."""
-        # In the thread that receives telemetry: nothing is received in the middle of it.
+        # In the thread that receives telemetry: no message is received during the call.
         node.create_service(ForgetActuator, "~/forget_actuator", self._answer_forget)
 
     def subscribe(self, node: ManagedNode) -> None:
-        """Receive messages from now on, by subscriptions of a node."""
+        """Create the subscriptions on a node."""
         group = MutuallyExclusiveCallbackGroup()
         classes = topics.ACTUATOR_TOPICS | topics.SYSTEM_TOPICS
         for name, callback in (
@@ -81,7 +81,7 @@ class Receiver:
             node.create_subscription(kind, name, callback, topics.STREAM, callback_group=group)
 
     def receive_telemetry(self, message: Any) -> None:
-        """Look for windows in ``ema_interfaces/msg/TelemetryBlock``."""
+        """Search ``ema_interfaces/msg/TelemetryBlock`` for windows."""
         with self._actuators.lock:
             source = self._sources.get(message.actuator_id) or self._admit(message)
             if source is None:
@@ -94,7 +94,7 @@ class Receiver:
 
     def receive_description(self, message: Any) -> None:
         """Apply ``ema_interfaces/msg/ActuatorDescription``."""
-        if not self._takes(message, "description"):
+        if not self._accepts(message, "description"):
             return
         try:
             self.describe(description_from_message(message))
@@ -103,7 +103,7 @@ class Receiver:
 
     def receive_measured(self, message: Any) -> None:
         """Keep ``ema_interfaces/msg/MeasuredCauses``."""
-        if not self._takes(message, "measured causes"):
+        if not self._accepts(message, "measured causes"):
             return
         actuator_id = message.actuator_id
         try:
@@ -111,36 +111,36 @@ class Receiver:
             with self._actuators.lock:
                 self._sources.measurements.add(actuator_id, stamp_ns, measured)
         except ValueError as error:
-            # A measurement alone does not make an actuator known.
-            self.add_defect(actuator_id, str(error), is_known=actuator_id in self._sources)
+            # A measurement alone does not start the monitoring of an actuator.
+            self.add_defect(actuator_id, str(error), is_monitored=actuator_id in self._sources)
 
     def receive_usage(self, message: Any) -> None:
         """Record counted use from ``ema_interfaces/msg/Usage``."""
-        if not self._takes(message, "usage"):
+        if not self._accepts(message, "usage"):
             return
         actuator_id = message.actuator_id
         status = self._actuators.get(actuator_id)
         described = status.description if status else None
-        # One that its sender did not stamp, or without a clock, was read just now.
+        # A count without a stamp, or from an actuator without a clock, was read just now.
         has_clock = self._operation.value.has_clock
         stamp_ns = stamp_from_message(message.header.stamp) if has_clock else 0
         try:
             count = Count(stamp_ns or self._now_ns(), message.flight_hours, message.cycles)
-            # A count without a serial number is of the unit that is described.
+            # A count without a serial number belongs to the described unit.
             serial_number = message.serial_number or (described.serial_number if described else "")
             self._sources.counts.add((actuator_id, serial_number), count)
         except ValueError as error:
-            # A count alone does not make an actuator known.
+            # A count alone does not start the monitoring of an actuator.
             reason = f"usage is impossible: {error}"
-            self.add_defect(actuator_id, reason, is_known=status is not None)
+            self.add_defect(actuator_id, reason, is_monitored=status is not None)
 
     def expect_listed(self) -> None:
-        """Add the actuators that are listed, so that one that says nothing is seen."""
+        """Add the listed actuators, so that the status shows those without telemetry."""
         self._admission.check()
         for actuator_id in self._admission.listed:
             self._get_or_add(actuator_id)
-        if words := self._admission.list_in_words():
-            self._log.info(words)
+        if text := self._admission.describe_list():
+            self._log.info(text)
 
     def expect_described(self, described: ActuatorDescription) -> None:
         """Apply the description of an actuator that publishes none."""
@@ -151,7 +151,7 @@ class Receiver:
             self.describe(described)
 
     def describe(self, description: ActuatorDescription) -> None:
-        """Apply the description of an actuator, if it is followed."""
+        """Apply the description of an actuator, if the actuator is followed."""
         with self._actuators.lock:
             source = self._get_or_add(description.actuator_id, description)
             if source is None:
@@ -167,28 +167,28 @@ class Receiver:
             self._prepare(description)
 
     def _prepare(self, description: ActuatorDescription) -> None:
-        """Prepare for a unit that has just been described."""
+        """Prepare the prognosis of a unit that has just been described."""
         for remark in description.remarks:
             self._log.warning(f"{description.actuator_id}: {remark}")
         self._results.prepare(description)
 
     def restart(self, settings: TriggerSettings) -> None:
-        """Look for windows with other settings from now on; a window that is open is refused."""
+        """Apply new trigger settings; an open window is refused."""
         with self._actuators.lock:
             self._sources.trigger = settings
             for source in self._sources.values():
                 events = source.intake.restart(settings, "the settings of the window changed")
-                # Nothing is wrong where no window is cut off.
+                # Without an open window, the change is no defect.
                 self._deliver(source, [event for event in events if isinstance(event, Segment)])
 
     def check(self) -> None:
-        """Publish levels that have just become stale, and end records of silent actuators."""
+        """Publish each health that has become stale, and end records of silent actuators."""
         if not self._actuators.is_active:
             return
         with self._actuators.lock:
             stale = self._actuators.expire()
             for source in self._sources.values():
-                # The position does not show that the telemetry has ended.
+                # Records end with the telemetry: their position shows no end.
                 if source.status.is_silent and source.status.finder.finds_records:
                     self._deliver(source, source.intake.finish())
         for health in stale:
@@ -197,15 +197,20 @@ class Receiver:
             self._log.report()
 
     def finish(self) -> list[Segment]:
-        """End the telemetry of all; return the refusals of the windows that are cut off."""
+        """End the telemetry of all actuators; return the refusals of the open windows."""
         with self._actuators.lock:
-            events = [event for one in self._sources.values() for event in one.intake.finish()]
+            events = [
+                event for source in self._sources.values() for event in source.intake.finish()
+            ]
         return [_cut_off(event) for event in events if isinstance(event, Segment)]
 
     def forget(self, actuator_id: str) -> None:
-        """Follow an actuator no more, whose name is as it was received; what is on disk stays.
+        """Stop following an actuator; its files stay on disk.
 
-        One that is not known is a ValueError.
+        Raises
+        ------
+        ValueError
+            If the actuator is not monitored.
         """
         with self._actuators.lock:
             source = self._sources.get(actuator_id)
@@ -222,20 +227,20 @@ class Receiver:
         self._log.report()
 
     def task(self, hardware_id: str) -> Task:
-        """Return the status of what is received of all actuators."""
+        """Return the status of the reception from all actuators."""
         queue = self._worker.queue
         counts = {
             "windows dropped": sum(queue.dropped.values()),
             "refusals dropped": sum(queue.unanswered.values()),
         }
         with self._actuators.lock:
-            is_heard = self._actuators.is_any_heard()
-            level, message = self._admission.status(self._actuators, is_heard=is_heard)
+            is_receiving = self._actuators.receives_telemetry()
+            level, message = self._admission.status(self._actuators, is_receiving=is_receiving)
             figures = counts | self._admission.figures(self._actuators)
         return Task("input", level, message, hardware_id, figures)
 
-    def _takes(self, message: Any, what: str) -> bool:
-        """Return whether a message is of an actuator that is to be followed; note if not."""
+    def _accepts(self, message: Any, what: str) -> bool:
+        """Return whether the actuator of a message may be followed; count the message if not."""
         actuator_id = message.actuator_id
         if actuator_id in self._sources:
             return True
@@ -245,20 +250,20 @@ class Receiver:
             check_name("actuator_id", actuator_id)
         except ValueError:
             wrong = "with an impossible" if actuator_id else "without"
-            self.add_defect(actuator_id, f"{what} {wrong} actuator_id", is_known=False)
+            self.add_defect(actuator_id, f"{what} {wrong} actuator_id", is_monitored=False)
             return False
         return True
 
     def _admit(self, message: Any) -> Source | None:
         """Return the source of the first telemetry of an actuator; None if it is not followed."""
-        if not self._takes(message, "telemetry"):
+        if not self._accepts(message, "telemetry"):
             return None
         return self._get_or_add(message.actuator_id)
 
     def _get_or_add(
         self, actuator_id: str, description: ActuatorDescription | None = None
     ) -> Source | None:
-        """Return a source; None when there is no room: its description is kept for later."""
+        """Return the source of an actuator; None at the limit: its description is kept."""
         if (source := self._sources.get(actuator_id)) is not None:
             return source
         if (reason := self._admission.refuse(actuator_id, self._sources)) is not None:
@@ -268,13 +273,14 @@ class Receiver:
                 self._log.warn(actuator_id, reason, is_first=True)
             return None
         source = self._add(actuator_id)
-        if (known := self._described.pop(actuator_id, None)) is not None and description is None:
-            source.intake.describe(known)
-            self._prepare(known)
+        remembered = self._described.pop(actuator_id, None)
+        if remembered is not None and description is None:
+            source.intake.describe(remembered)
+            self._prepare(remembered)
         return source
 
     def _add(self, actuator_id: str) -> Source:
-        """Return the source of an actuator that is followed from now on, by all parts."""
+        """Follow an actuator in all parts, and return its source."""
         intake, arrivals = self._sources.new_intake(actuator_id), Arrivals()
         self._worker.follow(actuator_id)
         status = self._actuators.follow(actuator_id, intake.finder, arrivals)
@@ -283,17 +289,17 @@ class Receiver:
         return source
 
     def _deliver(self, source: Source, events: Iterable[Segment | Defect]) -> None:
-        """Have windows identified, and report defects."""
+        """Queue windows for identification, and report defects."""
         for event in events:
             if isinstance(event, Defect):
                 self.add_defect(source.status.actuator_id, event.reason)
             else:
                 self._worker.add(event)
 
-    def add_defect(self, actuator_id: str, reason: str, *, is_known: bool = True) -> None:
-        """Record and report a defect, of nobody where no actuator is named or it is not known."""
+    def add_defect(self, actuator_id: str, reason: str, *, is_monitored: bool = True) -> None:
+        """Record and report a defect of an actuator, or of the node if it is not monitored."""
         with self._actuators.lock:
-            source = self._get_or_add(actuator_id) if actuator_id and is_known else None
+            source = self._get_or_add(actuator_id) if actuator_id and is_monitored else None
             if source is not None:
                 is_first = source.status.add_defect(reason)
             else:
@@ -320,7 +326,7 @@ class Receiver:
 
 
 def _cut_off(segment: Segment) -> Segment:
-    """Return the refusal of a window, or of a record that the monitor stops within."""
+    """Return the refusal of a window, or of a record during which the monitor stops."""
     window = segment.window
     if isinstance(window, Refusal):
         return segment

@@ -1,4 +1,4 @@
-"""The time of a node that receives: by the clock of stamps, and by a clock that never goes back."""
+"""The time of a node by the clock of stamps, and by a clock that never goes back."""
 
 import contextlib
 import json
@@ -11,16 +11,16 @@ from ema_core.files import complete_file
 from ema_monitor.node.moment import Moment
 
 _LEAST_STEP_NS: Final = 1_000_000_000
-"""Smallest backward step of the clock that is noticed [ns]; adjustments by NTP are slower."""
+"""Smallest backward step of the clock that is detected [ns]; adjustments by NTP are slower."""
 
 _KEPT_TO_NS: Final = 100_000_000
-"""Change of the offset between both clocks from which on it is kept anew [ns]."""
+"""Smallest change of the offset between both clocks that is written to the file [ns]."""
 
 _BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
 
 
 def boot_id() -> str:
-    """Return what names the present run of the machine; empty where it is not known."""
+    """Return the identifier of the present boot of the machine; empty if unavailable."""
     try:
         return _BOOT_ID.read_text(encoding="utf-8").strip()
     except OSError:
@@ -28,27 +28,27 @@ def boot_id() -> str:
 
 
 def boot_time_ns() -> int:
-    """Return the time since the machine was started [ns], in which it slept included."""
+    """Return the time since the boot of the machine [ns], including suspension."""
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
 
 class ReceiverClock:
-    """Reads the clock of a node beside a steady one, and notices backward steps.
+    """Reads the clock of a node and a steady clock, and detects backward steps.
 
-    In simulated time the steady clock is the simulated one without its backward steps.
+    In simulated time the steady clock is the simulated clock without its backward steps.
 
     Parameters
     ----------
     read_ns
         Returns the time of the clock of stamps [ns].
     is_simulated
-        Whether that is simulated time.
+        Whether the clock of stamps shows simulated time.
     steady_ns
-        Returns the time of a steady clock [ns], which runs on while the node does not.
+        Returns the time of a steady clock [ns], which runs even if the node does not.
     kept
-        File that keeps the offset between both clocks for the next run of the node; None for none.
+        File that stores the offset between both clocks for the next run of the node; None for none.
     boot_id
-        Returns what names the run of the machine, for which the offset holds.
+        Returns the identifier of the present boot of the machine, for which the offset holds.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class ReceiverClock:
         self._is_continued = self._offset_ns is not None
 
     def read(self) -> tuple[Moment, int]:
-        """Return the time, and by how much the clock has stepped back since the last call [ns]."""
+        """Return the time, and the backward step of the clock since the previous call [ns]."""
         clock_ns = self._read_ns()
         if self.is_simulated:
             return self._read_simulated(clock_ns)
@@ -84,7 +84,7 @@ class ReceiverClock:
         return moment, back_ns if back_ns >= _LEAST_STEP_NS else 0
 
     def _read_kept(self) -> int | None:
-        """Return the offset of an earlier run of the node [ns]; None where it is not known."""
+        """Return the offset of an earlier run of the node [ns]; None if there is none."""
         if self._kept is None or not self._boot_id:
             return None
         with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
@@ -94,13 +94,13 @@ class ReceiverClock:
         return None
 
     def _keep(self, offset_ns: int) -> None:
-        """Keep the offset for the next run, if it has changed."""
+        """Write the offset for the next run, if it has changed."""
         if self._kept is None:
             return
         if self._kept_ns is not None and abs(offset_ns - self._kept_ns) < _KEPT_TO_NS:
             return
         self._kept_ns = offset_ns
-        # Without it, the next run takes no level from its histories.
+        # If this fails, the next run restores no level from its histories.
         with contextlib.suppress(OSError):
             self._kept.parent.mkdir(parents=True, exist_ok=True)
             with complete_file(self._kept) as partial:
@@ -108,7 +108,7 @@ class ReceiverClock:
                 partial.write_text(kept, encoding="utf-8")
 
     def _read_simulated(self, clock_ns: int) -> tuple[Moment, int]:
-        # Here the offset is the sum of the backward steps, and the latest time is kept beside it.
+        # The latest time, and the sum of the backward steps as the offset.
         before_ns, offset_ns = self._simulated
         back_ns = max(before_ns - clock_ns, 0)
         self._simulated = clock_ns, offset_ns + back_ns

@@ -1,4 +1,4 @@
-"""Telemetry of each actuator, and what is received of it beside: measured causes and counts."""
+"""Telemetry, measured causes and usage counts of each actuator."""
 
 import threading
 from typing import Any
@@ -26,20 +26,20 @@ class Source:
     intake
         Finds the windows in its telemetry, and keeps the use of its units.
     arrivals
-        When its telemetry was received.
+        Reception times of its telemetry.
     status
-        What is reported of it.
+        Its status, counts and published health.
     """
 
     def __init__(self, intake: Intake, arrivals: Arrivals, status: ActuatorStatus) -> None:
         self.intake, self.arrivals, self.status = intake, arrivals, status
 
     def receive(self, message: Any, steady_ns: int) -> list[Segment | Defect]:
-        """Take in ``ema_interfaces/msg/TelemetryBlock``, received at a steady time [ns].
+        """Process ``ema_interfaces/msg/TelemetryBlock``, received at a steady time [ns].
 
-        Return the windows that it completes and its defects.
+        Return the windows that the block completes, and its defects.
         """
-        self.status.heard_ns, self.status.is_silent = steady_ns, False
+        self.status.received_ns, self.status.is_silent = steady_ns, False
         try:
             block = telemetry_from_message(message)
         except ValueError as error:
@@ -49,7 +49,7 @@ class Source:
 
 
 class Sources(dict[str, Source]):
-    """The sources by actuator; what is received before one is known is kept for it.
+    """The sources by actuator; measured causes and counts may precede a source.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Sources(dict[str, Source]):
         self._lock = lock
 
     def new_intake(self, actuator_id: str) -> Intake:
-        """Return a new intake of an actuator, which shares what was received before it is known."""
+        """Return a new intake of an actuator, which shares the logs of all actuators."""
         return Intake(
             actuator_id,
             self.trigger,

@@ -1,1 +1,1 @@
-"""What a monitor works out: estimates, prognoses, and answers to calls, each in its thread."""
+"""Work of a monitor: estimates, prognoses, and answers to calls, each in a separate thread."""

@@ -1,4 +1,4 @@
-"""The windows of one actuator as they are worked on."""
+"""Work on the windows of one actuator."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,9 +15,9 @@ class ActuatorWork:
     Attributes
     ----------
     latest
-        Its latest complete window; None when there was none.
+        Its latest complete window; None before the first one.
     awaiting
-        Queues of those who wait for its next windows.
+        Queues of the calls that wait for its next windows.
     diagnosis
         Identifies its windows; None before the first one.
     """
@@ -28,7 +28,7 @@ class ActuatorWork:
         self.diagnosis: Diagnosis | None = None
 
     def note(self, segment: Segment) -> None:
-        """Keep a window as the latest, and give it to those who wait."""
+        """Keep a window as the latest, and pass it to the calls that wait for it."""
         if isinstance(segment.window, Window):
             self.latest = segment
         for queue in tuple(self.awaiting):
@@ -36,7 +36,7 @@ class ActuatorWork:
 
     @contextmanager
     def next_windows(self) -> Iterator[SimpleQueue[Segment]]:
-        """Yield a queue of the windows from now on, and of those that cannot be used."""
+        """Yield a queue of the next windows, refused windows included."""
         queue: SimpleQueue[Segment] = SimpleQueue()
         self.awaiting.append(queue)
         try:

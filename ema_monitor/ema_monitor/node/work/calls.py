@@ -1,4 +1,4 @@
-"""What others ask of a monitor: calibrate, identify with an algorithm of choice."""
+"""Calls to a monitor: calibration, and identification with a chosen algorithm."""
 
 import threading
 import time
@@ -49,7 +49,7 @@ class MonitorCalls:
     Attributes
     ----------
     rejected
-        Why the latest goal was rejected; empty when it was accepted.
+        Why the latest goal was rejected; empty if it was accepted.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class MonitorCalls:
             accepted_by = person if request.force else ""
             has_clock = self._settings.operation.value.has_clock
             if description.drive == "unknown" and not has_clock:
-                windows = [one.without_date() for one in windows]
+                windows = [window.without_date() for window in windows]
             calibration = calibrate(windows, description, accepted_by=accepted_by)
             self._store.keep(description, calibration, path)
             message = f"made of {counted(len(windows), 'window')}"
@@ -128,7 +128,7 @@ class MonitorCalls:
                 description, person, calibration.calibration_id, is_forced=request.force
             )
             if outlook is not None:
-                self._actuators.tell(description.actuator_id, outlook.events)
+                self._actuators.add_events(description.actuator_id, outlook.events)
         self._results.prepare(description)
         self._log.info(f"calibration: {message}")
         response.success, response.message = True, message
@@ -145,7 +145,7 @@ class MonitorCalls:
             )
 
     def _healthy_windows(self, actuator_id: str, number: int) -> Iterator[Window]:
-        """Yield the next windows of an actuator without those that cannot be used."""
+        """Yield the next windows of an actuator, without refused windows."""
         if not 1 <= number <= _MOST_WINDOWS:
             raise ValueError(f"windows = {number}: expected 1 to {_MOST_WINDOWS} healthy windows")
         unit, _ = self._actuators.find(actuator_id)
@@ -167,14 +167,14 @@ class MonitorCalls:
                     )
 
     def _timeout_s(self, unit: ActuatorStatus) -> float:
-        """Return how long to wait for the next window, or for the next record, which is longer."""
+        """Return the timeout for the next window, or for the next record, which is longer [s]."""
         timeout_s = self._settings.operation.value.calibration_timeout_s
         return timeout_s + unit.finder.longest_s if unit.finder.finds_records else timeout_s
 
     def _next(
         self, windows: SimpleQueue[Segment], deadline_s: float, goal: Any = None
     ) -> Segment | None:
-        """Wait for the next window; None at the deadline, or on cancelling."""
+        """Wait for the next window; return None at the deadline or on cancellation."""
         while time.monotonic() < deadline_s and not (goal and goal.is_cancel_requested):
             self._require_active()
             try:
@@ -188,7 +188,7 @@ class MonitorCalls:
             raise ValueError(NOT_ACTIVE)
 
     def _accept_or_reject(self, request: IdentifyFaults.Goal) -> GoalResponse:
-        """Reject impossible goals, and those that would take the processor from the telemetry."""
+        """Reject impossible goals, and goals beyond the number that may run at once."""
         try:
             self._require_active()
             unit, _ = self._actuators.find(request.actuator_id)
@@ -230,7 +230,7 @@ class MonitorCalls:
         return result
 
     def _identify_for(self, goal: Any, result: IdentifyFaults.Result) -> None:
-        """Identify the window that a goal asks for, unless it is cancelled."""
+        """Identify the window of a goal, unless the goal is cancelled."""
         unit, _ = self._actuators.find(goal.request.actuator_id)
         search = self._search_for(goal.request)
         segment = self._window(unit, goal)
@@ -271,7 +271,7 @@ class MonitorCalls:
         )
 
     def _window(self, unit: ActuatorStatus, goal: Any) -> Segment | None:
-        """Return the window of a goal; None when it is cancelled before there is one."""
+        """Return the window of a goal; None if the goal is cancelled before the window ends."""
         if not goal.request.next_window:
             return self._latest(unit)
         timeout_s = self._timeout_s(unit)

@@ -1,4 +1,4 @@
-"""What follows from a test beside estimate and health, in a thread of its own."""
+"""Forecast, advice and window fit after a test, published in a separate thread."""
 
 import threading
 from collections import deque
@@ -21,15 +21,19 @@ from ema_monitor.windows.window import Window
 
 _JOIN_S: Final = 5.0
 MOST_WAITING: Final = 400
-"""Number of messages to come beyond which the oldest are dropped: a hundred tests'."""
+"""Length of the queue beyond which the oldest follow-ups are dropped: about 100 tests."""
 
 
 class FollowUps:
-    """Publishes what follows from tests, in their order; no window waits for it.
+    """Publishes forecasts, advice and fits, and writes assessments, in the order of the tests.
 
-    Where it does not keep up, the oldest are dropped: each is soon replaced by that of a later
-    test, and what is written to a history is written with the next.
-    The number of these is ``dropped``.
+    No window waits for them. If the thread does not keep up, it drops the oldest: a later test
+    replaces them soon, and assessments are written with the next.
+
+    Attributes
+    ----------
+    dropped
+        Number of dropped follow-ups.
     """
 
     def __init__(
@@ -55,23 +59,23 @@ class FollowUps:
 
     @property
     def waiting(self) -> int:
-        """Number that wait to be published."""
+        """Number of queued follow-ups."""
         return len(self._queue)
 
     def start(self) -> None:
-        """Begin, with a new thread."""
+        """Start a new thread."""
         self._prepare()
         self.thread.start()
 
     def stop(self) -> None:
-        """Publish what waits, and end the thread."""
+        """Publish the queued follow-ups, and end the thread."""
         self.thread.ending.set()
         with self._changed:
             self._changed.notify()
         self.thread.end(_JOIN_S)
 
     def follow_health(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
-        """Publish what follows from a health that has been published."""
+        """Publish forecast and advice after a health, and write its assessment."""
         outputs, costs = self._outputs, self._settings.costs.value
 
         def publish_advice() -> None:
@@ -82,15 +86,15 @@ class FollowUps:
         self._add(publish_advice)
         self._add(lambda: self._histories.write_assessment(description))
 
-    def follow_estimate(self, found: Diagnosed, window: Window) -> None:
-        """Publish the fit of an estimate of one window that has been published."""
-        calibration = self._store.of(found.description)
+    def follow_estimate(self, diagnosed: Diagnosed, window: Window) -> None:
+        """Publish the fit of a published estimate to its window."""
+        calibration = self._store.of(diagnosed.description)
         if not isinstance(calibration, Calibration):
             return
 
         def publish_fit() -> None:
-            fit = window_fit(window, found.estimate, calibration)
-            self._outputs.publish_fit(fit, found)
+            fit = window_fit(window, diagnosed.estimate, calibration)
+            self._outputs.publish_fit(fit, diagnosed)
 
         self._add(publish_fit)
 
@@ -111,7 +115,7 @@ class FollowUps:
 
     def _run(self) -> None:
         while (job := self._next()) is not None:
-            # A failure must not end what follows from the next test.
+            # A failure must not prevent the follow-ups of the next test.
             try:
                 job()
             except Exception as error:

@@ -1,4 +1,4 @@
-"""The units that are monitored, each with its history."""
+"""The monitored units, each with its history."""
 
 import threading
 import time
@@ -18,7 +18,7 @@ from ema_monitor.unit import Unit
 from ema_ros.status import Task, hardware_name
 
 PROGNOSIS: Final = "the prognosis"
-"""What fails, in words, where a unit or its history does."""
+"""Name of the step that fails together with a unit or its history, in log lines."""
 
 
 class Histories:
@@ -27,17 +27,17 @@ class Histories:
     Attributes
     ----------
     folder
-        Folder of the histories; None for memory alone.
+        Folder of the histories; None to keep histories in memory only.
     settings
-        Returns the settings of prognoses as they are at present.
+        Returns the current settings of prognoses.
     author
-        Name of the node, which signs what it writes.
+        Name of the node, which signs the entries that it writes.
     lock
         Held while a history is opened, resumed or closed.
     is_serving
         Whether histories may be opened.
     refusals
-        Why the latest test of a unit was not recorded; empty where it was.
+        Why the latest test of a unit was not recorded; empty if it was.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Histories:
         self._logged: dict[UnitKey, str] = {}
 
     def of(self, description: ActuatorDescription) -> Unit:
-        """Return a unit with its history, which is opened if need be."""
+        """Return a unit; its history is opened at the first call."""
         key = description.unit_key
         unit = self._units.get(key)
         if unit is None:
@@ -80,13 +80,13 @@ class Histories:
         try:
             entries = self.of(description).history.entries
         except Exception as error:
-            # The search does not depend on it.
+            # The search does not depend on the history.
             self._log.failed(description.actuator_id, PROGNOSIS, error)
             return []
         return [entry.estimate for entry in entries]
 
     def write_assessment(self, description: ActuatorDescription) -> None:
-        """Keep what was found after the latest test of a unit, unless that is forgotten."""
+        """Write the assessment after the latest test of a unit, unless the unit was forgotten."""
         unit = self._units.get(description.unit_key)
         if unit is not None:
             unit.write()
@@ -95,30 +95,30 @@ class Histories:
     def log(
         self, description: ActuatorDescription, unit: Unit, events: Iterable[UnitEvent] = ()
     ) -> None:
-        """Log what is wrong with a history, once, and what happened to the unit."""
+        """Log a problem with a history, once, and events of the unit."""
         problem, key = unit.history.problem, description.unit_key
         if problem and self._logged.get(key) != problem:
             self._log.error(f"{description.actuator_id}: {problem}")
         self._logged[key] = problem
         for event in events:
-            # Changes of level have a line of their own, and so have a restart and the history.
+            # Changes of level, restarts and histories are logged elsewhere.
             if event.kind not in (FAULT, DEPARTURE, RESTART, HISTORY):
                 self._log.warning(f"{description.actuator_id}: {event}")
 
     def forget(self, actuator_id: str) -> None:
-        """Forget an actuator in this run; what is on disk stays."""
+        """Forget an actuator in this run; its files stay on disk."""
         with self.lock:
             for key in [key for key in self._units if key[0] == actuator_id]:
                 self._units.pop(key).history.close()
 
     def rewind(self, time_ns: int) -> None:
-        """Forget tests later than a time to which simulated time has gone back [ns]."""
+        """Forget the tests after a time [ns], to which simulated time has stepped back."""
         for unit in list(self._units.values()):
             unit.rewind(time_ns)
 
     def close(self) -> None:
-        """Close the histories, and open no more."""
-        # One that is being opened, and a health that is being published, come first.
+        """Close the histories, and refuse to open more."""
+        # Wait for a history that is being opened, and for a health that is being published.
         with self.lock:
             self.is_serving = False
             for unit in self._units.values():
@@ -126,7 +126,7 @@ class Histories:
             self._units.clear()
 
     def tasks(self, actuator_id: str = "") -> list[Task]:
-        """Return the status of each history, or of those of one actuator alone."""
+        """Return the status of each history of an actuator, or of all for an empty name."""
         tasks = []
         for key, unit in list(self._units.items()):
             if actuator_id not in ("", key[0]):

@@ -1,4 +1,4 @@
-"""Compilation of the kernels of a monitor, before it takes any window."""
+"""Compilation of the kernels of a monitor, before it receives windows."""
 
 import threading
 import time
@@ -15,11 +15,11 @@ from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.tracker import Tracker
 
 _FOLLOWED: Final = 3
-_TELL_S: Final = 1.0
+_REPORT_PERIOD_S: Final = 1.0
 
 
 def _compile_growth() -> None:
-    """Follow a healthy actuator for some tests: kernels are compiled for what they are given."""
+    """Track a healthy actuator for some tests: kernels are compiled for the types of a call."""
     tracker = Tracker()
     covariance, is_hidden = 1e-6 * np.eye(N_FAULTS), np.zeros(N_FAULTS, dtype=bool)
     for number in range(_FOLLOWED):
@@ -36,24 +36,30 @@ STEPS: Final[Mapping[str, Callable[[], object]]] = MappingProxyType(
         ),
     }
 )
-"""What is compiled, or loaded from the cache, by name: what an estimate and its health wait for."""
+"""Compilations that estimates and health wait for, by name; each may load from the cache."""
 
 
 def compile_monitor_kernels(
     is_ending: Callable[[], bool], report_progress: Callable[[str], None]
 ) -> None:
-    """Compile the kernels, or load them from the cache, and wait for it.
+    """Compile the kernels, or load them from the cache, and return when all are ready.
 
-    They are compiled in a thread of their own, which cannot be interrupted: it is left alone where
-    the node ends, as ``is_ending`` returns. Once a second ``report_progress`` is called with what
-    is compiled.
+    They are compiled in a separate thread, which cannot be interrupted: if the node ends, the
+    thread is abandoned.
+
+    Parameters
+    ----------
+    is_ending
+        Returns whether the node ends.
+    report_progress
+        Called once a second with a text on the current step.
 
     Raises
     ------
     ValueError
-        When they cannot be compiled, or the node ends.
+        If a kernel cannot be compiled, or the node ends.
     """
-    told_s = begun_s = time.monotonic()
+    reported_s = begun_s = time.monotonic()
     failures: list[BaseException] = []
     for number, (name, step) in enumerate(STEPS.items(), 1):
         words = f"{name}, {number} of {len(STEPS)}"
@@ -71,9 +77,9 @@ def compile_monitor_kernels(
             now_s = time.monotonic()
             if is_ending():
                 raise ValueError("the node ends while its kernels are compiled")
-            if now_s - told_s >= _TELL_S:
+            if now_s - reported_s >= _REPORT_PERIOD_S:
                 took = f"{now_s - begun_s:.0f} s"
                 report_progress(f"compiling kernels, once for this version: {words}, {took}")
-                told_s = now_s
+                reported_s = now_s
         if failures:
             raise ValueError(f"kernels cannot be compiled: {words}: {failures[0]!r}")

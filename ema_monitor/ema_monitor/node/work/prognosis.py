@@ -22,7 +22,7 @@ _DAY_S: Final = 86_400.0
 
 
 class Reception(Protocol):
-    """What is received beside the window of a test."""
+    """Reception of telemetry and of usage counts."""
 
     def take_use(self, unit_key: UnitKey, end_ns: int) -> Use:
         """Return the use of a unit up to a test that ends at a stamp [ns]; its duty only once."""
@@ -53,15 +53,15 @@ class Prognosis:
         self._log = log
 
     def record(self, description: ActuatorDescription, estimate: Estimate) -> Outlook | None:
-        """Record a test; return health and life after it, None when nothing follows from it.
+        """Record a test; return health and life after it, None if they do not change.
 
-        Of a test that may not enter the history its health alone is returned, with the reason, as
-        long as the history has none.
+        If the test may not enter the history and the history is empty, the outlook of this test
+        alone is returned, with the reason.
         """
         settings, now_ns, key = self._histories.settings(), self._now_ns(), description.unit_key
         try:
             unit = self._histories.of(description)
-            # Also of a test that may not enter: what was flown then is not of the next one.
+            # Also for a test that may not enter: its use must not count for the next test.
             end_ns = estimate.end_ns if settings.has_clock else now_ns
             use = self._reception.take_use(key, end_ns)
             self._histories.refusals[key] = reason = self._why_not_recorded(end_ns, now_ns)
@@ -72,10 +72,10 @@ class Prognosis:
                 self._histories.log(description, unit, outlook.events if outlook else ())
                 return outlook
             self._log.warn(description.actuator_id, reason)
-            # Its order among those of the history is not known: no level is.
+            # Its place in the order of the history is uncertain, and so is the level.
             if unit.history.newest is not None:
-                known = unit.resume(self.parameters(description), settings)
-                return None if estimate.verdict == SKIPPED or not known else known.stale(reason)
+                resumed = unit.resume(self.parameters(description), settings)
+                return None if estimate.verdict == SKIPPED or not resumed else resumed.stale(reason)
         except Exception as error:
             # A failure here must prevent neither the estimate nor the alarm.
             reason = self._log.failed(description.actuator_id, PROGNOSIS, error)
@@ -88,7 +88,7 @@ class Prognosis:
         return replace(unknown_outlook(reason).after_refusal(refused), claim=claim)
 
     def _why_not_recorded(self, stamp_ns: int, now_ns: int) -> str:
-        """Return why a test of a stamp [ns] may not enter a history; empty when it may."""
+        """Return why a test with a stamp [ns] may not enter a history; empty if it may."""
         offset_s = (stamp_ns - now_ns) * 1e-9
         limit_s = self._operation.value.history_max_offset_s
         if self._histories.folder is None or abs(offset_s) <= limit_s:
@@ -102,7 +102,7 @@ class Prognosis:
         )
 
     def forecaster(self, description: ActuatorDescription, outlook: Outlook) -> Forecaster | None:
-        """Return what forecasts a unit from its latest outlook on; None when that is impossible."""
+        """Return the forecaster of a unit after an outlook; None if a forecast is impossible."""
         try:
             if self._histories.refusals.get(description.unit_key):
                 return None
@@ -112,21 +112,21 @@ class Prognosis:
             return None
 
     def parameters(self, description: ActuatorDescription) -> ActuatorParameters | None:
-        """Return the parameters of a unit by its calibration; None when it has none."""
+        """Return the parameters of a unit by its calibration; None without a calibration."""
         calibration = self._store.of(description)
         return None if isinstance(calibration, str) else calibration.unit_parameters
 
     def alarm(self, description: ActuatorDescription) -> str:
-        """Return why a unit is in WARN or ERROR, in words; "" if it is not."""
+        """Return a text with the reason for WARN or ERROR of a unit; "" at any other level."""
         unit, settings = self._histories.of(description), self._histories.settings()
         return unit.alarm(self.parameters(description), settings)
 
     def change_baseline(
         self, description: ActuatorDescription, person: str, calibration_id: str, *, is_forced: bool
     ) -> Outlook | None:
-        """Keep that a unit has another calibration from now on; return the health after it.
+        """Record a new calibration of a unit; return the health after it.
 
-        None when that is known already.
+        Return None if the calibration is recorded already.
         """
         unit, now = self._histories.of(description), datetime.now(UTC)
         words = (

@@ -65,9 +65,10 @@ class PrognosisCalls:
             response.health = health_to_message(outlook, description)
             response.scenarios = [
                 message_of(
-                    ScenarioLife, scenario_report(one, unit.under(one, parameters, settings))
+                    ScenarioLife,
+                    scenario_report(scenario, unit.under(scenario, parameters, settings)),
                 )
-                for one in scenarios
+                for scenario in scenarios
             ]
             response.success = True
         except ValueError as error:
@@ -84,8 +85,9 @@ class PrognosisCalls:
         if request.most > _MOST_TESTS:
             raise ValueError(f"most = {request.most}: expected at most {_MOST_TESTS} tests")
         _, description = self._actuators.find(request.actuator_id)
-        found = self._histories.of(description).latest_tests(request.most or _USUAL_TESTS)
-        response.history = history_to_message(*found, description)
+        unit = self._histories.of(description)
+        tests, omitted = unit.latest_tests(request.most or _USUAL_TESTS)
+        response.history = history_to_message(tests, omitted, description)
         response.success = True
         return response
 
@@ -100,6 +102,6 @@ class PrognosisCalls:
         parameters = self._prognosis.parameters(description)
         outlook = unit.resume(parameters, self._histories.settings())
         assert outlook is not None
-        self._actuators.tell(description.actuator_id, outlook.events)
+        self._actuators.add_events(description.actuator_id, outlook.events)
         response.success, response.message = True, unit.history.problem
         return response

@@ -1,4 +1,4 @@
-"""What follows from a test: its estimate, the health after it, and the messages after that."""
+"""Results of a test: its estimate, the health after it, and the follow-ups."""
 
 from collections import deque
 
@@ -42,42 +42,42 @@ class Results:
             self._resume_all, callback_group=WaitingCallbackGroup()
         )
 
-    def publish(self, found: Diagnosed, window: Window | Refusal | None = None) -> None:
-        """Publish an estimate, that of a window where one is given, and what follows from it."""
-        description, estimate = found.description, found.estimate
+    def publish(self, diagnosed: Diagnosed, window: Window | Refusal | None = None) -> None:
+        """Publish an estimate and its results; ``window`` is its window, None if combined."""
+        description, estimate = diagnosed.description, diagnosed.estimate
         actuator_id, change = description.actuator_id, ""
-        self._outputs.publish_estimate(found)
-        self._actuators.now()  # a step of the clock comes before the test
+        self._outputs.publish_estimate(diagnosed)
+        self._actuators.now()  # handle a step of the clock before the test
         # Without the lock: telemetry must not wait for a prognosis.
         outlook = self._prognosis.record(description, estimate)
         try:
             with self._actuators.lock:
                 if status := self._actuators.get(actuator_id):
                     outlook = self._actuators.claimed(status, outlook) if outlook else None
-                    change = status.record(found, outlook, self._actuators.now())
+                    change = status.record(diagnosed, outlook, self._actuators.now())
         except Exception as error:
             # The estimate is published: the window must not be refused in addition.
             reason = self._log.failed(actuator_id, "publishing health", error)
             self._actuators.add_defect(actuator_id, reason)
         self._follow(description, outlook if estimate.valid else None, change)
         if isinstance(window, Window):
-            self._follow_ups.follow_estimate(found, window)
+            self._follow_ups.follow_estimate(diagnosed, window)
         if not estimate.valid:
-            reason = f"window {found.number} has no valid estimate: {estimate.reason}"
+            reason = f"window {diagnosed.number} has no valid estimate: {estimate.reason}"
             self._log.warn(actuator_id, reason)
-        # Of all of many actuators it would take longer than an identification.
+        # The status of all of many actuators would take longer than an identification.
         self._log.report_on(actuator_id)
 
     def prepare(self, description: ActuatorDescription) -> None:
         """Prepare for a unit that has just been described, or calibrated.
 
-        In another thread, requirements are made, the history is opened and health is published.
+        Another thread makes the requirements, opens the history and publishes the health.
         """
         self._to_resume.append(description)
         self._resume_soon.trigger()
 
     def forget(self, actuator_id: str) -> None:
-        """Forget an actuator in this run; what is on disk stays."""
+        """Forget an actuator in this run; its files stay on disk."""
         self._histories.forget(actuator_id)
 
     def _resume_all(self) -> None:
@@ -99,7 +99,7 @@ class Results:
                 self._log.failed(description.actuator_id, PROGNOSIS, error)
 
     def _resume(self, description: ActuatorDescription, outlook: Outlook) -> None:
-        """Publish what the history of a unit says of it."""
+        """Publish the outlook of a unit from its history."""
         actuators = self._actuators
         with actuators.lock:
             status = actuators.get(description.actuator_id)
@@ -113,9 +113,9 @@ class Results:
     def _follow(
         self, description: ActuatorDescription, outlook: Outlook | None, change: str | None
     ) -> None:
-        """Log a change of the level, and have published what follows from a health."""
+        """Log a change of the level, and publish the follow-ups of a health."""
         if change:
             self._log.info(f"{description.actuator_id}: {change}")
-        # Only now: it may wait for a prognosis of another thread, and health must not.
+        # After the health: the forecaster may wait for a prognosis in another thread.
         if outlook and (forecaster := self._prognosis.forecaster(description, outlook)):
             self._follow_ups.follow_health(description, forecaster)

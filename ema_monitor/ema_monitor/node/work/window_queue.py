@@ -1,4 +1,4 @@
-"""The queue of windows between the thread that receives and the one that identifies."""
+"""The queue of windows between the receiving and the identifying thread."""
 
 import threading
 from collections import Counter, deque
@@ -14,7 +14,7 @@ from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 MOST_REFUSALS: Final = 100
-"""Number of refusals of each actuator beyond which the oldest are not published, live."""
+"""Number of queued refusals of each actuator beyond which the oldest are dropped, if live."""
 
 
 class QueueClosedError(Exception):
@@ -24,19 +24,19 @@ class QueueClosedError(Exception):
 class WindowQueue:
     """Windows of each actuator in their order, the actuators in turn.
 
-    A turn is one window, with the refusals before it: an actuator that has many windows delays
-    another one by a single identification. Live, a window beyond the limit of its actuator drops
-    that actuator's oldest one: the refusal of that one stays in its place, so that order and
-    numbers are kept and every window gets an estimate. An actuator never drops the windows of
-    another, and stretches of ordinary motion no test cycles: these wait apart. Of refusals,
-    ``MOST_REFUSALS`` of each actuator wait; the oldest beyond them are never published.
+    A turn is one window, with the refusals before it: an actuator with many windows delays
+    another actuator by a single identification. If a live actuator exceeds its limit, its oldest
+    window is replaced by a refusal, so that order and numbers are kept and every window gets an
+    estimate. An actuator never drops windows of another actuator. Stretches of ordinary motion
+    and test cycles have separate limits. At most ``MOST_REFUSALS`` refusals of an actuator are
+    queued; older ones are never published.
 
     Attributes
     ----------
     dropped
-        Number of windows dropped, by actuator; of those that were forgotten, under "".
+        Number of dropped windows by actuator; forgotten actuators are counted under "".
     unanswered
-        Number of refusals that are never published, by actuator in the same way.
+        Number of refusals that are never published, by actuator; under "" if forgotten.
     is_closed
         Whether no more windows are accepted.
     """
@@ -44,7 +44,7 @@ class WindowQueue:
     def __init__(self) -> None:
         self.dropped: Counter[str] = Counter()
         self.unanswered: Counter[str] = Counter()
-        # By actuator, the one whose turn it is first.
+        # By actuator, in the order of their turns.
         self._queues: dict[str, deque[Segment]] = {}
         self._refusals_in_turn = 0
         self._changed = threading.Condition()
@@ -57,10 +57,20 @@ class WindowQueue:
             return sum(map(_is_window, chain.from_iterable(self._queues.values())))
 
     def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
-        """Add a window, or the refusal of one; return the windows that were dropped for it.
+        """Add a window or a refusal; return the windows that it displaces.
 
-        So many of its kind and actuator may wait; None for any number, of refusals as well. A queue
-        that is closed raises QueueClosedError.
+        Parameters
+        ----------
+        segment
+            The window or refusal.
+        most_waiting
+            Largest number of queued windows of its kind and actuator; None for any number of
+            windows and refusals.
+
+        Raises
+        ------
+        QueueClosedError
+            If the queue is closed.
         """
         actuator_id, dropped = segment.description.actuator_id, []
         with self._changed:
@@ -76,7 +86,7 @@ class WindowQueue:
         return dropped
 
     def forget(self, actuator_id: str) -> None:
-        """Remove the windows of an actuator that wait, and add what was counted to the others'."""
+        """Remove the queued windows of an actuator, and move its counts to ""."""
         with self._changed:
             self._queues.pop(actuator_id, None)
             for counts in (self.dropped, self.unanswered):
@@ -87,7 +97,7 @@ class WindowQueue:
         with self._changed:
             self._changed.wait_for(lambda: self._queues or self.is_closed)
             if self.is_closed:
-                return None  # what is being identified may still be abandoned
+                return None  # the current window may still be abandoned
             self._current = self._take()
             return self._current
 
@@ -106,9 +116,9 @@ class WindowQueue:
 
     @contextmanager
     def publishing(self, segment: Segment) -> Iterator[bool]:
-        """Yield whether the estimate of the window that ``next`` returned last is to be published.
+        """Yield whether the estimate of the window that ``next`` returned last may be published.
 
-        It is, in this context alone, unless the window was abandoned.
+        It may be published, within this context only, unless the window was abandoned.
         """
         with self._publishing:
             try:
@@ -117,7 +127,7 @@ class WindowQueue:
                 self._current = None
 
     def close(self) -> list[Segment]:
-        """Accept no more windows; return those that wait, in order for each actuator."""
+        """Refuse more windows; return the queued windows, in order for each actuator."""
         with self._changed:
             self.is_closed = True
             waiting = list(chain.from_iterable(self._queues.values()))
@@ -126,9 +136,9 @@ class WindowQueue:
         return waiting
 
     def abandon(self) -> Segment | None:
-        """Return the window that is being identified, if any: it will not be published.
+        """Return the window that is being identified, if any; it will not be published.
 
-        If its estimate is being published, wait until it is, and return None.
+        If its estimate is being published, wait for the end of it, and return None.
         """
         with self._publishing:
             current, self._current = self._current, None
@@ -140,13 +150,13 @@ def _is_window(segment: Segment) -> bool:
 
 
 def _surplus(queue: deque[Segment], most: int, counts: Callable[[Segment], bool]) -> list[int]:
-    """Return the places of the oldest of some items beyond a number of them."""
+    """Return the places of the oldest items of a kind, beyond the ``most`` newest."""
     places = [place for place, item in enumerate(queue) if counts(item)]
     return places[: max(0, len(places) - most)]
 
 
 def _drop(queue: deque[Segment], is_stretch: bool, most: int) -> list[Segment]:
-    """Replace the oldest windows of a kind beyond a number by refusals, and return them."""
+    """Replace the oldest windows of a kind, beyond ``most``, by refusals; return the windows."""
     reason = f"dropped: more than {counted(most, 'stretch' if is_stretch else 'window')} waited"
     dropped = []
     for place in _surplus(
@@ -160,7 +170,7 @@ def _drop(queue: deque[Segment], is_stretch: bool, most: int) -> list[Segment]:
 
 
 def _thin(queue: deque[Segment]) -> int:
-    """Remove the oldest refusals beyond those that may wait; return how many."""
+    """Remove the oldest refusals beyond ``MOST_REFUSALS``; return their number."""
     surplus = _surplus(queue, MOST_REFUSALS, lambda item: not _is_window(item))
     for place in reversed(surplus):
         del queue[place]

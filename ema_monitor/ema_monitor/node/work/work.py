@@ -1,4 +1,4 @@
-"""What a monitor works out, by its threads: identification, what follows from it, and calls."""
+"""The working part of a monitor: identification, follow-ups and calls, with their threads."""
 
 from collections.abc import Callable, Iterable
 
@@ -61,7 +61,7 @@ class Work:
         PrognosisCalls(node, histories, prognosis, actuators, log)
 
     def start(self) -> None:
-        """Begin to identify, and publish the health of units that are described already."""
+        """Start to identify, and publish the health of described units."""
         self._follow_ups.start()
         self.worker.start()
         with self._actuators.lock:
@@ -70,9 +70,9 @@ class Work:
                     self.results.prepare(status.description)
 
     def stop(self, finish: Callable[[], Iterable[Segment]]) -> None:
-        """Refuse the windows that wait, then those that are cut off, and end the threads.
+        """Refuse the queued windows, then the open windows, and end the threads.
 
-        ``finish`` ends the telemetry, and returns the windows that are cut off.
+        ``finish`` ends the telemetry, and returns the refusals of the open windows.
         """
         self.worker.stop()
         for segment in finish():
@@ -80,7 +80,7 @@ class Work:
         self._follow_ups.stop()
 
     def count(self, status: NodeStatus) -> None:
-        """Add what is counted to the status of the node."""
+        """Add the counts of the work to the status of the node."""
         queue = self.worker.queue
         status.windows_waiting = len(queue)
         status.windows_dropped = sum(queue.dropped.values())
@@ -88,7 +88,7 @@ class Work:
         status.follow_ups_dropped = self._follow_ups.dropped
 
     def task(self, hardware_id: str) -> Task:
-        """Return the status of identification and of what follows from it."""
+        """Return the status of identification and follow-ups."""
         follow_ups = self._follow_ups
         level, message = self.worker.status()
         if self._actuators.is_active and follow_ups.thread.failure:

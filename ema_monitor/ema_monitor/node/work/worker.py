@@ -1,4 +1,4 @@
-"""Identification in its own thread: windows in, estimates out in the same order."""
+"""Identification of windows in a separate thread, in the order in which they end."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -28,25 +28,25 @@ _JOIN_S = 1.0
 
 
 class IdentificationWorker:
-    """Identifies windows one after the other, of the actuators in turn.
+    """Identifies windows one after the other, the actuators in turn.
 
-    Every window gets an estimate or a refusal, but for the refusals that ``WindowQueue`` gives up.
-    A thread that ends by itself refuses the window that it was at, and is begun again. Once
-    ``stop`` has returned, the thread publishes nothing any more, even if it still computes.
+    Every window gets an estimate or a refusal, except the refusals that ``WindowQueue`` drops. If
+    the thread fails, its current window is refused and the thread is restarted. After ``stop``
+    has returned, the thread publishes nothing, even if it still computes.
 
     Parameters
     ----------
     is_simulated
-        Whether time is simulated: then any number of windows may wait.
+        Whether time is simulated: any number of windows may then be queued.
 
     Attributes
     ----------
     queue
-        The windows that wait.
+        The windows to identify.
     thread
-        Identifies them.
+        Identifies the windows.
     works
-        Work on each actuator that is followed.
+        Work on each followed actuator.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class IdentificationWorker:
         return OK, f"waiting: {counted(len(self.queue), 'window')}"
 
     def start(self) -> None:
-        """Begin to identify, with a new thread and queue."""
+        """Start a new thread with a new queue."""
         self._prepare()
         self.thread.start()
 
@@ -96,18 +96,18 @@ class IdentificationWorker:
         self.works[actuator_id] = ActuatorWork()
 
     def forget(self, actuator_id: str) -> None:
-        """Forget an actuator, and its windows that wait."""
+        """Forget an actuator and its queued windows."""
         self.works.pop(actuator_id, None)
         self.queue.forget(actuator_id)
 
     def of(self, actuator_id: str) -> ActuatorWork:
-        """Return the work on an actuator: none if it was forgotten a moment ago."""
+        """Return the work on an actuator; empty work if it has just been forgotten."""
         return self.works.get(actuator_id) or ActuatorWork()
 
     def add(self, segment: Segment) -> None:
-        """Queue a window, live in the place of one that waits for long.
+        """Queue a window; if live, it may displace the oldest window of its actuator.
 
-        Refuse it if the thread does not run.
+        The window is refused if the thread does not run.
         """
         self.of(segment.description.actuator_id).note(segment)
         operation = self._settings.operation.value
@@ -117,16 +117,15 @@ class IdentificationWorker:
         except QueueClosedError:
             self.refuse(segment, "the monitor is not active", is_dropped=True)
             return
-        for one in dropped:
-            what = "stretch" if one.is_stretch else "window"
-            text = f"{what} {one.number} is dropped, {len(self.queue)} wait"
-            self._log.warn(one.description.actuator_id, text)
+        for displaced in dropped:
+            what = "stretch" if displaced.is_stretch else "window"
+            text = f"{what} {displaced.number} is dropped, {len(self.queue)} wait"
+            self._log.warn(displaced.description.actuator_id, text)
 
     def stop(self) -> None:
-        """Stop, even within a window, and refuse the windows that wait.
+        """Stop, even within a window, and refuse the queued windows.
 
-        What stretches of ordinary motion have told so far is published, without the one that is
-        being identified.
+        The stretches of ordinary motion combined so far are published, without the current one.
         """
         if not self.thread.is_alive:
             return
@@ -141,16 +140,16 @@ class IdentificationWorker:
             reason = "the monitor was stopped before the window was identified"
             self.refuse(segment, reason, is_dropped=True)
         for work in list(self.works.values()):
-            # A thread that still computes has the old one, and publishes nothing any more.
+            # A thread that still computes has the old diagnosis, and publishes nothing.
             if (diagnosis := work.diagnosis) is not None:
                 work.diagnosis = diagnosis.stopped()
-                for found in diagnosis.finish():
-                    self._results.publish(found)
+                for diagnosed in diagnosis.finish():
+                    self._results.publish(diagnosed)
 
     def refuse(self, segment: Segment, reason: str, *, is_dropped: bool = False) -> None:
-        """Publish why a window is not identified: its own refusal, if there is one, or the reason.
+        """Publish the refusal of a window: its refusal by the trigger, or else the reason.
 
-        A stretch of ordinary motion is one of many: that it is not identified is no news.
+        Refused stretches of ordinary motion are not published: they are frequent.
         """
         if segment.is_stretch:
             return
@@ -160,15 +159,15 @@ class IdentificationWorker:
         calibration = self._store.of(segment.description)
         why = WindowUnusable(refused.reason)
         estimate = refusal(refused, calibration, self._settings.search.value, why)
-        found = Diagnosed(number, number, segment.description, estimate)
-        self._results.publish(found, segment.window)
+        diagnosed = Diagnosed(number, number, segment.description, estimate)
+        self._results.publish(diagnosed, segment.window)
 
     def _run(self, queue: WindowQueue) -> None:
         while (segment := queue.next()) is not None:
             self._identify_and_publish(segment, queue)
 
     def _note_end(self, queue: WindowQueue, failure: str, trace: str) -> None:
-        """Refuse the window at which the thread has ended; those that wait have to wait longer."""
+        """Refuse the window during which the thread has failed; the queued windows stay."""
         self._log.report_end(failure, trace)
         current = queue.abandon()
         if current is not None:
@@ -178,34 +177,34 @@ class IdentificationWorker:
         actuator_id = segment.description.actuator_id
         work, status = self.works.get(actuator_id), self._actuators.get(actuator_id)
         if work is None or status is None:
-            return  # forgotten a moment ago
+            return  # just forgotten
         if work.diagnosis is None:
             work.diagnosis = Diagnosis()
-            # The first search begins where the history ends, with all of it as its memory.
+            # The first search starts from the whole history of the unit.
             for estimate in self._histories.estimates(segment.description):
                 work.diagnosis.begin_at(segment.description, estimate)
         diagnosis = work.diagnosis
         where = f"window {segment.number}"
-        # A failure in one window must not end the identification of the others.
-        found, reason = list[Diagnosed](), ""
+        # A failure in one window must not end the identification of the next.
+        results, reason = list[Diagnosed](), ""
         try:
-            for one in self._diagnosed(segment, diagnosis):
-                if isinstance(one, Diagnosed):
-                    found.append(one)
+            for step in self._diagnosed(segment, diagnosis):
+                if isinstance(step, Diagnosed):
+                    results.append(step)
                 elif queue.is_closed:
                     return
         except Exception as error:
             reason = str(error)
-            # Settings that cannot be used are no failure: the estimate names them.
+            # Unusable settings are not a failure of the program: the estimate names them.
             if not isinstance(error, ValueError) or isinstance(error, np.linalg.LinAlgError):
                 reason = self._log.failed(where, "the identification", error)
         with queue.publishing(segment) as may_publish:
             if not may_publish:
                 return
             try:
-                for one in found:
+                for diagnosed in results:
                     window = None if segment.is_stretch else segment.window
-                    self._results.publish(one, window)
+                    self._results.publish(diagnosed, window)
                 if reason:
                     self.refuse(segment, reason)
             except Exception as error:
@@ -217,7 +216,7 @@ class IdentificationWorker:
     def _diagnosed(
         self, segment: Segment, diagnosis: Diagnosis
     ) -> Iterator[Generation | Diagnosed]:
-        """Yield what ``Diagnosis.add`` does of a window."""
+        """Yield the generations and estimates of a window (see ``Diagnosis.add``)."""
         combining = self._settings.combining.value if segment.is_stretch else None
         calibration = self._store.of(segment.description)
         return diagnosis.add(segment, calibration, self._settings.search.value, combining)
