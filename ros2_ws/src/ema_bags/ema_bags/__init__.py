@@ -1,4 +1,4 @@
-"""Reads and writes recordings as rosbag2 does, in MCAP.
+"""Reads and writes rosbag2 recordings in MCAP.
 
 ``import ema_bags`` offers the names of ``ema_bags.api``; docs/python.md shows how to use
 them. Reading needs no ROS.

@@ -1,4 +1,4 @@
-"""A recording of a simulated actuator, made without any node."""
+"""Recording of a simulated actuator without ROS nodes."""
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -24,7 +24,7 @@ class SimulatedActuatorBag(AbstractContextManager["SimulatedActuatorBag", None])
     bag
         Recording to write to; it is closed at the end of the context.
     start_ns
-        When it begins [ns].
+        Start of the recording [ns].
     """
 
     def __init__(self, bag: BagWriter, description: ActuatorDescription, start_ns: int = 0) -> None:
@@ -36,17 +36,17 @@ class SimulatedActuatorBag(AbstractContextManager["SimulatedActuatorBag", None])
         self._write({topics.DESCRIPTION: description_to_message(description, start_ns)})
 
     def begin_cycle(self, cycle: int, faults: ArrayLike, hours: float) -> None:
-        """Record the start of a test cycle; arguments as in ``messages_of_cycle``."""
+        """Record the start of a test cycle (see ``messages_of_cycle``)."""
         self._write(messages_of_cycle(self._description, self._end_ns, cycle, hours, faults))
 
     def note_causes(self, causes: Mapping[str, Profile]) -> None:
-        """Record the true hidden causes in the metadata, as ``NAME=VALUE`` separated by blanks."""
+        """Record the true hidden causes in the metadata, as ``NAME=VALUE`` separated by spaces."""
         if causes:
             texts = (f"{name}={profile}" for name, profile in causes.items())
             self._bag.custom_data["hidden_causes"] = " ".join(texts)
 
     def write_block(self, block: Telemetry, motor_torque: float | None = None) -> None:
-        """Record a block; arguments as in ``messages_of_block``."""
+        """Record a block of telemetry (see ``messages_of_block``)."""
         self._end_ns = block.stamp_at(len(block) - 1)
         self._write(messages_of_block(self._description, block, motor_torque))
 
@@ -54,7 +54,7 @@ class SimulatedActuatorBag(AbstractContextManager["SimulatedActuatorBag", None])
         self._bag.close()
 
     def _write(self, messages: dict[str, Any]) -> None:
-        """Write messages with their own stamps, received when the block with them is complete."""
+        """Write messages with their stamps; their log time is the end of the latest block."""
         for name, message in messages.items():
             stamp_ns = stamp_from_message(message.header.stamp)
             self._bag.write(f"{topics.NAMESPACE}/{name}", message, self._end_ns, stamp_ns)

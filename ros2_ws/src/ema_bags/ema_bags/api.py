@@ -1,4 +1,4 @@
-"""Recordings as a library: messages and telemetry of a bag."""
+"""Library interface of recordings: messages and telemetry of a bag."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,21 +13,21 @@ __all__ = ["Bag", "read_telemetry"]
 def read_telemetry(
     path: str | Path, *, topic: str | None = None, actuator_id: str | None = None
 ) -> Iterator[Telemetry]:
-    """Read the telemetry of one actuator block by block, without malformed blocks.
+    """Read the telemetry of one actuator block by block; malformed blocks are skipped.
 
     Parameters
     ----------
     path
-        The recording: an ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
+        The recording: an ``.mcap`` file, or a folder written by ``ros2 bag record``.
     topic, actuator_id
-        Selection of the telemetry; needed if there are several actuators or topics.
+        Selection of the telemetry; required if there are several actuators or topics.
 
     Raises
     ------
     ValueError
-        When the recording cannot be read, or has no such telemetry.
+        If the recording cannot be read, or has no such telemetry.
     OSError
-        When it cannot be opened.
+        If the recording cannot be opened.
     """
     for _, item in find_telemetry(Bag(path), topic, actuator_id).items():
         if isinstance(item, Telemetry):

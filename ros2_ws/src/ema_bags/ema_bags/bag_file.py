@@ -1,4 +1,4 @@
-"""One MCAP file of a recording that is being written, also while the disk is full."""
+"""One MCAP file of an open recording, which buffers data while the disk is full."""
 
 import errno
 import os
@@ -27,9 +27,9 @@ class WrittenTopic:
     Attributes
     ----------
     count
-        How many messages were written.
-    says_state
-        Whether its latest message holds until the next one.
+        Number of messages written.
+    is_state
+        Whether its latest message stays valid until the next message.
     trim
         Function that removes the bytes after the content of a message.
     """
@@ -42,7 +42,7 @@ class WrittenTopic:
         self.trim = trimmer(self.type_name)
         self.qos, self.qos_text = offered_qos(qos), offered_qos_profiles(qos)
         is_latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        self.says_state = is_latched or issubclass(message_class, (ActuatorDescription, Usage))
+        self.is_state = is_latched or issubclass(message_class, (ActuatorDescription, Usage))
         self.count = 0
 
     @cached_property
@@ -52,9 +52,14 @@ class WrittenTopic:
 
 
 class HeldFile:
-    """A new file whose ``write`` takes everything: ``flush`` alone fails, and can be repeated.
+    """A new file with a buffer without limit: only ``flush`` can fail, and it can be repeated.
 
-    Whoever writes through it never stops in the middle of a record. ``held`` waits to be written.
+    A writer therefore never fails in the middle of a record.
+
+    Attributes
+    ----------
+    held
+        Bytes that are not written yet.
     """
 
     def __init__(self, path: Path) -> None:
@@ -63,7 +68,7 @@ class HeldFile:
         self.held = bytearray()
 
     def write(self, data: bytes) -> int:
-        """Take bytes, and return how many."""
+        """Buffer bytes, and return their number."""
         self.held += data
         return len(data)
 
@@ -85,7 +90,7 @@ class HeldFile:
         self._file.close()
 
     def is_at(self, path: Path) -> bool:
-        """Return whether it has neither been removed from a path nor moved."""
+        """Return whether the file still has a path: it was neither removed nor moved."""
         try:
             return os.path.samestat(os.fstat(self._file.fileno()), os.stat(path))
         except FileNotFoundError:
@@ -93,22 +98,22 @@ class HeldFile:
 
 
 class BagFile:
-    """An MCAP file; data that do not fit on the disk wait in memory until there is room.
+    """An MCAP file; data that do not fit on the disk stay in memory until there is room.
 
     Attributes
     ----------
     information
-        Its name, and the time range and size of its messages.
+        Its name, and the time range and number of its messages.
     counts
-        How many messages of each topic.
+        Number of messages of each topic.
     disk
-        Where it is written, without the chunk that is being gathered.
+        The file on the disk, without the current chunk.
 
     Raises
     ------
     OSError
-        When the file exists, or cannot be created. Methods raise it when waiting data could not be
-        written: they continue to wait.
+        If the file exists or cannot be created. Methods raise it if buffered data could not be
+        written; the data stay buffered.
     """
 
     def __init__(self, path: Path, chunk_bytes: int) -> None:
@@ -118,14 +123,14 @@ class BagFile:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self.disk = HeldFile(path)
-        # It has write, tell and flush: the writer needs no more of a stream.
+        # The writer needs only write, tell and flush of a stream.
         self._mcap = Writer(cast(BufferedWriter, self.disk), chunk_bytes)
         self._mcap.start(profile="ros2", library=f"ema_bags {__version__}")
-        with suppress(OSError):  # a reader of a bag that has just begun finds a valid file
+        with suppress(OSError):  # a reader of a new bag finds a valid file
             self.disk.flush()
 
     def add_topic(self, topic: WrittenTopic) -> None:
-        """Add a topic that messages follow of."""
+        """Add a topic before its first message."""
         kind = topic.type_name
         if kind not in self._schemas:
             self._schemas[kind] = self._mcap.register_schema(kind, "ros2msg", topic.schema.encode())
@@ -135,7 +140,7 @@ class BagFile:
         )
 
     def write(self, topic: WrittenTopic, data: bytes, log_time_ns: int, sent_ns: int) -> None:
-        """Take the next message of a topic; ``flush`` writes it."""
+        """Add the next message of a topic; ``flush`` writes it to the disk."""
         channel, number = self._channels[topic.name], topic.count % 2**32
         self._mcap.add_message(channel, log_time_ns, data, sent_ns, number)
         self.information.add(log_time_ns)
@@ -143,20 +148,20 @@ class BagFile:
         topic.count += 1
 
     def note_gap(self, gap: Gap) -> None:
-        """Tell of messages that are not recorded."""
+        """Add a metadata record on messages that are not recorded."""
         self._mcap.add_metadata(GAP, gap.as_metadata())
 
     def flush(self) -> None:
-        """Hand everything so far to the operating system."""
+        """Write all messages so far to the operating system."""
         self._mcap.flush()
 
     def finish(self, information: dict[str, Any]) -> None:
-        """End the file with metadata and index; they wait to be written."""
+        """Add metadata and index to the end of the file; ``close`` writes them."""
         record = {"serialized_metadata": serialized_metadata(information)}
         self._mcap.add_metadata("rosbag2", record)
         self._mcap.finish()
 
     def close(self) -> None:
-        """Write the waiting data, and close; a file that cannot be written stays open."""
+        """Write the buffered data, and close; a file that cannot be written stays open."""
         self.disk.flush()
         self.disk.close()

@@ -1,4 +1,4 @@
-"""Destination of received messages: the bag, or memory until there is a reason to write."""
+"""Destination of received messages: the bag, or memory until a snapshot is written."""
 
 from collections import deque
 from collections.abc import Callable
@@ -15,15 +15,15 @@ from ema_core.wording import counted
 from ema_interfaces.msg import FaultEstimate, Health, HealthSummary
 
 _READ: Final = (FaultEstimate, Health, HealthSummary, DiagnosticArray)
-_BESIDES_BYTES: Final = 200
+_OVERHEAD_BYTES: Final = 200
 _LEAST_BAG_BYTES: Final = 100_000
-# As time ends a chunk, too: of smaller ones the index, which stays in memory, grows twice as fast.
+# Smaller chunks let the index, which stays in memory, grow twice as fast: time ends chunks as well.
 _CHUNK_BYTES: Final = 768 * 1024
 
 
 @dataclass(frozen=True)
 class RecorderSettings(Checked):
-    """Where and how to record; fixed while a bag is open. Names as rosbag2 has them."""
+    """Settings of a recorder, fixed while a bag is open. Names are the names of rosbag2."""
 
     output: str = text(
         "",
@@ -80,39 +80,44 @@ class _Kept(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Memory that it takes, about [B]."""
-        return len(self.data) + _BESIDES_BYTES
+        """Approximate memory use [B]."""
+        return len(self.data) + _OVERHEAD_BYTES
 
 
 class BagRecorder:
-    """A bag that is recorded; one thread at a time may use it.
+    """An open bag that records received messages; one thread at a time may use it.
 
     Parameters
     ----------
     path
-        Where to record.
-    own
-        Full name of the recorder, whose own statuses do not trigger a snapshot.
+        Path of the bag.
+    recorder_name
+        Full name of the recorder node, whose statuses do not trigger a snapshot.
     on_failure
-        Called as by ``BagWriter``, whose errors are raised, too.
+        Called if the thread that writes the bag has ended unexpectedly (see ``BagWriter``).
 
     Attributes
     ----------
     messages
-        How many messages were received and written.
+        Number of messages received and written.
     snapshots
-        How many snapshots were written.
+        Number of snapshots written.
     kept_bytes
         Memory of the messages kept for the next snapshot [B].
     is_short
-        Whether messages of the span to keep had to go for want of room.
+        Whether messages within ``snapshot_duration`` were dropped for lack of memory.
+
+    Raises
+    ------
+    ValueError, OSError
+        As ``BagWriter``.
     """
 
     def __init__(
         self,
         path: str,
         settings: RecorderSettings,
-        own: str,
+        recorder_name: str,
         on_failure: Callable[[str, str], object],
     ) -> None:
         self.bag = BagWriter(
@@ -129,19 +134,19 @@ class BagRecorder:
         self.is_short = False
         self._settings = settings
         self._kept: deque[_Kept] = deque()
-        self._own = f"{own}:"
+        self._status_prefix = f"{recorder_name}:"
         self._levels: dict[str, int] = {}
 
     @property
     def kept_s(self) -> float:
-        """Time from the first to the last message that is kept [s]."""
+        """Time from the first to the last kept message [s]."""
         kept = self._kept
         return max(0.0, (kept[-1].log_time_ns - kept[0].log_time_ns) / 1e9) if kept else 0.0
 
     def receive(
         self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None
     ) -> str:
-        """Take a message, and return why there should be a snapshot now; empty without reason."""
+        """Record or keep a message; return the reason for a snapshot, empty if none is due."""
         message = self._read(topic, data)
         if isinstance(message, FaultEstimate) and message.calibration_id:
             name = f"calibration_id of {message.actuator_id}"
@@ -160,10 +165,10 @@ class BagRecorder:
         Raises
         ------
         ValueError
-            When nothing is kept.
+            If no message is kept.
         OSError
-            When the bag cannot be written: messages wait in memory up to its limit, count as
-            written, and are written later.
+            If the bag cannot be written. Messages are buffered in memory up to its limit, count
+            as written, and are written later.
         """
         if not self._settings.snapshot_duration:
             raise ValueError("all is written: snapshot_duration is 0")
@@ -201,7 +206,7 @@ class BagRecorder:
             self.bag.note_state(gone.topic, gone.data, gone.publish_time_ns or gone.log_time_ns)
 
     def _read(self, topic: str, data: bytes) -> Any:
-        """Return a message that is relevant to the recorder; None for other types."""
+        """Return the decoded message if the recorder evaluates its type, else None."""
         kind = self.bag.topics[topic].message_class
         try:
             return deserialize_message(data, kind) if issubclass(kind, _READ) else None
@@ -209,7 +214,7 @@ class BagRecorder:
             return None
 
     def _level_change(self, message: Any) -> str:
-        """Return the level changes of a message, in words; a status's first level is no change."""
+        """Return a text on the level changes in a message; the first level is not a change."""
         levels: dict[str, int] = {}
         if isinstance(message, DiagnosticArray):
             levels = {item.name: ord(item.level) for item in message.status}
@@ -219,7 +224,7 @@ class BagRecorder:
         changes = []
         for name, level in levels.items():
             before = self._levels.get(name, level)
-            if level != before and not name.startswith(self._own):
+            if level != before and not name.startswith(self._status_prefix):
                 changes.append(f"{name} from {_word(before)} to {_word(level)}")
         self._levels |= levels
         return ", ".join(changes)

@@ -1,4 +1,4 @@
-"""What a recording lacks, as it could not be written or nobody received it: in its metadata."""
+"""Gaps of a recording, stored in its metadata: messages not received or not written."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -6,33 +6,30 @@ from typing import Final, Self
 
 from ema_core.wording import counted
 
-# The name that it has in all bags, also of before the package was renamed.
+# Older bags have this name as well: the package was renamed later.
 GAP: Final = "ema_recording gap"
 """Name of the metadata record that describes a gap before it in a file."""
 
 
 @dataclass
 class Gap:
-    """Messages that were not recorded.
-
-    Attributes
-    ----------
-    reason
-        Why, in words.
-    start_ns, end_ns
-        Log times of the first and the last of them [ns], or between which they would be.
-    messages
-        How many were received; 0 where none was, and nobody knows how many were published.
-    """
+    """Messages that were not recorded."""
 
     reason: str
+    """Why they were not recorded."""
+
     start_ns: int
+    """Log time of the first message, or start of the time without reception [ns]."""
+
     end_ns: int
+    """Log time of the last message, or end of the time without reception [ns]."""
+
     messages: int = 0
+    """Number of received messages; 0 if none was received and the number published is unknown."""
 
     @classmethod
     def from_metadata(cls, record: Mapping[str, str]) -> Self:
-        """Return the gap of a metadata record; KeyError or ValueError if it is not one."""
+        """Return the gap in a metadata record; KeyError or ValueError if the record has none."""
         numbers = (int(record[key]) for key in ("start_ns", "end_ns", "messages"))
         return cls(record.get("reason", ""), *numbers)
 

@@ -1,7 +1,7 @@
-"""What an MCAP file holds, by its index, or read through as far as it is intact.
+"""Contents of an MCAP file, from its index or from its intact part.
 
-mcap parses the records. Its readers refuse a file that is cut off or has no index, and a recorder
-that is killed leaves such files: this module reads them.
+mcap parses the records. Its readers refuse truncated files and files without an index. A killed
+recorder leaves such files: this module reads them.
 """
 
 import io
@@ -26,14 +26,14 @@ from ema_bags.gaps import GAP, Gap
 from ema_bags.recording import CONVERT
 
 _MAGIC: Final = b"\x89MCAP0\r\n"
-# The end of a file, at which mcap's reader stops.
+# The end of a file, at which the reader of mcap stops.
 _END: Final = bytes([Opcode.FOOTER]) + (20).to_bytes(8, "little") + bytes(20) + _MAGIC
 _LZ4_MAGIC: Final = b"\x04\x22\x4d\x18"
 _COMPRESSIONS: Final = ("", "zstd", "lz4")
 _CHUNK_HEAD_BYTES: Final = 9 + 40
 _STRETCH_BYTES: Final = 1 << 20
 _MOST_BYTES: Final = 1 << 30
-# What mcap, lz4 and lengths that nobody wrote come upon in damaged records.
+# Errors of mcap and lz4, and of impossible lengths, in damaged records.
 _FAILURES: Final = (
     *(McapError, zstandard.ZstdError, struct.error, UnicodeDecodeError),
     *(RuntimeError, EOFError, OverflowError, MemoryError),
@@ -41,52 +41,56 @@ _FAILURES: Final = (
 
 
 class DamageError(Exception):
-    """A part of a file is cut off or invalid."""
+    """A part of a file is truncated or invalid."""
 
 
 @dataclass(eq=False)
 class Stretch:
-    """A run of bytes that holds messages: a chunk, or messages side by side outside of chunks.
-
-    ``channels`` are those that have messages in it, empty where that is not known; log times of
-    the messages lie from ``start_ns`` to ``end_ns``.
-    """
+    """A range of bytes with messages: a chunk, or consecutive messages outside of chunks."""
 
     offset: int
+    """First byte."""
+
     stop: int
+    """End, exclusive."""
+
     start_ns: int = 2**64
+    """Earliest log time of its messages [ns]."""
+
     end_ns: int = 0
+    """Latest log time of its messages [ns]."""
+
     channels: set[int] = field(default_factory=set)
+    """Channels of its messages; empty if unknown."""
 
 
 @dataclass(eq=False)
 class Contents:
-    """What an MCAP file holds.
-
-    Attributes
-    ----------
-    counts
-        Messages by channel.
-    stretches
-        Where the messages are, in the order of the file.
-    damage
-        What is wrong with the file, one item per defect.
-    library
-        The program that wrote it, by its header.
-    gaps
-        What its recorder could not write.
-    is_whole
-        Whether no message is lost; an index that is damaged loses none.
-    """
+    """Contents of an MCAP file."""
 
     schemas: dict[int, Schema] = field(default_factory=dict)
+    """Schemas by their number."""
+
     channels: dict[int, Channel] = field(default_factory=dict)
+    """Channels by their number."""
+
     counts: Counter[int] = field(default_factory=Counter)
+    """Number of messages by channel."""
+
     stretches: list[Stretch] = field(default_factory=list)
+    """Ranges of bytes with messages, in the order of the file."""
+
     damage: list[str] = field(default_factory=list)
+    """One text for each defect of the file."""
+
     library: str = ""
+    """Program that wrote the file, from its header."""
+
     gaps: list[Gap] = field(default_factory=list)
+    """Messages that the recorder could not record."""
+
     is_whole: bool = True
+    """Whether no message is lost; a damaged index loses none."""
 
     def define(self, record: object) -> None:
         """Add a schema or channel, which must not differ from an earlier definition."""
@@ -94,12 +98,12 @@ class Contents:
             if self.schemas.setdefault(record.id, record) != record:
                 raise DamageError(f"schema {record.id} is defined otherwise elsewhere")
         elif isinstance(record, Channel):
-            known = self.channels.setdefault(record.id, record)
-            if known != record:
-                raise DamageError(f"channel {record.id} is {record.topic} here, else {known.topic}")
+            first = self.channels.setdefault(record.id, record)
+            if first != record:
+                raise DamageError(f"channel {record.id} is {record.topic} here, else {first.topic}")
 
     def note_gap(self, record: Metadata) -> None:
-        """Add a gap from a recorder's metadata; other metadata are ignored."""
+        """Add the gap in a metadata record of a recorder; further records are ignored."""
         if record.name != GAP:
             return
         try:
@@ -109,13 +113,13 @@ class Contents:
 
 
 def read_contents(file: BinaryIO) -> Contents:
-    """Return the contents of a file, which may be cut off anywhere.
+    """Return the contents of a file, which may be truncated anywhere.
 
     Raises
     ------
     ValueError
-        When the file is empty, not an MCAP file, or has chunks compressed by something else than
-        zstd or lz4.
+        If the file is empty or not an MCAP file, or has chunks in a compression other than zstd
+        and lz4.
     """
     size = file.seek(0, io.SEEK_END)
     if size == 0:
@@ -142,12 +146,12 @@ def read_contents(file: BinaryIO) -> Contents:
 
 
 def read_messages(path: Path, stretch: Stretch, contents: Contents) -> list[Message]:
-    """Read the messages of a stretch of a file, in their order there; short ones are kept a while.
+    """Read the messages of a stretch in the order of the file; short stretches are cached.
 
     Raises
     ------
     DamageError
-        When it is not whole, or defines a schema or channel otherwise than the file does.
+        If the stretch is damaged, or redefines a schema or channel of the file.
     """
     read = _messages if stretch.stop - stretch.offset <= _STRETCH_BYTES else _messages.__wrapped__
     return read(path, stretch, contents)
@@ -173,7 +177,7 @@ def _messages(path: Path, stretch: Stretch, contents: Contents) -> list[Message]
 
 @contextmanager
 def _damage() -> Iterator[None]:
-    """Raise DamageError for whatever mcap comes upon in records that are damaged."""
+    """Turn errors of mcap in damaged records into DamageError."""
     try:
         yield
     except CRCValidationError as error:
@@ -185,7 +189,7 @@ def _damage() -> Iterator[None]:
 
 
 def _by_index(file: BinaryIO, size: int) -> Contents | None:
-    """Return the contents by the summary; None where it is incomplete."""
+    """Return the contents from the summary; None if the summary is incomplete."""
     _check_summary(file, size)
     file.seek(0)
     reader = SeekingReader(file, record_size_limit=_MOST_BYTES)
@@ -216,7 +220,7 @@ def _by_index(file: BinaryIO, size: int) -> Contents | None:
 
 
 def _check_summary(file: BinaryIO, size: int) -> None:
-    """Compare the summary with its checksum, which mcap's reader takes at its word."""
+    """Compare the summary with its checksum, which the reader of mcap does not check."""
     footer_at = size - FOOTER_SIZE - len(_MAGIC)
     file.seek(max(footer_at, 0))
     footer = file.read(FOOTER_SIZE)
@@ -231,7 +235,7 @@ def _check_summary(file: BinaryIO, size: int) -> None:
 
 
 def _by_reading(file: BinaryIO, size: int, *, index_is_whole: bool) -> Contents:
-    """Return the contents by reading the whole file, as far as that goes."""
+    """Return the contents of the intact part, by reading the whole file."""
     contents = Contents()
     file.seek(0)
     records = StreamReader(file, emit_chunks=True, record_size_limit=_MOST_BYTES).records
@@ -250,7 +254,7 @@ def _by_reading(file: BinaryIO, size: int, *, index_is_whole: bool) -> Contents:
             broken = ""
             break
         if isinstance(record, Chunk):
-            # Records of unknown kinds are not given, and stand before this one.
+            # The reader omits records of unknown kinds, which precede this chunk.
             start = end - _CHUNK_HEAD_BYTES - len(record.compression) - len(record.data)
         try:
             with _damage():
@@ -290,8 +294,8 @@ def _add(contents: Contents, record: object, start: int, end: int) -> None:
     if not messages:
         return
     last = contents.stretches[-1] if contents.stretches else None
-    goes_on = last is not None and last.stop == start and not isinstance(record, Chunk)
-    if last is None or not goes_on or end - last.offset > _STRETCH_BYTES:
+    continues = last is not None and last.stop == start and not isinstance(record, Chunk)
+    if last is None or not continues or end - last.offset > _STRETCH_BYTES:
         last = Stretch(start, end)
         contents.stretches.append(last)
     last.stop = end

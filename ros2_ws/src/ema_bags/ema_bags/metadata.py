@@ -1,6 +1,6 @@
-"""rosbag2's metadata of a recording: written at its end, read for the names of its files.
+"""Metadata of a recording in the format of rosbag2.
 
-rosbags writes metadata only with a whole bag, and reads none that is damaged.
+rosbags writes metadata only with a whole bag, and cannot read damaged metadata.
 """
 
 import os
@@ -15,23 +15,30 @@ from ema_bags.recording import CONVERT
 from ema_core.yaml_file import load_yaml
 
 PACKED_SUFFIX: Final = ".zstd"
-"""What rosbag2 appends to the name of a file that it compresses."""
+"""Suffix that rosbag2 appends to the name of a compressed file."""
 
 METADATA_FILE = "metadata.yaml"
 _ROOT = "rosbag2_bagfile_information"
-_VERSION = 9  # of Jazzy: QoS as mappings in words
+_VERSION = 9  # of Jazzy: QoS as mappings with named policies
 NEVER_NS = 2**63 - 1
 """Start of a recording without a message [ns]."""
 
 
 @dataclass
 class FileInformation:
-    """Metadata of a file: its name, log times of its first and last message [ns], their number."""
+    """Name, time range and number of messages of a file."""
 
     name: str
+    """Name of the file."""
+
     start_ns: int = NEVER_NS
+    """Log time of the first message [ns]."""
+
     end_ns: int = 0
+    """Log time of the last message [ns]."""
+
     count: int = 0
+    """Number of messages."""
 
     def add(self, log_time_ns: int) -> None:
         """Count a message."""
@@ -40,7 +47,7 @@ class FileInformation:
         self.count += 1
 
     def extent(self) -> dict[str, Any]:
-        """Return start, duration and number of messages as rosbag2 has them."""
+        """Return start, duration and number of messages in the format of rosbag2."""
         return {
             "starting_time": {"nanoseconds_since_epoch": self.start_ns},
             "duration": {"nanoseconds": max(self.end_ns - self.start_ns, 0)},
@@ -51,7 +58,7 @@ class FileInformation:
 def bag_information(
     files: Sequence[FileInformation], topics: Iterable[Any], custom_data: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return rosbag2's metadata of a recording: of its files so far, and of written topics."""
+    """Return the rosbag2 metadata of a recording from its files and topics so far."""
     whole = FileInformation(
         "",
         min((file.start_ns for file in files), default=NEVER_NS),
@@ -90,7 +97,7 @@ def serialized_metadata(information: dict[str, Any]) -> str:
 
 
 def write_metadata(folder: Path, information: dict[str, Any]) -> None:
-    """Write ``metadata.yaml``, whole or not at all."""
+    """Write ``metadata.yaml`` atomically."""
     part = folder / f"{METADATA_FILE}.part"
     part.write_text(yaml.safe_dump({_ROOT: information}, sort_keys=False), encoding="utf-8")
     part.replace(folder / METADATA_FILE)
@@ -98,11 +105,16 @@ def write_metadata(folder: Path, information: dict[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class FolderContents:
-    """MCAP files in a folder, their announced number of messages, if known, and defects."""
+    """Files of a recording in a folder."""
 
     files: list[Path]
+    """MCAP files in order."""
+
     message_count: int | None
+    """Number of messages by the metadata; None if unknown."""
+
     damage: list[str]
+    """One text for each defect."""
 
 
 def folder_contents(folder: Path) -> FolderContents:
@@ -111,9 +123,9 @@ def folder_contents(folder: Path) -> FolderContents:
     Raises
     ------
     FileNotFoundError
-        When there is no MCAP file.
+        If there is no MCAP file.
     ValueError
-        When the recording is stored or compressed in a way that is not read here.
+        If the storage or compression of the recording is not supported.
     """
     present = _files_in(folder)
     try:
@@ -138,7 +150,7 @@ def folder_contents(folder: Path) -> FolderContents:
     missing = [name for name in wanted if name not in present]
     if not wanted or len(missing) == len(wanted):
         raise FileNotFoundError(f"{folder}: {', '.join(missing)} of the recording missing")
-    # The last file is listed when it is closed.
+    # A file is listed once it is closed.
     later = [name for name in present if _is_later(name, wanted[-1])]
     damage = [f"{name} is missing" for name in missing]
     damage += [f"{name} is not in {METADATA_FILE}: not closed" for name in later]
@@ -147,9 +159,9 @@ def folder_contents(folder: Path) -> FolderContents:
 
 
 def _files_in(folder: Path) -> dict[str, Path]:
-    """Return the MCAP files in a folder by their names when they are not compressed, in order.
+    """Return the MCAP files in a folder in order, by their names without the compression suffix.
 
-    One that is there also in compressed form was not compressed to its end, or unpacked by hand.
+    An uncompressed file takes precedence: its compressed form is incomplete, or was unpacked.
     """
     files = {
         path.name.removesuffix(PACKED_SUFFIX): path
@@ -160,7 +172,7 @@ def _files_in(folder: Path) -> dict[str, Path]:
 
 
 def _is_later(name: str, last: str) -> bool:
-    """Return whether a file of a split recording comes after another one, by its number."""
+    """Return whether a file of a split recording has a larger number than the last listed file."""
     stem, separator, number = name.removesuffix(".mcap").rpartition("_")
     last_stem, _, last_number = last.removesuffix(".mcap").rpartition("_")
     numbers = [item for item in (number, last_number) if item.isdecimal()]
@@ -170,8 +182,10 @@ def _is_later(name: str, last: str) -> bool:
 
 
 def _without_metadata(folder: Path, present: dict[str, Path], reason: str) -> FolderContents:
-    if other := sorted(path.name for path in folder.glob("*.db3*")):
-        raise ValueError(f"{folder}: {other[0]} is in sqlite3 storage, expected MCAP; {CONVERT}")
+    if stored := sorted(path.name for path in folder.glob("*.db3*")):
+        raise ValueError(
+            f"{folder}: {databases[0]} is in sqlite3 storage, expected MCAP; {CONVERT}"
+        )
     if not present:
         raise FileNotFoundError(f"{folder} is not a recording, with an .mcap file in it: {reason}")
     return FolderContents(list(present.values()), None, [reason])

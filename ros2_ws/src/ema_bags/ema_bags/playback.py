@@ -1,4 +1,4 @@
-"""Recorded messages at the pace at which they were recorded, or a multiple of it."""
+"""Playback of recorded messages at the recorded pace, or at a multiple of it."""
 
 import threading
 import time
@@ -8,35 +8,38 @@ from ema_bags.recording import Recorded
 
 
 class Playback:
-    """Publishes messages when they are due, and the time that is played.
+    """Publishes messages when they are due, and the playback time.
 
-    A message is due at a fixed time after the start, so that delays do not add up. Time goes on
-    between messages, never past the next one, and stands still while nothing is played.
+    A message is due at a fixed time after the start, so that delays do not accumulate. The
+    playback time runs between messages, never past the next message, and stands still while
+    playback is paused.
 
     Parameters
     ----------
     messages
         Messages in the order of their log times.
     rate
-        Seconds played in a second [-].
+        Playback rate: recorded time per wall time [-].
     tick_s
         Wall time from one tick to the next [s].
     publish
         Called with each message that is due.
     tick
-        Called with the log time that is reached [ns], at the start, regularly, and at the end.
+        Called with the current log time [ns], at the start, regularly, and at the end.
 
     Attributes
     ----------
     rate
-        Seconds played in a second; it may be changed while nothing is played [-].
+        Playback rate, which may change while playback is paused [-].
     start_ns, reached_ns
-        Log time of the first message, and the log time that is reached [ns].
+        Log time of the first message, and current log time [ns].
+    played
+        Number of published messages.
 
     Raises
     ------
     ValueError
-        When there is no message.
+        If there is no message.
     """
 
     def __init__(
@@ -59,14 +62,14 @@ class Playback:
         self.start_ns = self.reached_ns = self._next.log_time_ns
 
     def go_to(self, time_ns: int, messages: Iterable[Recorded]) -> None:
-        """Move to another log time [ns], with the messages from there, while paused."""
+        """Move to a log time [ns], with the messages after it, while paused."""
         self._messages = iter(messages)
         self._next = next(self._messages, None)
         self.reached_ns = time_ns
         self._tick(time_ns)
 
     def step(self, count: int, stop: threading.Event) -> int:
-        """Play the next messages at once, and return how many: fewer at the end, or if stopped."""
+        """Play ``count`` messages at once; return their number, less at the end or if stopped."""
         played = 0
         while self._next is not None and played < count and not stop.is_set():
             self._tick(self._next.log_time_ns)
@@ -75,7 +78,7 @@ class Playback:
         return played
 
     def run(self, stop: threading.Event) -> bool:
-        """Play on from where it stands, and return whether the end is reached."""
+        """Continue the playback until it is stopped; return whether the end is reached."""
         begin_ns, begin_s = self.reached_ns, time.monotonic()
         next_tick_s = begin_s
         while self._next is not None:

@@ -1,4 +1,4 @@
-"""The part of a bag that is played."""
+"""The played topics and time range of a bag."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -17,9 +17,9 @@ from ema_interfaces.msg import PlaybackState
 from ema_ros import topics
 
 CLOCK: Final = "/clock"
-"""The topic that a player publishes itself."""
+"""Topic of the playback time, which the player publishes."""
 
-_OWN: Final = type_name(PlaybackState)
+_STATE_TYPE: Final = type_name(PlaybackState)
 _OF_ACTUATORS: Final = frozenset(
     type_name(kind) for kind, _ in (topics.ACTUATOR_TOPICS | topics.SYSTEM_TOPICS).values()
 )
@@ -27,7 +27,7 @@ _OF_ACTUATORS: Final = frozenset(
 
 @dataclass(frozen=True)
 class PlayerSettings(Checked):
-    """What to play, and how fast. Names as rosbag2 has them."""
+    """Settings of a playback. Names are the names of rosbag2."""
 
     bag: str = text("", "bag to play: a file or a folder")
     rate: float = quantity(1.0, "-", 0.01, 100.0, "playback rate")
@@ -54,25 +54,25 @@ class PlayedBag:
     Parameters
     ----------
     wanted
-        Full names of the topics; all that can be played when None.
+        Full names of the topics to play; None for all playable topics.
 
     Attributes
     ----------
     topics
-        The topics to play.
+        The played topics.
     offers
-        What is offered of them, by topic.
+        Offered quality of service by topic.
     remarks
-        Why other topics cannot be played, by topic.
+        Why a topic is not played, or played with a default quality of service, by topic.
     skipped
-        Number of skipped messages, which are malformed.
+        Number of skipped malformed messages.
     start_ns, end_ns
-        Log time of the first message that is played, and the one at which playing ends [ns].
+        Log times of the first played message and of the end of the playback [ns].
 
     Raises
     ------
     ValueError
-        When there is nothing to play, with the reasons, or a wanted topic is missing.
+        If there is nothing to play, with the reasons, or if a wanted topic is missing.
     """
 
     def __init__(self, settings: PlayerSettings, wanted: set[str] | None) -> None:
@@ -90,7 +90,7 @@ class PlayedBag:
             except ValueError as error:
                 self.offers[name] = replay_qos(())
                 self.remarks[name] = f"played as a reliable stream, {error}"
-        # What was latched up to a time of the bag, and up to which it is known.
+        # Latched messages before a log time of the bag, with their actuators.
         self._latched: list[tuple[Recorded, str]] = []
         self._latched_until_ns = 0
         first_ns, self.end_ns = self.bag.start_ns or 0, self.bag.end_ns or 0
@@ -121,15 +121,15 @@ class PlayedBag:
 
     @property
     def count(self) -> int:
-        """How many messages the bag has on the topics."""
+        """Number of messages on the played topics."""
         return sum(topic.count for topic in self.topics.values())
 
     def messages(self, start_ns: int) -> Iterator[Recorded]:
-        """Read the played messages from a log time on [ns], with the installed types."""
+        """Read the played messages after a log time [ns], with the installed types."""
         return self._upgraded(self.bag.raw_messages(self.topics, start_ns, self.end_ns))
 
     def latched_before(self, time_ns: int) -> list[Recorded]:
-        """Read each actuator's latched messages before a log time [ns]; the bag is read once."""
+        """Read the latched messages of each actuator before a log time [ns], reading once."""
         if time_ns > self._latched_until_ns:
             latched = DurabilityPolicy.TRANSIENT_LOCAL
             topics = [name for name, offer in self.offers.items() if offer.durability == latched]
@@ -146,7 +146,7 @@ class PlayedBag:
         return list(latest.values())
 
     def check_time(self, time_ns: int) -> None:
-        """Raise ValueError for a log time [ns] that is not played."""
+        """Raise ValueError for a log time [ns] outside the playback."""
         if not self.start_ns <= time_ns <= self.end_ns:
             raise ValueError(
                 f"time = {time_ns / 1e9:.3f} s is outside {self.bag.path}, "
@@ -161,8 +161,8 @@ class PlayedBag:
         playable: dict[str, Topic] = {}
         for name, topic in bag.topics.items():
             excluded = actuator_only and topic.type_name not in _OF_ACTUATORS
-            is_own = name == CLOCK or topic.type_name == _OWN
-            if not topic.count or is_own or excluded or name not in (wanted or bag.topics):
+            is_of_player = name == CLOCK or topic.type_name == _STATE_TYPE
+            if not topic.count or is_of_player or excluded or name not in (wanted or bag.topics):
                 continue
             try:
                 message_class(topic.type_name)
@@ -180,7 +180,7 @@ class PlayedBag:
         raise ValueError(f"{bag.path}: nothing to play: {'; '.join(reasons)}")
 
     def _upgraded(self, items: Iterable[Recorded]) -> Iterator[Recorded]:
-        """Yield messages of the installed types; malformed ones are skipped, counted and named."""
+        """Yield messages of the installed types; malformed messages are skipped and reported."""
         for item in items:
             upgrade = self._upgrades[item.topic]
             try:

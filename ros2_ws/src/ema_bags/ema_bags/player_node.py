@@ -1,4 +1,4 @@
-"""The player: messages of a bag to the running system."""
+"""The player node: publishes the messages of a bag."""
 
 import threading
 import traceback
@@ -32,7 +32,7 @@ from ema_ros.topics import LATCHED, PLAYBACK_STATE
 
 _STATE_S: Final = 0.5
 _BETWEEN_PASSES_S: Final = 0.05
-# Names and fields of rosbag2's player, with own types, whose answers give a reason of refusal.
+# Names and fields as in the player of rosbag2; these types add the reason of a refusal.
 _SERVICES: Final = {
     "pause": Trigger,
     "resume": Trigger,
@@ -47,17 +47,18 @@ _SERVICES: Final = {
 
 
 class PlayerNode(ManagedNode):
-    """Plays a bag, message by message in its order, and the time on ``/clock``.
+    """Plays the messages of a bag in order, and publishes the playback time on ``/clock``.
 
     Parameters of the node are the fields of ``PlayerSettings``; topics are full names, or names
     relative to the namespace.
 
-    While it is inactive the recorded time stands still. It has done its work at the end of the
-    bag, when all reliable subscriptions have acknowledged every message, unless it is to stay or to
-    repeat. A new pass is a jump back in time, published on ``/clock`` and in the state like a seek.
+    While the node is inactive, the playback time stands still. The node ends at the end of the
+    bag, when all reliable subscriptions have acknowledged every message, unless ``stay`` or
+    ``loop`` is set. A new pass is a jump back in time, published on ``/clock`` and in the state
+    like a seek.
 
-    While it is active it can be paused, stepped, moved and played at another rate by services; a
-    seek first publishes the messages latched at the new time. ``playback_state`` reports the state.
+    Services pause, step, move and change the rate of an active player. A seek first publishes the
+    messages latched at the new time. ``playback_state`` reports the state.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -93,9 +94,9 @@ class PlayerNode(ManagedNode):
         self._state_output = self.create_publisher(PlaybackState, PLAYBACK_STATE, LATCHED)
 
     def activate(self) -> None:
-        """Play on, unless it is paused."""
+        """Continue the playback, unless it is paused."""
         with self._steered:
-            self._go_on()
+            self._continue()
         self.add_timer(
             _STATE_S, lambda: self._status == PlaybackState.PLAYING and self._publish_state()
         )
@@ -126,7 +127,7 @@ class PlayerNode(ManagedNode):
         message = self._failure or "; ".join([self._phase, *remarks])
         return [Task("playback", level, message, self.hardware_id, values)]
 
-    def _go_on(self, *, jumped: bool = False, latched: Iterable[Recorded] = ()) -> None:
+    def _continue(self, *, jumped: bool = False, latched: Iterable[Recorded] = ()) -> None:
         """Publish the state and latched messages; if playing, play in a thread."""
         self._publish_state(jumped=jumped)
         self._outputs.publish_latched(latched)
@@ -156,7 +157,7 @@ class PlayerNode(ManagedNode):
 
     @contextmanager
     def _steering(self) -> Iterator[None]:
-        """Let one request at a time steer, while the node is active."""
+        """Serialise requests, and refuse them while the node is not active."""
         with self._steered:
             if self.state != "active":
                 raise ValueError(f"the player is {self.state}: expected active")
@@ -177,7 +178,7 @@ class PlayerNode(ManagedNode):
                 raise ValueError(f"{self._played.bag.path} is at its end: seek first")
             if self._status == PlaybackState.PAUSED:
                 self._status = PlaybackState.PLAYING
-                self._go_on()
+                self._continue()
 
     def _toggle_paused(self, request: Any) -> None:
         with self._steered:
@@ -218,7 +219,7 @@ class PlayerNode(ManagedNode):
         with self._steering():
             self._halt()
             self._playback.rate = settings.rate
-            self._go_on()
+            self._continue()
 
     def _seek(self, request: SeekPlayback.Request) -> None:
         time_ns = stamp_from_message(request.time)
@@ -229,12 +230,12 @@ class PlayerNode(ManagedNode):
                 latched = self._played.latched_before(time_ns)
                 self._playback.go_to(time_ns, self._played.messages(time_ns))
             except (OSError, ValueError):
-                self._go_on()  # from where it was
+                self._continue()  # from where it was
                 raise
             self._is_begun = True
             if self._status == PlaybackState.ENDED:
                 self._status = PlaybackState.PAUSED
-            self._go_on(jumped=True, latched=latched)
+            self._continue(jumped=True, latched=latched)
 
     def _publish_state(self, *, jumped: bool = False) -> None:
         state = PlaybackState(
@@ -272,7 +273,7 @@ class PlayerNode(ManagedNode):
         self._is_begun = True
 
     def _run(self, stop: threading.Event) -> bool:
-        """Wait for subscribers at the start, then play; return whether all has arrived."""
+        """Wait for subscribers at the start, then play; return whether the end is reached."""
         if not self._is_begun:
             self._wait_for_subscribers(stop)
         if stop.is_set():
@@ -288,7 +289,7 @@ class PlayerNode(ManagedNode):
             if pending := self._outputs.await_acknowledgement(stop):
                 names = ", ".join(pending)
                 self.get_logger().warning(f"not all messages on {names} are acknowledged")
-            # A bag without duration would be begun again at once.
+            # A bag without duration would otherwise restart at once.
             if stop.is_set() or (self._settings.loop and stop.wait(_BETWEEN_PASSES_S)):
                 return False
             self._set_phase(f"played {played} of {self._played.bag.path}")
@@ -307,12 +308,12 @@ class PlayerNode(ManagedNode):
         self._outputs.await_subscribers(stop, wait_s)
         if not stop.is_set() and (missing := self._outputs.missing()):
             self.get_logger().warning(f"no subscriber of {missing} after {wait_s:g} s: starting")
-        for words in self._outputs.live_monitors():
-            self.get_logger().warning(words)
+        for remark in self._outputs.live_monitors():
+            self.get_logger().warning(remark)
 
-    def _warn_of_damage(self, known: str) -> None:
+    def _warn_of_damage(self, reported: str) -> None:
         bag = self._played.bag
-        if bag.damage != known:
+        if bag.damage != reported:
             self.get_logger().warning(f"{bag.path.name} is damaged: {bag.damage}")
 
     def _set_phase(self, phase: str) -> None:
@@ -322,5 +323,5 @@ class PlayerNode(ManagedNode):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node."""
+    """Run the player."""
     return run(PlayerNode, args)

@@ -1,4 +1,4 @@
-"""The publishers of a player, and their subscribers."""
+"""The publishers of a player, and the wait for their subscribers."""
 
 import threading
 from collections.abc import Iterable
@@ -19,12 +19,12 @@ from ema_ros.peers import UNKNOWN_NODE
 
 _POLL_S: Final = 0.05
 _LATCHED_S: Final = 0.2
-_SETTLE_S: Final = 1.0  # a subscription learns of its match after the publisher
+_SETTLE_S: Final = 1.0  # the publisher detects a match before the subscription does
 _ACKNOWLEDGE_S: Final = 5.0
 
 
 class PlayerOutputs:
-    """Publishers of all topics that are played, and of ``/clock``."""
+    """Publishers of all played topics and of ``/clock``."""
 
     def __init__(self, node: Node, played: PlayedBag) -> None:
         self._node = node
@@ -33,7 +33,7 @@ class PlayerOutputs:
             kind = message_class(topic.type_name)
             try:
                 self.publishers[name] = node.create_publisher(kind, name, played.offers[name])
-            except Exception as error:  # an impossible name; a type that the graph has otherwise
+            except Exception as error:  # impossible name, or another type in the graph
                 reason = " ".join(str(error).split()).partition(", at ")[0]
                 played.leave_out(name, reason)
         self._telemetry = [
@@ -47,7 +47,7 @@ class PlayerOutputs:
         self.publishers[item.topic].publish(item.message)
 
     def publish_latched(self, items: Iterable[Recorded]) -> None:
-        """Publish latched messages, each after another actuator's previous one has arrived."""
+        """Publish latched messages, each after the previous one on its topic is acknowledged."""
         for item in items:
             self.publishers[item.topic].wait_for_all_acked(Duration(seconds=_LATCHED_S))
             self.publish(item)
@@ -57,7 +57,7 @@ class PlayerOutputs:
         self._clock.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
 
     def missing(self) -> str:
-        """Return the topics that still lack an expected subscription, in words."""
+        """Return a text with the topics that lack an expected subscription."""
         subscribed = {
             name
             for name, publisher in self.publishers.items()
@@ -68,18 +68,18 @@ class PlayerOutputs:
         return "" if subscribed else f"any of {', '.join(self.publishers)}"
 
     def await_subscribers(self, stop: threading.Event, wait_s: float) -> None:
-        """Wait for subscriptions, at most so long [s], and until no other has come for a while."""
+        """Wait at most ``wait_s`` [s] for subscriptions, then until no new ones appear."""
         waits = round(wait_s / _POLL_S)
         while waits and self.missing() and not stop.wait(_POLL_S):
             waits -= 1
         # A recorder discovers the publishers, and subscribes to one topic after the other.
-        quiet, known = 0, -1
+        quiet, previous = 0, -1
         while quiet < round(_SETTLE_S / _POLL_S) and not self.missing() and not stop.wait(_POLL_S):
-            count = sum(one.get_subscription_count() for one in self.publishers.values())
-            quiet, known = quiet + 1 if count == known else 0, count
+            count = sum(item.get_subscription_count() for item in self.publishers.values())
+            quiet, previous = quiet + 1 if count == previous else 0, count
 
     def await_acknowledgement(self, stop: threading.Event) -> list[str]:
-        """Wait some seconds for acknowledgement; return the topics with missing ones."""
+        """Wait up to 5 s for acknowledgements; return the topics where some are missing."""
         waits = round(_ACKNOWLEDGE_S / _POLL_S)
         pending = list(self.publishers.items())
         while pending and waits and not stop.is_set():
@@ -90,7 +90,10 @@ class PlayerOutputs:
         return [name for name, _ in pending]
 
     def live_monitors(self) -> list[str]:
-        """Return the nodes that take played data for new tests, because they ignore its time."""
+        """Return a warning for each monitor that ignores ``/clock``.
+
+        Such a monitor mistakes played data for new tests.
+        """
         listeners = {
             (item.node_name, item.node_namespace)
             for name in self._telemetry
@@ -100,11 +103,12 @@ class PlayerOutputs:
         remarks = []
         for name, namespace in sorted(listeners):
             try:
-                given = self._node.get_publisher_names_and_types_by_node(name, namespace)
-                taken = self._node.get_subscriber_names_and_types_by_node(name, namespace)
+                published = self._node.get_publisher_names_and_types_by_node(name, namespace)
+                subscribed = self._node.get_subscriber_names_and_types_by_node(name, namespace)
             except NodeNameNonExistentError:
-                continue  # it has ended since
-            if any(HEALTH_TYPE in types for _, types in given) and CLOCK not in dict(taken):
+                continue  # the node has just ended
+            is_monitor = any(HEALTH_TYPE in types for _, types in published)
+            if is_monitor and CLOCK not in dict(subscribed):
                 remarks.append(
                     f"{namespace.rstrip('/')}/{name} does not follow /clock and takes what is "
                     "played for new tests: start it with use_sim_time:=true"

@@ -1,6 +1,6 @@
-"""Quality of service as rosbag2 writes it.
+"""Quality of service in the format of rosbag2.
 
-rosbags does so too, but has classes of its own: converting them to rclpy's is no less code.
+rosbags writes it as well, but converting its classes to those of rclpy needs as much code.
 """
 
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ from ema_core.yaml_file import parse_yaml
 RELIABLE_DEPTH: Final = 1000
 """Messages that a recorder or a player keeps for a slow reader or writer."""
 
-_UNKNOWN_DEPTH = 10  # rosbag2's: discovery does not report the depth of a publisher
+_UNKNOWN_DEPTH = 10  # as in rosbag2: discovery does not report the depth of a publisher
 _INFINITE_NS = 2**63 - 1
 
 
 def offered_qos(qos: QoSProfile) -> dict[str, Any]:
-    """Return a profile as rosbag2's mapping.
+    """Return a profile as a mapping in the format of rosbag2.
 
-    What a profile leaves open is written as discovery reports it: infinite durations, automatic
+    Unspecified values are written as discovery reports them: infinite durations and automatic
     liveliness.
     """
     liveliness = qos.liveliness
@@ -49,22 +49,23 @@ def offered_qos(qos: QoSProfile) -> dict[str, Any]:
 
 
 def offered_qos_profiles(qos: QoSProfile) -> str:
-    """Return the text of a channel's ``offered_qos_profiles``: YAML of a list of profiles."""
+    """Return the ``offered_qos_profiles`` of a channel: a list of profiles in YAML."""
     return yaml.safe_dump([offered_qos(qos)], sort_keys=False)
 
 
 def recorded_qos(text: str) -> list[QoSProfile]:
-    """Return the profiles in a channel's ``offered_qos_profiles``; none when it is empty.
+    """Return the profiles in the ``offered_qos_profiles`` of a channel.
 
     Parameters
     ----------
     text
-        YAML of a list of profiles. Policies are words, or numbers as before Jazzy.
+        A list of profiles in YAML, with policies as names, or as numbers before Jazzy; may be
+        empty.
 
     Raises
     ------
     ValueError
-        When it is not such a list.
+        If the text is not a list of profiles.
     """
     try:
         return [_profile(item) for item in parse_yaml(text.encode()) or ()]
@@ -75,7 +76,7 @@ def recorded_qos(text: str) -> list[QoSProfile]:
 
 
 def common_offer(offers: Sequence[QoSProfile], depth: int) -> QoSProfile:
-    """Return the profile that every publisher of a topic offers, for at least one publisher."""
+    """Return the strongest profile that every publisher of a topic offers; at least one needed."""
     is_reliable = all(item.reliability == ReliabilityPolicy.RELIABLE for item in offers)
     is_latched = all(item.durability == DurabilityPolicy.TRANSIENT_LOCAL for item in offers)
     return QoSProfile(
@@ -86,14 +87,14 @@ def common_offer(offers: Sequence[QoSProfile], depth: int) -> QoSProfile:
 
 
 def joint_offer(offers: Sequence[QoSProfile]) -> QoSProfile:
-    """Return the profile to write for a topic: its publishers' if they agree, or a common one."""
+    """Return the recorded profile of a topic: equal profiles as they are, else a common offer."""
     if all(item == offers[0] for item in offers):
         return offers[0]
     return common_offer(offers, _UNKNOWN_DEPTH)
 
 
 def replay_qos(offers: Sequence[QoSProfile]) -> QoSProfile:
-    """Return a player's quality of service in place of the recorded publishers'.
+    """Return the quality of service with which a player replaces the recorded publishers.
 
     A latched topic keeps its depth, so that a late subscription receives what it would have
     received. Any other reliable topic gets a depth of at least ``RELIABLE_DEPTH``, so that playing
@@ -102,7 +103,7 @@ def replay_qos(offers: Sequence[QoSProfile]) -> QoSProfile:
     Parameters
     ----------
     offers
-        What the publishers offered; without any, a reliable stream is meant.
+        Profiles of the recorded publishers; empty for a reliable stream.
     """
     if not offers:
         return QoSProfile(depth=RELIABLE_DEPTH)

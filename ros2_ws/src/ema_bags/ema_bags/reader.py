@@ -1,4 +1,4 @@
-"""Reads recordings as rosbag2 makes them in MCAP, damaged ones as far as they are intact."""
+"""Reads rosbag2 recordings in MCAP, including the intact part of damaged recordings."""
 
 import shutil
 import tempfile
@@ -21,28 +21,28 @@ _MOST_GAPS: Final = 10
 
 
 class Bag(Recording):
-    """A recording: one ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
+    """A recording: one ``.mcap`` file, or a folder written by ``ros2 bag record``.
 
     Messages and files that rosbag2 compressed by zstd are unpacked. A file that was not closed, is
-    cut off or lost its index is read through once when the recording is opened. Chunks are taken
-    whole or not at all.
+    truncated or lost its index is read once when the recording is opened. A damaged chunk is
+    skipped as a whole.
 
     Attributes
     ----------
     topics
-        What was recorded, by topic.
+        Recorded topics by name.
     start_ns, end_ns
-        Log times of the first and last message [ns]; None when there is none.
+        Log times of the first and last message [ns]; None without messages.
     malformed
-        Messages that cannot be used; ``damage`` gives the reason, and counts each once.
+        Messages that cannot be decoded; ``damage`` gives the reason, and counts each once.
 
     Raises
     ------
     FileNotFoundError
-        When the file or folder does not exist, or holds no recording.
+        If the file or folder does not exist, or has no recording.
     ValueError
-        When a file is empty or not MCAP, the recording is stored or compressed in a way that is
-        not read here, or a topic has two types.
+        If a file is empty or not MCAP, if the storage or compression is not supported, or if a
+        topic has two types.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -64,21 +64,20 @@ class Bag(Recording):
 
     @property
     def writers(self) -> list[str]:
-        """Programs that wrote the files, as ``Recording.writers``."""
+        """Programs that wrote the files, with their versions."""
         return sorted({contents.library for contents in self._files.values()} - {""})
 
     @property
     def damage(self) -> str:
-        """Damage and losses, as ``Recording.damage``.
+        """Position of damage and the loss; empty as long as the recording seems intact.
 
-        A chunk that was damaged in an indexed file, and a malformed message, are only found when
-        they are read.
+        Damaged chunks of an indexed file and malformed messages are detected when they are read.
         """
         return "; ".join([*self._damage, *self.malformed.remarks()])
 
     @property
     def is_whole(self) -> bool:
-        """Whether no message is lost by damage, as far as the recording has been read.
+        """Whether the part read so far lost no message by damage.
 
         A file that was not closed may lack messages.
         """
@@ -101,7 +100,7 @@ class Bag(Recording):
         return list(filter(None, (self.damage, *texts)))
 
     def readable_counts(self) -> dict[str, int]:
-        """Return how many messages of each topic can be read: all chunks are read for it."""
+        """Return the number of readable messages of each topic, by reading all chunks."""
         counts = Counter(item.topic for item in self.raw_messages())
         return {name: counts[name] for name in self.topics}
 
@@ -111,7 +110,7 @@ class Bag(Recording):
         first: MessagePlace | None = None,
         last: MessagePlace | None = None,
     ) -> Iterator[Recorded]:
-        """Read and decode messages, as ``Recording.messages``."""
+        """Read and decode messages in the order of their log times (see ``Recording.messages``)."""
         chosen = self._chosen(topics)
         decoders = {
             name: self._decoder(name, topic) for name, topic in chosen.items() if topic.count
@@ -124,24 +123,26 @@ class Bag(Recording):
         start_ns: int | None = None,
         end_ns: int | None = None,
     ) -> Iterator[Recorded]:
-        """Read messages as they are stored, in the order of their log times.
+        """Read messages without decoding, in the order of their log times.
 
         Parameters
         ----------
+        topics
+            Names of the topics; None for all.
         start_ns, end_ns
-            Log times of the earliest and latest wanted [ns]; None for all.
+            Log times of the first and last message [ns]; None for no limit.
 
         Raises
         ------
         ValueError
-            When a topic is not in the recording.
+            If a topic is not in the recording.
         """
         first = None if start_ns is None else MessagePlace(start_ns, -1, -1, -1)
         last = None if end_ns is None else MessagePlace(end_ns + 1, -1, -1, -1)
         return self._in_log_order(self._chosen(topics), first, last)
 
     def _open_folder(self) -> None:
-        from ema_bags.metadata import METADATA_FILE, folder_contents  # YAML only for these
+        from ema_bags.metadata import METADATA_FILE, folder_contents  # imports YAML
 
         folder = folder_contents(self.path)
         self._note(self.path, *folder.damage)
@@ -167,7 +168,7 @@ class Bag(Recording):
         self._note(path, *contents.damage, is_loss=not contents.is_whole)
 
     def _readable(self, path: Path) -> Path:
-        """Return where a file can be read; one that is compressed is unpacked as far as it goes."""
+        """Return the path of a file, or of its unpacked copy, which may be partial."""
         if path not in self._unpacked:
             with path.open("rb") as packed:
                 if packed.read(len(zstandard.FRAME_HEADER)) != zstandard.FRAME_HEADER:
@@ -188,7 +189,7 @@ class Bag(Recording):
         return Path(self._unpacked[path].name)
 
     def _note(self, path: Path, *findings: str, is_loss: bool = True) -> None:
-        # Of a folder it says in which file.
+        # In a folder, findings name their file.
         self._is_whole = self._is_whole and not (findings and is_loss)
         place = "" if path == self.path else f"{path.name}: "
         self._damage.update(dict.fromkeys(f"{place}{item}" for item in findings))
@@ -199,18 +200,18 @@ class Bag(Recording):
             for number, channel in contents.channels.items():
                 schema = contents.schemas.get(channel.schema_id)
                 is_text = schema is not None and schema.encoding == "ros2msg"
-                known = topics.get(channel.topic)
+                before = topics.get(channel.topic)
                 topic = Topic(
                     schema.name if schema else "",
-                    contents.counts[number] + (known.count if known else 0),
+                    contents.counts[number] + (before.count if before else 0),
                     channel.message_encoding,
                     channel.metadata.get("topic_type_hash", ""),
                     schema.data.decode("utf-8", "replace") if schema and is_text else "",
                     channel.metadata.get("offered_qos_profiles", ""),
                 )
-                if known and known.type_name != topic.type_name:
+                if before and before.type_name != topic.type_name:
                     raise ValueError(
-                        f"{self.path}: topic {channel.topic} holds {known.type_name} as well as "
+                        f"{self.path}: topic {channel.topic} holds {before.type_name} as well as "
                         f"{topic.type_name}, expected one type"
                     )
                 topics[channel.topic] = topic
@@ -240,8 +241,8 @@ class Bag(Recording):
         self, chosen: Mapping[str, Topic], first: MessagePlace | None, last: MessagePlace | None
     ) -> Iterator[Recorded]:
         numbers: Counter[str] = Counter()
-        # The stretches may overlap in time: messages wait until no later stretch can hold earlier
-        # ones, the earliest last. Equal times stay in the order of the files.
+        # Stretches may overlap in time: messages wait, the earliest last, until no later stretch
+        # can contain earlier messages. Equal times stay in the order of the files.
         waiting: list[Recorded] = []
         for file_number, path, stretch in self._stretches(chosen):
             if first and stretch.end_ns < first.log_time_ns:
@@ -265,7 +266,7 @@ class Bag(Recording):
                 self._note(self.path, f"topic {name}: {lost}")
 
     def _stretches(self, chosen: Mapping[str, Topic]) -> list[tuple[int, Path, Stretch]]:
-        """Stretches that may hold messages of the topics, by the time of their first message."""
+        """Return stretches that may have messages of the topics, by their first log time."""
         stretches = []
         for file_number, (path, contents) in enumerate(self._files.items()):
             channels = {n for n, channel in contents.channels.items() if channel.topic in chosen}
@@ -277,7 +278,7 @@ class Bag(Recording):
     def _read(
         self, file_number: int, path: Path, stretch: Stretch, chosen: Mapping[str, Topic]
     ) -> Iterator[Recorded]:
-        """Yield the messages of a stretch; none where it is damaged."""
+        """Yield the messages of a stretch; nothing if it is damaged."""
         contents = self._files[path]
         try:
             messages = read_messages(self._readable(path), stretch, contents)
@@ -289,7 +290,7 @@ class Bag(Recording):
             if channel is None or channel.topic not in chosen:
                 continue
             topic = chosen[channel.topic]
-            # No CDR message begins like a frame of zstd.
+            # No CDR message begins with the magic number of zstd.
             if topic.encoding == "cdr" and data.startswith(zstandard.FRAME_HEADER):
                 try:
                     data = zstandard.decompress(data)

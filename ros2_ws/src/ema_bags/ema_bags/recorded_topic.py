@@ -1,4 +1,4 @@
-"""A recorded topic: the requested quality of service, its publishers, and its losses."""
+"""A recorded topic: its quality of service, publishers and losses."""
 
 import threading
 from collections.abc import Hashable, Sequence
@@ -14,12 +14,12 @@ from ema_interfaces.msg import TelemetryBlock
 
 
 class SequenceGaps:
-    """Counts the gaps in the sequence numbers of a topic that has one publisher.
+    """Counts the gaps in the sequence numbers of a topic with a single publisher.
 
     The numbers of several publishers cannot be distinguished, so that nothing is counted. A gap
-    counts once the publisher is the same after it as before it, or has gone: a second publisher
-    that has just started is not a loss. A publisher that returns after either side stood still
-    continues its numbers.
+    counts if the publisher is the same before and after it, or has gone: a second publisher that
+    has just started is not a loss. A publisher that returns after an interruption continues its
+    numbers.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class SequenceGaps:
         self._unconfirmed = 0
 
     def count(self, number: int | None) -> None:
-        """Count a message by its sequence number; None where the middleware gives none."""
+        """Count a message by its sequence number; None if the middleware has none."""
         if number is None:
             return
         if self._last is not None and number > self._last:
@@ -37,7 +37,7 @@ class SequenceGaps:
         self._last = number
 
     def set_publishers(self, publishers: frozenset[Hashable]) -> None:
-        """Set the publishers of the moment; to be called regularly."""
+        """Set the present publishers; call it regularly."""
         if publishers and publishers != self._publishers:
             self._publishers, self._last = publishers, None
         elif len(self._publishers) == 1:
@@ -45,14 +45,14 @@ class SequenceGaps:
         self._unconfirmed = 0
 
     def pause(self) -> None:
-        """Do not expect numbers to continue: messages during a pause are not recorded."""
+        """Ignore the gap after a pause, whose messages are not recorded."""
         self._last, self._unconfirmed = None, 0
 
 
 class SampleGaps:
-    """Counts the blocks of telemetry that are missing by the index of their samples.
+    """Counts missing blocks of telemetry by the index of their samples.
 
-    An index that goes back means that the actuator was restarted: nothing is missing.
+    An index that goes back indicates a restart of the actuator, not a loss.
     """
 
     def __init__(self) -> None:
@@ -72,27 +72,29 @@ class SampleGaps:
         self._next[block.actuator_id] = block.first_index + length
 
     def pause(self) -> None:
-        """Do not expect indices to continue from the last one."""
+        """Ignore the gap after a pause, whose blocks are not recorded."""
         self._next.clear()
 
 
 class RecordedTopic:
-    """A topic that is recorded, with the request that all its publishers meet, as rosbag2 has it.
+    """A recorded topic, with a requested quality of service that all its publishers meet.
 
     Losses are counted by the sequence numbers of its publisher. The numbers of several publishers
     cannot be distinguished: for telemetry, the index of the samples is used instead.
 
     Parameters
     ----------
+    types
+        Names of its message types.
     publishers
         Its publishers, at least one.
 
     Attributes
     ----------
     offer
-        What its publishers offer.
+        Recorded quality of service of its publishers.
     request
-        What its subscription requests.
+        Requested quality of service of its subscription.
     is_received
         Whether the node has a subscription to it.
     incompatible
@@ -101,8 +103,8 @@ class RecordedTopic:
     Raises
     ------
     ValueError
-        When it cannot be recorded: it has several types, or one that is not installed or is
-        another version than the installed one.
+        If the topic has several types, or its type is not installed or differs from the installed
+        version.
     """
 
     def __init__(self, types: Sequence[str], publishers: Sequence[TopicEndpointInfo]) -> None:
@@ -119,12 +121,12 @@ class RecordedTopic:
 
     @property
     def lost(self) -> int:
-        """Number of messages that are known to be lost."""
+        """Number of lost messages detected so far."""
         by_index = self._samples.lost if self._samples and self._had_several else 0
         return max(self._gaps.lost, by_index)
 
     def set_publishers(self, publishers: Sequence[TopicEndpointInfo]) -> None:
-        """Set the publishers of the moment; to be called regularly."""
+        """Set the present publishers; call it regularly."""
         self.has_publisher = bool(publishers)
         self.incompatible = [
             item.node_name
@@ -136,14 +138,14 @@ class RecordedTopic:
             self._gaps.set_publishers(frozenset(bytes(item.endpoint_gid) for item in publishers))
 
     def pause(self) -> None:
-        """Note that nothing is recorded until publishers are set again."""
+        """Ignore the gap until publishers are set again, while nothing is recorded."""
         with self._lock:
             self._gaps.pause()
             if self._samples:
                 self._samples.pause()
 
     def count(self, data: bytes, sequence_number: int | None) -> None:
-        """Count a serialised message; None where the middleware gives no number."""
+        """Count a serialised message; the number is None if the middleware has none."""
         with self._lock:
             self._gaps.count(sequence_number)
             if self._samples:

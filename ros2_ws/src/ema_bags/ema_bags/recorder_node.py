@@ -1,4 +1,4 @@
-"""The recorder: messages of the running system to a bag."""
+"""The recorder node: writes received messages to a bag."""
 
 import threading
 import time
@@ -24,35 +24,35 @@ from ema_ros.status import ERROR, OK, WARN, Task
 _DISCOVERY_S: Final = 0.2
 _MOST_NAMED: Final = 3
 _STANDSTILL_S: Final = 2.0
-_BESIDES_NAMESPACE: Final = ("/diagnostics", "/clock")
+_SYSTEM_TOPICS: Final = ("/diagnostics", "/clock")
 
 
 class RecorderNode(ManagedNode):
     """Records published messages as they are received.
 
     Parameters of the node are the fields of ``RecorderSettings``; topics are full names, or names
-    relative to the namespace. By default everything in the namespace is recorded, and
-    /diagnostics and /clock. /rosout and /parameter_events, which belong to all that runs in the
-    domain, and hidden topics have to be chosen.
+    relative to the namespace. The default is all topics of the namespace, /diagnostics and /clock.
+    Hidden topics, /rosout and /parameter_events, which all nodes of the domain share, are recorded
+    only if they are listed.
 
-    With ``snapshot_duration`` it keeps received messages for that time, and writes them to a
+    With ``snapshot_duration``, the node keeps received messages for that time. It writes them to a
     separate file when the level of a health or of a status on /diagnostics changes, or when
-    ``~/snapshot`` is called; messages kept at the end are not written.
+    ``~/snapshot`` is called. Messages still kept at the end are not written.
 
-    While it is inactive it records nothing; activated again, it continues in the same bag. The bag
-    is closed when it is cleaned up.
+    An inactive node records nothing; after reactivation, it continues in the same bag. Cleanup
+    closes the bag.
 
     While the bag cannot be written, for example because the disk is full, the status is ERROR.
-    Recording continues when there is room; status and bag report the gap. They also report when the
-    recorder itself stood still because it was stopped, the machine slept or a disk was slow: the
-    missed messages are unknown.
+    Recording continues when there is room; status and bag report the gap. They also report if the
+    recorder itself was suspended, the machine slept or a disk was slow: the missed messages are
+    then unknown.
     """
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("recorder", **kwargs)
         self._settings = LiveSettings(self, RecorderSettings, why_fixed=self._why_fixed)
-        self._discovering = threading.Lock()  # over the topics
-        self._writing = threading.Lock()  # over the bag
+        self._discovering = threading.Lock()  # guards the topics
+        self._writing = threading.Lock()  # guards the bag
         self._recording = False
         self._recorded: BagRecorder | None = None
 
@@ -79,7 +79,7 @@ class RecorderNode(ManagedNode):
         self.get_logger().info(f"recording to {self._recorded.bag.path}")
 
     def activate(self) -> None:
-        """Look for topics and record them."""
+        """Discover topics and record them."""
         self._recording = True
         self.add_timer(_DISCOVERY_S, self._discover)
 
@@ -109,7 +109,7 @@ class RecorderNode(ManagedNode):
         self.get_logger().info(f"closed {path} with {counted(recorded.messages, 'message')}")
 
     def counts(self) -> NodeStatus:
-        """Return how many messages are not recorded."""
+        """Return the numbers of messages that are not recorded."""
         status = NodeStatus(kind=NodeStatus.RECORDER)
         if self._recorded is not None:
             status.messages_lost = sum(topic.lost for topic in tuple(self._topics.values()))
@@ -172,7 +172,7 @@ class RecorderNode(ManagedNode):
             }
             doing += f" for {counted(recorded.snapshots, 'snapshot')} so far"
         if bag.failure:
-            doing = _in_words(recorded)
+            doing = _write_failure(recorded)
         message = "; ".join([doing, *remarks])
         return [Task("recording", level, message, self.hardware_id, values)]
 
@@ -185,13 +185,13 @@ class RecorderNode(ManagedNode):
     def _is_wanted(self, name: str) -> bool:
         if self._wanted is not None:
             return name in self._wanted
-        if name in _BESIDES_NAMESPACE:
+        if name in _SYSTEM_TOPICS:
             return True
         prefix = self.get_namespace().rstrip("/") + "/"
         return name.startswith(prefix) and "/_" not in name
 
     def _discover(self) -> None:
-        """Record topics that are new, and update the publishers of the others."""
+        """Record new topics, and update the publishers of all recorded topics."""
         with self._discovering:
             recorded = self._recorded
             if recorded is None or not self._recording:
@@ -213,7 +213,7 @@ class RecorderNode(ManagedNode):
                     topic.is_received = True
 
     def _note_standstill(self) -> None:
-        """Tell of a time before now in which this process did not run."""
+        """Report a time before now during which this process did not run."""
         now = time.clock_gettime(time.CLOCK_BOOTTIME), self.get_clock().now().nanoseconds
         last, self._last_call = self._last_call, now
         if last is None or now[0] - last[0] < _STANDSTILL_S:
@@ -261,7 +261,7 @@ class RecorderNode(ManagedNode):
                     self._write_snapshot(recorded, reason)
 
     def _write_snapshot(self, recorded: BagRecorder, reason: str) -> str:
-        """Write a snapshot, and log the outcome; errors are as in ``BagRecorder``."""
+        """Write a snapshot, and log the outcome (see ``BagRecorder.write_snapshot``)."""
         try:
             done = recorded.write_snapshot()
         except OSError as error:
@@ -279,11 +279,11 @@ class RecorderNode(ManagedNode):
         return response
 
     def _report_trouble(self, recorded: BagRecorder) -> None:
-        """Log once that the bag cannot be written, and once that it can again."""
+        """Log once if the bag cannot be written, and once if it can be written again."""
         bag, before = recorded.bag, self._trouble
         self._trouble = str(bag.failure or "")
         if self._trouble and not before:
-            self.get_logger().error(_in_words(recorded))
+            self.get_logger().error(_write_failure(recorded))
         elif before and not self._trouble:
             lost = [f"; {gap}" for gap in bag.gaps if gap.messages]
             self.get_logger().warning(f"{bag.path} can be written again{''.join(lost[-1:])}")
@@ -291,11 +291,11 @@ class RecorderNode(ManagedNode):
             self.report()
 
 
-def _in_words(recorded: BagRecorder) -> str:
-    """Return why a bag cannot be written."""
+def _write_failure(recorded: BagRecorder) -> str:
+    """Return an error text with the reason why a bag cannot be written."""
     return f"cannot write {recorded.bag.path}: {recorded.bag.failure}"
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node."""
+    """Run the recorder."""
     return run(RecorderNode, args)

@@ -1,4 +1,4 @@
-"""A recording, in a bag or in memory: its messages by topic, in the order of reception."""
+"""Interface of recordings in bags and in memory: messages by topic, in the order of reception."""
 
 from abc import ABC, abstractmethod
 from bisect import bisect_left, bisect_right
@@ -15,68 +15,87 @@ CONVERT: Final = (
     "`ros2 bag convert -i BAG -o FILE`, with "
     "`output_bags: [{uri: NEW, storage_id: mcap, all: true}]` in FILE, rewrites it as MCAP"
 )
-"""Remedy for a bag in a storage or compression that is not read."""
+"""Remedy for a bag in an unsupported storage or compression."""
 
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a recording.
-
-    Attributes
-    ----------
-    type_name
-        Type of its messages, such as ``std_msgs/msg/Header``.
-    encoding
-        How they are encoded; "cdr" in ROS 2.
-    type_hash, schema
-        Hash and definition of the type when it was recorded; empty when they are not there.
-    qos
-        What was offered, YAML text of a list.
-    """
+    """A topic of a recording."""
 
     type_name: str
+    """Type of its messages, such as ``std_msgs/msg/Header``."""
+
     count: int
+    """Number of its messages."""
+
     encoding: str
+    """Encoding of its messages; "cdr" in ROS 2."""
+
     type_hash: str
+    """Hash of the recorded type; empty if missing."""
+
     schema: str
+    """Definition of the recorded type; empty if missing."""
+
     qos: str
+    """Offered quality of service: a list of profiles in YAML."""
 
     def upgrade(self) -> Callable[[bytes], bytes] | None:
-        """Return the function that upgrades its messages to the installed type; None if equal.
+        """Return the function that upgrades its messages to the installed type.
 
-        None as well where the type is not installed; ValueError as in ``to_installed``, and where
-        they are not CDR.
+        Return None if the types are equal, or if the type is not installed.
+
+        Raises
+        ------
+        ValueError
+            If the encoding is not CDR, or the types differ by more than new fields with defaults.
         """
         if self.encoding != "cdr":
             raise ValueError(f"it is encoded as {self.encoding!r}, expected 'cdr'")
         if not is_installed(self.type_name):
             return None
-        from ema_bags.schema import to_installed  # rosbags only for bags
+        from ema_bags.schema import to_installed  # imports rosbags
 
         return to_installed(self.type_name, self.schema, self.type_hash)
 
 
 class MessagePlace(NamedTuple):
-    """Where a message is in a recording; messages are read in the order of their places."""
+    """Position of a message in a recording; messages are read in the order of their places."""
 
     log_time_ns: int
+    """Time of reception [ns]."""
+
     file: int
+    """Number of its file."""
+
     offset: int
+    """First byte of its stretch in the file."""
+
     number: int
+    """Its number in the stretch."""
 
 
 class Recorded(NamedTuple):
-    """A message of a recording; ``message`` is the message itself, or its bytes."""
+    """A message of a recording."""
 
     place: MessagePlace
+    """Its position in the recording."""
+
     topic: str
+    """Its topic."""
+
     type_name: str
+    """Its type, such as ``std_msgs/msg/Header``."""
+
     message: Any
+    """The decoded message, or its bytes."""
+
     publish_time_ns: int
+    """Time of publication [ns]."""
 
     @property
     def log_time_ns(self) -> int:
-        """When it was received [ns]."""
+        """Time of reception [ns]."""
         return self.place.log_time_ns
 
 
@@ -84,18 +103,18 @@ class MalformedMessages:
     """Malformed messages by topic: the reason for the first, and the position of each."""
 
     def __init__(self) -> None:
-        self._found: dict[str, tuple[str, set[MessagePlace]]] = {}
+        self._by_topic: dict[str, tuple[str, set[MessagePlace]]] = {}
 
     def note(self, item: Recorded, reason: str) -> None:
-        """Add a message, which counts once however often it is read."""
+        """Add a message; repeated reads of a message count once."""
         first = f"the first of log time {item.log_time_ns} ns: {reason}"
-        self._found.setdefault(item.topic, (first, set()))[1].add(item.place)
+        self._by_topic.setdefault(item.topic, (first, set()))[1].add(item.place)
 
     def remarks(self) -> list[str]:
-        """Return their number, one remark per topic."""
+        """Return one text for each topic, with the number of its malformed messages."""
         return [
             f"topic {name}: {counted(len(places), 'malformed message')} skipped, {first}"
-            for name, (first, places) in self._found.items()
+            for name, (first, places) in self._by_topic.items()
         ]
 
 
@@ -105,11 +124,11 @@ class Recording(ABC):
     Attributes
     ----------
     path
-        The file or folder that they are from.
+        The file or folder of the recording.
     topics
-        What was recorded, by topic.
+        Recorded topics by name.
     malformed
-        Messages that cannot be used; ``damage`` gives the reason, and counts each once.
+        Messages that cannot be decoded; ``damage`` gives the reason, and counts each once.
     """
 
     def __init__(self, path: Path) -> None:
@@ -119,7 +138,7 @@ class Recording(ABC):
 
     @property
     def writers(self) -> list[str]:
-        """Programs that wrote the files, with their versions; empty where a file does not say."""
+        """Programs that wrote the files, with their versions; empty if unknown."""
         return []
 
     @property
@@ -133,11 +152,11 @@ class Recording(ABC):
         return list(filter(None, [self.damage]))
 
     def readable_counts(self) -> dict[str, int]:
-        """Return how many messages of each topic can be read."""
+        """Return the number of readable messages of each topic."""
         return {name: topic.count for name, topic in self.topics.items()}
 
     def topics_of(self, *type_names: str) -> list[str]:
-        """Return the topics of some types."""
+        """Return the topics with any of these types."""
         return [name for name, topic in self.topics.items() if topic.type_name in type_names]
 
     @abstractmethod
@@ -151,14 +170,16 @@ class Recording(ABC):
 
         Parameters
         ----------
+        topics
+            Names of the topics; None for all.
         first, last
-            Places of the first and last message wanted; None for all.
+            Places of the first and last message; None for no limit.
 
         Raises
         ------
         ValueError
-            When a topic is not in the recording, its type differs from the installed one or has
-            no definition, or it is not CDR.
+            If a topic is not in the recording, if its type differs from the installed type or has
+            no definition, or if its encoding is not CDR.
 
         Notes
         -----
@@ -182,9 +203,10 @@ class MemoryRecording(Recording):
     Parameters
     ----------
     path
-        The file that the messages were made from.
+        The source file of the messages.
     messages
-        Topic, type, message, log time and publish time of each [ns], in the order of log times.
+        Topic, type, message, log time [ns] and publish time [ns] of each message, in the order of
+        log times.
     """
 
     def __init__(self, path: Path, messages: Iterable[tuple[str, str, Any, int, int]]) -> None:
@@ -204,7 +226,7 @@ class MemoryRecording(Recording):
         first: MessagePlace | None = None,
         last: MessagePlace | None = None,
     ) -> Iterator[Recorded]:
-        """Return messages in the order of their log times, as ``Recording.messages``."""
+        """Return messages in the order of their log times (see ``Recording.messages``)."""
         chosen = self._chosen(topics)
         start = bisect_left(self._items, first, key=_place) if first else 0
         end = bisect_right(self._items, last, key=_place) if last else len(self._items)

@@ -1,7 +1,7 @@
-"""Message schemas in recordings: their text, their comparison, and decoding by them without ROS.
+"""Message schemas of recordings: text, comparison, and decoding without ROS.
 
-The text is made here: rosbags generates a text without comments, which differs from the text that
-rosbag2 stores.
+This module generates the text, as rosbags generates a text without comments, which differs from
+the text that rosbag2 stores.
 """
 
 import re
@@ -17,9 +17,9 @@ from rosbags.typesys.store import Typestore
 
 from ema_bags.message_type import definition, type_hash
 
-_MOST_BEHIND = 16
+_MOST_PADDING = 16
 _SEPARATOR = "=" * 80 + "\nMSG: "
-# Type, name and default of a field. Names of constants are in capitals.
+# Type, name and default of a field; names of constants are in capitals.
 _DEFAULT = re.compile(
     r"^[ \t]*([a-z]\w*)[ \t]+([a-z]\w*)[ \t]+([^#=\s][^#=\n]*?)[ \t]*(?:#.*)?$", re.MULTILINE
 )
@@ -31,10 +31,15 @@ _PRIMITIVES |= {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32,
 
 
 def schema_text(name: str) -> str:
-    """Return the schema of an installed message type as rosbag2 stores it (``ros2msg``).
+    """Return the schema of an installed message type in the format of rosbag2 (``ros2msg``).
 
-    The definition comes first, then every type that it contains, once each, depth first, those
-    side by side in alphabetical order. ValueError when one of them is not installed.
+    The definition comes first, then every contained type once, depth first and in alphabetical
+    order.
+
+    Raises
+    ------
+    ValueError
+        If a type is not installed.
     """
     return "\n".join(_definitions(name, set()))
 
@@ -52,7 +57,7 @@ def _definitions(name: str, seen: set[str]) -> Iterator[str]:
 
 
 def _fields(text: str, package: str) -> list[tuple[str, str, str]]:
-    """Type, bounds and name of every field; types of the package itself get its name in front."""
+    """Return type, bounds and name of every field; types always include their package."""
     return [
         (kind if kind in _PRIMITIVES or "/" in kind else f"{package}/{kind}", bounds, name)
         for kind, bounds, name in _FIELD.findall(text)
@@ -64,22 +69,24 @@ def to_installed(
 ) -> Callable[[bytes], bytes] | None:
     """Return the function that upgrades recorded messages to the installed type; None if equal.
 
-    The hash decides. Recordings from before ROS 2 Iron have none: there the fields of the
-    definitions are compared. A definition that is older than the installed one lacks fields for
-    which the latter has a default, which they then have.
+    The hashes are compared. Recordings older than ROS 2 Iron have no hash: the fields of the
+    definitions are compared instead. If the recorded definition only lacks fields with a default
+    in the installed definition, the upgrade adds them with their defaults.
 
     Parameters
     ----------
+    name
+        Name of the type.
     recorded_text
-        Schema in the recording; empty when it has none that is ``ros2msg``.
+        ``ros2msg`` schema in the recording; empty if missing.
     recorded_hash
-        Type hash in the recording; empty when it has none.
+        Type hash in the recording; empty if missing.
 
     Raises
     ------
     ValueError
-        When they differ in another way, naming the fields, or the installed type cannot be found.
-        The returned function raises it for a message that is malformed.
+        If the types differ in any other way, naming the fields, or the type is not installed. The
+        returned function raises ValueError for a malformed message.
     """
     installed_hash = type_hash(name)
     if recorded_hash == installed_hash:
@@ -119,7 +126,7 @@ def _upgrade(
 
 
 def _defaults(text: str) -> dict[str, bool | int | float | str]:
-    """Return the default values in a definition by field; of arrays, none."""
+    """Return the default values in a definition by field, without arrays."""
     defaults: dict[str, bool | int | float | str] = {}
     for kind, field, value in _DEFAULT.findall(text):
         if kind == "bool":
@@ -133,10 +140,10 @@ def _defaults(text: str) -> dict[str, bool | int | float | str]:
 
 @cache
 def trimmer(name: str) -> Callable[[bytes], bytes]:
-    """Return the function that removes the bytes after the content of an installed type's message.
+    """Return the function that removes the bytes after the content of a message of a type.
 
-    ROS reserves the padding of empty sequences, does not use it, and leaves it behind the message.
-    Readers that check where a message ends refuse more than 3 bytes there.
+    ROS reserves the padding of empty sequences, does not use it, and leaves it after the message.
+    Readers that check the end of a message refuse more than 3 such bytes.
     """
     store = typestore(name, schema_text(name))
     definition = store.get_msgdef(name)
@@ -155,23 +162,34 @@ def trimmer(name: str) -> Callable[[bytes], bytes]:
 def decoder(type_name: str, schema: str) -> Callable[[bytes], Any]:
     """Return the function that decodes messages of a type.
 
-    The messages have the attributes that the definition names; sequences of numbers are arrays.
-    ValueError when the definition (``ros2msg``, with all contained definitions) cannot be read; the
-    function raises it for a malformed message.
+    Decoded messages have the fields of the definition as attributes; sequences of numbers are
+    arrays.
+
+    Parameters
+    ----------
+    type_name
+        Name of the type.
+    schema
+        Its ``ros2msg`` definition, with all contained definitions.
+
+    Raises
+    ------
+    ValueError
+        If the definition cannot be read. The returned function raises ValueError for a malformed
+        message.
     """
     store = typestore(type_name, schema)
 
     def decode(data: bytes) -> Any:
-        # What is not a message makes the generated code of rosbags raise whatever it comes upon.
+        # The generated code of rosbags raises various errors for malformed messages.
         try:
             return store.deserialize_cdr(data, type_name)
         except Exception as error:
             if "size mismatch" in str(error):
-                # ROS reserves the padding of empty sequences, does not use it, and leaves it behind
-                # the message; rosbags accepts 3 bytes there.
-                for behind in range(4, _MOST_BEHIND + 1, 4):
+                # ROS leaves unused padding after the message; rosbags accepts 3 bytes of it.
+                for padding in range(4, _MOST_PADDING + 1, 4):
                     with suppress(Exception):
-                        return store.deserialize_cdr(data[:-behind], type_name)
+                        return store.deserialize_cdr(data[:-padding], type_name)
             reason = str(error).removeprefix(f"Could not deserialize {type_name!r}: ")
             reason = reason or type(error).__name__
             raise ValueError(f"no {type_name}: {reason}") from error
@@ -180,11 +198,11 @@ def decoder(type_name: str, schema: str) -> Callable[[bytes], Any]:
 
 
 def typestore(type_name: str, schema: str) -> Typestore:
-    """Return a store of a type and of all that it contains; ValueError if it cannot be read."""
-    # One for each: two recordings may have different versions of a type.
+    """Return a store of a type and all contained types; ValueError if they cannot be read."""
+    # A separate store: two recordings may have different versions of a type.
     store = Typestore()
     try:
-        # Definitions that were written on Windows end their lines by CR LF.
+        # Definitions written on Windows have CR LF line ends.
         store.register(get_types_from_msg(schema.replace("\r\n", "\n"), type_name))
         store.get_msgdef(type_name)
     except (TypesysError, SerdeError, LookupError) as error:
@@ -211,7 +229,7 @@ def _differences(recorded: dict[str, list[str]], installed: dict[str, list[str]]
 
 
 def _field_lists(name: str, text: str) -> dict[str, list[str]]:
-    """Fields of every definition in a schema, as text, by the definition's short name."""
+    """Return the fields of every definition in a schema as texts, by short name."""
     package, _, short = name.split("/")
     named = f"{_SEPARATOR}{package}/{short}\n{text}".replace("\r\n", "\n").split(_SEPARATOR)[1:]
     lists = {}

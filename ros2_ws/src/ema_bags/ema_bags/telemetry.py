@@ -1,4 +1,4 @@
-"""The telemetry in a recording, found by its type."""
+"""Telemetry and descriptions of an actuator in a recording."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ HEALTH_TYPE: Final = "ema_interfaces/msg/Health"
 
 
 def described_actuators(bag: Recording) -> list[str]:
-    """Return the actuators that a recording describes, in their order."""
+    """Return the described actuators of a recording, in the order of their descriptions."""
     return list(dict.fromkeys(_actuator_ids(bag, *bag.topics_of(DESCRIPTION_TYPE))))
 
 
@@ -34,22 +34,22 @@ class Malformed:
 
 @dataclass(frozen=True)
 class RecordedTelemetry:
-    """Telemetry of one actuator in a recording.
-
-    Attributes
-    ----------
-    skips_others
-        Whether blocks of other actuators on the same topic are skipped; else they are an
-        error.
-    descriptions
-        Descriptions of the actuator in order, without those that repeat the one before.
-    """
+    """Telemetry of one actuator in a recording."""
 
     bag: Recording
+    """The recording."""
+
     topic: str
+    """Topic of the telemetry."""
+
     actuator_id: str
+    """Name of the actuator."""
+
     skips_others: bool
+    """Whether blocks of further actuators on the topic are skipped; else they are an error."""
+
     descriptions: tuple[ActuatorDescription, ...]
+    """Descriptions of the actuator in order, without repetitions."""
 
     def items(
         self, first: MessagePlace | None = None, last: MessagePlace | None = None
@@ -59,12 +59,12 @@ class RecordedTelemetry:
         Parameters
         ----------
         first, last
-            Places of the first and last one wanted; None for all.
+            Places of the first and last item; None for no limit.
 
         Raises
         ------
         ValueError
-            When there is a block of another actuator and no actuator was chosen.
+            If there is a block of another actuator and no actuator was chosen.
         """
         topics = [self.topic, *self.bag.topics_of(DESCRIPTION_TYPE)]
         for item in self.bag.messages(topics, first, last):
@@ -84,21 +84,22 @@ class RecordedTelemetry:
 def read_telemetry(
     bag: Recording, topic: str | None = None, actuator_id: str | None = None
 ) -> RecordedTelemetry:
-    """Find the telemetry of one actuator, and its descriptions, in a recording.
+    """Return the telemetry and the descriptions of one actuator in a recording.
 
     Parameters
     ----------
+    bag
+        The recording.
     topic
-        Topic of the telemetry; needed when there are several of the same actuator.
+        Topic of the telemetry; required if the actuator has several.
     actuator_id
-        Which actuator; needed when there are several.
+        Name of the actuator; required if the recording has several.
 
     Raises
     ------
     ValueError
-        When there is no telemetry, not of that actuator or not on that topic; when there are
-        several and none was chosen; when a type is not the installed one. The message also names
-        damage.
+        If the recording has no telemetry of the actuator or on the topic, if the choice is
+        ambiguous, or if a type differs from the installed type. The message also names damage.
     """
     try:
         return _find_telemetry(bag, topic, actuator_id)
@@ -125,8 +126,9 @@ def _find_telemetry(
             "actuator_id (--topic, --actuator-id)"
         )
     [chosen] = candidates
-    of = first_ids[chosen] if actuator_id is None else actuator_id
-    return RecordedTelemetry(bag, chosen, of, actuator_id is not None, _descriptions(bag, of))
+    chosen_id = first_ids[chosen] if actuator_id is None else actuator_id
+    descriptions = _descriptions(bag, chosen_id)
+    return RecordedTelemetry(bag, chosen, chosen_id, actuator_id is not None, descriptions)
 
 
 def _telemetry_topics(bag: Recording, topic: str | None) -> list[str]:

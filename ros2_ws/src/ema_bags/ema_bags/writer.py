@@ -1,4 +1,4 @@
-"""Writes recordings as rosbag2 does, in MCAP."""
+"""Writes rosbag2 recordings in MCAP."""
 
 import errno
 import shutil
@@ -23,55 +23,55 @@ _MOST_WAITING: Final = 16 * 1024 * 1024
 
 
 class BagWriter(AbstractContextManager["BagWriter", None]):
-    """A recording that is being written.
+    """An open recording.
 
-    Messages are gathered in chunks. A chunk goes to the operating system when it is full, and
-    after ``flush_s`` of wall time at the latest, whether or not messages arrive: a process that is
-    killed loses what it wrote in the last ``flush_s`` seconds, and the file can be read up to
-    there. (When the machine itself loses power, more may be lost.) Any thread may write.
+    Messages are collected in chunks. A chunk is written to the operating system when it is full,
+    and at least every ``flush_s`` of wall time. A killed process loses the messages of the last
+    ``flush_s`` seconds; the file can be read up to them. A power failure of the machine may lose
+    more. Any thread may write.
 
-    With ``waits_for_room`` the recording survives a disk that is full or fails: up to 16 MiB wait
-    in memory, later messages are counted and lost, and the recording continues in the same file
-    when there is room. The metadata of the file describe the gap.
+    With ``waits_for_room`` the recording survives a disk that is full or fails: up to 16 MiB are
+    buffered in memory, later messages are counted and lost, and the recording continues in the
+    same file when there is room. The metadata of the file describe the gap.
 
-    A folder may have several files. Each begins with the latest message of each topic that is
-    latched, or describes an actuator, so that it can be read alone. The metadata of a folder list
-    the files that are closed.
+    A folder may have several files. Each file begins with the latest message of each latched topic
+    and each description, so that it can be read without the previous files. The metadata of a
+    folder list its closed files.
 
     Parameters
     ----------
     path
-        Where to record: a name ending in ``.mcap`` makes this one file, any other name a folder
-        with a file and ``metadata.yaml``. Missing parent folders are made.
+        Path of the recording: a name ending in ``.mcap`` is a single file, any other name a folder
+        with files and ``metadata.yaml``. Missing parent folders are created.
     chunk_bytes
         Size at which a chunk is full, before compression [B].
     flush_s
-        Longest time that a message waits to be written [s].
+        Longest time before a message is written [s].
     max_bytes
-        Size from which on the next file is begun [B]; 0: whatever it is. A file becomes larger by
-        at most a chunk and its index.
+        Size at which the next file begins [B]; 0 for no limit. A file exceeds it by at most a
+        chunk and its index.
     max_duration_s
-        Recorded time after which the next file is begun [s]; 0: never.
+        Recorded time after which the next file begins [s]; 0 for no limit.
     overwrite
         Whether an existing recording is replaced.
     waits_for_room
-        Whether to wait where the recording cannot be written, instead of giving up.
+        Whether to buffer messages if the recording cannot be written, instead of raising OSError.
     on_failure
-        Called as by ``SteadyThread`` when the thread that writes by time has ended unexpectedly.
+        Called with the failure and its traceback if the flushing thread ends unexpectedly.
 
     Attributes
     ----------
     custom_data
-        Texts by name for the ``custom_data`` of its metadata, written when a file is closed.
+        Texts by name for ``custom_data`` of the metadata, written when a file is closed.
     failure
-        Why the recording cannot be written; None as long as it can. It is known here before the
-        next message is refused for it. Of one that waits for room it goes again.
+        Why the recording cannot be written, else None. It is set before a message is refused, and
+        reset if the recording waits for room and can be written again.
     flusher
-        The thread that writes by time.
+        The thread that flushes the file periodically.
     topics
-        The topics that were added.
+        The added topics.
     removed
-        Files that were removed or moved during recording, in words.
+        One text for each file that was removed or moved during the recording.
     gaps
         Received messages that could not be recorded, and gaps added by :meth:`note_gap`; the last
         gap is open while ``failure`` is set.
@@ -79,11 +79,11 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     Raises
     ------
     FileExistsError
-        When the target exists and must not be replaced, or is not a recording.
+        If the path exists and must not be replaced, or is not a recording.
     ValueError
-        When a setting is impossible, or the recording is closed.
+        If a setting is impossible, or the recording is closed.
     OSError
-        When the recording could not be written, now or before, and does not wait for room.
+        If the recording could not be written, now or before, and does not wait for room.
     """
 
     def __init__(
@@ -110,10 +110,10 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         (self._folder or self.path.parent).mkdir(parents=True, exist_ok=True)
         self.custom_data: dict[str, str] = {}
         self.topics: dict[str, WrittenTopic] = {}
-        # The latest message of each topic and actuator that says how things stand.
+        # The latest message of each state topic and actuator.
         self._states: dict[tuple[str, str], tuple[bytes, int]] = {}
         self._ended: list[FileInformation] = []
-        # Files that have ended and are not on the disk yet, and the metadata of the folder.
+        # Ended files with buffered data, and metadata of the folder that are not written yet.
         self._unwritten: list[BagFile] = []
         self._metadata: dict[str, Any] | None = None
         self._number = 0
@@ -124,7 +124,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         self.removed: list[str] = []
         self.gaps: list[Gap] = []
         self._gap: Gap | None = None
-        self._told = 0
+        self._reported_gaps = 0
         self._flush_s = flush_s / 2
         self._flushed_s = time.monotonic()
         self._lock = threading.Lock()
@@ -133,21 +133,21 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
 
     @property
     def file_path(self) -> Path:
-        """The file that is written."""
+        """Path of the current file."""
         return self._file.path
 
     @property
     def waiting(self) -> int:
-        """How much waits to be written, without the chunk that is being gathered [B]."""
+        """Size of the buffered data, without the current chunk [B]."""
         return sum(len(file.disk.held) for file in (self._file, *self._unwritten))
 
     def add_topic(self, topic: str, message_class: type, qos: QoSProfile) -> None:
-        """Add a topic with its publisher's quality of service, before it is written.
+        """Add a topic with the quality of service of its publisher, before its first message.
 
         Raises
         ------
         ValueError
-            When the topic was added before, or the type is not installed.
+            If the topic was added before, or the type is not installed.
         """
         added = WrittenTopic(topic, message_class, qos)
         with self._writing():
@@ -163,18 +163,22 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
 
         Parameters
         ----------
+        topic
+            Name of an added topic.
+        message
+            The message.
         log_time_ns
-            When the message was received [ns].
+            Time of reception [ns].
         publish_time_ns
-            When it was sent [ns]; the log time where that is not known.
+            Time of publication [ns]; None for the log time.
 
         Raises
         ------
         ValueError
-            When the topic was not added, the message is of another type, a time is out of range
-            or the recording is closed.
+            If the topic was not added, the message has another type, a time is out of range or
+            the recording is closed.
         OSError
-            When the recording could not be written, now or before.
+            If the recording could not be written, now or before.
         """
         expected = self._topic(topic).message_class
         if not isinstance(message, expected):
@@ -186,10 +190,10 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     def write_serialized(
         self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None = None
     ) -> bool:
-        """Write a message that is serialised already, as a raw subscription gives it.
+        """Write a serialised message, as from a raw subscription.
 
-        Parameters and errors are as in :meth:`write`. Return whether it is, or will be, recorded:
-        always, except while there is no room.
+        Parameters and errors are the same as in :meth:`write`. Return False if the message is
+        lost because neither the disk nor the buffer has room, else True.
         """
         if publish_time_ns is None:
             publish_time_ns = log_time_ns
@@ -214,13 +218,13 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             if len(self._file.disk.held) >= _WRITE_BYTES:
                 with self._trying():
                     self._file.disk.flush()
-            # The thread that flushes may get no processor while messages keep coming.
+            # The flushing thread may get no processor while messages arrive.
             if time.monotonic() - self._flushed_s >= self._flush_s:
                 self._flush()
         return True
 
     def note_state(self, topic: str, data: bytes, publish_time_ns: int) -> None:
-        """Take a serialised message that is not written for how things stand from now on.
+        """Keep a serialised message, which is not written, as the latest state of its topic.
 
         The next file begins with it if its topic is latched, or describes an actuator.
         """
@@ -228,33 +232,37 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             self._note_state(self._topic(topic), data, publish_time_ns)
 
     def note_gap(self, gap: Gap) -> None:
-        """Tell of messages that did not come here."""
+        """Report messages that were not received."""
         with self._writing():
             self.gaps.insert(len(self.gaps) - (self._gap is not None), gap)
-            self._tell(gap)
+            self._report_gap(gap)
 
     def begin_next_file(self, log_time_ns: int) -> None:
-        """Begin the next file, unless nothing has been written to this one.
+        """Begin the next file, unless the current file is empty.
 
-        It begins with the messages that say how things stand, at a log time [ns]. ValueError when
-        the recording is one file.
+        The next file begins with the latest states, at a log time [ns].
+
+        Raises
+        ------
+        ValueError
+            If the recording is a single file.
         """
         with self._writing():
             self._require_folder()
             self._begin_next(log_time_ns)
 
     def flush(self) -> None:
-        """Hand everything written so far to the operating system."""
+        """Write all messages so far to the operating system."""
         with self._writing():
             self._flush()
 
     def close(self) -> None:
-        """Write index and metadata and close; a closed recording stays as it is.
+        """Write index and metadata, and close; a second call has no effect.
 
         Raises
         ------
         OSError
-            When the recording could not be written, now or before.
+            If the recording could not be written, now or before.
         """
         self.flusher.end()
         with self._lock:
@@ -277,13 +285,13 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
 
     def _topic(self, topic: str) -> WrittenTopic:
         if topic not in self.topics:
-            known = ", ".join(self.topics) or "none"
-            raise ValueError(f"topic {topic!r} was not added to the recording; added: {known}")
+            added = ", ".join(self.topics) or "none"
+            raise ValueError(f"topic {topic!r} was not added to the recording; added: {added}")
         return self.topics[topic]
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Let one thread at a time write, until the recording is closed or fails for good."""
+        """Serialise writing; raise an error if the recording is closed or has failed."""
         with self._lock:
             if self.failure and not self._waits_for_room:
                 raise self.failure
@@ -294,7 +302,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
 
     @contextmanager
     def _trying(self) -> Iterator[None]:
-        """Note a failure; it is raised where the recording does not wait for room."""
+        """Record a failure, and raise it unless the recording waits for room."""
         try:
             yield
         except OSError as error:
@@ -310,7 +318,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             )
 
     def _next_file(self) -> BagFile:
-        """Make the next file, with its first bytes on the disk."""
+        """Create the next file, with its first bytes on the disk."""
         path = self.path
         if self._folder is not None:
             path = self._folder / f"{self._folder.name}_{self._number}.mcap"
@@ -335,7 +343,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         return bool(is_large or (self._max_duration_s and age_s >= self._max_duration_s))
 
     def _begin_next(self, log_time_ns: int) -> None:
-        """Begin the next file; without room for it, continue this one."""
+        """Begin the next file; if there is no room for it, continue the current file."""
         if self._file.information.count:
             following = self._next_file()
             self._end_file()
@@ -344,13 +352,13 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         self._write_ended()
 
     def _write_states(self, log_time_ns: int) -> None:
-        """Write how things stand, for a reader of this file alone."""
+        """Write the latest states, for a reader without the previous files."""
         for (topic, _), (data, publish_time_ns) in self._states.items():
             self._file.write(self.topics[topic], data, log_time_ns, publish_time_ns)
 
     def _note_state(self, topic: WrittenTopic, data: bytes, publish_time_ns: int) -> None:
-        """Take a message for the latest of its topic and actuator."""
-        if not topic.says_state:
+        """Keep a message as the latest state of its topic and actuator."""
+        if not topic.is_state:
             return
         actuator = ""
         if topic.has_actuator:
@@ -359,18 +367,18 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             except Exception:  # the middleware raises various errors for malformed messages
                 return
             actuator = message.actuator_id
-        self._states.pop((topic.name, actuator), None)  # it becomes the last one
+        self._states.pop((topic.name, actuator), None)  # moves to the end
         self._states[topic.name, actuator] = data, publish_time_ns
 
     def _end_file(self) -> None:
-        """End the file; the remaining data wait to be written."""
+        """End the current file; ``_write_ended`` writes its buffered data."""
         self._ended.append(self._file.information)
         self._metadata = bag_information(self._ended, self.topics.values(), self.custom_data)
         self._file.finish(self._metadata)
         self._unwritten.append(self._file)
 
     def _write_ended(self) -> None:
-        """Write the waiting data of ended files, and the metadata of the folder."""
+        """Write the buffered data of ended files, and the metadata of the folder."""
         while self._unwritten:
             self._unwritten[0].close()
             del self._unwritten[0]
@@ -379,10 +387,10 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         self._metadata = None
 
     def _flush(self) -> None:
-        """Hand everything to the operating system, and note that there is room again."""
+        """Write all messages to the operating system, and end a failure."""
         self._flushed_s = time.monotonic()
         if not self._file.disk.is_at(self._file.path):
-            self._begin_anew()
+            self._replace_removed()
         self._write_ended()
         self._file.flush()
         if self.failure:
@@ -390,15 +398,15 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             self._end_gap()
             self._file.flush()
 
-    def _begin_anew(self) -> None:
-        """Begin another file in place of a removed one."""
+    def _replace_removed(self) -> None:
+        """Begin a file in place of the removed current file."""
         gone, span = self._file, self._file.information
         reason = f"{gone.path} was removed or moved while it was recorded"
         if not self._waits_for_room:
             raise FileNotFoundError(errno.ENOENT, reason)
         (self._folder or self.path.parent).mkdir(parents=True, exist_ok=True)
         if self._folder is not None:
-            self._ended = [one for one in self._ended if (self._folder / one.name).exists()]
+            self._ended = [file for file in self._ended if (self._folder / file.name).exists()]
         self._file = self._next_file()
         gone.disk.close()
         for name, topic in self.topics.items():
@@ -406,23 +414,23 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         gap = Gap(reason, span.start_ns, span.end_ns, span.count)
         self.removed.append(str(gap))
         self.gaps.append(gap)
-        self._tell(gap)
+        self._report_gap(gap)
         self._write_states(span.end_ns)
 
     def _end_gap(self) -> None:
         """Report the gap that has just ended, if there is one."""
         gap, self._gap = self._gap, None
         if gap is not None:
-            self._tell(gap)
+            self._report_gap(gap)
 
-    def _tell(self, gap: Gap) -> None:
-        """Write of a gap to the file, and to the metadata of the recording."""
+    def _report_gap(self, gap: Gap) -> None:
+        """Add a gap to the file and to the metadata of the recording."""
         self._file.note_gap(gap)
-        self._told += 1
-        self.custom_data[f"gap {self._told}"] = str(gap)
+        self._reported_gaps += 1
+        self.custom_data[f"gap {self._reported_gaps}"] = str(gap)
 
     def _keep_flushing(self) -> None:
-        # The library itself ends a chunk by size only.
+        # The library ends chunks by size only.
         while not self.flusher.ending.wait(self._flush_s):
             try:
                 self.flush()
@@ -431,7 +439,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
 
 
 def _clear(path: Path, overwrite: bool) -> None:
-    """Remove a recording from a path, if that is allowed; raise if anything else is there."""
+    """Remove a recording from a path if allowed; raise FileExistsError for anything else."""
     if not path.exists():
         return
     if not overwrite:
