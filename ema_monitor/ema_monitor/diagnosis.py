@@ -79,13 +79,13 @@ def _judged(
     if departure is None or is_foreign:
         return estimate
     state = LabelledState(departure.likeness) if departure.likeness else None
-    found: list[Reason | None] = [state]
+    reasons: list[Reason | None] = [state]
     if not departure.is_significant:
-        found.insert(0, departure.would_depart)
+        reasons.insert(0, departure.would_depart)
     elif not (estimate.valid and _is_explained(estimate, departure)):
-        found = [departure.reason]
+        reasons = [departure.reason]
         estimate = replace(estimate, verdict=DEPARTED)
-    return replace(estimate, reasons=(*filter(None, found), *estimate.reasons))
+    return replace(estimate, reasons=(*filter(None, reasons), *estimate.reasons))
 
 
 def _is_explained(estimate: Estimate, departure: Departure) -> bool:

@@ -123,7 +123,7 @@ class BagFile:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self.disk = HeldFile(path)
-        # The writer needs only write, tell and flush of a stream.
+        # The writer needs only ``write``, ``tell`` and ``flush`` of a stream.
         self._mcap = Writer(cast(BufferedWriter, self.disk), chunk_bytes)
         self._mcap.start(profile="ros2", library=f"ema_bags {__version__}")
         with suppress(OSError):  # a reader of a new bag finds a valid file

@@ -191,7 +191,7 @@ class BagRecorder:
         return f"{count} messages of {span_s:.3f} s to {self.bag.file_path}"
 
     def _keep(self, item: _Kept) -> None:
-        """Keep a message; of those that go for it, the next file begins with the latest state."""
+        """Keep a message, and drop the oldest; the next file begins with the dropped states."""
         self._kept.append(item)
         self.kept_bytes += item.size
         duration_ns = round(self._settings.snapshot_duration * 1e9)

@@ -182,10 +182,8 @@ def _is_later(name: str, last: str) -> bool:
 
 
 def _without_metadata(folder: Path, present: dict[str, Path], reason: str) -> FolderContents:
-    if stored := sorted(path.name for path in folder.glob("*.db3*")):
-        raise ValueError(
-            f"{folder}: {databases[0]} is in sqlite3 storage, expected MCAP; {CONVERT}"
-        )
+    if files := sorted(path.name for path in folder.glob("*.db3*")):
+        raise ValueError(f"{folder}: {files[0]} is in sqlite3 storage, expected MCAP; {CONVERT}")
     if not present:
         raise FileNotFoundError(f"{folder} is not a recording, with an .mcap file in it: {reason}")
     return FolderContents(list(present.values()), None, [reason])

@@ -1,6 +1,6 @@
 """Quality of service in the format of rosbag2.
 
-rosbags writes it as well, but converting its classes to those of rclpy needs as much code.
+rosbags writes it as well, but the conversion of its classes to rclpy needs as much code.
 """
 
 from collections.abc import Sequence
