@@ -184,9 +184,10 @@ class BagRecorder:
         self.snapshots += 1
         if failure := self.bag.failure:
             lost = len(items) - count
-            more = f"; {counted(lost, 'message')} lost for want of memory" if lost else ""
+            more = f"; {counted(lost, 'message')} lost for lack of memory" if lost else ""
             raise OSError(
-                f"{count} messages of {span_s:.3f} s: waits in memory, not written: {failure}{more}"
+                f"{count} messages ({span_s:.3f} s) are buffered in memory and not yet written: "
+                f"{failure}{more}"
             )
         return f"{count} messages of {span_s:.3f} s to {self.bag.file_path}"
 
