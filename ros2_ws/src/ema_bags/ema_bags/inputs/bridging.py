@@ -208,9 +208,11 @@ class Bridge:
         if not len(stamps):
             return []
         counts = replace(self.losses), self.rebuilt
-        columns, runs = self._stream.push(self._waiting, stamps)
+        settled, columns, runs = self._stream.push(self._waiting, stamps)
         self._forget(len(stamps))
-        self._check(_Part(stamps, columns, *counts))
+        if not len(settled):
+            return []
+        self._check(_Part(settled, columns, *counts))
         if self.refused:
             self.withheld += sum(len(run.stamps_ns) for run in runs)
             return []

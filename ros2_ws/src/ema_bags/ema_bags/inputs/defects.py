@@ -25,10 +25,12 @@ _SIMILAR_RATE: Final = 0.1
 _GAP: Final = 1.5
 _LEAST_STEPS: Final = 200
 _ALTERNATING: Final = 0.2
-_JUMP: Final = 20.0
+_JUMP: Final = 4.0
+_SUDDEN: Final = 20.0
+_CATCHES_UP: Final = 1.5
 _JUMP_OF_RANGE: Final = 0.05
 _BESIDE: Final = 3
-"""Steps on each side that a jump is compared with."""
+"""Changes of the step on each side that a jump is compared with."""
 _KNOWN_BEFORE: Final = 20
 
 
@@ -113,7 +115,7 @@ def stream_defects(
         yield InputDefect("duplicate_samples", text, "each is used once", False, needs_action=False)
     if losses.impossible:
         text = f"{counted(losses.impossible, 'sample')} of {n} that no actuator can give"
-        remedy = "the line between their neighbours stands for them"
+        remedy = "they are put on the line between their neighbours, or left out as a gap"
         if is_error := losses.impossible > _MANY * n:
             remedy = "repair the source: these are too many"
         yield InputDefect("impossible_samples", text, remedy, is_error, needs_action=is_error)
@@ -235,23 +237,36 @@ def _held(
 
 
 def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
-    """Yield that a position jumps: a step far larger than the steps before and after it.
+    """Yield that a position jumps: a step that no acceleration of the record explains.
 
-    Steps of zero are left out. A step is judged once motion follows it, as the first step of a
-    motion follows a rest as well.
+    The step changes far more before and after a jump than beside it and than it usually does, and
+    is longer than the usual longest step. Steps of zero are left out. A step is judged once motion
+    follows it, as the first step of a motion follows a rest as well.
     """
-    steps, usual_ns = np.abs(np.diff(position)), np.median(np.diff(stamps_ns))
-    is_moving = (np.diff(stamps_ns) < _GAP * usual_ns) & np.isfinite(steps) & (steps > 0.0)
+    steps, usual_ns = np.diff(position), np.median(np.diff(stamps_ns))
+    is_moving = (np.diff(stamps_ns) < _GAP * usual_ns) & np.isfinite(steps) & (steps != 0.0)
     rows = np.flatnonzero(is_moving)
     moving = steps[rows]
     if len(moving) < _LEAST_STEPS:
         return
-    padded = np.concatenate([np.zeros(_BESIDE), moving, np.full(_BESIDE, np.inf)])
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
-    beside = np.max(np.delete(around, _BESIDE, axis=1), axis=1)
-    far = max(_JUMP * float(np.percentile(moving, 99.5)), _JUMP_OF_RANGE * float(np.ptp(position)))
+    changes = np.abs(np.diff(moving))
+    padded = np.concatenate([np.zeros(_BESIDE + 1), changes, np.full(_BESIDE + 1, np.inf)])
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 2)
+    # Of each step: the changes before it and after it are in the middle.
+    into, out = around[:, _BESIDE], around[:, _BESIDE + 1]
+    beside = np.max(np.delete(around, [_BESIDE, _BESIDE + 1], axis=1), axis=1)
+    sizes = np.abs(moving)
+    far = max(_JUMP * float(np.percentile(sizes, 99.5)), _JUMP_OF_RANGE * float(np.ptp(position)))
+    sudden = _SUDDEN * np.maximum(beside, float(np.percentile(changes, 95.0)))
+    # After values that repeat, a step catches up with the motion.
+    repeated = np.diff(rows, prepend=-1)
+    padded = np.pad(sizes, _BESIDE)
+    speeds = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
+    speed = np.max(np.delete(speeds, _BESIDE, axis=1), axis=1)
+    is_late = (repeated > 1) & (sizes < _CATCHES_UP * repeated * speed)
+    is_jump = (sizes > far) & (np.minimum(into, out) > sudden) & ~is_late
     # The step before the first rows is unknown.
-    jumps = moving[(moving > np.maximum(far, _JUMP * beside)) & (rows >= _KNOWN_BEFORE)]
+    jumps = sizes[is_jump & (rows >= _KNOWN_BEFORE)]
     if 0 < len(jumps) <= _MANY * len(steps):
         text = (
             f"the position jumps {counted(len(jumps), 'time')}, at most by "

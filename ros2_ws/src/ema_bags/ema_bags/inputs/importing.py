@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from collections.abc import Mapping as ByName
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,17 @@ BLOCK_S: Final = 0.05
 """Length of a block of telemetry in a bag [s]."""
 
 _BLOCK_SAMPLES: Final = 20
+
+
+class Converted(NamedTuple):
+    """Samples in SI units."""
+
+    stamps_ns: NDArray[np.int64]
+    """Their stamps, ``(n,)`` [ns]."""
+    columns: dict[str, NDArray[np.float64]]
+    """Their columns before they are resampled, ``(n,)`` or empty."""
+    runs: list[GaplessRun]
+    """The runs that they make."""
 
 
 class SampleStream:
@@ -76,10 +87,11 @@ class SampleStream:
 
     def push(
         self, by_topic: ByName[str, Series], stamps_ns: NDArray[np.int64], *, is_last: bool = False
-    ) -> tuple[dict[str, NDArray[np.float64]], list[GaplessRun]]:
-        """Return the columns of the next samples in SI units, and the runs that they make.
+    ) -> Converted:
+        """Return the next samples in SI units, and the runs that they make.
 
-        Arguments are as in ``join_topics`` and ``Resampler.push``.
+        Arguments are as in ``join_topics`` and ``Resampler.push``. Samples wait for the next ones
+        if these show whether they are possible.
         """
         return self.push_joined(
             join_topics(by_topic, self._mapping, stamps_ns), stamps_ns, is_last=is_last
@@ -91,20 +103,23 @@ class SampleStream:
         stamps_ns: NDArray[np.int64],
         *,
         is_last: bool = False,
-    ) -> tuple[dict[str, NDArray[np.float64]], list[GaplessRun]]:
+    ) -> Converted:
         """Do as ``push`` with the result of ``join_topics`` for the stamps."""
         raw = dict(raw)
         temperature = raw.pop("temperature", None)
         if self.rises is not None and temperature is not None:
             self.rises.push(stamps_ns, temperature)
-        raw = self._unwrapper.push(self._impossible.push(raw))
+        stamps_ns, raw = self._impossible.push(stamps_ns, raw, is_last=is_last)
+        raw = self._unwrapper.push(raw)
         self.losses.impossible = self._impossible.count
         self.losses.wraps = sum(self._unwrapper.wraps.values())
         steps = np.diff(stamps_ns)
         breaks = 1 + np.flatnonzero((steps < 0) | (steps > PAUSE_S * 1e9))
         columns = convert(raw, self._mapping, self.description, breaks.tolist())
         values = np.column_stack([columns[name] for name in self.filled])
-        return columns, self._resampler.push(stamps_ns, values, is_last=is_last)
+        return Converted(
+            stamps_ns, columns, self._resampler.push(stamps_ns, values, is_last=is_last)
+        )
 
     def blocks(self, run: GaplessRun, block_s: float, shift_ns: int = 0) -> Iterator[Telemetry]:
         """Yield a run in blocks of a length at most; columns that are not measured are empty."""
@@ -213,7 +228,7 @@ def import_series(
     if period is not None:
         rate, notes = replace(rate, period=period), []
     stream = SampleStream(mapping, description, rate)
-    columns, runs = stream.push_joined(raw, stamps, is_last=True)
+    stamps, columns, runs = stream.push_joined(raw, stamps, is_last=True)
     if not runs:
         raise ValueError(
             f"none of {stream.losses.samples} samples has a finite value in all of "

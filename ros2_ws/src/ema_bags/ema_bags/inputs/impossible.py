@@ -3,37 +3,55 @@
 import math
 from collections.abc import Mapping as ByName
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_bags.inputs.excursions import FEWEST, MOST_IN_A_ROW, Excursions, Pace, find_excursions
 from ema_bags.inputs.mapping import AngleSource, Mapping, SpeedSource
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
-from ema_core.units import CURRENTS, LENGTHS, LINEAR, UNITS
+from ema_core.units import CURRENTS, LINEAR, UNITS
 
 _ABSURD: Final = 1e15
-_MOST_IN_A_ROW: Final = 3
-_LEAST_KNOWN: Final = 50
+_MOST_ZEROS: Final = 200
+_MOST_WAITING: Final = 200
 _REMEMBERED: Final = 1000
 _STEPS: Final = 10.0
 _TOP_SPEEDS: Final = 2.0
 _LIMITS: Final = 3.0
-_WRAP: Final = 0.4
-_LEAST_TURN: Final = 0.01
-_LEAST_LENGTH: Final = 1e-3
 _SENSORS: Final = ("position", "speed", "current")
+_COMMANDS: Final = ("command", "error")
+
+
+class _Findings(NamedTuple):
+    """Samples of a block."""
+
+    bridged: NDArray[np.bool_]
+    """Whether all columns are replaced, ``(n,)``."""
+    dropped: NDArray[np.bool_]
+    """Whether the sample is left out, ``(n,)``."""
+    commands: dict[str, NDArray[np.bool_]]
+    """Whether a command is replaced, ``(n,)`` each."""
+    first_open: int
+    """First sample that the samples to come decide on."""
+
+    @property
+    def is_impossible(self) -> NDArray[np.bool_]:
+        """Whether something is wrong with a sample, ``(n,)``."""
+        return np.any([self.bridged, self.dropped, *self.commands.values()], axis=0)
 
 
 class ImpossibleSamples:
     """Finds samples that no actuator can give, and puts them on the line between their neighbours.
 
-    Such a sample is beyond 1e15, or 0 in all columns between samples that are not. Or its position
-    is off for three samples at most: by 10 usual steps and, for a modelled drive, twice the travel
-    at top speed in a sample; for another drive by half a turn or the usual range, and 1 % of a
-    turn. For a modelled drive, a speed or current beyond 3 times the limit is impossible, too. More
-    than three in a row are left as they are.
+    Such a sample is beyond 1e15, or 0 in all sensor columns between samples that are not. Or its
+    position or command leaves and returns within three samples: for the position of a modelled
+    drive by 10 usual steps and twice the travel at top speed in a sample, else as an excursion
+    (``find_excursions``). For a modelled drive, a speed or current beyond 3 times the limit is
+    impossible, too. More than three in a row are left as they are. Up to 200 samples that are 0 in
+    all sensor columns are left out if the position jumps to 0 and back.
 
     Parameters
     ----------
@@ -50,118 +68,193 @@ class ImpossibleSamples:
     def __init__(self, mapping: Mapping, limits: ByName[str, float] = MappingProxyType({})) -> None:
         self.count = 0
         self._limits = limits
-        source = mapping.position
-        size = abs(source.scale) * UNITS[source.unit]
-        least = _LEAST_LENGTH if source.unit in LENGTHS else 2.0 * math.pi * _LEAST_TURN
-        self._least = least / size
-        self._half_turn = math.inf if source.unit in LENGTHS else math.pi / size
-        # Samples at the end of the last block that are held, as their position has jumped.
-        self._held = 0
-        self._position = np.empty(0)
+        self._commands = [name for name in _COMMANDS if getattr(mapping, name) is not None]
+        # Samples whose neighbours have not come yet.
+        self._stamps_ns = np.empty(0, dtype=np.int64)
+        self._waiting: dict[str, NDArray[np.float64]] = {}
+        # What was passed on: the latest finite values, and the last sample.
+        self._past: dict[str, NDArray[np.float64]] = {}
         self._before: dict[str, float] = {}
-        self._open = 0
 
-    def push(self, raw: ByName[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
-        """Return columns, ``(n,)`` each, without such samples; call it for each block in order.
+    def push(
+        self,
+        stamps_ns: NDArray[np.int64],
+        raw: ByName[str, NDArray[np.float64]],
+        *,
+        is_last: bool = False,
+    ) -> tuple[NDArray[np.int64], dict[str, NDArray[np.float64]]]:
+        """Return stamps and columns, ``(n,)`` each, without such samples.
 
-        If a block ends before the position of a modelled drive comes back from a jump, the value
-        before is held.
+        Call it for each block in order. Samples at the end of a block wait for the next block if
+        only these show whether they are possible.
         """
-        keys = [name for name in _SENSORS if name in raw]
+        if self._waiting:
+            stamps_ns = np.concatenate([self._stamps_ns, stamps_ns])
+            raw = {name: np.concatenate([self._waiting[name], raw[name]]) for name in raw}
         columns = {name: np.array(values) for name, values in raw.items()}
-        count = len(columns["position"])
-        if not count:
-            return columns
-        bad = np.any([np.abs(columns[name]) > _ABSURD for name in keys], axis=0)
-        bad |= self._empty([columns[name] for name in keys], [*keys])
-        bad |= self._excessive(columns)
-        bad |= self._spikes(np.where(bad, np.nan, columns["position"]))
-        good = np.flatnonzero(~bad)
-        self._open = count - 1 - int(good[-1]) if len(good) else self._open + count
-        self.count += count - len(good)
-        # Where no sample follows, the value before is held.
-        rows = np.arange(count)
-        for name in columns if len(good) < count else ():
-            kept, values = good, columns[name][good]
-            if name in self._before:
-                kept = np.concatenate([[-1], good])
-                values = np.concatenate([[self._before[name]], values])
-            if len(kept):
-                columns[name][bad] = np.interp(rows[bad], kept, values)
-        if len(good):
-            self._before = {name: float(values[good[-1]]) for name, values in columns.items()}
-        position = columns["position"]
-        finite = position[np.isfinite(position)]
-        self._position = np.concatenate([self._position, finite])[-_REMEMBERED:]
-        return columns
+        findings = self._find(columns, is_last=is_last)
+        n, passed = len(stamps_ns), findings.first_open
+        if is_last or n - passed > _MOST_WAITING:
+            passed = n
+        self._stamps_ns = stamps_ns[passed:]
+        self._waiting = {name: np.array(raw[name][passed:]) for name in raw}
+        self.count += int(np.count_nonzero(findings.is_impossible[:passed]))
+        for name in columns:
+            bad = findings.bridged | findings.dropped
+            if name in findings.commands:
+                bad |= findings.commands[name]
+            columns[name] = self._bridged(name, columns[name], bad)[:passed]
+        self._remember(columns, findings.dropped[:passed])
+        kept = ~findings.dropped[:passed]
+        if np.all(kept):
+            return stamps_ns[:passed], columns
+        return stamps_ns[:passed][kept], {name: values[kept] for name, values in columns.items()}
 
-    def _empty(self, columns: list[NDArray[np.float64]], keys: list[str]) -> NDArray[np.bool_]:
-        """Return where all columns are 0 and two of them are not before and after, ``(n,)``."""
-        zero = np.all([values == 0.0 for values in columns], axis=0)
-        if len(columns) < 2 or not np.any(zero):
-            return np.zeros(len(zero), bool)
-        filled = [int(np.count_nonzero([self._before.get(name, 0.0) for name in keys]))]
-        filled += np.count_nonzero(columns, axis=0).tolist()
-        bad = np.zeros(len(zero), bool)
-        for first, last in _runs(zero):
-            length = last - first + (self._open if not first else 0)
-            is_short = length <= _MOST_IN_A_ROW
-            comes_back = last == len(zero) or filled[last + 1] >= 2
-            bad[first:last] = is_short and comes_back and filled[first] >= 2
-        return bad
+    def _find(self, columns: ByName[str, NDArray[np.float64]], *, is_last: bool) -> _Findings:
+        sensors = {name: columns[name] for name in _SENSORS if name in columns}
+        n = len(columns["position"])
+        absurd = np.any([np.abs(values) > _ABSURD for values in sensors.values()], axis=0)
+        absurd |= self._excessive(sensors, n)
+        bridged, dropped, first_open = self._empty(sensors, n, is_last=is_last)
+        bridged |= absurd
+        flaws, open_spike = self._spikes(
+            "position", np.where(bridged | dropped, np.nan, columns["position"]), is_last=is_last
+        )
+        bridged |= flaws
+        first_open = min(first_open, open_spike, _last_run(bridged))
+        commands: dict[str, NDArray[np.bool_]] = {}
+        for name in self._commands:
+            flaws = np.abs(columns[name]) > _ABSURD
+            spikes, open_spike = self._spikes(
+                name, np.where(flaws | bridged | dropped, np.nan, columns[name]), is_last=is_last
+            )
+            commands[name] = flaws | spikes
+            first_open = min(first_open, open_spike, _last_run(commands[name]))
+        # A line ends at a sample that is certain.
+        flaws = np.any([bridged, *commands.values()], axis=0)
+        while 0 < first_open < n and flaws[first_open - 1]:
+            first_open -= 1
+        return _Findings(bridged, dropped, commands, first_open)
 
-    def _spikes(self, position: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return where a position is far off for a few samples, ``(n,)``."""
-        bad = np.zeros(len(position), bool)
-        rows = np.flatnonzero(np.isfinite(position))
-        positions = np.concatenate([self._position, position[rows]])
-        if len(positions) < _LEAST_KNOWN:
-            return bad
-        steps = np.abs(np.diff(positions))
-        far = self._far(positions, steps)
-        first = len(self._position)
-        held, self._held = self._held, 0
-        for row in (np.flatnonzero(steps > far) + 1).tolist():
-            if row < max(first, 1) or (row > first and bad[rows[row - 1 - first]]):
+    def _bridged(
+        self, name: str, values: NDArray[np.float64], bad: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        """Return a column on the line between good samples; after the last, its value is held."""
+        if not np.any(bad):
+            return values
+        kept = np.flatnonzero(~bad)
+        good = values[kept]
+        if name in self._before:
+            kept = np.concatenate([[-1], kept])
+            good = np.concatenate([[self._before[name]], good])
+        if len(kept):
+            values[bad] = np.interp(np.flatnonzero(bad), kept, good)
+        return values
+
+    def _remember(
+        self, columns: ByName[str, NDArray[np.float64]], dropped: NDArray[np.bool_]
+    ) -> None:
+        """Keep what the next block is compared with."""
+        kept = np.flatnonzero(~dropped)
+        if not len(kept):
+            return
+        self._before = {name: float(values[kept[-1]]) for name, values in columns.items()}
+        for name in ("position", *self._commands):
+            values = columns[name][kept]
+            past = self._past.get(name, np.empty(0))
+            self._past[name] = np.concatenate([past, values[np.isfinite(values)]])[-_REMEMBERED:]
+
+    def _empty(
+        self, sensors: ByName[str, NDArray[np.float64]], n: int, *, is_last: bool
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], int]:
+        """Return where messages are empty: bridged, dropped, ``(n,)``, and the first open sample.
+
+        All columns are 0 in an empty message, and two of them are not before and after.
+        """
+        bridged, dropped = np.zeros(n, bool), np.zeros(n, bool)
+        zero = np.all([values == 0.0 for values in sensors.values()], axis=0)
+        if len(sensors) < 2 or not np.any(zero):
+            return bridged, dropped, n
+        filled = [int(np.count_nonzero([self._before.get(name, 0.0) for name in sensors]))]
+        filled += np.count_nonzero([*sensors.values()], axis=0).tolist()
+        position, first_open = sensors["position"], n
+        for first, end in _runs(zero):
+            length = end - first
+            if filled[first] < 2 or length > _MOST_ZEROS:
                 continue
-            most = _MOST_IN_A_ROW - (held if row == first else 0)
-            after = np.abs(positions[row + 1 : row + 1 + most] - positions[row - 1])
+            is_short = length <= MOST_IN_A_ROW
+            if not is_short and not self._is_jump(position, first):
+                continue
+            if end < n:
+                bridged[first:end] = is_short and filled[end + 1] >= 2
+                dropped[first:end] = not is_short and self._is_jump(position, end)
+            elif is_last:
+                bridged[first:end] = is_short
+            else:
+                first_open = first
+        return bridged, dropped, first_open
+
+    def _is_jump(self, position: NDArray[np.float64], row: int) -> bool:
+        """Return whether a position jumps to a sample from the sample before."""
+        before = position[row - 1] if row else self._before.get("position", position[row])
+        step = abs(float(position[row] - before))
+        if "position" in self._limits:
+            return step > self._limits["position"]
+        finite = position[np.isfinite(position) & (position != 0.0)]
+        positions = np.concatenate([self._past.get("position", np.empty(0)), finite])
+        if len(positions) < FEWEST:
+            return False
+        pace = Pace.of(positions)
+        return step > max(pace.least_step, pace.least_change)
+
+    def _spikes(
+        self, name: str, values: NDArray[np.float64], *, is_last: bool
+    ) -> tuple[NDArray[np.bool_], int]:
+        """Return where a column leaves and returns, ``(n,)``, and the first open sample."""
+        spikes = np.zeros(len(values), bool)
+        rows = np.flatnonzero(np.isfinite(values))
+        past = self._past.get(name, np.empty(0))
+        series = np.concatenate([past, values[rows]])
+        if name == "position" and name in self._limits:
+            excursions = self._beyond_limit(series, len(past), is_last=is_last)
+        else:
+            excursions = find_excursions(series, len(past), is_last=is_last)
+        for first, end in excursions.parts:
+            spikes[rows[first - len(past) : end - len(past)]] = True
+        if excursions.first_open is None:
+            return spikes, len(values)
+        return spikes, int(rows[max(excursions.first_open - len(past), 0)])
+
+    def _beyond_limit(
+        self, positions: NDArray[np.float64], first: int, *, is_last: bool
+    ) -> Excursions:
+        """Return where the position of a modelled drive leaves and returns faster than it can."""
+        if len(positions) < FEWEST:
+            return Excursions([], None)
+        steps = np.abs(np.diff(positions))
+        far = max(_STEPS * float(np.percentile(steps, 98.0)), self._limits["position"])
+        parts: list[tuple[int, int]] = []
+        end, first_open = max(first, 1), None
+        for row in (np.flatnonzero(steps > far) + 1).tolist():
+            if row < end:
+                continue
+            after = np.abs(positions[row + 1 : row + 1 + MOST_IN_A_ROW] - positions[row - 1])
             back = np.flatnonzero(after <= 0.5 * far)
             if len(back):
-                bad[rows[row - first : row - first + back[0] + 1]] = True
-            elif len(positions) - row <= most and self._is_held(float(steps[row - 1])):
-                bad[rows[row - first :]] = True
-                self._held = _MOST_IN_A_ROW - most + len(positions) - row
-            elif row == first:
-                # It does not come back: a jump, whose first samples were held.
-                self.count -= held
-        return bad
+                end = row + int(back[0]) + 1
+                parts.append((row, end))
+            elif not is_last and first_open is None and len(positions) - row <= MOST_IN_A_ROW:
+                first_open = row
+        return Excursions(parts, first_open)
 
-    def _far(self, positions: NDArray[np.float64], steps: NDArray[np.float64]) -> float:
-        """Return the deviation of a position that comes back, in the unit of the source."""
-        usual = _STEPS * float(np.percentile(steps, 98.0))
-        if "position" in self._limits:
-            return max(usual, self._limits["position"])
-        low, high = np.percentile(positions, [1.0, 99.0])
-        return max(usual, min(float(high - low), self._half_turn), self._least)
-
-    def _is_held(self, step: float) -> bool:
-        """Return whether a value is held until it shows whether the position comes back.
-
-        It is not held for an unknown drive, whose motion may begin so fast, or over a wrap.
-        """
-        turn = 2.0 * self._half_turn
-        is_wrap = math.isfinite(turn) and abs(step - turn) < _WRAP * turn
-        return "position" in self._limits and not is_wrap
-
-    def _excessive(self, columns: ByName[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
+    def _excessive(self, sensors: ByName[str, NDArray[np.float64]], n: int) -> NDArray[np.bool_]:
         """Return where a speed or current is beyond its limit for a few samples, ``(n,)``."""
-        beyond = np.zeros(len(columns["position"]), bool)
+        beyond = np.zeros(n, bool)
         for name in ("speed", "current"):
-            if name in self._limits and name in columns:
-                beyond |= np.abs(columns[name]) > self._limits[name]
+            if name in self._limits and name in sensors:
+                beyond |= np.abs(sensors[name]) > self._limits[name]
         for start, end in _runs(beyond):
-            if end - start > _MOST_IN_A_ROW:
+            if end - start > MOST_IN_A_ROW:
                 beyond[start:end] = False
         return beyond
 
@@ -204,3 +297,9 @@ def _runs(chosen: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return first row and end of each run of chosen rows."""
     edges = np.flatnonzero(np.diff(chosen, prepend=False, append=False))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _last_run(chosen: NDArray[np.bool_]) -> int:
+    """Return the first row of the run of chosen rows at the end; their number without one."""
+    rows = np.flatnonzero(~chosen)
+    return int(rows[-1]) + 1 if len(rows) else 0
