@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from ema_bags.inputs.held import find_held, held_samples, renewed_rows
+from ema_bags.inputs.held import find_held, renewed_rows
 from ema_bags.inputs.importing import SampleStream, import_series
 from ema_bags.inputs.impossible import ImpossibleSamples, limits_of
 from ema_bags.inputs.rate import find_rate
 from ema_bags.inputs.series import Series
 from ema_bags.inputs.wrapping import Unwrapper
+from ema_core.repetition import held_samples
 
 from .conftest import described
 from .joint_motion import joint, moves

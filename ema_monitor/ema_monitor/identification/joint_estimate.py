@@ -29,6 +29,7 @@ from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import Comparison, QuantityChange
 from ema_monitor.joint.lag import EffortLag, aligned, effort_lag, with_shift
 from ema_monitor.joint.record import JointRecord, read_record, record_defect
+from ema_monitor.joint.renewal import renewed
 from ema_monitor.joint.scale import effort_scale
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
 from ema_monitor.joint.signals import Fine, block_means, filtered, usual_speed
@@ -161,9 +162,13 @@ def comparable_record(
 
 
 def _without_spikes(window: Window, calibration: JointCalibration) -> tuple[Window, int]:
-    """Return a record without spikes of the effort, and how many samples were replaced."""
-    telemetry, count = despiked(window.telemetry, calibration.baseline.preparation.cutoff_hz)
-    return (replace(window, telemetry=telemetry) if count else window), count
+    """Return a record without spikes of the effort, and how many samples were replaced.
+
+    Values that repeat are put on the line between their renewals.
+    """
+    cutoff_hz = calibration.baseline.preparation.cutoff_hz
+    telemetry, count = despiked(renewed(window.telemetry), cutoff_hz)
+    return replace(window, telemetry=telemetry), count
 
 
 def _unusable(window: Window, calibration: JointCalibration) -> Reason | None:

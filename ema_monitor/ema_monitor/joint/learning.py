@@ -11,6 +11,7 @@ from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.elasticity import with_elasticity
 from ema_monitor.joint.lag import aligned, common_lag, effort_lag, with_shift
 from ema_monitor.joint.record import read_record, record_defect
+from ema_monitor.joint.renewal import renewed
 from ema_monitor.joint.ripple import with_ripples
 from ema_monitor.joint.shape import choose_shape
 from ema_monitor.joint.signals import (
@@ -55,7 +56,7 @@ def learn(
     bands = [motion_band(record) for record in records]
     period = float(np.median([record.sample_period for record in records]))
     cutoff = cutoff_of(float(np.median(bands)), period)
-    records = [despiked(record, cutoff).telemetry for record in records]
+    records = [despiked(renewed(record), cutoff).telemetry for record in records]
     blocks = [block_means(record, description, cutoff) for record in records]
     usual = float(np.median([usual_speed(block, cutoff) for block in blocks]))
     if not usual > 0.0:

@@ -231,6 +231,9 @@ def _held(
     remedy = "have the driver publish each value once, and all at one rate"
     if is_unknown:
         remedy = "it is used as it is; have the driver publish each value once"
+        if "position" in held:
+            remedy = "records put it on the line between renewals; have the driver publish each "
+            remedy += "value once"
     yield InputDefect(
         "values_repeat", ", ".join(parts), remedy, not is_unknown, needs_action=not is_unknown
     )

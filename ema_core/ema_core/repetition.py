@@ -1,0 +1,59 @@
+"""Columns of samples that repeat each value: renewed more slowly than published."""
+
+from typing import Final
+
+import numpy as np
+
+from ema_core.arrays import Array
+
+_LEAST_CHANGES: Final = 20
+_EARLY: Final = 10.0
+_LOOSE_FROM: Final = 5
+_REGULAR: Final = 0.9
+_USUAL: Final = 0.5
+_ONE_COUNT: Final = 1.5
+
+
+def held_samples(values: Array) -> int:
+    """Return for how many samples a column, ``(n,)``, repeats each value; 1 if it does not.
+
+    An encoder of few counts also repeats its value, but changes by one count and less often the
+    slower it moves. A column that is renewed slowly changes at multiples of one time, by any
+    amount. 0 if too few changes show which it is.
+    """
+    finite = values[np.isfinite(values)]
+    steps = np.diff(finite)
+    rows = np.flatnonzero(steps)
+    if len(rows) < _LEAST_CHANGES:
+        return 0
+    gaps = np.diff(rows)
+    held = int(np.percentile(gaps, _EARLY))
+    sizes = np.abs(steps[rows])
+    if held < 2 or np.mean(sizes < _ONE_COUNT * np.min(sizes)) > _USUAL:
+        return 1
+    # Publisher and source have clocks of their own: a sample more or less.
+    loose = 1 if held >= _LOOSE_FROM else 0
+    typical = gaps[np.abs(gaps - np.median(gaps)) <= loose]
+    held = round(float(np.mean(typical)))
+    off = np.abs(gaps - held * np.maximum(np.rint(gaps / held), 1.0))
+    is_held = np.mean(off <= loose) > _REGULAR and len(typical) > _USUAL * len(gaps)
+    return held if is_held else 1
+
+
+def between_renewals(values: Array, held: int) -> Array:
+    """Return a column, ``(n,)``, on the line between the samples that renew its value.
+
+    Parameters
+    ----------
+    values
+        The column, all finite.
+    held
+        For how many samples it repeats each value (`held_samples`).
+    """
+    renewed = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
+    # After a rest, the value was renewed last `held` samples before it changes.
+    ends = renewed[1:] - held
+    rested = ends[ends > renewed[:-1]]
+    rows = np.unique(np.concatenate([renewed, rested]))
+    result: Array = np.interp(np.arange(len(values)), rows, values[rows])
+    return result

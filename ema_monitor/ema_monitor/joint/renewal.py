@@ -1,0 +1,23 @@
+"""Records whose position is renewed more slowly than it is published."""
+
+from dataclasses import replace
+
+from ema_core.repetition import between_renewals, held_samples
+from ema_core.telemetry import Telemetry
+
+
+def renewed(telemetry: Telemetry) -> Telemetry:
+    """Return a record with its position on the line between renewals, if it repeats each value.
+
+    A position that repeats each value k times is late by (k - 1) / 2 samples, as if the tracking
+    had changed. Speed and effort that repeat their values beside the position are put on lines,
+    too, so that all columns keep the same time. Without renewal, the telemetry is unchanged.
+    """
+    if held_samples(telemetry.position) < 2:
+        return telemetry
+    columns = {
+        name: between_renewals(values, held)
+        for name in ("position", "speed", "current")
+        if (held := held_samples(values := getattr(telemetry, name))) > 1
+    }
+    return replace(telemetry, **columns)
