@@ -197,27 +197,37 @@ def joint_bridge(of=None, **settings):
 
 
 def send_moves(
-    target, seconds, *, begin=0, speed_factor=1.0, position=None, lost=(), publishers_ns=(0,)
+    target,
+    seconds,
+    *,
+    begin=0,
+    speed_factor=1.0,
+    position=None,
+    lost=(),
+    publishers_ns=(0,),
+    empty=(),
+    order=None,
 ):
     """Send states of a joint at 200 Hz, but the lost ones; return the blocks that come out.
 
-    Each of the publishers sends them, so much later than the first.
+    Each of the publishers sends them, so much later than the first. The empty ones are of zeros.
     """
     columns, stamps = moves(seconds)
     place = columns["position"] if position is None else position
     blocks = []
-    for i in range(begin, len(stamps)):
+    for i in range(begin, len(stamps)) if order is None else order:
         if i in lost:
             continue
+        filled = float(i not in empty)
         for late_ns in publishers_ns:
             stamp = int(stamps[i]) + late_ns
             time = SimpleNamespace(sec=stamp // 10**9, nanosec=stamp % 10**9)
             message = SimpleNamespace(
                 header=SimpleNamespace(stamp=time),
                 name=["flap"],
-                position=[place[i]],
-                velocity=[columns["speed"][i] * JOINT_TAU * speed_factor],
-                effort=[columns["current"][i]],
+                position=[place[i] * filled],
+                velocity=[columns["speed"][i] * JOINT_TAU * speed_factor * filled],
+                effort=[columns["current"][i] * filled],
             )
             target.collector.add(STATES, message, stamp, stamp + 10_000)
         blocks += target.advance()
@@ -301,6 +311,36 @@ def test_wraps_and_messages_of_zeros_are_bridged_live():
     assert target.withheld == 0
     moved, true = (values - values[0] for values in (position, columns["position"]))
     np.testing.assert_allclose(moved, true, atol=0.02)
+
+
+def test_spikes_and_outages_are_handled_live_as_in_files():
+    """Spikes of 8 degrees, and zeros for 35 ms."""
+    true = moves(8.0)[0]["position"] + 0.8
+    place = true.copy()
+    place[[420, 805, 806, 1300]] += 0.14
+    target = joint_bridge()
+    blocks = send_moves(target, 8.0, position=place, empty=range(1000, 1007))
+    assert (target.losses.impossible, target.losses.lost) == (11, 7)
+    assert {item.name for item in target.defects} == {"impossible_samples", "lost_samples"}
+    assert target.withheld == 0
+    rows = np.concatenate([block.first_index - 1 + np.arange(len(block)) for block in blocks])
+    np.testing.assert_array_equal(rows, np.delete(np.arange(1600), np.arange(1000, 1007)))
+    position = np.concatenate([block.position for block in blocks])
+    np.testing.assert_allclose(position, true[rows], atol=2e-3)
+
+
+def test_messages_out_of_order_are_sorted_live():
+    order = np.arange(1200)
+    for row in range(300, 1100, 90):
+        order[[row, row + 1]] = order[[row + 1, row]]
+    order[700:704] = [703, 700, 701, 702]
+    target = joint_bridge()
+    blocks = send_moves(target, 6.0, order=order.tolist())
+    np.testing.assert_array_equal(
+        np.concatenate([block.position for block in blocks]), moves(6.0)[0]["position"]
+    )
+    assert target.losses.jumps == target.losses.lost == 0
+    assert [item.name for item in target.defects] == ["samples_reordered"]
 
 
 @pytest.mark.parametrize("drift", [0.0, 1e-4])

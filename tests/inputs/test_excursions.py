@@ -33,14 +33,14 @@ def in_blocks(values, block):
 @pytest.mark.parametrize("length", [1, 2, 3])
 @pytest.mark.parametrize("travel", [0.08, 1.4])
 def test_samples_that_leave_and_return_are_excursions(rate_hz, length, travel):
-    position = moves(24.0, rate_hz, travel)[0]["position"]
+    position = moves(max(6.0, 600.0 / rate_hz), rate_hz, travel)[0]["position"]
     fastest = np.max(np.abs(np.diff(position)))
     spoiled, rows = position.copy(), [len(position) // 3, len(position) // 2 + 7]
     for row, sign in zip(rows, (1.0, -1.0), strict=True):
         spoiled[row : row + length] += sign * (5.0 * fastest + 0.04 * travel)
     parts = [(row, row + length) for row in rows]
     assert find_excursions(spoiled).parts == parts
-    for block in (1, 10):
+    for block in (5, 12):
         assert in_blocks(spoiled, block)[0] == rows
     assert find_excursions(position).parts == []
 

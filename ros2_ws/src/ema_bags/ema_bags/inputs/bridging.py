@@ -21,6 +21,7 @@ from ema_bags.inputs.importing import SampleStream, uses_arrival
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.joint_states import JointColumns
 from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.ordering import settled_samples, sorting_order
 from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import Losses
 from ema_bags.inputs.series import Collector, Series
@@ -135,6 +136,7 @@ class Bridge:
         # Stamps of the first of the samples that wait, and how many the clock has been given.
         self._settled = np.empty(0, dtype=np.int64)
         self._stamped = 0
+        self._before_ns: int | None = None
         # The latest converted samples, in which defects are looked for.
         self._latest: deque[_Part] = deque()
         self._unchecked = 0
@@ -204,9 +206,11 @@ class Bridge:
         if self._has_other_rate():
             self._learn_anew()
             return []
-        stamps = self._settled[: self._complete(len(self._settled))]
+        count = self._complete(self._ordered())
+        stamps = self._settled[:count]
         if not len(stamps):
             return []
+        self._before_ns = int(stamps[-1])
         counts = replace(self.losses), self.rebuilt
         settled, columns, runs = self._stream.push(self._waiting, stamps)
         self._forget(len(stamps))
@@ -283,6 +287,20 @@ class Bridge:
         # Twice as long, so that the time of learning is full whatever the block.
         span_ns = round(2e9 * self.settings.learn_s)
         return recent[recent > recent[-1] - span_ns][-_MOST_WAITING:]
+
+    def _ordered(self) -> int:
+        """Sort the samples that wait by their stamps, and return how many are in order."""
+        assert self._stream is not None
+        assert self.rate is not None
+        if self._clock is not None:
+            return len(self._settled)
+        primary = self._mapping.position.topic
+        order = sorting_order(self._settled)
+        if order is not None:
+            self._settled = self._settled[order]
+            self._waiting[primary] = self._waiting[primary][order]
+            self._stream.losses.reordered += int(np.count_nonzero(order != np.arange(len(order))))
+        return settled_samples(self._settled, self._before_ns, 1e9 * self.rate.measured_period)
 
     def _complete(self, count: int) -> int:
         """Return how many samples have the earlier messages of all other topics."""

@@ -11,7 +11,8 @@ from ema_bags.inputs.held import find_held
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.motion import ThinnedMotion
-from ema_bags.inputs.rate import Rate
+from ema_bags.inputs.ordering import MOST_DISPLACED
+from ema_bags.inputs.rate import Rate, resolution_of
 from ema_bags.inputs.resampling import Losses
 from ema_bags.inputs.wrong_columns import wrong_current, wrong_factors
 from ema_core.description import ActuatorDescription
@@ -25,6 +26,8 @@ _SIMILAR_RATE: Final = 0.1
 _GAP: Final = 1.5
 _LEAST_STEPS: Final = 200
 _ALTERNATING: Final = 0.2
+_MOST_TIMES: Final = 4
+_COUNTS: Final = 1.5
 _JUMP: Final = 4.0
 _SUDDEN: Final = 20.0
 _CATCHES_UP: Final = 1.5
@@ -110,6 +113,11 @@ def stream_defects(
             rebuild = "clock: {source: arrival} rebuilds the stamps"
             remedy = f"is clock.source the right one? {order if of_table else rebuild}"
         yield InputDefect("time_not_monotonic", text, remedy, is_error)
+    if losses.reordered:
+        text = f"{counted(losses.reordered, 'sample')} of {n} out of order by at most "
+        text += f"{counted(MOST_DISPLACED, 'sample')}"
+        remedy = "they are sorted by their stamps"
+        yield InputDefect("samples_reordered", text, remedy, False, needs_action=False)
     if losses.duplicates:
         text = f"{counted(losses.duplicates, 'sample')} of {n} published twice"
         yield InputDefect("duplicate_samples", text, "each is used once", False, needs_action=False)
@@ -158,34 +166,60 @@ def other_rate(rate: Rate, description: ActuatorDescription) -> Iterator[InputDe
 
 
 def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
-    """Yield that stamps, ``(n,)`` [ns], alternate between a short and a long step.
+    """Yield that stamps, ``(n,)`` [ns], are those of two publishers.
 
-    The samples of two publishers do, and are read as one series of twice the rate.
+    The samples of a second publisher, at the same rate or a fraction of it, divide one of so many
+    steps in two. The samples are read as one series of a higher rate.
     """
     steps = np.diff(stamps_ns).astype(float)
     if len(steps) < _LEAST_STEPS or np.any(steps[:2] <= 0.0):
         return
-    usual = float(np.median(steps[: len(steps) // 2 * 2].reshape(-1, 2).mean(axis=1)))
-    # Of neighbours and of next but one, as clocks that drift change the steps slowly.
-    near, next_one = (np.abs(steps[k:] - steps[:-k]) / usual for k in (1, 2))
-    if np.median(near) < _ALTERNATING or np.percentile(next_one, 90.0) > _ALTERNATING / 2.0:
+    count_ns = resolution_of(stamps_ns)
+    for times in range(1, _MOST_TIMES + 1):
+        pattern = _pattern(steps, times + 1)
+        if pattern is None or np.ptp(pattern) <= _COUNTS * count_ns:
+            continue
+        # The steps of the pattern, from those that a sample divides.
+        ahead = [np.roll(pattern, -first) for first in range(times + 1)]
+        regular = [np.array([steps[0] + steps[1], *steps[2:]]) for steps in ahead]
+        first = int(np.argmin([np.ptp(steps) for steps in regular]))
+        period = float(np.mean(regular[first]))
+        if np.ptp(regular[first]) > _ALTERNATING * period / 2.0:
+            continue
+        low, high = sorted(1e-6 * ahead[first][:2])
+        rates = f"each at {1e9 / period:.4g} Hz"
+        if times > 1:
+            rates = f"one at {1e9 / period:.4g} Hz, the other at {1e9 / (times * period):.4g} Hz"
+        text = (
+            f"the steps of the stamps alternate between {low:.3g} and {high:.3g} ms: two "
+            f"publishers send the joint, {rates}"
+        )
+        remedy = "let one publisher send it: `ros2 topic info -v` names them"
+        yield InputDefect("two_publishers", text, remedy)
         return
-    pairs = steps[: len(steps) // 2 * 2].reshape(-1, 2)
-    low, high = sorted(1e-6 * np.median(pairs, axis=0))
-    text = (
-        f"the steps of the stamps alternate between {low:.3g} and {high:.3g} ms: two publishers "
-        f"send the joint, each at {1e9 / (2.0 * usual):.4g} Hz"
-    )
-    remedy = "let one publisher send it: `ros2 topic info -v` names them"
-    yield InputDefect("two_publishers", text, remedy)
 
 
-def renewed_slowly(rate: Rate, published: Rate) -> InputDefect:
-    """Return that all sensor columns are renewed at a rate below the rate of the samples."""
-    times = round(rate.measured_period / published.measured_period)
+def _pattern(steps: NDArray[np.float64], length: int) -> NDArray[np.float64] | None:
+    """Return the steps that repeat after a number of steps, and not before, or None."""
+    whole = steps[: len(steps) // length * length].reshape(-1, length)
+    usual = float(np.median(whole.mean(axis=1)))
+    # Of neighbours and of the next in the pattern, as clocks that drift change the steps slowly.
+    near, again = (np.abs(steps[k:] - steps[:-k]) / usual for k in (1, length))
+    is_pattern = np.percentile(again, 90.0) <= _ALTERNATING / 2.0
+    if not is_pattern or np.percentile(near, 100.0 - 50.0 / length) < _ALTERNATING:
+        return None
+    pattern: NDArray[np.float64] = np.median(whole, axis=0)
+    return pattern
+
+
+def renewed_slowly(rate: Rate, times: float) -> InputDefect:
+    """Return that all sensor columns are renewed at a rate below the rate of the samples.
+
+    Each value is published some times.
+    """
     text = (
-        f"the values repeat {times} times: renewed at {1.0 / rate.period:.5g} Hz, published at "
-        f"{1.0 / published.period:.5g} Hz"
+        f"the values repeat {round(times)} times: renewed at {1.0 / rate.period:.5g} Hz, published "
+        f"at {times / rate.period:.4g} Hz"
     )
     remedy = f"the telemetry has {1.0 / rate.period:.5g} Hz, the rate at which values are renewed"
     return InputDefect("values_repeat", text, remedy, False, needs_action=False)

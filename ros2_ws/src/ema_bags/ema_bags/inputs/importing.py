@@ -22,6 +22,7 @@ from ema_bags.inputs.held import renewed_rows
 from ema_bags.inputs.impossible import ImpossibleSamples, limits_of
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.ordering import sorting_order
 from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import GaplessRun, Losses, Resampler
 from ema_bags.inputs.series import Series, join_topics
@@ -215,19 +216,27 @@ def import_series(
         place = f"topic {mapping.position.topic}" if mapping.position.topic else "the file"
         raise ValueError(f"{place} has {len(primary)} samples: expected at least 2")
     stamps, rebuilt = primary_stamps(primary, mapping)
+    order = sorting_order(stamps)
+    if order is not None:
+        stamps, by_topic = stamps[order], {**by_topic, mapping.position.topic: primary[order]}
     rate = find_rate(stamps, mapping.clock.rate_hz)
     if rebuilt == len(primary):
         # They are on a line, whose motion as it follows the clock is not jitter of the samples.
         rate = replace(rate, jitter=0.0)
     raw, notes = join_topics(by_topic, mapping, stamps), list(other_rate(rate, description))
-    doubled = [] if mapping.is_table or rebuilt else list(two_publishers(stamps))
+    doubled = [] if rebuilt else list(two_publishers(stamps))
     if (rows := renewed_rows(raw)) is not None:
-        rate, published = _renewed_rate(stamps[rows], rate, mapping), rate
+        times = len(stamps) / len(rows)
+        rate = _renewed_rate(stamps[rows], times, mapping)
         raw, stamps = {name: values[rows] for name, values in raw.items()}, stamps[rows]
-        notes = [renewed_slowly(rate, published)]
+        notes = [renewed_slowly(rate, times)]
+        # The values that the other publisher repeats are left out.
+        doubled = [replace(defect, is_error=False) for defect in doubled]
     if period is not None:
         rate, notes = replace(rate, period=period), []
     stream = SampleStream(mapping, description, rate)
+    if order is not None:
+        stream.losses.reordered = int(np.count_nonzero(order != np.arange(len(order))))
     stamps, columns, runs = stream.push_joined(raw, stamps, is_last=True)
     if not runs:
         raise ValueError(
@@ -260,13 +269,12 @@ def import_series(
     return Imported(mapping, stream, rate, columns, runs, rebuilt, defects, rises)
 
 
-def _renewed_rate(stamps_ns: NDArray[np.int64], published: Rate, mapping: Mapping) -> Rate:
-    """Return the rate of the samples at which values are renewed."""
+def _renewed_rate(stamps_ns: NDArray[np.int64], times: float, mapping: Mapping) -> Rate:
+    """Return the rate of the samples at which values are renewed, each published some times."""
     rate = find_rate(stamps_ns)
     if not mapping.clock.rate_hz:
         return rate
-    times = round(rate.measured_period / published.measured_period)
-    return replace(rate, period=times / mapping.clock.rate_hz)
+    return replace(rate, period=round(times) / mapping.clock.rate_hz)
 
 
 def uses_arrival(series: Series, mapping: Mapping) -> bool:

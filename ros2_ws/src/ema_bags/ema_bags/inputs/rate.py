@@ -85,7 +85,9 @@ def find_rate(stamps_ns: NDArray[np.int64], rate_hz: float = 0.0) -> Rate:
         reach *= 2
     measured = period * 1e-9
     nominal = 1.0 / rate_hz if rate_hz else _common_period(measured)
-    return Rate(nominal, measured, _jitter(stamps_ns, period) * 1e-9, _resolution(stamps_ns) * 1e-9)
+    return Rate(
+        nominal, measured, _jitter(stamps_ns, period) * 1e-9, resolution_of(stamps_ns) * 1e-9
+    )
 
 
 def _first_period(stamps_ns: NDArray[np.int64], steps: NDArray[np.float64]) -> float:
@@ -121,7 +123,7 @@ def _jitter(stamps_ns: NDArray[np.int64], period_ns: float) -> float:
     return float(np.median(1.4826 * np.median(np.abs(left), axis=1)))
 
 
-def _resolution(stamps_ns: NDArray[np.int64]) -> float:
+def resolution_of(stamps_ns: NDArray[np.int64]) -> float:
     """Return the step in which stamps are counted [ns]: a power of ten of nanoseconds."""
     offsets = stamps_ns - stamps_ns[0]
     resolution = 1

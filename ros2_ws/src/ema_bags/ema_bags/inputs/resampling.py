@@ -37,6 +37,8 @@ class Losses:
         Samples that no actuator can give, put on the line between their neighbours.
     wraps
         Times at which the register of an angle began again, and the angle was continued.
+    reordered
+        Samples that were sorted by their stamps.
     """
 
     samples: int = 0
@@ -50,6 +52,7 @@ class Losses:
     missing: int = 0
     impossible: int = 0
     wraps: int = 0
+    reordered: int = 0
 
     def __sub__(self, earlier: "Losses") -> "Losses":
         return Losses(

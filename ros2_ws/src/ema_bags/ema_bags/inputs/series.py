@@ -38,7 +38,7 @@ class Series:
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
-    def __getitem__(self, part: slice) -> Self:
+    def __getitem__(self, part: slice | NDArray[np.intp]) -> Self:
         values = {key: values[part] for key, values in self.values.items()}
         return type(self)(self.stamps_ns[part], self.arrivals_ns[part], values)
 
