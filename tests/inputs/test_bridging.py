@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
-from ema_bags.inputs.defects import not_finite, two_publishers
+from ema_bags.inputs.defects import not_finite
+from ema_bags.inputs.publishers import two_publishers
 from ema_core.acquisition import Acquisition
 from ema_core.telemetry import Telemetry
 from ema_monitor.windows.finder import Segment, WindowFinder

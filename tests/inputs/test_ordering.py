@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ema_bags.inputs.defects import two_publishers
 from ema_bags.inputs.importing import import_series
 from ema_bags.inputs.ordering import settled_samples, sorting_order
+from ema_bags.inputs.publishers import two_publishers
 from ema_bags.inputs.series import Series
 
 from .joint_motion import joint, moves

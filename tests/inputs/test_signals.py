@@ -5,7 +5,8 @@ import pytest
 
 from ema_bags.inputs.held import find_held, renewed_rows
 from ema_bags.inputs.importing import SampleStream, import_series
-from ema_bags.inputs.impossible import ImpossibleSamples, limits_of
+from ema_bags.inputs.impossible import ImpossibleSamples
+from ema_bags.inputs.limits import limits_of
 from ema_bags.inputs.rate import find_rate
 from ema_bags.inputs.series import Series
 from ema_bags.inputs.wrapping import Unwrapper

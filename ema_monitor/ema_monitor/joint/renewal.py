@@ -10,8 +10,8 @@ def renewed(telemetry: Telemetry) -> Telemetry:
     """Return a record with its position on the line between renewals, if it repeats each value.
 
     A position that repeats each value k times is late by (k - 1) / 2 samples, as if the tracking
-    had changed. Speed and effort that repeat their values beside the position are put on lines,
-    too, so that all columns keep the same time. Without renewal, the telemetry is unchanged.
+    had changed. If speed and effort repeat their values as well, they are put on lines, too: all
+    columns keep the same time. Without repetition, the telemetry is unchanged.
     """
     if held_samples(telemetry.position) < 2:
         return telemetry

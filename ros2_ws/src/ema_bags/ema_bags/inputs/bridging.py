@@ -14,7 +14,6 @@ from ema_bags.inputs.defects import (
     other_rate,
     refused,
     stream_defects,
-    two_publishers,
     withholding,
 )
 from ema_bags.inputs.importing import SampleStream, uses_arrival
@@ -22,6 +21,7 @@ from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.joint_states import JointColumns
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.ordering import settled_samples, sorting_order
+from ema_bags.inputs.publishers import two_publishers
 from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import Losses
 from ema_bags.inputs.series import Collector, Series
@@ -294,7 +294,7 @@ class Bridge:
         assert self.rate is not None
         if self._clock is not None:
             return len(self._settled)
-        primary = self._mapping.position.topic
+        primary = self.mapping.position.topic
         order = sorting_order(self._settled)
         if order is not None:
             self._settled = self._settled[order]

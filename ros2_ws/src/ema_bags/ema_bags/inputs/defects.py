@@ -12,7 +12,7 @@ from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.motion import ThinnedMotion
 from ema_bags.inputs.ordering import MOST_DISPLACED
-from ema_bags.inputs.rate import Rate, resolution_of
+from ema_bags.inputs.rate import Rate
 from ema_bags.inputs.resampling import Losses
 from ema_bags.inputs.wrong_columns import wrong_current, wrong_factors
 from ema_core.description import ActuatorDescription
@@ -25,9 +25,6 @@ _SAME_RATE: Final = 2e-3
 _SIMILAR_RATE: Final = 0.1
 _GAP: Final = 1.5
 _LEAST_STEPS: Final = 200
-_ALTERNATING: Final = 0.2
-_MOST_TIMES: Final = 4
-_COUNTS: Final = 1.5
 _JUMP: Final = 4.0
 _SUDDEN: Final = 20.0
 _CATCHES_UP: Final = 1.5
@@ -163,53 +160,6 @@ def other_rate(rate: Rate, description: ActuatorDescription) -> Iterator[InputDe
         yield InputDefect(
             "other_rate", text, "the rate of the samples is used", False, needs_action=False
         )
-
-
-def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
-    """Yield that stamps, ``(n,)`` [ns], are those of two publishers.
-
-    The samples of a second publisher, at the same rate or a fraction of it, divide one of so many
-    steps in two. The samples are read as one series of a higher rate.
-    """
-    steps = np.diff(stamps_ns).astype(float)
-    if len(steps) < _LEAST_STEPS or np.any(steps[:2] <= 0.0):
-        return
-    count_ns = resolution_of(stamps_ns)
-    for times in range(1, _MOST_TIMES + 1):
-        pattern = _pattern(steps, times + 1)
-        if pattern is None or np.ptp(pattern) <= _COUNTS * count_ns:
-            continue
-        # The steps of the pattern, from those that a sample divides.
-        ahead = [np.roll(pattern, -first) for first in range(times + 1)]
-        regular = [np.array([steps[0] + steps[1], *steps[2:]]) for steps in ahead]
-        first = int(np.argmin([np.ptp(steps) for steps in regular]))
-        period = float(np.mean(regular[first]))
-        if np.ptp(regular[first]) > _ALTERNATING * period / 2.0:
-            continue
-        low, high = sorted(1e-6 * ahead[first][:2])
-        rates = f"each at {1e9 / period:.4g} Hz"
-        if times > 1:
-            rates = f"one at {1e9 / period:.4g} Hz, the other at {1e9 / (times * period):.4g} Hz"
-        text = (
-            f"the steps of the stamps alternate between {low:.3g} and {high:.3g} ms: two "
-            f"publishers send the joint, {rates}"
-        )
-        remedy = "let one publisher send it: `ros2 topic info -v` names them"
-        yield InputDefect("two_publishers", text, remedy)
-        return
-
-
-def _pattern(steps: NDArray[np.float64], length: int) -> NDArray[np.float64] | None:
-    """Return the steps that repeat after a number of steps, and not before, or None."""
-    whole = steps[: len(steps) // length * length].reshape(-1, length)
-    usual = float(np.median(whole.mean(axis=1)))
-    # Of neighbours and of the next in the pattern, as clocks that drift change the steps slowly.
-    near, again = (np.abs(steps[k:] - steps[:-k]) / usual for k in (1, length))
-    is_pattern = np.percentile(again, 90.0) <= _ALTERNATING / 2.0
-    if not is_pattern or np.percentile(near, 100.0 - 50.0 / length) < _ALTERNATING:
-        return None
-    pattern: NDArray[np.float64] = np.median(whole, axis=0)
-    return pattern
 
 
 def renewed_slowly(rate: Rate, times: float) -> InputDefect:

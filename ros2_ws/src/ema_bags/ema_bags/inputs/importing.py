@@ -16,13 +16,14 @@ from ema_bags.inputs.defects import (
     other_rate,
     renewed_slowly,
     stream_defects,
-    two_publishers,
 )
 from ema_bags.inputs.held import renewed_rows
-from ema_bags.inputs.impossible import ImpossibleSamples, limits_of
+from ema_bags.inputs.impossible import ImpossibleSamples
 from ema_bags.inputs.input_defect import InputDefect
+from ema_bags.inputs.limits import limits_of
 from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.ordering import sorting_order
+from ema_bags.inputs.publishers import two_publishers
 from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import GaplessRun, Losses, Resampler
 from ema_bags.inputs.series import Series, join_topics

@@ -1,6 +1,5 @@
 """Samples that no actuator can give: messages that are all zero, values beyond any unit, spikes."""
 
-import math
 from collections.abc import Mapping as ByName
 from types import MappingProxyType
 from typing import Final, NamedTuple
@@ -9,18 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.excursions import FEWEST, MOST_IN_A_ROW, Excursions, Pace, find_excursions
-from ema_bags.inputs.mapping import AngleSource, Mapping, SpeedSource
-from ema_core.description import ActuatorDescription
-from ema_core.parameters import ActuatorParameters
-from ema_core.units import CURRENTS, LINEAR, UNITS
+from ema_bags.inputs.mapping import Mapping
 
 _ABSURD: Final = 1e15
 _MOST_ZEROS: Final = 200
 _MOST_WAITING: Final = 200
 _REMEMBERED: Final = 1000
 _STEPS: Final = 10.0
-_TOP_SPEEDS: Final = 2.0
-_LIMITS: Final = 3.0
 _SENSORS: Final = ("position", "speed", "current")
 _COMMANDS: Final = ("command", "error")
 
@@ -257,40 +251,6 @@ class ImpossibleSamples:
             if end - start > MOST_IN_A_ROW:
                 beyond[start:end] = False
         return beyond
-
-
-def limits_of(
-    mapping: Mapping, description: ActuatorDescription, period: float
-) -> dict[str, float]:
-    """Return the limits that no motor of a description exceeds, for ``ImpossibleSamples``.
-
-    Parameters
-    ----------
-    period
-        Sample period [s].
-    """
-    if description.drive == "unknown":
-        return {}
-    parameters = description.parameters
-    top = parameters.top_speed
-    limits: dict[str, float] = {}
-    angle = _size(mapping.position, parameters)
-    if angle:
-        limits["position"] = _TOP_SPEEDS * top * period / angle
-    if mapping.speed and not mapping.speed.encoding and (size := _size(mapping.speed, parameters)):
-        limits["speed"] = _LIMITS * top / size
-    current = mapping.measured_current
-    if current and not current.encoding and current.unit in CURRENTS:
-        limits["current"] = _LIMITS * parameters.I_max / (abs(current.scale) * UNITS[current.unit])
-    return limits
-
-
-def _size(source: AngleSource | SpeedSource, parameters: ActuatorParameters) -> float:
-    """Return the angle or speed of the motor for 1 of a source [rad, rad/s]; 0 if unknown."""
-    size = abs(source.scale) * UNITS[source.unit]
-    if source.unit in LINEAR:
-        size *= 2.0 * math.pi / lead if (lead := source.lead or parameters.lead) else 0.0
-    return size if source.shaft == "motor" else size / parameters.tau
 
 
 def _runs(chosen: NDArray[np.bool_]) -> list[tuple[int, int]]:
