@@ -236,8 +236,8 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
     moving = steps[rows]
     if len(moving) < _LEAST_STEPS:
         return
-    changes = np.abs(np.diff(moving))
-    padded = np.concatenate([np.zeros(_BESIDE + 1), changes, np.full(_BESIDE + 1, np.inf)])
+    changes = np.abs(np.diff(moving, prepend=0.0))
+    padded = np.concatenate([np.zeros(_BESIDE), changes, np.full(_BESIDE + 1, np.inf)])
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 2)
     # Of each step: the changes before it and after it are in the middle.
     into, out = around[:, _BESIDE], around[:, _BESIDE + 1]
@@ -245,11 +245,11 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
     sizes = np.abs(moving)
     far = max(_JUMP * float(np.percentile(sizes, 99.5)), _JUMP_OF_RANGE * float(np.ptp(position)))
     sudden = _SUDDEN * np.maximum(beside, float(np.percentile(changes, 95.0)))
-    # After values that repeat, a step catches up with the motion.
+    # After values that repeat within a motion, a step catches up with it.
     repeated = np.diff(rows, prepend=-1)
     padded = np.pad(sizes, _BESIDE)
     speeds = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
-    speed = np.max(np.delete(speeds, _BESIDE, axis=1), axis=1)
+    speed = np.minimum(np.max(speeds[:, :_BESIDE], axis=1), np.max(speeds[:, -_BESIDE:], axis=1))
     is_late = (repeated > 1) & (sizes < _CATCHES_UP * repeated * speed)
     is_jump = (sizes > far) & (np.minimum(into, out) > sudden) & ~is_late
     # The step before the first rows is unknown.
