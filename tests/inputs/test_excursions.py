@@ -105,7 +105,7 @@ def test_corrupt_command_is_bridged_and_the_sensors_stay(mapped, size, length):
 
 def test_set_points_that_step_are_not_bridged(mapped):
     columns, stamps = moves()
-    columns["command"] = 0.4 * (np.arange(len(stamps)) // 170 % 3)
+    columns["command"] = np.array([0.0, 0.4, 0.8])[np.arange(len(stamps)) // 170 % 3]
     got = imported(mapped(), columns, stamps, 200.0)
     np.testing.assert_array_equal(got.columns["command"], columns["command"])
     assert got.stream.losses.impossible == 0
