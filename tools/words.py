@@ -58,7 +58,7 @@ UNTREATED: Final = (
     *("ema_archive/", "ema_study/", "ros2_ws/src/ema_bags/ema_bags/inputs/"),
     *(
         f"ema_monitor/ema_monitor/{name}"
-        for name in ("identification", "prognosis", "health.py", "reports.py", "unit.py")
+        for name in ("prognosis", "health.py", "reports.py", "unit.py")
     ),
 )
 """Paths whose docstrings, comments and names are still to be revised."""

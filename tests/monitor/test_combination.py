@@ -91,7 +91,7 @@ def second(stretches, objectives, known) -> Objective:
     """The second stretch, with what is known of the first."""
     calibration = Calibration.builtin().of_any_motion()
     causes = objectives[1].hidden_causes
-    return Objective(stretches[1], calibration, causes=causes, known=known)
+    return Objective(stretches[1], calibration, causes=causes, knowledge=known)
 
 
 def test_residuals_are_those_of_the_stretch_and_the_distance_from_what_is_known(
@@ -125,7 +125,7 @@ def test_what_is_not_known_of_the_unit_does_not_average_out(stretches):
     at = alone.linearise(point)
     shifts = -shifts_of(at.jacobian, alone.unit_effects(point))[:N_FAULTS]
     known = known_of(alone, point)._replace(shifts=shifts)
-    again = Objective(stretch, calibration, causes=causes, known=known)
+    again = Objective(stretch, calibration, causes=causes, knowledge=known)
     both = again.linearise(point)
     combined_shifts = -shifts_of(both.jacobian, again.unit_effects(point))[:N_FAULTS]
     # The ridge of the normal matrix is seen where a direction hardly shows.
@@ -303,6 +303,6 @@ def test_a_population_searches_in_the_coordinates_in_which_faults_are_known_alre
         calibration,
         SearchSettings(algorithm="pso"),
         previous=faults,
-        known=known,
+        knowledge=known,
     )
     assert next(run.run()).fitness <= at_start @ at_start * (1.0 + 1e-9)

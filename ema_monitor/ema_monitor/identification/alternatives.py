@@ -11,13 +11,15 @@ Part = tuple[str, ...]
 
 
 class Alternative(NamedTuple):
-    """A part of an explanation, and a part that explains the window as well in its place."""
+    """A part of an explanation and a replacement that explains the window equally well."""
 
     part: Part
+    """Part of the explanation."""
     stand_in: Part
+    """Replacement of the part."""
 
     def as_record(self) -> dict[str, list[str]]:
-        """Return the names as JSON holds them."""
+        """Return the names as plain values for JSON."""
         return {name: list(part) for name, part in self._asdict().items()}
 
 
@@ -27,7 +29,7 @@ def names_of(alternatives: Iterable[Alternative]) -> frozenset[str]:
 
 
 def faults_of(parts: Iterable[Part]) -> list[int]:
-    """Return the numbers of the faults among parts; a hidden cause has none."""
+    """Return the indices of the faults in some parts, without hidden causes."""
     names = {name for part in parts for name in part}
     return [number for number, name in enumerate(FAULT_NAMES) if name in names]
 
@@ -38,7 +40,7 @@ def alternative_of(record: Any) -> Alternative:
     Raises
     ------
     ValueError, KeyError
-        When a name is of no fault and no hidden cause, or there are not two parts.
+        If a name is neither a fault nor a hidden cause, or there are not two parts.
     """
     pair = record
     if isinstance(record, dict):

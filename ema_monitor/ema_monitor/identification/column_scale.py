@@ -1,7 +1,7 @@
-"""Columns of a window that are off by a factor: in another unit than stated, or of another sign.
+"""Detection of columns that are wrong by a factor, such as a wrong unit or sign.
 
-This shows in three relations: the position follows its command, the speed is the derivative of the
-position, and the current accelerates the known inertia. No fault changes one of these by a factor.
+Three relations show a wrong factor: the position follows its command, the speed is the derivative
+of the position, and the current accelerates the known inertia. No fault scales any of these.
 """
 
 from collections.abc import Iterable
@@ -26,7 +26,10 @@ _ALIKE: Final = 0.7
 
 
 def mistaken_amplitude(causes: Iterable[CauseEstimate]) -> ColumnError | None:
-    """Return the error of a current whose gain among the causes is that of a peak and an RMS."""
+    """Return the error of a current recorded as RMS instead of peak or vice versa; None if neither.
+
+    The gain of the current among the hidden causes shows the error.
+    """
     for cause in causes:
         if cause.name != "current_gain":
             continue
@@ -38,7 +41,7 @@ def mistaken_amplitude(causes: Iterable[CauseEstimate]) -> ColumnError | None:
 
 
 def wrong_scale(window: Window, parameters: ActuatorParameters) -> ColumnError | None:
-    """Return the column of a window that is off by a factor; None when none plainly is."""
+    """Return the column of a window that is clearly wrong by a factor; None if none is."""
     tau = parameters.tau
     t, h = window.telemetry, window.sample_period
     count = max(3, round(_SMOOTH_S / h))
@@ -50,7 +53,7 @@ def wrong_scale(window: Window, parameters: ActuatorParameters) -> ColumnError |
         for column in (t.command, t.position, t.speed, t.current)
     )
     moves = np.gradient(position, h) / tau
-    # What the speed is, over the change of the position.
+    # Measured speed over the derivative of the position.
     speed_scale = _slope(moves, speed)
     tracking = _slope(command - command.mean(), position - position.mean())
     if speed_scale is None or tracking is None:
@@ -61,7 +64,7 @@ def wrong_scale(window: Window, parameters: ActuatorParameters) -> ColumnError |
         follows = not _is_off(tracking, _LEAST_TRACKING)
         if not follows:
             return ColumnError.of(("position",), 1.0 / speed_scale, Reference.SPEED, tau)
-        # A wrong speed makes the inertia another one, by the inverse factor.
+        # A wrong speed scales the apparent inertia by the inverse factor.
         if pull is not None and abs(pull / inertia * speed_scale - 1.0) < _ROUGH:
             return ColumnError.of(("speed",), speed_scale, Reference.POSITION, tau)
         return ColumnError.of(
@@ -79,23 +82,23 @@ def _is_off(factor: float, least: float) -> bool:
 
 
 def _slope(x: Array, y: Array) -> float | None:
-    """Return how many times ``x`` is in ``y``; None where they are no multiples of each other."""
+    """Return the factor from ``x`` to ``y``; None if they are not proportional."""
     xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
     return xy / xx if xy**2 > _ALIKE * xx * yy > 0.0 else None
 
 
 def _inertia_of(speed: Array, current: Array, position: Array, h: float) -> float | None:
-    """Return the current that an acceleration takes [A.s^2]; None when that is not determined."""
+    """Return the current per acceleration [A.s^2/rad]; None if it is not determined."""
     rows = np.stack(
         [np.gradient(speed, h), speed, np.tanh(speed / _KNEE), position, np.ones_like(speed)], 1
     )
     scale = np.maximum(np.abs(rows).max(axis=0), 1e-300)
     rows = rows / scale
-    found, *_ = np.linalg.lstsq(rows, current, rcond=None)
-    left = current - rows @ found
-    # Neighbours are alike: as if one in ten were a reading of its own.
+    coefficients, *_ = np.linalg.lstsq(rows, current, rcond=None)
+    left = current - rows @ coefficients
+    # Neighbouring samples are correlated: about one in ten is independent.
     variance = 10.0 * float(left @ left) / max(len(left) - rows.shape[1], 1)
     covariance = variance * np.linalg.pinv(rows.T @ rows)
-    if np.sqrt(covariance[0, 0]) > _SURE * abs(found[0]):
+    if np.sqrt(covariance[0, 0]) > _SURE * abs(coefficients[0]):
         return None
-    return float(found[0] / scale[0])
+    return float(coefficients[0] / scale[0])

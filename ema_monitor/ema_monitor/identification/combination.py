@@ -1,4 +1,4 @@
-"""Stretches of ordinary motion, combined until the faults are known well enough (M29)."""
+"""Combination of stretches of ordinary motion until the faults are accurate enough (M29)."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -27,10 +27,10 @@ from ema_monitor.reasons import MotionDisagrees, MotionEnded, Reason
 from ema_monitor.windows.window import Window
 
 WORTHWHILE: Final = 0.97
-"""What a stretch must lower the standard deviation of a fault to at least, of that before [-]."""
+"""Ratio of a fault's standard deviations after and before a stretch that is worth a search [-]."""
 
 MOST_SURPRISE: Final = 60.0
-"""Squared distance from what is known beyond which a stretch does not belong to it [-]."""
+"""Largest squared distance of a stretch from the knowledge that it is combined with [-]."""
 
 _RANGE: Final = np.diag((SPANS / UNOBSERVABLE_SIGMA) ** 2)
 _UNFIT: Final = 2.0
@@ -38,32 +38,33 @@ _REACHED: Final = 1.2
 
 
 class Combination(Combining):
-    """Combines stretches of one actuator's motion to estimates of its faults.
+    """Combination of stretches of an actuator's motion to estimates of its faults.
 
-    What a stretch tells of the faults is a prior of the next one. An estimate is made when every
-    fault has the wanted standard deviation, or as good a one as further motion can give; or when
-    the limit of number or time is reached: faults that are not known well enough are then flagged
-    as unobservable. Then a new combination begins, so that successive estimates are independent.
+    The result of a stretch is the prior of the next stretch. The combination is complete when every
+    fault has the wanted standard deviation, or the best that further motion can give, or when the
+    limit of number or time is reached. Faults that are not accurate enough are then flagged as
+    unobservable. A new combination begins after each estimate, so that successive estimates are
+    independent.
 
     Parameters
     ----------
     description
-        The actuator.
+        Description of the actuator.
     calibration
-        Calibration of its model, or why there is none.
+        Calibration of its model, or the reason why there is none.
     search
-        How to identify.
+        Settings of the search.
     settings
-        Until when stretches are combined.
+        Settings of the combination.
     previous
         Faults at which the first search begins, ``(8,)``; None for a healthy actuator.
     force
-        As of ``ModelIdentification``.
+        Whether to identify with a calibration that does not belong to the actuator.
 
     Raises
     ------
     ValueError
-        When the settings of the search know no noise to weigh stretches by.
+        If the fitness of the search is not the default, which alone models the noise.
     """
 
     def __init__(
@@ -98,77 +99,77 @@ class Combination(Combining):
         if self._is_paused(stretch) and not self._is_defective(stretch):
             self.tally = self.tally.plus(skipped=1)
             return
-        self._looked_at += 1
+        self._examined += 1
         if not isinstance(self._calibration, str) and not self._is_worthwhile(
             stretch, self._calibration
         ):
             self.tally = self.tally.plus(skipped=1)
             return
-        found = yield from self._identify(stretch, self._known)
-        if self._parts and not (_is_valid(found) and found.surprise <= MOST_SURPRISE):
-            alone = yield from self._identify(stretch, self._nothing)
+        finding = yield from self._identify(stretch, self._knowledge)
+        if self._parts and not (_is_valid(finding) and finding.surprise <= MOST_SURPRISE):
+            alone = yield from self._identify(stretch, self._initial)
             if _is_valid(alone):
                 preview = self._preview
                 yield from self._conclude(MotionDisagrees())
-                found, self._preview = alone, preview
-        if _is_valid(found):
-            yield from self._accept(found)
+                finding, self._preview = alone, preview
+        if _is_valid(finding):
+            yield from self._accept(finding)
         else:
-            refused = self._signed(found.estimate)
-            yield from self._count_refused(refused, is_known=found.knowledge is not None)
+            refused = self._signed(finding.estimate)
+            yield from self._count_refused(refused, is_identified=finding.knowledge is not None)
 
     def finish(self) -> list[Estimate]:
-        """End the motion; return the estimate of what was combined so far, if there is one."""
+        """End the motion; return the estimate of the stretches combined so far, if it exists."""
         return self._conclude(MotionEnded())
 
     def _begin(self) -> None:
         self._parts: list[Finding] = []
         self._motions: list[StretchMotion] = []
-        self._looked_at = 0
-        self._known = self._nothing
+        self._examined = 0
+        self._knowledge = self._initial
         self._preview: Preview | None = None
 
     def _is_complete(self, stretch: Window) -> bool:
         """Return whether the limit of number or time is reached before a stretch."""
         if not self._parts:
             return False
-        first_ns, last_ns = (one.estimate.start_ns for one in (self._parts[0], self._parts[-1]))
-        return self._reaches_limit(stretch, self._looked_at, first_ns, last_ns)
+        first_ns, last_ns = (self._parts[i].estimate.start_ns for i in (0, -1))
+        return self._reaches_limit(stretch, self._examined, first_ns, last_ns)
 
     def _is_worthwhile(self, stretch: Window, calibration: Calibration) -> bool:
         """Return whether a stretch is worth a search.
 
-        It is if it lowers a standard deviation that is larger than wanted, if what is known does
-        not explain it, or to be refused with its reason.
+        It is if it lowers a standard deviation that is larger than wanted, if the faults so far do
+        not explain it, or if the search would refuse it with a reason.
         """
         self._preview = None
         if calibration.shape_mismatch(stretch) or stretch.excitation_defect():
             return True
         if self._is_defective(stretch):
             return True
-        self._preview = preview = Preview.of(stretch, calibration, self._known, self._start)
-        if self._parts and preview.misfit > _UNFIT * self._known.misfit:
+        self._preview = preview = Preview.of(stretch, calibration, self._knowledge, self._start)
+        if self._parts and preview.misfit > _UNFIT * self._knowledge.misfit:
             return True
-        if any(preview.motion.repeats(one) for one in self._motions):
+        if any(preview.motion.repeats(motion) for motion in self._motions):
             return False
-        return self._lowers(self._known, preview.gained)
+        return self._lowers(self._knowledge, preview.gained)
 
     def _is_defective(self, stretch: Window) -> bool:
-        """Return whether drive or shaft has a defect that must be named."""
+        """Return whether drive or shaft has a defect to report."""
         return drive_defect(stretch, self._description.parameters) is not None
 
-    def _lowers(self, known: Knowledge, gained: Array) -> bool:
+    def _lowers(self, knowledge: Knowledge, gained: Array) -> bool:
         """Return whether information lowers a standard deviation that is larger than wanted."""
-        before = _RANGE + known.gained
+        before = _RANGE + knowledge.gained
         left = np.sqrt(np.diag(np.linalg.inv(before + gained)) / np.diag(np.linalg.inv(before)))
-        sigma, common = known.sigma, known.systematic_sigma
+        sigma, common = knowledge.sigma, knowledge.systematic_sigma
         after = np.hypot(left * np.sqrt(sigma**2 - common**2), common)
         wanted = sigma > self._settings.wanted_sigma
         return bool(np.any(wanted & (after < WORTHWHILE * sigma)))
 
     @property
-    def _nothing(self) -> Knowledge:
-        """What is known of the faults where nothing is: they are about those before."""
+    def _initial(self) -> Knowledge:
+        """Knowledge before the first stretch: the ranges of the faults, about the previous ones."""
         return Knowledge.of_range(PLAIN.encode(self._previous))
 
     @property
@@ -176,7 +177,7 @@ class Combination(Combining):
         """Faults at which the next search begins, ``(8,)``."""
         return np.array(self._parts[-1].estimate.faults) if self._parts else self._previous
 
-    def _identify(self, stretch: Window, known: Knowledge) -> Search:
+    def _identify(self, stretch: Window, knowledge: Knowledge) -> Search:
         return ModelIdentification(
             stretch,
             self._description,
@@ -184,38 +185,38 @@ class Combination(Combining):
             self._search,
             force=self._force,
             previous=self._start,
-            known=known,
+            knowledge=knowledge,
             load=self._preview.load if self._preview else None,
         ).run()
 
-    def _accept(self, found: Finding) -> list[Estimate]:
-        known = found.knowledge or self._nothing
+    def _accept(self, finding: Finding) -> list[Estimate]:
+        knowledge = finding.knowledge or self._initial
         self._refused_in_a_row = 0
         if not self._parts:
-            self._looked_at = 1  # those refused before it are none of this estimate
+            self._examined = 1  # stretches refused before the first one do not count
         self.tally = self.tally.plus(combined=1)
-        self._known = known
-        self._parts.append(found)
+        self._knowledge = knowledge
+        self._parts.append(finding)
         if self._preview is not None:
             self._motions.append(self._preview.motion)
-        # As well as wanted, or as further motion can tell.
-        enough = np.maximum(self._settings.wanted_sigma, _REACHED * known.systematic_sigma)
-        return self._conclude() if np.all(known.sigma <= enough) else []
+        # Further motion does not lower the systematic part.
+        enough = np.maximum(self._settings.wanted_sigma, _REACHED * knowledge.systematic_sigma)
+        return self._conclude() if np.all(knowledge.sigma <= enough) else []
 
     def _conclude(self, ending: Reason | None = None) -> list[Estimate]:
-        """Return the estimate of what was combined, and begin anew."""
-        parts, known = self._parts, self._known
+        """Return the estimate of the combined stretches, and begin a new combination."""
+        parts, knowledge = self._parts, self._knowledge
         if parts:
             self._previous = np.array(parts[-1].estimate.faults)
         self._begin()
         if not parts:
             return []
-        combined = combined_estimate(parts, known, self._settings.wanted_sigma, ending)
+        combined = combined_estimate(parts, knowledge, self._settings.wanted_sigma, ending)
         return self._concluded(combined and self._signed(combined))
 
     def _signed(self, estimate: Estimate) -> Estimate:
         return replace(estimate, calibration_id=self._calibration_id)
 
 
-def _is_valid(found: Finding) -> bool:
-    return found.estimate.valid and found.knowledge is not None
+def _is_valid(finding: Finding) -> bool:
+    return finding.estimate.valid and finding.knowledge is not None

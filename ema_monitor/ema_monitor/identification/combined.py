@@ -1,7 +1,7 @@
-"""From the stretches of ordinary motion to the one estimate of all of them (M29).
+"""Combined estimate of several stretches of ordinary motion (M29).
 
-The last stretch has the faults, and what is known of them after all stretches. Everything else in
-an estimate is of one stretch alone, and is put together here.
+The estimate of the last stretch contains the faults and their covariance after all stretches. All
+other fields of an estimate refer to a single stretch, and are combined here.
 """
 
 from collections import Counter
@@ -24,37 +24,40 @@ from ema_monitor.reasons import CauseFound, Contradicted, FaultsNotShown, Reason
 
 
 def combined_estimate(
-    parts: Sequence[Finding], known: Knowledge, wanted_sigma: float, ending: Reason | None = None
+    parts: Sequence[Finding],
+    knowledge: Knowledge,
+    wanted_sigma: float,
+    ending: Reason | None = None,
 ) -> Estimate | None:
-    """Return the one estimate of several stretches; None when they show no fault as wanted.
+    """Return the estimate of several stretches; None if no fault reaches the wanted accuracy.
 
     Parameters
     ----------
     parts
-        What was found in the stretches, in their order, at least one.
-    known
-        What is known of the faults after them.
+        Findings of the stretches in their order, at least one.
+    knowledge
+        Knowledge of the faults after the last stretch.
     wanted_sigma
-        Standard deviation from which on a fault counts as not shown.
+        Standard deviation above which a fault counts as not shown.
     ending
-        Why there are no more of them; None for no reason to mention.
+        Reason why no further stretches follow, if it is worth mentioning.
     """
     last = parts[-1].estimate
     estimates = [part.estimate for part in parts]
-    # They are of about the same length.
-    misfit = Misfit(np.mean([one.misfit.powers for one in parts if one.misfit], axis=0))
-    found = _most_significant([one.causes for one in estimates])
+    # The stretches are of similar length, so that they have equal weights.
+    misfit = Misfit(np.mean([part.misfit.powers for part in parts if part.misfit], axis=0))
+    causes = [estimate.causes for estimate in estimates]
     kept = np.array(last.faults) != healthy_faults()
     kept[PLANE] = np.any(kept[PLANE])
-    alternatives = _not_told_apart(estimates, kept)
+    alternatives = _not_separated(estimates, kept)
     faults = np.array(last.faults)
     scale = widening(assumed_goodness(faults, misfit.goodness))
     scale = max(1.0, scale / widening(assumed_goodness(faults, last.goodness_of_fit)))
     covariance, unknown = _with_confusions(
         last, scale**2 * last.covariance, estimates, alternatives
     )
-    unknown |= known.sigma > wanted_sigma
-    unknown[PLANE] |= np.any(known.sigma[PLANE] > wanted_sigma)
+    unknown |= knowledge.sigma > wanted_sigma
+    unknown[PLANE] |= np.any(knowledge.sigma[PLANE] > wanted_sigma)
     with np.errstate(invalid="ignore"):
         confused = faults_of(part for pair in alternatives for part in pair)
         unknown[confused] |= np.sqrt(np.diag(covariance))[confused] > wanted_sigma
@@ -74,7 +77,7 @@ def combined_estimate(
         FaultsNotShown(hidden) if hidden else None,
         *_contradictions(parts),
         *_counted([part.caveats for part in parts]),
-        *_causes_found([one.causes for one in estimates]),
+        *_causes_found(causes),
     ]
     verdict = judged(
         "motion",
@@ -93,39 +96,39 @@ def combined_estimate(
         unobservable=unknown,
         quantiles=quantiles,
         play_offset=estimates[0].play_offset,
-        fitness=sum(one.fitness for one in estimates),
+        fitness=sum(estimate.fitness for estimate in estimates),
         goodness_of_fit=misfit.goodness,
         unexplained_share=misfit.share,
-        excitation=max(one.excitation for one in estimates),
-        evaluations=sum(one.evaluations for one in estimates),
-        computing_time=sum(one.computing_time for one in estimates),
+        excitation=max(estimate.excitation for estimate in estimates),
+        evaluations=sum(estimate.evaluations for estimate in estimates),
+        computing_time=sum(estimate.computing_time for estimate in estimates),
         warm_start=estimates[0].warm_start,
-        causes=found,
-        measured=_most_significant([one.measured for one in estimates]),
+        causes=_most_significant(causes),
+        measured=_most_significant([estimate.measured for estimate in estimates]),
         alternatives=alternatives,
         **verdict,
     )
 
 
 def _by_name(of_stretches: Iterable[Iterable[CauseEstimate]]) -> dict[str, list[CauseEstimate]]:
-    """Return causes of stretches by name, in the order in which they came up."""
+    """Return the causes of stretches by name, in the order of their first occurrence."""
     by_name: dict[str, list[CauseEstimate]] = {}
     for causes in of_stretches:
-        for one in causes:
-            by_name.setdefault(one.name, []).append(one)
+        for cause in causes:
+            by_name.setdefault(cause.name, []).append(cause)
     return by_name
 
 
 def _most_significant(of_stretches: Iterable[Iterable[CauseEstimate]]) -> tuple[CauseEstimate, ...]:
-    """Return each cause as the stretch has it in which it differs most from nothing."""
+    """Return each cause from the stretch in which it is most significant."""
     by_name = _by_name(of_stretches)
     return tuple(
-        max(found, key=lambda one: abs(one.value) / one.sigma) for found in by_name.values()
+        max(causes, key=lambda cause: abs(cause.value) / cause.sigma) for causes in by_name.values()
     )
 
 
 def _causes_found(of_stretches: Sequence[Iterable[CauseEstimate]]) -> list[Reason]:
-    """Return each cause with its range, and in how many of the stretches it took part."""
+    """Return each cause with its range and the number of stretches that it is part of."""
     reasons: list[Reason] = []
     for causes in _by_name(of_stretches).values():
         [most] = _most_significant([causes])
@@ -138,7 +141,7 @@ def _causes_found(of_stretches: Sequence[Iterable[CauseEstimate]]) -> list[Reaso
 
 
 def _contradictions(parts: Sequence[Finding]) -> list[Reason]:
-    """Return which measured causes were not used, and in how many of the stretches."""
+    """Return the measured causes that were not used, with the number of their stretches."""
     by_name = _by_name(part.contradicted for part in parts)
     return [
         Contradicted(
@@ -152,7 +155,7 @@ def _contradictions(parts: Sequence[Finding]) -> list[Reason]:
 
 
 def _counted(of_stretches: Sequence[Sequence[Reason]]) -> list[Reason]:
-    """Return reasons of stretches, each once, and in how many of them it holds unless in all."""
+    """Return each reason of the stretches once, with their number unless all have it."""
     numbers = Counter(reason for reasons in of_stretches for reason in dict.fromkeys(reasons))
     total = len(of_stretches)
     return [
@@ -161,22 +164,21 @@ def _counted(of_stretches: Sequence[Sequence[Reason]]) -> list[Reason]:
     ]
 
 
-def _not_told_apart(estimates: Sequence[Estimate], kept: Flags) -> tuple[Alternative, ...]:
-    """Return the pairs that the stretches cannot be said to have told apart.
+def _not_separated(estimates: Sequence[Estimate], kept: Flags) -> tuple[Alternative, ...]:
+    """Return the pairs that the stretches together do not separate.
 
-    A later stretch that names no alternative has not told them apart: what was known before it
-    weighs more in it than what it shows itself, and a cause may last as long as the faults do. A
-    pair is none any more when its faults are not ``kept``, they have proved healthy, and its causes
-    were rarely there.
+    A later stretch without an alternative does not separate the pair: it depends more on the
+    knowledge before it than on its own samples, and a cause may last as long as the faults. A pair
+    is dropped if its faults are not ``kept``, as they proved healthy, and its causes were rare.
     """
-    by_name = _by_name(one.causes for one in estimates)
-    lasting = {name for name, found in by_name.items() if 2 * len(found) > len(estimates)}
+    by_name = _by_name(estimate.causes for estimate in estimates)
+    lasting = {name for name, causes in by_name.items() if 2 * len(causes) > len(estimates)}
 
     def remains(part: Part) -> bool:
         faults = faults_of([part])
         return lasting.issuperset(part) or bool(faults and np.all(kept[faults]))
 
-    pairs = dict.fromkeys(pair for one in estimates for pair in one.alternatives)
+    pairs = dict.fromkeys(pair for estimate in estimates for pair in estimate.alternatives)
     return tuple(pair for pair in pairs if any(map(remains, pair)))
 
 
@@ -186,17 +188,22 @@ def _with_confusions(
     estimates: Iterable[Estimate],
     alternatives: Iterable[Alternative],
 ) -> tuple[Array, Flags]:
-    """Return a covariance that knows a fault no better than the stretches did one by one.
+    """Return the covariance without averaging over faults that were not separated.
 
-    That holds for those that they did not tell from something else: it does not average out. The
-    best of these stretches counts. The flags are those of components that none of them knew.
+    A confusion with an alternative does not average out: the variance of such a fault is at least
+    the least variance of the confused stretches. Also returns flags of the components that are
+    unobservable in all of them.
     """
     best = np.diag(covariance).copy()
     unknown = last.unobservable.copy()
     for pair in alternatives:
         confused = faults_of(pair)
         stated = np.array(
-            [np.diag(one.covariance)[confused] for one in estimates if pair in one.alternatives]
+            [
+                np.diag(estimate.covariance)[confused]
+                for estimate in estimates
+                if pair in estimate.alternatives
+            ]
         )
         least = np.min(np.where(np.isnan(stated), np.inf, stated), axis=0, initial=np.inf)
         best[confused] = np.fmax(best[confused], least)

@@ -1,4 +1,4 @@
-"""Defects of drive or shaft: beside one no fault can be estimated, so the defect alone is named."""
+"""Detection of defects of drive, shaft or sensors that prevent an estimate of faults."""
 
 from typing import Final
 
@@ -10,20 +10,20 @@ from ema_monitor.windows.window import Window
 
 _MOVES: Final = 10
 _STANDSTILL: Final = 1e-3
-# Of a window: it is enough that the defect comes up in it.
+# Share of the window: the defect may occur within it.
 _STANDING: Final = 0.1
 _AT_LIMIT: Final = 0.8
 _FLOWS: Final = 0.5
 
 
 def drive_defect(window: Window, parameters: ActuatorParameters) -> Reason | None:
-    """Return which defect of drive or shaft a window shows; None when it shows none.
+    """Return the defect of drive, shaft or sensor that a window shows; None without a defect.
 
-    A column that does not change while the motor moves is that of a dead sensor. Else the motor
-    stands still for a tenth of the window although position and speed loop want nearly
-    the current limit (M1), even at half their gain. Where that current flows the shaft is blocked;
-    where it does not, a phase is open or a switch dead; where the current is not measured, it is
-    any of these. A speed loop with other than a proportional gain is not judged.
+    A column that does not change while the motor moves indicates a dead sensor. A defect of drive
+    or shaft is present if the motor stands still for 10 % of the window although position and speed
+    loop demand nearly the current limit (M1), even at half their gain. If the current flows, the
+    shaft is blocked. If it does not flow, a phase is open or a switch dead. If it is not measured,
+    the defect is one of these. A speed loop with integral or derivative gain is not judged.
     """
     p, t = parameters, window.telemetry
     if dead := _dead_sensor(window):
@@ -46,13 +46,13 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> Reason | Non
 
 
 def _dead_sensor(window: Window) -> DeadSensor | None:
-    """Return which column does not change at all, although others show that the motor moves."""
+    """Return the column that is constant although other columns show that the motor moves."""
     t = window.telemetry
     columns = {"current": t.current, "speed": t.speed, "position": t.position}
     still = [name for name, column in columns.items() if len(column) and not np.ptp(column)]
     if len(still) != 1:
         return None
-    # A column of few values may be that of a motor that hardly moves.
+    # Few distinct values may come from a motor that hardly moves.
     moves = [
         name
         for name, column in columns.items()

@@ -1,4 +1,4 @@
-"""The estimate of the faults in a window, or the refusal of one; as plain values for JSON, too."""
+"""Estimate of the faults in a window, or its refusal, and its plain values for JSON."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -24,17 +24,17 @@ from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 INVERSE_DYNAMICS: Final = "inverse_dynamics"
-"""Algorithm of the estimates that rest on the comparison of a record with its baseline."""
+"""Algorithm of estimates from the comparison of a record with its baseline."""
 
 VERDICTS: Final = ("valid", "degraded", "refused", "failed", "skipped", "departed")
-"""Verdicts, in the order of their numbers in ``ema_interfaces/msg/FaultEstimate``."""
+"""Verdicts in the order of their numbers in ``ema_interfaces/msg/FaultEstimate``."""
 
 VALID, DEGRADED, REFUSED, FAILED, SKIPPED, DEPARTED = VERDICTS
 
 _UNKNOWN: Final = FaultVector.of(np.full(N_FAULTS, math.nan))
 _FLAGS: Final = ("unobservable", "insignificant")
 _CAUSES: Final = ("causes", "measured")
-# Fields that records of earlier versions do not have.
+# Fields that records of earlier versions may lack.
 _LATER: Final = ("lacks_calibration", "parts", "comparison", "reasons")
 _SHAPES: Final = {
     "covariance": (N_FAULTS, N_FAULTS),
@@ -47,152 +47,124 @@ _SHAPES: Final = {
 class Estimate(Displayed):
     """The faults identified in a window, or in several stretches of ordinary motion combined.
 
-    Of stretches, what is said of the window holds for all of them together (M29).
-
-    Attributes
-    ----------
-    start_ns, end_ns
-        Stamps of the window's first and last sample [ns].
-    algorithm, seed
-        Optimizer, and seed of its random numbers.
-    calibration_id
-        Identity of the calibration used.
-    faults
-        Fault vector, ``(8,)``; NaN when there is no estimate.
-    covariance
-        Its covariance, ``(8, 8)``; NaN in rows and columns of unobservable components.
-    unobservable
-        Components that the window does not determine, ``(8,)``.
-    quantiles
-        Quantiles of the faults at 5, 25, 50, 75 and 95 %, ``(5, 8)``; normal where none are given,
-        NaN where unobservable.
-    probability
-        Probability of the explanations that have a fault, ``(8,)``; of the only one where none is
-        given, NaN where unobservable.
-    play_offset
-        Position of the motor in its play at the start [half-widths].
-    fitness
-        Cost at the estimate [A^2.s]; of stretches the sum, which is that of one fit of all.
-    goodness_of_fit
-        Rms of the band-limited residual over that of a healthy actuator, the larger of current and
-        speed [-]; NaN when the calibration does not know the latter.
-    goodness_limit
-        Goodness of fit up to which the faults explain the window [-].
-    excitation
-        Travel of the command [rad]; the largest of stretches.
-    evaluations
-        Windows of the model that were computed.
-    computing_time
-        Time from window to estimate [s].
-    valid
-        Whether the estimate may be used.
-    reasons
-        Why not, or reservations about it; of a record without what its comparison shows.
-    insignificant
-        Components that the window does not show to differ from healthy, ``(8,)``: set to healthy,
-        or faults within one standard deviation of it, which are added here.
-    warm_start
-        Whether the search began at the faults of an earlier window.
-    calibration_windows
-        Number of healthy windows that the calibration rests on; 0 when there was none.
-    verdict
-        "valid"; "degraded": usable, with standard deviations that say how far, ``reasons`` why;
-        "refused"; "failed": refused for a failure of drive or shaft; "skipped": not examined, as
-        it was cut off or dropped; or "departed": valid or not, the window departs from the
-        unit's healthy windows in what ``reasons`` name, and no fault explains it.
-    unexplained_share
-        What is left of the window's departure from healthy at the estimate [-]; NaN where the
-        goodness of fit is.
-    causes
-        Hidden causes that are part of what explains the window; of stretches each one as in that in
-        which it is most significant, with its range in ``reasons``.
-    alternatives
-        Parts of the explanation and what the window does not tell them from, by name; of
-        stretches those that they together have not told apart.
-    stretches
-        Number of stretches of ordinary motion that it rests on, from the start of the first to the
-        end of the last; 0 of a test cycle, which is one window.
-    measured
-        Hidden causes that were measured, as they were used; of stretches as ``causes``.
-    lacks_calibration
-        Whether the window is refused because there is no calibration, or it does not belong to the
-        actuator or the command.
-    parts
-        Figures of the window, or of each stretch, if the calibration has a baseline of windows.
-    comparison
-        Comparison of the record with the baseline of its unit; None for a modelled drive, and for
-        a record that could not be read.
+    For an estimate of stretches, "window" means all stretches together (M29).
     """
 
     start_ns: int
     end_ns: int
+    """Stamps of the first and last sample of the window [ns]."""
     algorithm: str
     seed: int
+    """Optimizer and the seed of its random numbers."""
     calibration_id: str
+    """Identity of the calibration used."""
     faults: FaultVector = _UNKNOWN
+    """Fault vector, ``(8,)``; NaN without an estimate."""
     covariance: Array = field(default_factory=lambda: np.full((N_FAULTS, N_FAULTS), math.nan))
+    """Covariance of the faults, ``(8, 8)``; NaN in rows and columns of unobservable components."""
     unobservable: Flags = field(default_factory=lambda: np.ones(N_FAULTS, dtype=bool))
+    """Components that the window does not determine, ``(8,)``."""
     quantiles: Array = field(default_factory=lambda: np.full(_SHAPES["quantiles"], math.nan))
+    """Quantiles of the faults at 5, 25, 50, 75 and 95 %, ``(5, 8)``; NaN if unobservable. Missing
+    values are filled in from a normal distribution."""
     probability: Array = field(default_factory=lambda: np.full(N_FAULTS, math.nan))
+    """Probability that each fault is present, ``(8,)``; NaN if unobservable. Missing values are
+    filled in as 0 or 1 from the significance."""
     play_offset: float = math.nan
+    """Position of the motor in its play at the start [half-widths]."""
     fitness: float = math.nan
+    """Cost at the estimate [A^2.s]; the sum over stretches."""
     goodness_of_fit: float = math.nan
+    """Larger ratio of the band-limited rms residuals of current and speed to a healthy window [-];
+    NaN if the calibration does not contain the residuals of a healthy window."""
     goodness_limit: float = math.nan
+    """Goodness of fit up to which the faults explain the window [-]."""
     excitation: float = math.nan
+    """Travel of the command [rad]; the largest over stretches."""
     evaluations: int = 0
+    """Number of model evaluations."""
     computing_time: float = 0.0
+    """Time from window to estimate [s]."""
     valid: bool = False
+    """Whether the estimate may be used."""
     reasons: tuple[Reason, ...] = ()
+    """Reasons for the verdict and reservations; ``comparison`` has the findings of a record."""
     insignificant: Flags = field(default_factory=lambda: np.zeros(N_FAULTS, dtype=bool))
+    """Components that do not differ significantly from healthy, ``(8,)``. Faults within one
+    standard deviation of healthy are added on construction."""
     warm_start: bool = False
+    """Whether the search began at the faults of an earlier window."""
     calibration_windows: int = 0
+    """Number of healthy windows of the calibration; 0 without a calibration."""
     verdict: str = VALID
+    """Verdict on the estimate:
+
+    - "valid": usable.
+    - "degraded": usable with widened standard deviations; ``reasons`` state why.
+    - "refused": not usable.
+    - "failed": not usable because of a failure of drive or shaft.
+    - "skipped": the window was cut off or dropped and not examined.
+    - "departed": the window departs from the healthy windows of the unit as stated in ``reasons``,
+      and no fault explains it; the estimate may be valid or not.
+    """
     unexplained_share: float = math.nan
+    """Unexplained share of the departure of the window from healthy [-]; NaN if ``goodness_of_fit``
+    is."""
     causes: tuple[CauseEstimate, ...] = ()
+    """Hidden causes that are part of the explanation. For stretches, each cause is from the stretch
+    in which it is most significant, and ``reasons`` have its range."""
     alternatives: tuple[Alternative, ...] = ()
+    """Parts of the explanation and replacements that the window cannot separate from them."""
     stretches: int = 0
+    """Number of combined stretches of ordinary motion; 0 for a single test window."""
     measured: tuple[CauseEstimate, ...] = ()
+    """Measured causes that were used. For stretches, each is from the stretch in which it is most
+    significant."""
     lacks_calibration: bool = False
+    """Whether the window was refused for lack of a calibration that fits actuator and window."""
     parts: tuple[WindowFigures, ...] = ()
+    """Figures of the window, or of each stretch, if the calibration has a baseline of windows."""
     comparison: Comparison | None = None
+    """Comparison of the record with the baseline of its unit; None for a modelled drive or a record
+    that could not be read."""
 
     def __post_init__(self) -> None:
         is_within = np.abs(np.subtract(self.faults, healthy_faults())) <= np.asarray(self.sigma)
         insignificant = self.insignificant.copy()
         insignificant[INDICES] |= is_within[INDICES]
         object.__setattr__(self, "insignificant", insignificant)
-        alone = {
+        defaults = {
             "quantiles": quantiles_of(np.ones(1), np.array([self.faults]), np.array([self.sigma])),
             "probability": ~insignificant,
         }
-        for name, values in alone.items():
-            given = getattr(self, name)
-            known = np.where(np.isnan(given), values, given)
-            object.__setattr__(self, name, np.where(self.unobservable, math.nan, known))
+        for name, values in defaults.items():
+            stated = getattr(self, name)
+            filled = np.where(np.isnan(stated), values, stated)
+            object.__setattr__(self, name, np.where(self.unobservable, math.nan, filled))
 
     @property
     def reason(self) -> str:
-        """The reasons in words, with the findings of a record; empty without any."""
+        """Reasons as a text, with the findings of a record; empty without any."""
         if self.comparison is None or not self.valid:
             return joined(self.reasons)
-        caveats = [one for one in self.reasons if isinstance(one, OtherUnit)]
-        remarks = [one for one in self.reasons if one not in caveats]
+        caveats = [reason for reason in self.reasons if isinstance(reason, OtherUnit)]
+        remarks = [reason for reason in self.reasons if reason not in caveats]
         sentences = *map(text_of, caveats), summary(self.comparison), *map(text_of, remarks)
         return ". ".join(sentences)
 
     @property
     def sigma(self) -> FaultVector:
-        """Standard deviations; NaN where unobservable."""
+        """Standard deviations of the faults; NaN if unobservable."""
         return FaultVector.of(np.sqrt(np.diag(self.covariance)))
 
     @property
     def found(self) -> Flags:
-        """Which components differ from healthy, ``(8,)``."""
+        """Flags of the components that differ from healthy, ``(8,)``."""
         return ~(self.insignificant | self.unobservable)
 
     @property
     def meanings(self) -> tuple[str, ...]:
-        """What each fault amounts to, in words."""
+        """Physical meaning of each fault, as a text."""
         return tuple(
             "not shown"
             if is_unknown
@@ -206,19 +178,19 @@ class Estimate(Displayed):
 
     @property
     def is_of_record(self) -> bool:
-        """Whether the estimate is that of a record compared with a baseline, not of a window."""
+        """Whether the estimate is from the comparison of a record with a baseline."""
         return self.algorithm == INVERSE_DYNAMICS
 
     @property
     def departure(self) -> str:
-        """How the record departs from healthy ones, in words; "" if it does not."""
+        """Departure from the healthy tests of the unit, as a text; "" without a departure."""
         if self.verdict != DEPARTED:
             return ""
         return self.reason if self.comparison is None else finding(self.comparison)
 
     @property
     def brief(self) -> str:
-        """Verdict, and the faults that differ from healthy, in a few words."""
+        """Verdict and the faults that differ from healthy, as a short text."""
         if self.comparison is not None:
             return f"{self.verdict}, {finding(self.comparison)}"
         if not self.valid:
@@ -233,8 +205,12 @@ class Estimate(Displayed):
         return f"{self.verdict}, {', '.join(faults) or 'no fault differs from healthy'}"
 
     def as_row(self) -> dict[str, Any]:
-        """Return the estimate as a row of a table, a plain value a column."""
-        row = {name: one for name, one in vars(self).items() if isinstance(one, int | float | str)}
+        """Return the estimate as a row of a table, with a plain value per column."""
+        row = {
+            name: value
+            for name, value in vars(self).items()
+            if isinstance(value, int | float | str)
+        }
         row["reason"] = self.reason
         sigmas = {f"{name}_sigma": value for name, value in self.sigma._asdict().items()}
         return row | self.faults._asdict() | sigmas
@@ -258,8 +234,8 @@ class Estimate(Displayed):
         ]
         table = text_table(("fault", "estimate", "90 % interval", "which means"), rows)
         fit = f"goodness of fit {self.goodness_of_fit:.2f} (limit {self.goodness_limit:.2f})"
-        known = f"measured: {'; '.join(map(str, self.measured))}" if self.measured else ""
-        return "\n".join(filter(None, (table, f"{self.verdict}, {fit}", known, self.reason)))
+        measured = f"measured: {'; '.join(map(str, self.measured))}" if self.measured else ""
+        return "\n".join(filter(None, (table, f"{self.verdict}, {fit}", measured, self.reason)))
 
 
 def refusal(
@@ -271,10 +247,22 @@ def refusal(
     is_failure: bool = False,
     lacks_calibration: bool = False,
 ) -> Estimate:
-    """Return the estimate of a window in which no faults can be identified.
+    """Return the estimate of a window whose faults cannot be identified.
 
-    It has failed where the reason is a failure of drive or shaft; ``calibration`` is that of any
-    drive, or why there is none.
+    Parameters
+    ----------
+    window
+        The window, or the reason why there is none.
+    calibration
+        Calibration of any kind, or the reason why there is none.
+    settings
+        Settings of the search.
+    reason
+        Why no faults can be identified.
+    is_failure
+        Whether the reason is a failure of drive or shaft.
+    lacks_calibration
+        Whether the reason is the lack of a calibration that fits.
     """
     verdict = FAILED if is_failure else REFUSED
     if isinstance(window, Refusal) and (window.is_dropped or window.is_cut_off):
@@ -296,9 +284,9 @@ def refusal(
 
 
 def estimate_values(estimate: Estimate) -> dict[str, Any]:
-    """Return every field of an estimate as plain values, exactly, and ``reason``, their text.
+    """Return every field of an estimate as exact plain values, and the text ``reason``.
 
-    Faults are values by name, flags the names of those that have them.
+    Faults become values by name, and flags the names of the flagged faults.
     """
     values = {item.name: getattr(estimate, item.name) for item in fields(Estimate)}
     values["faults"] = estimate.faults._asdict()
@@ -321,20 +309,20 @@ def estimate_values(estimate: Estimate) -> dict[str, Any]:
 
 
 def estimate_record(estimate: Estimate) -> dict[str, Any]:
-    """Return ``estimate_values`` as JSON can hold them.
+    """Return ``estimate_values`` for JSON, which has neither NaN nor infinity.
 
-    What is not a number is None; infinite values are text: JSON has neither.
+    NaN becomes None, and infinite values become text.
     """
     return plain(estimate_values(estimate))
 
 
 def estimate_of(record: Mapping[str, Any]) -> Estimate:
-    """Return the estimate of ``estimate_values`` or ``estimate_record``, or read from JSON.
+    """Return the estimate from the result of ``estimate_values`` or ``estimate_record``.
 
     Raises
     ------
     ValueError, KeyError, TypeError
-        When it is not the record of an estimate.
+        If ``record`` is not the record of an estimate.
     """
     values = {item.name: record[item.name] for item in fields(Estimate) if item.name not in _LATER}
     for item in fields(Estimate):
@@ -365,16 +353,16 @@ def reasons_of(record: Mapping[str, Any]) -> tuple[Reason, ...]:
 
 
 def by_fault(values: Iterable[float]) -> dict[str, Any]:
-    """Return the eight values of the faults by name; those that are not a number become None."""
+    """Return the values of the eight faults by name; NaN becomes None."""
     return dict(zip(FAULT_NAMES, map(plain, values), strict=True))
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON can hold it: None for NaN, text for an infinite number."""
+    """Return a value for JSON: None for NaN, a text for an infinite number."""
     if isinstance(value, dict):
-        return {name: plain(one) for name, one in value.items()}
+        return {name: plain(item) for name, item in value.items()}
     if isinstance(value, list):
-        return [plain(one) for one in value]
+        return [plain(item) for item in value]
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)

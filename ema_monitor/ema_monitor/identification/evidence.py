@@ -1,4 +1,4 @@
-"""How explanations of a window compare: by what they leave, and by how usual they are (M27)."""
+"""Comparison of explanations of a window by their residuals and their prior probability (M27)."""
 
 from collections.abc import Callable, Sequence
 from itertools import combinations
@@ -14,33 +14,35 @@ from ema_monitor.identification.uncertainty import GROUPS
 from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
 
 COMPONENT_EVIDENCE: Final = 8.0
-"""What a component is worth: how much a set with one less may be higher."""
+"""Penalty of a component: a smaller set is chosen if its evidence is worse by less than this."""
 
 REPLACED_EVIDENCE: Final = 6.0
-"""What a cause must lower the evidence by to take the place of a fault."""
+"""Further penalty of a hidden cause: the gain at which a cause replaces a fault."""
 
 UNUSUAL_EVIDENCE: Final = 2.0
-"""How much more usual a fault is than a cause among explanations that a window leaves open."""
+"""Advantage of a fault over a hidden cause among explanations that a window cannot separate."""
 
 AMBIGUOUS_EVIDENCE: Final = 8.0
-"""Up to this difference the window does not tell two explanations apart."""
+"""Difference up to which a window cannot separate two explanations."""
 
 REMEMBERED_EVIDENCE: Final = 3.0
-"""How much earlier tests tell at most between explanations that the window leaves open."""
+"""Largest influence of earlier tests on explanations that the window cannot separate."""
 
 Components = Flags
 """A set of components, ``(d,)``."""
 
 
 class Explanations(NamedTuple):
-    """Explanations that a window does not separate; the first one is the estimate (M27)."""
+    """Explanations that a window cannot separate; the first one is the estimate (M27)."""
 
-    worse: Array  # by how much the evidence against each is higher, (k,)
-    steps: Array  # from the estimate to each, in the unit box, (k, d)
+    worse: Array
+    """Evidence against each explanation relative to the estimate, ``(k,)`` [-]."""
+    steps: Array
+    """Difference of each explanation from the estimate, in the unit box, ``(k, d)``."""
 
     @property
     def weights(self) -> Array:
-        """Probability of each, ``(k,)``; the estimate, which the search chose, has half or more."""
+        """Probability of each explanation, ``(k,)``; at least 0.5 for the estimate."""
         odds = np.exp(-np.maximum(self.worse, -100.0) / 2.0)
         odds[1:] /= max(1.0, float(np.sum(odds[1:])))
         return odds / np.sum(odds)
@@ -52,11 +54,14 @@ class Explanations(NamedTuple):
 
 
 class _Quadratic(NamedTuple):
-    """The cost about a linearisation, and its part by priors of causes and by relations."""
+    """Quadratic models of the cost."""
 
     at: Linearisation
+    """Linearisation that the models are expanded about."""
     cost: Quadratic
+    """Model of the whole cost."""
     by_priors: Quadratic
+    """Model of the cost of priors of causes and of relations between columns."""
 
     @classmethod
     def of(cls, at: Linearisation, objective: Objective) -> Self:
@@ -66,22 +71,22 @@ class _Quadratic(NamedTuple):
 
 
 class Evidence:
-    """Compares sets of faults and hidden causes as explanations of a window.
+    """Comparison of sets of faults and hidden causes as explanations of a window.
 
-    A set is worth ``n ln(cost) + z^2``, and how much it surprises after the unit's earlier tests,
-    less being better, with ``n`` effective residuals, the cost of the window alone, and ``z^2`` the
-    squared distance of its causes from what is usual: where the model does not match the unit, the
-    window counts less, but no cause gets more usual.
+    The evidence against a set is ``n ln(cost) + z^2`` plus its surprise after the earlier tests of
+    the unit. Here ``n`` is the number of effective residuals, ``cost`` the cost of the window
+    alone, and ``z^2`` the squared distance of the causes from their priors. If the model does not
+    match the unit, the window counts less, but no cause becomes more probable.
 
     Parameters
     ----------
     objective
-        Of the window.
+        Objective of the window.
     suspects
-        Numbers of the components that are hidden causes which need evidence.
+        Indices of the hidden causes that need evidence, among the components.
     remembered
-        Returns how much points, ``(..., d)``, surprise after the earlier tests, ``(...)``; None
-        where there are none.
+        Function that returns the surprise, ``(...)``, of points, ``(..., d)``, after the earlier
+        tests. None without earlier tests.
     """
 
     def __init__(
@@ -93,32 +98,54 @@ class Evidence:
         self._objective = objective
         self._remembered = remembered or (lambda points: np.zeros(points.shape[:-1]))
         self._suspects = suspects
-        # Of the latest linearisation: gradient and normal matrix, cheap to minimise for many sets.
+        # Gradient and normal matrix of the latest linearisation serve many sets.
         self._quadratic: _Quadratic | None
         self._quadratic = None
 
-    def against(self, one: Linearisation, other: Linearisation, most: float = np.inf) -> float:
-        """Return by how much the first is worse, of which earlier tests tell so much at most."""
-        return float(self._difference(one.cost, one.point, other, most))
+    def against(
+        self, trial: Linearisation, reference: Linearisation, most: float = np.inf
+    ) -> float:
+        """Return the evidence against an explanation relative to a reference [-].
+
+        Parameters
+        ----------
+        trial, reference
+            The explanations.
+        most
+            Largest influence of earlier tests.
+        """
+        return float(self._difference(trial.cost, trial.point, reference, most))
 
     def worse(self, at: Linearisation, sets: Components, most: float = np.inf) -> Array:
-        """Return by how much the linear model's optima with only some components are worse.
+        """Return the evidence against the optima of the linear model with only some components.
 
-        The ``sets`` are ``(n, d)``, the result is ``(n,)``; ``most`` as of `against`.
+        Parameters
+        ----------
+        at
+            Linearisation, and reference of the evidence.
+        sets
+            Sets of components, ``(n, d)``.
+        most
+            Largest influence of earlier tests.
+
+        Returns
+        -------
+        numpy.ndarray
+            Evidence against each set, ``(n,)`` [-].
         """
         return self._difference(*self._optima(at, sets), at, most)
 
     def price(self, kept: Components) -> float:
-        """Return what a set must lower the evidence by against a healthy motor."""
+        """Return the penalty of a set relative to a healthy motor [-]."""
         causes = int(np.sum(kept[self._suspects]))
         return COMPONENT_EVIDENCE * components(kept) + REPLACED_EVIDENCE * causes
 
     def predicted(self, at: Linearisation, shown: Components) -> Array:
-        """Return the linear model's optimum with only some components, ``(d,)``."""
+        """Return the optimum of the linear model with only some components, ``(d,)``."""
         return self._optima(at, shown[None])[1][0]
 
     def _optima(self, at: Linearisation, sets: Components) -> tuple[Array, Array]:
-        """Return costs, ``(n,)``, and points, ``(n, d)``."""
+        """Return costs, ``(n,)``, and points, ``(n, d)``, of the optima of each set."""
         from ema_monitor.optimizers.bounded_quadratic import lowest_of_each  # with the compiler
 
         objective = self._objective
@@ -137,29 +164,45 @@ class Evidence:
     def alternatives(
         self, at: Linearisation, kept: Components, tried: Components
     ) -> tuple[Components, Explanations, list[Alternative]]:
-        """Return which of those ``tried`` could stand in for what is kept, with them, pairs."""
+        """Return the alternatives to the parts of an explanation.
+
+        Parameters
+        ----------
+        at
+            Linearisation at the estimate.
+        kept
+            Components of the explanation, ``(d,)``.
+        tried
+            Components that may replace a part of it, ``(d,)``.
+
+        Returns
+        -------
+        tuple
+            Components that could replace a part, ``(d,)``; the explanations with them; and the
+            pairs of part and alternative.
+        """
         confused = np.zeros_like(kept)
-        found, worse, steps = [], [0.0], [np.zeros_like(at.point)]
+        pairs, worse, steps = [], [0.0], [np.zeros_like(at.point)]
         for group in self.groups(kept):
             without = excluding(kept, group)
             fewer = components(kept) - components(without)
-            others = self._stand_ins(group, kept, tried)
-            sets = np.array([without, *(including(without, other) for other in others)])
+            stand_ins = self._stand_ins(group, kept, tried)
+            sets = np.array([without, *(including(without, stand_in) for stand_in in stand_ins)])
             of_none, *differences = self.worse(at, sets, REMEMBERED_EVIDENCE).tolist()
-            # What hardly shows is not worth an alternative.
+            # A part with little evidence needs no alternative.
             most = min(
                 AMBIGUOUS_EVIDENCE + COMPONENT_EVIDENCE * (fewer - 1), of_none - COMPONENT_EVIDENCE
             )
-            for other, trial, difference in zip(others, sets[1:], differences, strict=True):
+            for stand_in, trial, difference in zip(stand_ins, sets[1:], differences, strict=True):
                 if difference < most:
-                    found.append(self.named(group, other))
-                    confused[other] = True
+                    pairs.append(self.named(group, stand_in))
+                    confused[stand_in] = True
                     worse.append(difference - COMPONENT_EVIDENCE * (fewer - 1))
                     steps.append(self.predicted(at, trial) - at.point)
-        return confused, Explanations(np.array(worse), np.array(steps)), found
+        return confused, Explanations(np.array(worse), np.array(steps)), pairs
 
     def groups(self, kept: Components) -> list[list[int]]:
-        """Return what may be replaced: each component kept, and short circuits together."""
+        """Return the parts that may be replaced: each component, and short circuits together."""
         groups = self.singles(kept)
         shorted = [phase for phase in SHORT_CIRCUITS if kept[phase]]
         if len(shorted) == len(SHORT_CIRCUITS):
@@ -169,24 +212,24 @@ class Evidence:
         return groups
 
     def singles(self, kept: Components) -> list[list[int]]:
-        """Return each fault and each suspect that is kept; the vector of eccentricity is one."""
+        """Return each fault and suspect of an explanation; the eccentricity vector is one group."""
         groups = [group for group in GROUPS if kept[group[0]]]
         return groups + [[cause] for cause in self._suspects if kept[cause]]
 
     def _stand_ins(self, group: list[int], kept: Components, tried: Components) -> list[list[int]]:
-        """Return what could take the place of a part of an explanation."""
-        others = [[cause] for cause in self._suspects if tried[cause] and not kept[cause]]
+        """Return the groups that could replace a part of an explanation."""
+        stand_ins = [[cause] for cause in self._suspects if tried[cause] and not kept[cause]]
         if group[0] in self._suspects:
             healthy = [phase for phase in SHORT_CIRCUITS if not kept[phase]]
-            others += [one for one in GROUPS if not kept[one[0]]]
-            others += [healthy] if len(healthy) > 1 else []
-        return others
+            stand_ins += [fault for fault in GROUPS if not kept[fault[0]]]
+            stand_ins += [healthy] if len(healthy) > 1 else []
+        return stand_ins
 
     def _difference(
-        self, cost: Array | float, point: Array, other: Linearisation, most: float
+        self, cost: Array | float, point: Array, reference: Linearisation, most: float
     ) -> Array:
-        remembered = self._remembered(point) - self._remembered(other.point)
-        of_window = self._value(cost, point) - self._value(other.cost, other.point)
+        remembered = self._remembered(point) - self._remembered(reference.point)
+        of_window = self._value(cost, point) - self._value(reference.cost, reference.point)
         return of_window + np.clip(remembered, -most, most)
 
     def _value(self, cost: Array | float, point: Array) -> Array:
@@ -195,9 +238,9 @@ class Evidence:
         of_window = np.maximum(cost - objective.noise * surprise, 1e-12 * cost)
         return objective.fitness.effective * np.log(of_window) + surprise
 
-    def named(self, group: list[int], other: list[int]) -> Alternative:
-        """Return what is kept, and what could stand in for it, by name."""
-        return Alternative(self._part(group), self._part(other))
+    def named(self, group: list[int], stand_in: list[int]) -> Alternative:
+        """Return a part of an explanation and its alternative, by name."""
+        return Alternative(self._part(group), self._part(stand_in))
 
     def _part(self, group: list[int]) -> Part:
         first = group[0]
@@ -209,7 +252,7 @@ class Evidence:
 
 
 def including(kept: Components, group: list[int]) -> Components:
-    """Return a set with some components more."""
+    """Return a set with additional components."""
     more = kept.copy()
     more[group] = True
     return more
@@ -223,5 +266,5 @@ def excluding(kept: Components, group: list[int]) -> Components:
 
 
 def components(kept: Components) -> int:
-    """Return the number of components, the vector of eccentricity as one."""
+    """Return the number of components; the eccentricity vector counts as one."""
     return int(np.sum(kept)) - int(kept[ECCENTRICITY] and kept[ECCENTRICITY_PHASE])

@@ -1,10 +1,10 @@
-"""What explains a window: faults, hidden causes, or what it cannot tell apart (M27).
+"""Explanation of a window by faults and hidden causes, with its alternatives (M27).
 
-The search knows faults only. From its optimum on, sets of faults and hidden causes compete: a
-cause is added, or takes the place of faults, when the window is explained so much better, or as
-well with fewer components. Sets are compared on the linear model; each chosen set is fitted anew
-with the model itself. What is still not explained, or only by an unusual cause, is looked for from
-other places too.
+The search fits faults only. From its optimum on, sets of faults and hidden causes compete. A cause
+is added, or replaces faults, if it explains the window much better, or as well with fewer
+components. Sets are compared on the linear model; each chosen set is fitted again with the full
+model. If the window remains unexplained, or only an unusual cause explains it, further fits begin
+from other starting points.
 """
 
 import math
@@ -43,20 +43,21 @@ MOST_CAUSES: Final = 3
 """Largest number of hidden causes in an explanation."""
 
 MOST_LOSS: Final = 1.1
-"""How much higher the cost may be without the components that are not significant."""
+"""Largest ratio of costs without and with the components that are not significant [-]."""
 
 DOUBTFUL_SIGMAS: Final = 4.0
-"""From this distance from what is usual on, a cause is doubted: other places are looked at, too."""
+"""Distance of a cause from its prior from which on other starting points are tried [sigma]."""
 
 DOUBTFUL_MOTOR_SIGMAS: Final = 1.0
-"""The same of inertia and torque constant, which may stand for the gain of the current sensor.
+"""Distance of inertia and torque constant from which on other starting points are tried [sigma].
 
-Beside another cause they are doubted at any distance, as are short circuits of all phases.
+These causes may stand in for the gain of the current sensor. In combination with another cause they
+are doubted at any distance, as are short circuits of all phases.
 """
 
-# By how much an explanation may be worse before it is fitted.
+# Evidence against an explanation up to which it is worth a fit.
 _ABOUT = 2.0
-# Causes that change the strength of the motor, and the power of it that they go with.
+# Causes that change the strength of the motor, with the exponent of their effect.
 _WEAKER: Final = {"torque_constant": 1.0, "inertia": -1.0}
 _SEEDED: Final = {
     "load_torque": (-1.5, -1.0, -0.5, 0.5, 1.0, 1.5),
@@ -68,59 +69,52 @@ _SEEDED: Final = {
     "speed_delay": (-30.0, -25.0, -20.0, -15.0, -10.0, -5.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0),
 }
 _MOST_SEEDS = 4
-# On 40 windows of drawn units: the full step alone gives the same estimates with 2 % fewer
-# evaluations, but none where it leads too far; a gain of 2e-4 takes 3 % more evaluations for the
-# same estimates, one of 2e-2 moves one; 15 iterations give the same estimates.
+# On 40 windows of simulated units, the full step alone gives the same estimates with 2 % fewer
+# evaluations, but fails if it overshoots. A gain of 2e-4 takes 3 % more evaluations for the same
+# estimates, a gain of 2e-2 changes an estimate, and 15 iterations give the same estimates.
 _SHARES: Final = ((1.0, 0.5, 0.2, 0.05),)
 _STOPPING: Final = Stopping(iterations=7, gain=2e-3)
-# Share of the cost that a further fit has to take off by the linear model.
+# Relative reduction of the cost in the linear model that is worth a further fit.
 _SETTLED = 1e-5
 
 
 Fitted = tuple[Linearisation, Components]
-"""An explanation: a linearisation at its optimum, and the components that it consists of."""
+"""Linearisation at the optimum of an explanation, and its components."""
 
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Faults and causes that explain a window.
-
-    Attributes
-    ----------
-    at
-        Linearisation at the estimate, of all components.
-    kept
-        Components that differ from healthy, ``(d,)``.
-    confused, alternatives
-        Components that could stand in for what is kept, ``(d,)``, and the pairs of both by name.
-    open, far
-        Explanations that the window leaves open; and the second moment of those that the model
-        itself compared, about the estimate, ``(d, d)``.
-    """
+    """Faults and causes that explain a window."""
 
     at: Linearisation
+    """Linearisation at the estimate, of all components."""
     kept: Components
+    """Components that differ from healthy, ``(d,)``."""
     confused: Components
     alternatives: list[Alternative]
+    """Components that could replace a part of the explanation, ``(d,)``, and the pairs by name."""
     open: Explanations
     far: Array
+    """Explanations that the window cannot separate, and the second moment about the estimate of the
+    explanations that the full model compared, ``(d, d)``."""
 
 
 class Explainer:
-    """Finds what explains a window.
+    """Search for the explanation of a window.
 
     Parameters
     ----------
     objective
-        Of the window, with hidden causes as components.
+        Objective of the window, with hidden causes as components.
     always
-        Components that need no evidence: all but hidden causes under suspicion, ``(d,)``.
+        Components that need no evidence, ``(d,)``: all but the suspected hidden causes.
     most_evaluations
         Number of model evaluations after which no further cause is tried.
     seeds
-        Where to look for hidden causes besides, by name, in their units.
+        Additional starting values of hidden causes by name, in their units.
     remembered
-        As of `Evidence`.
+        Function that returns the surprise, ``(...)``, of points, ``(..., d)``, after the earlier
+        tests of the unit. None without earlier tests.
     """
 
     def __init__(
@@ -142,10 +136,16 @@ class Explainer:
         self._seeds = seeds
 
     def explain(self, point: Array) -> Explanation:
-        """Return what explains the window, from the optimum of the faults alone, ``(d,)``."""
+        """Return the explanation of the window.
+
+        Parameters
+        ----------
+        point
+            Optimum of the faults alone, ``(d,)``.
+        """
         fitted = self._always
         at = self._objective.linearise(point, fitted)
-        # So far with the columns of faults alone: setting to healthy needs no others.
+        # Testing faults against healthy needs the derivatives of the fitted components only.
         self._tried = self._worth_trying(at)
         at, kept = self._reduced(at, fitted)
         at = self._objective.extended(at, self._tried)
@@ -156,87 +156,90 @@ class Explainer:
                 if better is not None:
                     at, kept = self._with_causes(*better)
         if np.any(kept[self._suspects]):
-            # The optimum of the faults alone may have led astray.
+            # The optimum of the faults alone may be a poor starting point.
             trial = kept | self._always
             at, kept = self._better(self._objective.healthy[None], trial, at, kept) or (at, kept)
-        return self._with_other_motors(at, kept)
+        return self._with_equal_motors(at, kept)
 
-    def _with_other_motors(self, at: Linearisation, kept: Components) -> Explanation:
-        """Return an explanation after the others by which the motor is as strong.
+    def _with_equal_motors(self, at: Linearisation, kept: Components) -> Explanation:
+        """Return the explanation after a comparison with motors of the same strength.
 
-        Equal parts of short circuits weaken it as a smaller torque constant does, or a larger
-        inertia and friction. The linear model misses that, as they are far apart: the model itself
-        compares them. A better one takes the place of the explanation; one that the window does not
-        tell from it makes it less certain, by how far they are apart.
+        Equal short circuits of all phases weaken the motor like a smaller torque constant, or like
+        a larger inertia and friction. These explanations are far apart, so that the linear model
+        misses them and the full model compares them. A better explanation replaces the current one.
+        An explanation that the window cannot separate widens the uncertainty by their distance.
         """
-        evidence, others = self._evidence, self._other_motors(at, kept)
-        points = np.stack([at.point, *(point for _, _, point in others)])
+        evidence, replacements = self._evidence, self._equal_motors(at, kept)
+        points = np.stack([at.point, *(point for _, _, point in replacements)])
         _, *rows = self._objective.residuals(points)
         worse, named = [0.0], []
-        for (group, other, point), row in zip(others, rows, strict=True):
+        for (group, stand_in, point), row in zip(replacements, rows, strict=True):
             there = Linearisation(point, row, at.jacobian)
             worse.append(evidence.against(there, at, REMEMBERED_EVIDENCE))
-            dearer = evidence.price(including(excluding(kept, group), other)) - evidence.price(kept)
-            if worse[-1] + dearer < _ABOUT and self._can_afford_more:
-                trial = including(excluding(kept | self._always, group), other)
+            price = evidence.price(including(excluding(kept, group), stand_in))
+            if worse[-1] + price - evidence.price(kept) < _ABOUT and self._can_afford_more:
+                trial = including(excluding(kept | self._always, group), stand_in)
                 better = self._better(point[None], trial, at, kept)
                 if better is not None:
-                    return self._with_other_motors(*better)
-            more = (other[0] in self._suspects) - (group[0] in self._suspects)
-            worse[-1] += UNUSUAL_EVIDENCE * more
-            named.append(evidence.named(group, other))
+                    return self._with_equal_motors(*better)
+            more_causes = (stand_in[0] in self._suspects) - (group[0] in self._suspects)
+            worse[-1] += UNUSUAL_EVIDENCE * more_causes
+            named.append(evidence.named(group, stand_in))
         confused, linear, pairs = evidence.alternatives(at, kept, self._tried)
         near = np.array(worse) < AMBIGUOUS_EVIDENCE
-        found = Explanations(np.array(worse)[near], (points - at.point)[near])
-        # What the linear model said of these does not hold.
+        compared = Explanations(np.array(worse)[near], (points - at.point)[near])
+        # The linear model does not apply to the explanations that the full model compared.
         rest = np.array([False, *(pair not in named for pair in pairs)])
-        linear = (one[rest] for one in linear)
+        linear = (values[rest] for values in linear)
         return Explanation(
             at,
             kept,
             confused,
             [*compress(named, near[1:]), *compress(pairs, rest[1:])],
-            Explanations(*map(np.concatenate, zip(found, linear, strict=True))),
-            found.spread,
+            Explanations(*map(np.concatenate, zip(compared, linear, strict=True))),
+            compared.spread,
         )
 
-    def _other_motors(
+    def _equal_motors(
         self, at: Linearisation, kept: Components
     ) -> list[tuple[list[int], list[int], Array]]:
-        """Return what may be replaced, by what, and where that leads, ``(d,)``."""
+        """Return replacements that keep the strength of the motor.
+
+        Each has the replaced components, the components in their place, and the point, ``(d,)``.
+        """
         healthy = [phase for phase in SHORT_CIRCUITS if not kept[phase]]
         least = min(SHORT_CIRCUITS, key=lambda phase: float(at.point[phase]))
         causes = [[n] for n in self._suspects if self._prior(n).name in _WEAKER]
         result = []
-        for group in [one for one in [*causes, [least]] if kept[one[0]]]:
+        for group in [part for part in [*causes, [least]] if kept[part[0]]]:
             strength = self._strength(at.point, group[0])
             without = self._strengthened(at.point, group[0], 1.0 / strength)
-            for other in [*causes, healthy or SHORT_CIRCUITS]:
-                if other != group and not (group == [least] and other[0] in SHORT_CIRCUITS):
-                    point = self._strengthened(without, other[0], strength)
-                    result.append((group, other, point))
+            for stand_in in [*causes, healthy or SHORT_CIRCUITS]:
+                if stand_in != group and not (group == [least] and stand_in[0] in SHORT_CIRCUITS):
+                    point = self._strengthened(without, stand_in[0], strength)
+                    result.append((group, stand_in, point))
         return result
 
     def _prior(self, cause: int) -> Prior:
         return self._objective.hidden_causes[cause - self._causes.start]
 
     def _strength(self, point: Array, number: int) -> float:
-        """Return how many times as strong a short circuit or a cause makes the motor."""
+        """Return the factor by which a short circuit or a cause scales the motor's strength."""
         if number in SHORT_CIRCUITS:
             return 1.0 - float(point[number])
-        one = self._prior(number)
-        return (1.0 + one.reach * (2.0 * float(point[number]) - 1.0)) ** _WEAKER[one.name]
+        cause = self._prior(number)
+        return (1.0 + cause.reach * (2.0 * float(point[number]) - 1.0)) ** _WEAKER[cause.name]
 
     def _strengthened(self, point: Array, number: int, factor: float) -> Array:
-        """Return a point with a stronger motor, by all short circuits or by a cause."""
+        """Return a point with the motor's strength scaled through short circuits or a cause."""
         result = point.copy()
         if number in SHORT_CIRCUITS:
             result[SHORT_CIRCUITS] = 1.0 - factor * (1.0 - point[SHORT_CIRCUITS])
         else:
-            one = self._prior(number)
-            value = (factor * self._strength(point, number)) ** _WEAKER[one.name] - 1.0
-            result[number] = 0.5 + value / (2.0 * one.reach)
-            if one.name == "inertia":
+            cause = self._prior(number)
+            value = (factor * self._strength(point, number)) ** _WEAKER[cause.name] - 1.0
+            result[number] = 0.5 + value / (2.0 * cause.reach)
+            if cause.name == "inertia":
                 result[FRICTION] = ((1.0 + 2.0 * point[FRICTION]) / factor - 1.0) / 2.0
                 for load in (n for n in self._causes if self._prior(n).name.startswith("load")):
                     expected = self._prior(load).expected / (2.0 * self._prior(load).reach)
@@ -244,18 +247,19 @@ class Explainer:
         return np.clip(result, 0.0, 1.0)
 
     def _worth_trying(self, at: Linearisation) -> Components:
-        """Return the components whose derivatives are worth their runs of the model, ``(d,)``.
+        """Return the components whose derivatives are worth their model evaluations, ``(d,)``.
 
-        A wrong position at the start leaves a window unexplained, or disagrees with the speed.
+        Causes that move the start are left out if the window is explained and its columns agree: a
+        wrong position at the start leaves a window unexplained, or disagrees with the speed.
         """
         objective = self._objective
         if at.cost > objective.fitness.good_cost or not objective.relations.are_healthy:
             return np.ones_like(self._always)
-        moves = [one.name in MOVES_START for one in objective.hidden_causes]
+        moves = [cause.name in MOVES_START for cause in objective.hidden_causes]
         return self._always | ~np.array([False] * objective.first_cause + moves)
 
     def _with_causes(self, at: Linearisation, kept: Components) -> Fitted:
-        """Return an explanation with further hidden causes, as far as they are worth it."""
+        """Return the explanation with further hidden causes that have enough evidence."""
         for _ in range(MOST_CAUSES - int(np.sum(kept[self._suspects]))):
             if not self._can_afford_more:
                 break
@@ -277,7 +281,7 @@ class Explainer:
         return left >= (1 + _STOPPING.iterations) * self._objective.linearisation_evaluations
 
     def _is_doubtful(self, at: Linearisation, kept: Components) -> bool:
-        """Return whether a window is not explained, or only by a cause that is unusual."""
+        """Return whether a window is unexplained, or explained only by an unusual cause."""
         if not self._suspects:
             return False
         away = np.abs(self._objective.cause_sigmas(at.point))
@@ -287,17 +291,18 @@ class Explainer:
         motor = [cause for cause in shown if self._prior(cause).name in _WEAKER]
         if np.any(away[np.array(motor, dtype=int) - self._causes.start] > DOUBTFUL_MOTOR_SIGMAS):
             return True
-        # By themselves, they fit where they are right.
+        # On their own, these explanations fit if they are right.
         are_all_shorted = bool(np.all(kept[SHORT_CIRCUITS]))
         if (motor or are_all_shorted) and len(shown) + are_all_shorted > 1:
             return True
         return at.cost > self._objective.fitness.good_cost and at.cost > self._objective.fair_cost()
 
     def _elsewhere(self, at: Linearisation, kept: Components) -> list[tuple[Array, Components]]:
-        """Return where else an explanation may be found: points, ``(d,)``, and their components.
+        """Return further starting points, ``(d,)``, with their components, by increasing cost.
 
-        Each begins at a value of a cause that is not part of the explanation, with it or without
-        faults and other causes; of each cause the lowest one, and of these the lowest.
+        Each sets a cause that is not part of the explanation to a trial value, starting either from
+        the explanation or from the healthy point. Only the best point of each cause is returned,
+        and at most ``_MOST_SEEDS`` points.
         """
         if not self._can_afford_more:
             return []
@@ -305,16 +310,16 @@ class Explainer:
         healthy = objective.healthy
         points, trials, numbers = [], [], []
         for number in self._suspects:
-            one = objective.hidden_causes[number - self._causes.start]
-            values = [one.sigma * sigmas for sigmas in _SEEDED.get(one.name, ())]
-            for value in (*values, *self._seeds.get(one.name, ())):
+            cause = objective.hidden_causes[number - self._causes.start]
+            values = [cause.sigma * sigmas for sigmas in _SEEDED.get(cause.name, ())]
+            for value in (*values, *self._seeds.get(cause.name, ())):
                 if kept[number]:
                     continue
-                for base, with_it in ((at.point, kept), (healthy, np.zeros_like(kept))):
+                for base, shown in ((at.point, kept), (healthy, np.zeros_like(kept))):
                     point = base.copy()
-                    point[number] = np.clip(0.5 + value / (2.0 * one.reach), 0.0, 1.0)
+                    point[number] = np.clip(0.5 + value / (2.0 * cause.reach), 0.0, 1.0)
                     points.append(point)
-                    trials.append(including(with_it | self._always, [number]))
+                    trials.append(including(shown | self._always, [number]))
                     numbers.append(number)
         if not points:
             return []
@@ -327,22 +332,22 @@ class Explainer:
     def _better(
         self, starts: Array, trial: Components, at: Linearisation, kept: Components
     ) -> Fitted | None:
-        """Return the explanation with the components of a trial, None where that is no better."""
+        """Return the explanation with the components of a trial; None if it is not better."""
         point = self._descended(starts, trial)
         there = self._objective.linearise(point, trial)
         if not np.all(np.isfinite(there.jacobian)):
             return None  # two phases without turns: the model has no finite response
-        found, shown = self._reduced(there, trial)
-        dearer = self._evidence.price(shown) - self._evidence.price(kept)
-        if self._evidence.against(found, at) >= -(dearer or REPLACED_EVIDENCE):
+        reduced, shown = self._reduced(there, trial)
+        price = self._evidence.price(shown) - self._evidence.price(kept)
+        if self._evidence.against(reduced, at) >= -(price or REPLACED_EVIDENCE):
             return None
-        return self._objective.extended(found, self._tried), shown
+        return self._objective.extended(reduced, self._tried), shown
 
     def _promising(self, at: Linearisation, kept: Components) -> Components | None:
-        """Return the components of the best explanation with another cause; None without any.
+        """Return the components of the best explanation with a further cause; None without one.
 
-        The linear model is no judge over far steps: an explanation with fewer components is worth
-        trying as long as the window might not tell the two apart.
+        The linear model is inaccurate over large steps. An explanation with fewer components is
+        therefore worth a trial as long as the window might not separate the two.
         """
         evidence = self._evidence
         groups = evidence.groups(kept)
@@ -351,10 +356,10 @@ class Explainer:
             if kept[cause] or not self._tried[cause]:
                 continue
             added = including(kept, [cause])
-            # Faults that the cause has hidden may come back.
+            # The cause may have masked faults.
             trials.append(added | self._always)
             worths.append(evidence.price(kept) - evidence.price(added))
-            # The new cause takes the place of one of them.
+            # The new cause may replace one of the parts.
             for group in groups:
                 trials.append(excluding(added, group))
                 cheaper = evidence.price(kept) - evidence.price(trials[-1])
@@ -367,14 +372,14 @@ class Explainer:
         return trials[best] if gains[best] > 0.0 else None
 
     def _descended(self, starts: Array, free: Components) -> Array:
-        """Return the optimum of some components, downhill from the lowest start, ``(m, d)``."""
+        """Return the optimum of the free components from the best of several starts, ``(m, d)``."""
         objective = self._objective
         problem = Problem(objective.residuals, lambda point: objective.linearise(point, free))
         search = LineSearch(lambda at: refitted(at, at.point, free), _SHARES)
         return descend(problem, starts, search, _STOPPING).point
 
     def _reduced(self, at: Linearisation, fitted: Components) -> Fitted:
-        """Set what is not significant to healthy, and fit anew, with derivatives of the rest."""
+        """Set the components that are not significant to healthy, and fit the others again."""
         objective = self._objective
         floor = np.pad(FLOOR, (0, objective.dimension - N_FAULTS))
         groups = self._evidence.singles(fitted)
@@ -394,5 +399,5 @@ class Explainer:
         point = refitted(at, objective.healthy, kept)
         if at.predicted_cost(point) > (1.0 - _SETTLED) * at.cost:
             return at, kept
-        again = objective.linearise(point, kept)
-        return (again if again.cost < at.cost else at), kept
+        refined = objective.linearise(point, kept)
+        return (refined if refined.cost < at.cost else at), kept

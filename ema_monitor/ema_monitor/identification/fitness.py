@@ -1,7 +1,7 @@
-"""How far a model's response is from the measured one, as a row of residuals.
+"""Measures of the distance between modelled and measured response, as rows of residuals.
 
-The cost is the sum of the squares of the row, so that one row serves algorithms that want a cost
-and algorithms that want residuals.
+The cost is the sum of squares of a row. The same row therefore serves algorithms that minimise a
+cost and algorithms that use residuals.
 """
 
 from typing import Final
@@ -17,7 +17,7 @@ from ema_monitor.windows.window import Window
 _SLOW_SHARE = 0.5
 _ROBUST_SCALE = 2.0
 _UNKNOWN_SCATTER = 0.05
-# What means over 1 ms scatter by, of the half-band, with a noisy sensor of the current.
+# Scatter of 1 ms means with a noisy current sensor, relative to the hysteresis half-band.
 _MEAN_SCATTER = 0.08
 _GOOD_COST = 3.0
 
@@ -27,28 +27,29 @@ Scatter = tuple[float, float]
 class LeastSquares:
     """Difference of the current, sample by sample (eq. 6.3 of the thesis times the period).
 
-    The other measures of distance are made in the same way.
+    The other measures of distance derive from this class and have the same parameters.
 
     Parameters
     ----------
     window
-        The window to be explained.
+        The window to explain.
     calibration
-        Of the actuator, and how its telemetry is acquired.
+        Calibration of the actuator, with the acquisition of its telemetry.
     scatter
-        Rms of the residual of current and speed when healthy [A, rad/s]: they set the scale.
+        Rms residuals of current and speed in a healthy window [A, rad/s]; they set the scale.
 
     Attributes
     ----------
     spacing
         Time between two residuals [s].
     weights
-        What a value of a row counts [-].
+        Weights of the values of a row [-].
     good_cost
-        Highest cost at which an optimum is accepted as the lowest [A^2.s].
-    noise, effective
-        Cost that the noise of a healthy window adds per effective residual [A^2.s], and the number
-        of these: the cost of a healthy window over ``noise``. All three are 0 where not known.
+        Highest cost at which an optimum is accepted as global [A^2.s]; 0 if unknown.
+    noise
+        Cost of the noise of a healthy window per effective residual [A^2.s]; 0 if unknown.
+    effective
+        Number of effective residuals: cost of a healthy window over ``noise``; 0 if unknown.
     """
 
     good_cost = 0.0
@@ -61,12 +62,12 @@ class LeastSquares:
         self.weights = np.full(len(window), np.sqrt(self.spacing))
 
     def residuals(self, expected: Response) -> Array:
-        """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)]."""
+        """Return the residuals of expected responses, ``(m, r)`` [A.s^(1/2)]."""
         return (self._measured - expected.current) * self.weights
 
 
 class TotalLeastSquares(LeastSquares):
-    """Distance of the current normal to the measured curve, sample by sample.
+    """Distance between currents perpendicular to the measured curve, sample by sample.
 
     Notes
     -----
@@ -83,17 +84,17 @@ class TotalLeastSquares(LeastSquares):
 
 
 class BandLimited(LeastSquares):
-    """Current and speed in the band that carries information, robust against outliers.
+    """Band-limited difference of current and speed, robust against outliers (M15).
 
-    The residuals of current and speed are low-passed at some 1 kHz. That of the speed counts as
-    half the current that the speed loop makes of it, or less where the speed of a healthy actuator
-    scatters more than its current. Where the motor is slow, the model of the mean current is at
-    its worst, so each value is weighted with ``|omega| / hypot(|omega|, omega_slow)``, with half
-    the rms of the speed for ``omega_slow``. What passes twice the healthy scatter counts less
-    (pseudo-Huber), since the mismatch of the model has heavy tails (M15). A current that is not
-    measured does not count, and an instantaneous one, of which the ripple of the PWM is the most
-    part, only as much as its mean would: what the model misses is then weighed as where it is seen
-    better, in the speed.
+    The residuals of current and speed are low-passed at about 1 kHz. The residual of the speed
+    counts as half the current that the speed loop derives from it, or less if the speed of a
+    healthy actuator scatters more than its current. Each value has the weight
+    ``|omega| / hypot(|omega|, omega_slow)``, where ``omega_slow`` is half the rms of the speed: the
+    model of the mean current is least accurate when the motor is slow. Residuals beyond twice the
+    healthy scatter count less (pseudo-Huber), since the mismatch of the model has heavy tails.
+
+    A current that is not measured does not count. An instantaneous current, which mostly consists
+    of PWM ripple, counts only as much as its mean would, so that the speed dominates the cost.
     """
 
     def __init__(self, window: Window, calibration: Calibration, scatter: Scatter) -> None:
@@ -103,15 +104,15 @@ class BandLimited(LeastSquares):
         stiffness = speed_weight(parameters)
         self._current_weight = 1.0
         if sampling == "none":
-            # Its row is 0. What the speed scatters by sets the scale.
+            # The row of the current is 0; the scatter of the speed sets the scale.
             self._current_weight, of_current = 0.0, stiffness * of_speed
         if not np.isfinite(of_current):
             of_current = _UNKNOWN_SCATTER * parameters.h_b
         if sampling == "instantaneous":
             self._current_weight = min(1.0, _MEAN_SCATTER * parameters.h_b / of_current)
             of_current *= self._current_weight
-        nothing = np.zeros(len(window))
-        measured = window.missed(nothing, nothing, parameters.tau)
+        zeros = np.zeros(len(window))
+        measured = window.missed(zeros, zeros, parameters.tau)
         speed = measured[1]
         self._measured = band_limited(measured, h)
         self._scale = _ROBUST_SCALE * of_current
@@ -129,7 +130,7 @@ class BandLimited(LeastSquares):
         self.effective = both * float(np.sum(self.weights**2)) / BAND_CORRELATION
 
     def residuals(self, expected: Response) -> Array:
-        """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)]."""
+        """Return the residuals of expected responses, ``(m, r)`` [A.s^(1/2)]."""
         from ema_monitor.identification.pseudo_huber import pseudo_huber  # with the compiler
 
         current, speed = self._measured
@@ -151,4 +152,4 @@ FITNESS: Final[dict[str, type[LeastSquares]]] = {
     "total_least_squares": TotalLeastSquares,
     "least_squares": LeastSquares,
 }
-"""Measures of distance by the name that command line, parameters and messages use."""
+"""Measures of distance by their names on the command line, in parameters and in messages."""

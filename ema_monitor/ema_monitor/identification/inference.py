@@ -1,8 +1,9 @@
-"""From the optimum of a search to the estimate: what explains it, and how well it is known."""
+"""Estimate from the optimum of a search: explanation, uncertainty and verdict."""
 
 import math
 import time
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
@@ -47,45 +48,43 @@ from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
 _FAULTS = slice(0, N_FAULTS)
-# Share of the range of the search.
+# Share of the range of the search from which on a value counts as at its bound.
 _AT_BOUND = 0.999
 
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """What an identification has found in a window.
-
-    Attributes
-    ----------
-    estimate
-        The estimate, or the refusal of one; then there is nothing else.
-    misfit
-        What the estimate misses of the window.
-    knowledge
-        What is known of the faults after a stretch of motion; None of a test window.
-    surprise
-        Squared distance of a stretch from what was known before it.
-    contradicted
-        What was measured and not used, as the window contradicts it.
-    caveats
-        Further reservations about the search.
-    """
+    """Result of an identification."""
 
     estimate: Estimate
+    """The estimate. If it is a refusal, the other fields have their defaults."""
     misfit: Misfit | None = None
+    """Misfit of the estimate to the window."""
     knowledge: Knowledge | None = None
+    """Knowledge of the faults after a stretch of motion; None for a test window."""
     surprise: float = 0.0
+    """Squared distance of a stretch from the knowledge before it [-]."""
     contradicted: tuple[CauseEstimate, ...] = ()
+    """Measured causes that were not used, as the window contradicts them."""
     caveats: tuple[Reason, ...] = ()
+    """Further reservations about the search."""
 
 
 class Inference:
-    """Makes the estimate from the optimum that a search of a window found.
+    """Inference of the estimate from the optimum of a search of a window.
 
     Parameters
     ----------
-    window, calibration, settings, known, memory
-        As of ``ModelIdentification``.
+    window
+        The window, with its measured causes.
+    calibration
+        Calibration of the model.
+    settings
+        Settings of the search.
+    knowledge
+        Knowledge of the faults before a stretch of motion; None before a test window.
+    memory
+        Memory of the earlier tests of the unit.
     """
 
     def __init__(
@@ -93,31 +92,31 @@ class Inference:
         window: Window,
         calibration: Calibration,
         settings: SearchSettings,
-        known: Knowledge | None = None,
+        knowledge: Knowledge | None = None,
         memory: Memory = NOTHING,
     ) -> None:
         self._memory = memory
         self._window = window
         self._calibration = calibration
         self._settings = settings
-        self._known = known
+        self._knowledge = knowledge
         informed = memory.informed(window)
-        fitted = needs_no_evidence(informed, known)
-        told = needs_no_evidence(window, known)
+        fitted = needs_no_evidence(informed, knowledge)
+        expected = needs_no_evidence(window, knowledge)
         causes = expected_causes(calibration.parameters, informed)
-        # The other measures of distance know no noise that priors could be weighed against.
+        # Priors need the noise, which only the default measure of distance models.
         if settings.fitness != DEFAULT_FITNESS:
             causes = ()
         elif calibration.form not in LEARNS_UNIT:
-            causes = tuple(one for one in causes if one.name in fitted)
+            causes = tuple(cause for cause in causes if cause.name in fitted)
         self._objective = objective = Objective(
-            window, calibration, settings.fitness, causes=causes, known=known
+            window, calibration, settings.fitness, causes=causes, knowledge=knowledge
         )
         first = objective.first_cause
         self._always = np.arange(objective.dimension) < first
-        self._always[first:] = [one.name in fitted for one in causes]
-        self._is_told = any(one.name in told for one in causes)
-        # Of one unit of a point: the play changes by 2.
+        self._always[first:] = [cause.name in fitted for cause in causes]
+        self._expects_causes = any(cause.name in expected for cause in causes)
+        # Change per unit of a point; the position in the play has a range of 2.
         self._span = np.ones(objective.dimension)
         self._span[:N_FAULTS] = SPANS
         if window.play is None:
@@ -125,17 +124,17 @@ class Inference:
         self._unit_effects: Array | None = None
 
     def searched(self, *, cartesian: bool) -> Objective:
-        """Return what the search minimises: without the hidden causes that need evidence.
+        """Return the objective of the search, without the hidden causes that need evidence.
 
-        ``cartesian`` is as of `Coordinates`.
+        ``cartesian`` selects Cartesian components of the eccentricity; see `Coordinates`.
         """
-        suspects, told = self._objective.hidden_causes, self._always[self._objective.first_cause :]
-        causes = tuple(one for one, is_told in zip(suspects, told, strict=True) if is_told)
+        priors, fitted = self._objective.hidden_causes, self._always[self._objective.first_cause :]
+        causes = tuple(compress(priors, fitted))
         return self._objective.with_causes(causes, cartesian=cartesian)
 
     @property
     def most_evaluations(self) -> int:
-        """Number of model evaluations that an estimate needs where no hidden cause is suspected."""
+        """Number of model evaluations of an estimate without suspected hidden causes."""
         objective = self._objective
         return 3 * objective.linearisation_evaluations + objective.unit_evaluations + 2
 
@@ -150,25 +149,27 @@ class Inference:
         contradicted: tuple[CauseEstimate, ...],
         caveats: tuple[Reason, ...],
     ) -> Finding:
-        """Return what is found at an optimum.
+        """Return the finding at the optimum of a search.
 
         Parameters
         ----------
         faults, play
-            The optimum, ``(8,)``, and the motor's place in its play there [half-widths].
+            Faults at the optimum, ``(8,)``, and position of the motor in its play [half-widths].
         fitted
-            The causes that need no evidence there, in the unit box.
+            Values of the causes that need no evidence, in the unit box.
         started
-            When the identification began, by ``time.perf_counter`` [s].
+            Start of the identification by ``time.perf_counter`` [s].
         warm_start
             Whether the search began at earlier faults.
-        contradicted, caveats
-            As of `Finding`.
+        contradicted
+            Measured causes that were not used, as the window contradicts them.
+        caveats
+            Reservations about the search.
 
         Raises
         ------
         numpy.linalg.LinAlgError
-            When the covariance cannot be computed.
+            If the covariance cannot be computed.
         """
         objective, window, settings = self._objective, self._window, self._settings
         left = settings.budget - objective.unit_evaluations - 2
@@ -176,7 +177,7 @@ class Inference:
             objective,
             self._always,
             most_evaluations=left,
-            seeds={} if self._known is not None else {"position_offset": (window.start_offset,)},
+            seeds={"position_offset": (window.start_offset,)} if self._knowledge is None else {},
             remembered=self._remembered if self._memory.causes else None,
         )
         optimum = objective.encode(faults, play)
@@ -191,16 +192,16 @@ class Inference:
         spans = np.outer(self._span, self._span)
         covariance = spans * (self._uncertainty(explanation, widening(goodness)) + spread)
         knowledge, surprised = None, 0.0
-        if self._known is not None:
-            knowledge, gained = self._knowledge(explanation, self._known)
-            surprised = surprise(self._known, knowledge, gained)
-        known, unobservable = uncertainty_of_faults(faults, covariance)
-        told = self._uncertainty(explanation, math.sqrt(goodness), of_quantiles=True)
-        quantiles, probability = self._distribution(explanation, faults, told[_FAULTS, _FAULTS])
+        if self._knowledge is not None:
+            knowledge, gained = self._knowledge_after(explanation, self._knowledge)
+            surprised = surprise(self._knowledge, knowledge, gained)
+        fault_covariance, unobservable = uncertainty_of_faults(faults, covariance)
+        widths = self._uncertainty(explanation, math.sqrt(goodness), of_quantiles=True)
+        quantiles, probability = self._distribution(explanation, faults, widths[_FAULTS, _FAULTS])
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
         causes = self._causes(explanation, covariance)
         limit = goodness_limit(faults, settings.goodness_limit)
-        subject = "window" if self._known is None else "stretch"
+        subject = "window" if self._knowledge is None else "stretch"
         verdict = judged(
             subject,
             misfit,
@@ -222,7 +223,7 @@ class Inference:
             settings.seed,
             self._calibration.calibration_id,
             faults=FaultVector.of(np.where(phase_unknown, healthy_faults(), faults)),
-            covariance=known,
+            covariance=fault_covariance,
             unobservable=unobservable,
             quantiles=quantiles,
             probability=probability,
@@ -245,48 +246,50 @@ class Inference:
         return Finding(estimate, misfit, knowledge, surprised, contradicted, caveats)
 
     def _remembered(self, points: Array) -> Array:
-        """Return how much points, ``(..., d)``, surprise after the earlier tests, ``(...)``."""
+        """Return the surprise, ``(...)``, of points, ``(..., d)``, after the earlier tests."""
         objective, flat = self._objective, np.atleast_2d(points)
-        names = [one.name for one in objective.hidden_causes]
+        names = [prior.name for prior in objective.hidden_causes]
         causes = dict(zip(names, objective.causes(flat).T, strict=True))
         surprise = self._memory.surprise(objective.decode(flat)[0], causes)
         return surprise.reshape(points.shape[:-1])
 
     def _distribution(
-        self, explanation: Explanation, faults: Array, told: Array
+        self, explanation: Explanation, faults: Array, covariance: Array
     ) -> tuple[Array, Array]:
         """Return quantiles, ``(5, 8)``, and the probability that each fault is present, ``(8,)``.
 
-        ``told``, ``(8, 8)``, is the covariance about each explanation (M18).
+        ``covariance``, ``(8, 8)``, is the covariance about each explanation (M18).
         """
-        found = explanation.open
-        steps = found.steps[:, _FAULTS]
+        explanations = explanation.open
+        steps = explanations.steps[:, _FAULTS]
         away = explanation.at.point[_FAULTS] + steps - self._objective.healthy[_FAULTS]
         present = ~np.isclose(away, 0.0)
         present[:, PLANE] = np.any(present[:, PLANE], axis=1, keepdims=True)
         turn = turn_of(faults) * SPANS
-        means, widths = faults + steps @ turn.T, np.sqrt(np.diag(turn @ told @ turn.T))
-        return quantiles_of(found.weights, means, np.outer(WIDTHS, widths)), found.weights @ present
+        means, widths = faults + steps @ turn.T, np.sqrt(np.diag(turn @ covariance @ turn.T))
+        weights = explanations.weights
+        return quantiles_of(weights, means, np.outer(WIDTHS, widths)), weights @ present
 
     def _uncertainty(
         self, explanation: Explanation, widened: float, *, of_quantiles: bool = False
     ) -> Array:
         """Return the covariance of all components in the unit box, ``(d, d)``.
 
-        Where causes take part, that of what is kept holds for the explanation as it is; that of
-        each other fault, for the explanation with it. What is not known of the unit is part of it
-        (M18); ``widened`` is what a poor fit makes of residuals.
+        If causes take part, the covariance of the components of the explanation refers to the
+        explanation itself. The covariance of each further fault refers to the explanation with this
+        fault added. The uncertain deviations of the unit are included (M18). ``widened`` is the
+        factor of a poor fit on the residuals.
         """
         at, kept = explanation.at, explanation.kept
-        # What is not known of the unit does not follow the misfit.
+        # The uncertain deviations of the unit do not depend on the misfit.
         at = at._replace(residuals=widened * at.residuals)
         always, is_cause = self._always, np.arange(len(kept)) >= self._objective.first_cause
         effects = np.zeros((len(at.residuals), 0))
-        # At the healthy point under a calibrated command there is no effect: it was measured.
+        # The response at the healthy point under the calibrated command was measured.
         departs = np.any(explanation.kept[:N_FAULTS]) or np.any(explanation.kept[is_cause])
         if departs or self._window.measured:
             effects = self._effects(at, of_quantiles=of_quantiles)
-        if self._is_told or not np.any(kept & is_cause):
+        if self._expects_causes or not np.any(kept & is_cause):
             kept = kept | always
         result = self._covariance(at, kept, effects)
         for group in GROUPS:
@@ -300,15 +303,16 @@ class Inference:
         jacobian = at.jacobian[:, shown]
         result = np.zeros((len(shown), len(shown)))
         shifts = shifts_of(jacobian, effects)
-        known = self._objective.covariance(jacobian, at.residuals)
-        result[np.ix_(shown, shown)] = known + shifts @ shifts.T
+        covariance = self._objective.covariance(jacobian, at.residuals)
+        result[np.ix_(shown, shown)] = covariance + shifts @ shifts.T
         return result
 
     def _effects(self, at: Linearisation, *, of_quantiles: bool = False) -> Array:
-        """Return what is not known of the unit does to the residuals, ``(r, k)``.
+        """Return the effects of the unit's uncertain deviations on the residuals, ``(r, k)``.
 
-        It does not follow the faults, as the mismatch does that widens the whole later. Quantiles
-        have half of it, and less of the play: faults are in multiples of the nominal one.
+        They are divided by ``MISMATCH_FACTOR``, which is applied to the whole covariance later.
+        Quantiles use half of the effects, and less for the play, as faults are multiples of the
+        nominal play.
         """
         if self._unit_effects is None:
             self._unit_effects = self._objective.unit_effects(at.point)
@@ -320,10 +324,12 @@ class Inference:
         shares[: len(steps)][is_play] = CALIBRATED_SHARE
         return self._unit_effects * shares
 
-    def _knowledge(self, explanation: Explanation, before: Knowledge) -> tuple[Knowledge, Array]:
-        """Return what is known of the faults after the window, and its own information, ``(8, 8)``.
+    def _knowledge_after(
+        self, explanation: Explanation, before: Knowledge
+    ) -> tuple[Knowledge, Array]:
+        """Return the knowledge of the faults after the window, and its information, ``(8, 8)``.
 
-        None of the faults is set to healthy, and none held at the bounds of the box (M29).
+        No fault is set to healthy or limited to the unit box (M29).
         """
         objective, at = self._objective, explanation.at
         shown = explanation.kept | explanation.confused | self._always
@@ -331,57 +337,57 @@ class Inference:
         step = -shifts_of(jacobian, at.residuals[:, None])
         effects = -shifts_of(jacobian, self._effects(at))
         covariance = objective.covariance(jacobian, at.residuals + jacobian @ step[:, 0])
-        gained = information(np.delete(jacobian, objective.known_rows, axis=0), objective.noise)
-        known = Knowledge(
+        gained = information(np.delete(jacobian, objective.knowledge_rows, axis=0), objective.noise)
+        after = Knowledge(
             at.point[_FAULTS] + step[_FAULTS, 0],
             covariance[_FAULTS, _FAULTS] + explanation.far[_FAULTS, _FAULTS],
             effects[_FAULTS],
             max(1.0, objective.misfit(at.residuals)),
             before.gained + before.misfit**2 * gained,
         )
-        return known, gained
+        return after, gained
 
     def _causes(self, explanation: Explanation, covariance: Array) -> tuple[CauseEstimate, ...]:
         """Return the hidden causes that are part of the explanation."""
         objective = self._objective
         first = objective.first_cause
-        found = [
+        causes = [
             CauseEstimate(
-                one.cause.name,
+                prior.cause.name,
                 float(value),
-                # Two reaches are one unit of a point.
-                MISMATCH_FACTOR * 2.0 * one.reach * math.sqrt(covariance[first + i, first + i]),
+                # One unit of a point corresponds to two reaches.
+                MISMATCH_FACTOR * 2.0 * prior.reach * math.sqrt(covariance[first + i, first + i]),
             )
-            for i, (one, value) in enumerate(
+            for i, (prior, value) in enumerate(
                 zip(objective.hidden_causes, objective.causes(explanation.at.point), strict=True)
             )
             if explanation.kept[first + i]
         ]
-        return tuple(cause for cause in found if self._is_news(cause))
+        return tuple(cause for cause in causes if self._is_unexpected(cause))
 
-    def _is_news(self, cause: CauseEstimate) -> bool:
-        """Return whether a cause differs significantly from what was expected of it."""
+    def _is_unexpected(self, cause: CauseEstimate) -> bool:
+        """Return whether a cause differs significantly from its expected value."""
         for measured in self._window.measured:
             if measured.name == cause.name:
-                # Of both, the window and the measurement, it is not known less well than of one.
+                # Combining window and measurement never increases the variance.
                 return abs(cause.value - measured.value) > SIGNIFICANT_CAUSE * measured.sigma
-        if self._known is not None and cause.name == NUISANCE:
+        if self._knowledge is not None and cause.name == NUISANCE:
             return abs(cause.value) > SIGNIFICANT_CAUSE * cause.sigma
         return True
 
     def _is_at_bound(self, cause: CauseEstimate) -> bool:
-        """Return whether the error of a sensor ends the range of the search."""
-        prior = next(one for one in self._objective.hidden_causes if one.name == cause.name)
+        """Return whether a cause is a sensor error at a bound of the search."""
+        prior = next(item for item in self._objective.hidden_causes if item.name == cause.name)
         away = abs(cause.value - prior.expected)
         return prior.cause.place == Place.SENSOR and away > _AT_BOUND * prior.reach
 
     def _misfit(self, at: Linearisation) -> Misfit:
-        """Return what is missed at the estimate and at the healthy point."""
+        """Return the misfit at the estimate and at the healthy point."""
         window, objective = self._window, self._objective
         expected = objective.expect(np.stack([at.point, objective.healthy]))
         missed = window.missed(*expected, self._calibration.parameters.tau)
         squares = band_limited(missed, window.sample_period) ** 2
-        # Ordinary motion dwells, where neither model nor fit says what current flows.
-        weights = None if self._known is None else objective.fitness.weights**2
+        # At rest, neither model nor fit determines the current: ordinary motion is weighted.
+        weights = None if self._knowledge is None else objective.fitness.weights**2
         in_band = np.average(squares, axis=-1, weights=weights)
         return Misfit(in_band / np.square(objective.scatter)[:, None])

@@ -1,4 +1,4 @@
-"""Estimate of a record whose controller is not modelled, by comparison with its baseline."""
+"""Estimate from a record of a unit without a modelled controller, compared with its baseline."""
 
 import math
 import time
@@ -61,23 +61,23 @@ from ema_monitor.windows.window import Window
 
 _LEAST_VISCOUS: Final = 0.05
 _OTHER_SPEED: Final = 5.0
-"""Ratio of speeds from which on the unit of the position or speed is in doubt [-]."""
+"""Ratio of speeds from which on the unit of position or speed is doubted [-]."""
 _LEAST_ZERO: Final = 0.03
-"""Smallest angle that is named as another zero of the position [rad]."""
+"""Least angle that is reported as a shifted zero of the position [rad]."""
 _GAIN_OF_ZERO: Final = 1.2
-"""By how much another zero has to lower the residual of the effort, if the changes explain the
-coefficients as well [-]."""
+"""Factor by which a shifted zero has to lower the residual of the effort, if the changes explain
+the coefficients equally well [-]."""
 _OF_ZERO: Final = 9.0
-"""By how much another zero has to explain a record better than the changes."""
+"""Least advantage of a shifted zero over the changes in explaining a record [-]."""
 _EXPLAINED: Final = 1.5
-"""By how much a delay has to explain a record better than the changes alone, to be likelier."""
+"""Least advantage of a delay over the changes alone in explaining a record [-]."""
 _CAUSES: Final = {
     of.TORQUE: "torque_constant",
     of.INERTIA: "inertia",
     of.VISCOUS: "viscous_friction",
     of.LOAD: "load_torque",
 }
-"""Hidden cause of each quantity that is no fault."""
+"""Hidden cause of each quantity that does not correspond to a fault."""
 
 
 def identify_record(
@@ -92,9 +92,10 @@ def identify_record(
     Parameters
     ----------
     window, description, calibration
-        The record, or why there is none; its actuator, and the calibration.
+        The record, or the reason why there is none; the description of its actuator; and the
+        calibration.
     force
-        Make an estimate although the calibration is of another unit.
+        Whether to accept the calibration of a different unit.
     """
     started = time.perf_counter()
     if isinstance(window, Refusal):
@@ -123,7 +124,7 @@ def identify_record(
     if torque in comparison.changed and torque.change <= -1.0:
         return _refused(window, calibration, EffortReversed(), compared=True)
     faults, covariance, insignificant = _faults(comparison)
-    zero = _another_zero(window, description, calibration, record, comparison)
+    zero = _shifted_zero(window, description, calibration, record, comparison)
     reasons = (
         OtherUnit(mismatch, forced=True) if mismatch else None,
         None if zero is None else OtherZero(zero),
@@ -155,16 +156,16 @@ def identify_record(
 def comparable_record(
     window: Window, description: ActuatorDescription, calibration: JointCalibration
 ) -> JointRecord | tuple[Reason, ...]:
-    """Return what a record shows, or why it cannot be compared with the baseline."""
+    """Return the fitted record, or the reasons why it cannot be compared with the baseline."""
     if unusable := _unusable(window, calibration):
         return (unusable,)
     return _record_of(_without_spikes(window, calibration)[0], description, calibration)
 
 
 def _without_spikes(window: Window, calibration: JointCalibration) -> tuple[Window, int]:
-    """Return a record without spikes of the effort, and how many samples were replaced.
+    """Return a record without spikes of the effort, and the number of replaced samples.
 
-    Values that repeat are put on the line between their renewals.
+    Repeated values are interpolated between their renewals.
     """
     cutoff_hz = calibration.baseline.preparation.cutoff_hz
     telemetry, count = despiked(renewed(window.telemetry), cutoff_hz)
@@ -172,9 +173,9 @@ def _without_spikes(window: Window, calibration: JointCalibration) -> tuple[Wind
 
 
 def _unusable(window: Window, calibration: JointCalibration) -> Reason | None:
-    """Return why the samples of a record cannot be compared; None when they can.
+    """Return why the samples of a record cannot be compared; None if they can.
 
-    A speed is not needed: without it, play is not judged.
+    A record without a speed can be compared, but its play is not judged.
     """
     if mismatch := calibration.shape_mismatch(window):
         return OtherSamples(mismatch)
@@ -197,10 +198,10 @@ def _of_samples(telemetry: Telemetry, spikes: int, shift_s: float) -> Iterator[R
 def _record_of(
     window: Window, description: ActuatorDescription, calibration: JointCalibration
 ) -> JointRecord | tuple[Reason, ...]:
-    """Return what usable samples show, or why their motion cannot be compared."""
+    """Return the record fitted to usable samples, or why their motion cannot be compared."""
     preparation = calibration.baseline.preparation
     fine = block_means(window.telemetry, description, preparation.cutoff_hz)
-    healthy = [one.effort_lag for one in calibration.baseline.records]
+    healthy = [item.effort_lag for item in calibration.baseline.records]
     lag = with_shift(effort_lag(fine, preparation), healthy, preparation.cutoff_hz)
     record = _read(window, description, calibration, fine, lag)
     if lag.shift_s and not lag.is_certain:
@@ -219,7 +220,7 @@ def _read(
     fine: Fine,
     lag: EffortLag,
 ) -> JointRecord | tuple[Reason, ...]:
-    """Return what a record shows with the effort moved, or why it cannot be compared."""
+    """Return the record fitted with the effort shifted, or why it cannot be compared."""
     baseline = calibration.baseline
     fine = aligned(fine, lag)
     signals = filtered(fine, baseline.preparation)
@@ -263,7 +264,7 @@ def _refused(
 def _wrong_speed(
     fine: Fine, description: ActuatorDescription, baseline: Baseline
 ) -> SpeedScaled | None:
-    """Return which usual mistake scales the speed of a record; None if it is none of them."""
+    """Return the usual mistake that scales the speed of a record; None without one."""
     preparation = baseline.preparation
     factor = usual_speed(fine, preparation.cutoff_hz) / preparation.usual_speed
     if 1.0 / _OTHER_SPEED < factor < _OTHER_SPEED:
@@ -276,7 +277,7 @@ def _wrong_speed(
 def _wrong_scale(
     record: JointRecord, baseline: Baseline, description: ActuatorDescription
 ) -> Reason | None:
-    """Return why the effort of a record cannot be that of the unit; None where it can."""
+    """Return why the effort of a record cannot belong to the unit; None if it can."""
     scale = effort_scale(record, baseline)
     mistake = usual_mistake("current", scale.factor, description.parameters.tau)
     if scale.is_scaled and (mistake or scale.negative is None):
@@ -284,16 +285,16 @@ def _wrong_scale(
     return None if scale.negative is None else NegativeQuantity(*scale.negative)
 
 
-def _another_zero(
+def _shifted_zero(
     window: Window,
     description: ActuatorDescription,
     calibration: JointCalibration,
     record: JointRecord,
     comparison: Comparison,
 ) -> float | None:
-    """Return by how much the position exceeds that of the healthy records [rad].
+    """Return the shift of the zero of the position since the healthy records [rad].
 
-    None where another zero does not explain the record better than the changes.
+    None if a shifted zero does not explain the record better than the changes.
     """
     baseline, comparer = calibration.baseline, calibration.comparer
     if not (baseline.shape.has_gravity and comparison.has_departed):
@@ -315,36 +316,37 @@ def _another_zero(
 
 
 def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray]:
-    """Return the faults that quantities stand for, their covariance, and which are healthy."""
+    """Return the faults that correspond to quantities, their covariance, and the healthy ones."""
     values, variances = np.full(N_FAULTS, math.nan), np.full(N_FAULTS, math.nan)
     insignificant = np.zeros(N_FAULTS, dtype=bool)
     for name, fault in of.FAULTS_OF_RECORDS.items():
-        one, number = comparison[name], FAULT_NAMES.index(fault)
-        if not one.is_estimated:
+        quantity, number = comparison[name], FAULT_NAMES.index(fault)
+        if not quantity.is_estimated:
             continue
         slope = FAULT_BY_NAME[fault].slope
-        values[number] = max(one.change, 0.0) / slope
-        variances[number] = (_sigma(one) / slope) ** 2
-        insignificant[number] = one not in comparison.changed or one.change <= 0.0
+        values[number] = max(quantity.change, 0.0) / slope
+        variances[number] = (_sigma(quantity) / slope) ** 2
+        insignificant[number] = quantity not in comparison.changed or quantity.change <= 0.0
     return FaultVector.of(values), np.diag(variances), insignificant
 
 
 def _causes(comparison: Comparison, calibration: JointCalibration) -> list[CauseEstimate]:
-    """Return the hidden causes that quantities stand for which have changed and are named."""
-    found = []
-    for one in comparison.changed:
-        if one.name in _CAUSES and not one.rivals:
-            scale = _cause_scale(one.name, calibration)
-            if scale is not None and math.isfinite(_sigma(one)):
-                name = _CAUSES[one.name]
-                found.append(CauseEstimate(name, scale * one.change, scale * _sigma(one)))
-    return found
+    """Return the hidden causes that correspond to changed quantities without rivals."""
+    causes = []
+    for quantity in comparison.changed:
+        if quantity.name in _CAUSES and not quantity.rivals:
+            scale = _cause_scale(quantity.name, calibration)
+            if scale is not None and math.isfinite(_sigma(quantity)):
+                name = _CAUSES[quantity.name]
+                value, sigma = scale * quantity.change, scale * _sigma(quantity)
+                causes.append(CauseEstimate(name, value, sigma))
+    return causes
 
 
 def _cause_scale(name: str, calibration: JointCalibration) -> float | None:
-    """Return the cause for a change of 1 of its quantity; None where the cause is unknown.
+    """Return the value of a cause per unit change of its quantity; None if it is undefined.
 
-    A relative change of viscous friction needs healthy viscous friction to compare with.
+    A relative change of viscous friction needs a healthy viscous friction as its reference.
     """
     baseline = calibration.baseline
     if name == of.LOAD:
@@ -355,5 +357,5 @@ def _cause_scale(name: str, calibration: JointCalibration) -> float | None:
     return scale / healthy if healthy > _LEAST_VISCOUS * scale else None
 
 
-def _sigma(one: QuantityChange) -> float:
-    return (one.high - one.low) / (2.0 * Z90)
+def _sigma(change: QuantityChange) -> float:
+    return (change.high - change.low) / (2.0 * Z90)

@@ -1,4 +1,4 @@
-"""What is known of the faults before and after a window, as a Gaussian (M29)."""
+"""Gaussian knowledge of the faults before and after a window (M29)."""
 
 from typing import Final, NamedTuple, Self
 
@@ -17,10 +17,10 @@ from ema_monitor.optimizers.linear_model import ridge_of
 from ema_monitor.windows.window import Window
 
 NUISANCE: Final = "load_torque"
-"""The hidden cause that is usual in ordinary motion: fitted to every stretch, without evidence."""
+"""Hidden cause that is common in ordinary motion; it is fitted to every stretch."""
 
 FLOOR: Final = MISMATCH_SIGMA / SPANS
-"""What the mismatch of the model adds to each fault at least, in the unit box, ``(8,)``."""
+"""Least standard deviation from the mismatch of the model, in the unit box, ``(8,)``."""
 
 _LEAST_VARIANCE = 1e-12
 _FAULTS = slice(0, N_FAULTS)
@@ -28,41 +28,32 @@ _NOTHING = np.zeros((N_FAULTS, N_FAULTS))
 
 
 class Knowledge(NamedTuple):
-    """What is known of the faults, in Cartesian coordinates of the unit box.
-
-    Attributes
-    ----------
-    point
-        Expected values, ``(8,)``; they may be outside of the box.
-    covariance
-        Their covariance as the residuals tell it, ``(8, 8)``.
-    shifts
-        What one standard deviation along each principal axis of what is not known of the unit
-        changes them by, ``(8, k)``. It is common to all windows.
-    misfit
-        How many times larger than when healthy the residuals are that go with it, at least 1.
-    gained
-        Information that the windows would have given with the noise of a healthy one, ``(8, 8)``:
-        what one tells more is judged by it.
-    """
+    """Gaussian knowledge of the faults, in Cartesian coordinates of the unit box."""
 
     point: Array
+    """Expected values, ``(8,)``; they may be outside of the unit box."""
     covariance: Array
+    """Covariance from the residuals, ``(8, 8)``."""
     shifts: Array = _NOTHING[:, :0]
+    """Changes of the expected values by one standard deviation along each principal axis of the
+    unit's uncertain deviations, ``(8, k)``. They are common to all windows."""
     misfit: float = 1.0
+    """Rms residual over the rms residual of a healthy window, at least 1 [-]."""
     gained: Array = _NOTHING
+    """Information of the windows under the noise of a healthy window, ``(8, 8)``. The gain of a
+    further window is judged against it."""
 
     def rows(self) -> Array:
         """Return the derivatives of eight independent residuals of unit variance, ``(8, 8)``."""
         variances, axes = np.linalg.eigh(self.covariance)
-        # Beyond its range nothing is known of a component.
+        # The variance of a component does not exceed its range.
         return (axes / np.sqrt(np.clip(variances, _LEAST_VARIANCE, 1.0))).T
 
     @classmethod
     def of_range(cls, point: Array) -> Self:
-        """Return that a fault is no better known than from its range.
+        """Return the knowledge that the ranges of the faults give.
 
-        Of two explanations that fit as well, the one near ``point``, ``(8,)``, is taken.
+        Among explanations that fit equally well, it prefers the one near ``point``, ``(8,)``.
         """
         return cls(point, np.diag((UNOBSERVABLE_SIGMA / MISMATCH_FACTOR / SPANS) ** 2))
 
@@ -70,7 +61,7 @@ class Knowledge(NamedTuple):
     def sigma(self) -> Array:
         """Standard deviations with the mismatch of the model, ``(8,)``, in units of the faults.
 
-        Those of the eccentricity are the two of its plane.
+        The eccentricity has the two standard deviations of its plane.
         """
         total = with_mismatch(self.covariance + self.shifts @ self.shifts.T, FLOOR)
         return SPANS * np.sqrt(np.diag(total))
@@ -82,48 +73,62 @@ class Knowledge(NamedTuple):
         return SPANS * np.sqrt(np.diag(common) + FLOOR**2)
 
 
-def needs_no_evidence(window: Window, known: Knowledge | None) -> set[str]:
+def needs_no_evidence(window: Window, knowledge: Knowledge | None) -> set[str]:
     """Return the names of the hidden causes that are components of any fit of a window.
 
-    What was measured is one of them: its error is part of the uncertainty.
+    They include the measured causes, whose errors are part of the uncertainty.
+
+    Parameters
+    ----------
+    window
+        Test window or stretch of motion.
+    knowledge
+        Knowledge before a stretch; None for a test window.
     """
-    names = {one.name for one in window.measured}
-    return names if known is None else names | {NUISANCE}
+    names = {cause.name for cause in window.measured}
+    return names if knowledge is None else names | {NUISANCE}
 
 
 def information(jacobian: Array, noise: float) -> Array:
-    """Return the information on the faults, ``(8, 8)``, the other components being fitted, too.
+    """Return the information on the faults if all components are fitted, ``(8, 8)``.
 
     Parameters
     ----------
     jacobian
-        Derivatives of the residuals, those of priors included, ``(n, d)``.
+        Derivatives of the residuals, including residuals of priors, ``(n, d)``.
     noise
         Variance of an effective residual.
     """
     normal = jacobian.T @ jacobian / noise
-    others = normal[N_FAULTS:, N_FAULTS:]
-    others = others + ridge_of(others) * np.eye(len(others))
+    nuisance = normal[N_FAULTS:, N_FAULTS:]
+    nuisance = nuisance + ridge_of(nuisance) * np.eye(len(nuisance))
     coupling = normal[N_FAULTS:, _FAULTS]
-    found = normal[_FAULTS, _FAULTS] - coupling.T @ np.linalg.solve(others, coupling)
-    return (found + found.T) / 2.0
+    marginal = normal[_FAULTS, _FAULTS] - coupling.T @ np.linalg.solve(nuisance, coupling)
+    return (marginal + marginal.T) / 2.0
 
 
-def surprise(known: Knowledge, after: Knowledge, gained: Array) -> float:
-    """Return the squared distance of a window from what was known before it.
+def surprise(before: Knowledge, after: Knowledge, gained: Array) -> float:
+    """Return the squared Mahalanobis distance of a window from the knowledge before it [-].
 
-    It is that of the faults that the window alone, with its information ``gained``, would give from
-    those expected, over its covariance with the mismatch of both; where it agrees, about the number
-    of faults it shows.
+    The distance is between the faults that the window alone would give and the expected faults,
+    over the covariance of their difference with the mismatch of both. For a window that agrees, it
+    is about the number of faults that the window determines.
+
+    Parameters
+    ----------
+    before, after
+        Knowledge before and after the window.
+    gained
+        Information of the window alone, ``(8, 8)``.
     """
     strengths, axes = np.linalg.eigh(gained)
     alone = (axes / np.maximum(strengths, 1.0)) @ axes.T
-    rows = known.rows()
-    # From what the window has moved the estimate by to where it would be with the window alone.
+    rows = before.rows()
+    # Converts the shift of the combined estimate to the shift of the window's own estimate.
     amplified = np.eye(N_FAULTS) + alone @ rows.T @ rows
-    offset = amplified @ (after.point - known.point)
-    common = known.shifts if known.shifts.size else np.zeros_like(after.shifts)
+    offset = amplified @ (after.point - before.point)
+    common = before.shifts if before.shifts.size else np.zeros_like(after.shifts)
     shifts = amplified @ (after.shifts - common)
-    covariance = known.covariance + alone + shifts @ shifts.T
+    covariance = before.covariance + alone + shifts @ shifts.T
     covariance = with_mismatch(covariance, np.sqrt(2.0) * FLOOR)
     return float(offset @ np.linalg.solve(covariance, offset))

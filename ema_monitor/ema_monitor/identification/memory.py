@@ -1,4 +1,4 @@
-"""What a unit's earlier tests tell of the next one: a prior for slow hidden causes and faults."""
+"""Memory of a unit's earlier tests: a prior for slow hidden causes and faults (M27)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -14,17 +14,19 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.windows.window import Window
 
 _MONTH_NS: Final = 30 * 86_400 * 10**9
-# Degrees of freedom of the prior: what is far from it costs little more than what is near.
+# Degrees of freedom of the prior: its heavy tails limit the penalty of distant values.
 _TAIL = 4.0
-# Standard deviations from which on a window contradicts what is remembered.
+# Distance from which on a window contradicts the memory [sigma].
 _CONTRADICTED = 3.0
 
 
 class Pace(NamedTuple):
-    """Standard deviations of what changes in a month, and between any two tests, in its unit."""
+    """Rate at which a hidden cause or fault changes."""
 
     in_month: float
+    """Standard deviation of the change in a month, in the unit of the cause."""
     at_least: float
+    """Standard deviation of the change between any two tests, in the unit of the cause."""
 
     def widened(self, variance: Array | float, months: float) -> Array | float:
         """Return a variance after some months."""
@@ -38,64 +40,56 @@ SLOW: Final[Mapping[str, Pace]] = {
     "current_gain": Pace(0.005, 0.005),
     "speed_gain": Pace(0.002, 0.001),
 }
-"""Hidden causes that have a memory; all others come and go."""
+"""Hidden causes that are remembered; all others may change between tests."""
 
 _FAULT = Pace(0.02, 0.02)
 _MAY_GROW = np.array(
-    [not one.is_two_sided and i != ECCENTRICITY_PHASE for i, one in enumerate(FAULTS)]
+    [not fault.is_two_sided and i != ECCENTRICITY_PHASE for i, fault in enumerate(FAULTS)]
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """What is remembered of a unit (M27).
-
-    Attributes
-    ----------
-    stamp_ns
-        When the latest test that is part of it ended [ns].
-    causes
-        Slow causes, with value and standard deviation; 0 of those that tests have not shown.
-    clear
-        Names of those that a test has told from everything else.
-    faults, variances
-        Faults and their variances, ``(8,)``; an infinite variance of what is not known.
-    """
+    """Memory of the tests of a unit (M27)."""
 
     stamp_ns: int = 0
+    """End of the latest test that the memory contains [ns]; 0 without tests."""
     causes: Mapping[str, CauseEstimate] = field(default_factory=dict)
+    """Slow causes by name; the value is 0 if the tests have not shown the cause."""
     clear: frozenset[str] = frozenset()
+    """Names of the causes that a test has separated from all alternatives."""
     faults: Array = field(default_factory=lambda: np.zeros(N_FAULTS))
     variances: Array = field(default_factory=lambda: np.full(N_FAULTS, np.inf))
+    """Faults and their variances, ``(8,)``; the variance of an unknown fault is infinite."""
 
     def after(self, months: float) -> Self:
-        """Return what is still known after some months."""
+        """Return the memory with the uncertainty after some months."""
         causes = {
-            name: one._replace(sigma=float(np.sqrt(SLOW[name].widened(one.sigma**2, months))))
-            for name, one in self.causes.items()
+            name: cause._replace(sigma=float(np.sqrt(SLOW[name].widened(cause.sigma**2, months))))
+            for name, cause in self.causes.items()
         }
         return replace(self, causes=causes, variances=_FAULT.widened(self.variances, months))
 
     def before(self, stamp_ns: int) -> "Memory":
-        """Return what is known at a time; nothing before the end of the latest test."""
+        """Return the memory at a time [ns]; `NOTHING` before the end of the latest test."""
         if not self.stamp_ns or stamp_ns < self.stamp_ns:
             return NOTHING
         return self.after((stamp_ns - self.stamp_ns) / _MONTH_NS)
 
     def updated(self, estimate: Estimate) -> "Memory":
-        """Return what is known after a test, which was identified with this memory."""
+        """Return the memory after a test that was identified with this memory."""
         if not estimate.valid or estimate.stretches or estimate.end_ns < self.stamp_ns:
             return self
-        known = self.before(estimate.end_ns)
-        found = {one.name: one for one in estimate.causes if one.name in SLOW}
+        before = self.before(estimate.end_ns)
+        shown = {cause.name: cause for cause in estimate.causes if cause.name in SLOW}
         doubtful = names_of(estimate.alternatives)
-        causes, clear = dict(known.causes), set(known.clear)
+        causes, clear = dict(before.causes), set(before.clear)
         for name, pace in SLOW.items():
             if name not in doubtful:
-                causes[name] = found.get(name, CauseEstimate(name, 0.0, pace.at_least))
+                causes[name] = shown.get(name, CauseEstimate(name, 0.0, pace.at_least))
                 clear.add(name)
-            elif name in found and name not in clear:
-                causes[name] = found[name]
+            elif name in shown and name not in clear:
+                causes[name] = shown[name]
         is_doubtful = np.isin(FAULT_NAMES, list(doubtful))
         variances = np.square(estimate.sigma)
         variances[~_MAY_GROW | is_doubtful | ~np.isfinite(variances)] = np.inf
@@ -104,49 +98,52 @@ class Memory:
 
     @property
     def expected(self) -> tuple[CauseEstimate, ...]:
-        """Causes that the next test has, too."""
+        """Causes that are expected in the next test."""
         return tuple(
             self.causes[name] for name in SLOW if name in self.clear and self.causes[name].value
         )
 
     def informed(self, window: Window) -> Window:
-        """Return a window with expected causes as if they were measured, but for those that are."""
-        known = {one.name for one in window.measured}
-        more = tuple(one for one in self.expected if one.name not in known)
+        """Return a window with the expected causes added to its measured causes."""
+        measured = {cause.name for cause in window.measured}
+        more = tuple(cause for cause in self.expected if cause.name not in measured)
         return replace(window, measured=window.measured + more) if more else window
 
     def left_by(self, estimate: Estimate) -> "Memory":
-        """Return the memory without what an estimate contradicts; nothing if it is not valid."""
+        """Return the memory without the causes that an estimate contradicts.
+
+        Return `NOTHING` if the estimate is not valid.
+        """
         if not estimate.valid:
             return NOTHING
-        found = {one.name: one.value for one in estimate.causes}
+        values = {cause.name: cause.value for cause in estimate.causes}
         wrong = {
-            one.name
-            for one in self.expected
-            if abs(found.get(one.name, one.value) - one.value) > _CONTRADICTED * one.sigma
+            cause.name
+            for cause in self.expected
+            if abs(values.get(cause.name, cause.value) - cause.value) > _CONTRADICTED * cause.sigma
         }
         if not wrong:
             return self
-        causes = {name: one for name, one in self.causes.items() if name not in wrong}
+        causes = {name: cause for name, cause in self.causes.items() if name not in wrong}
         return replace(self, causes=causes, clear=self.clear - wrong)
 
     def surprise(self, faults: Array, causes: Mapping[str, Array]) -> Array:
-        """Return -2 ln of the density of explanations, ``(n,)``, over the highest one.
+        """Return -2 ln of the density of explanations over the highest density, ``(n,)``.
 
         Parameters
         ----------
         faults
-            Fault vectors, ``(n, 8)``: a fault may grow at no cost.
+            Fault vectors, ``(n, 8)``. Growth of a fault costs nothing.
         causes
             Values of hidden causes by name, ``(n,)`` each.
         """
         squares = [np.maximum(self.faults - faults, 0.0) ** 2 / self.variances]
         expected = self.expected
-        for name, one in self.causes.items():
-            if name in causes and one not in expected:
-                squares.append(((causes[name][:, None] - one.value) / one.sigma) ** 2)
-        every = np.concatenate(squares, axis=1)
-        return (_TAIL + 1.0) * np.sum(np.log1p(every / _TAIL), axis=1)
+        for name, cause in self.causes.items():
+            if name in causes and cause not in expected:
+                squares.append(((causes[name][:, None] - cause.value) / cause.sigma) ** 2)
+        terms = np.concatenate(squares, axis=1)
+        return (_TAIL + 1.0) * np.sum(np.log1p(terms / _TAIL), axis=1)
 
 
 NOTHING: Final = Memory()

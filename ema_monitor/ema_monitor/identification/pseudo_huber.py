@@ -8,9 +8,9 @@ from ema_core.arrays import Array
 
 @kernel(nogil=False)
 def pseudo_huber(distance: Array, scale: float) -> Array:
-    """Return numbers whose squares are the pseudo-Huber loss of distances.
+    """Return residuals whose squares are the pseudo-Huber loss of distances.
 
-    Below ``scale`` the loss is quadratic, beyond it linear.
+    The loss is quadratic below ``scale`` and linear beyond it.
     """
     ratio = np.square(distance / scale)
     # 2 (sqrt(1 + x) - 1) without the cancellation at small x.

@@ -1,4 +1,4 @@
-"""Quantiles of faults that several explanations give (M18)."""
+"""Quantiles of faults over several explanations (M18)."""
 
 from statistics import NormalDist
 from typing import Final
@@ -18,16 +18,16 @@ _LOWEST = np.where(np.arange(N_FAULTS) == ECCENTRICITY_PHASE, -np.inf, 0.0)
 
 
 def quantiles_of(weights: Array, means: Array, widths: Array) -> Array:
-    """Return quantiles at `LEVELS` of normal distributions, ``(5, 8)``.
+    """Return the quantiles of a mixture of normal distributions at `LEVELS`, ``(5, 8)``.
 
-    They are within the range of each fault; NaN where a width is.
+    They are limited to the range of each fault, and NaN if a width is NaN.
 
     Parameters
     ----------
     weights, means
         Probability of each mean, ``(k,)``, and the means, ``(k, 8)``.
     widths
-        Standard deviations that are equally likely about each of them, ``(m, 8)``.
+        Standard deviations that are equally likely about each mean, ``(m, 8)``.
     """
     around = (widths[:, None] * _NODES[:, None]).reshape(-1, N_FAULTS)
     values = (means[:, None] + around).reshape(-1, N_FAULTS)
@@ -35,10 +35,10 @@ def quantiles_of(weights: Array, means: Array, widths: Array) -> Array:
     shares = np.repeat(weights / len(around), len(around))[order]
     below = np.cumsum(shares, axis=0) - shares / 2.0
     sorted_values = np.take_along_axis(values, order, axis=0)
-    found = [np.interp(LEVELS, below[:, i], sorted_values[:, i]) for i in range(N_FAULTS)]
-    return within_range(np.transpose(found))
+    quantiles = [np.interp(LEVELS, below[:, i], sorted_values[:, i]) for i in range(N_FAULTS)]
+    return within_range(np.transpose(quantiles))
 
 
 def within_range(faults: Array) -> Array:
-    """Return fault vectors, ``(m, 8)``, limited to their range; the direction wraps instead."""
+    """Return fault vectors, ``(m, 8)``, limited to their range, except for the direction."""
     return np.clip(faults, _LOWEST, _HIGHEST)

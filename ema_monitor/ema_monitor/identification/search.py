@@ -1,4 +1,4 @@
-"""Identification by a model: from a window, or its refusal, to the estimate of the faults."""
+"""Identification of faults in a window by fitting a model."""
 
 import time
 from collections.abc import Generator
@@ -46,105 +46,93 @@ _FAR_BETTER = 0.4
 
 @dataclass(frozen=True, eq=False)
 class Generation:
-    """State of an identification after a generation."""
+    """State of an identification after a generation of the optimizer."""
 
     generation: int
+    """Number of the generation."""
     evaluations: int
+    """Model evaluations so far."""
     fitness: float
+    """Lowest cost so far [A^2.s]."""
     faults: Array
+    """Faults at the lowest cost, ``(8,)``."""
 
 
 class _Defect(NamedTuple):
-    """Why no estimate of a window can be made; flags as of ``refusal``."""
+    """Defect of a window that prevents an estimate."""
 
     reason: Reason
+    """The defect."""
     is_failure: bool = False
+    """Whether it is a failure of drive or shaft."""
     lacks_calibration: bool = False
+    """Whether there is no fitting calibration."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Premises:
-    """What a search rests on.
-
-    Attributes
-    ----------
-    window
-        The window, with the measured causes that nothing has contradicted.
-    calibration
-        Calibration of the model.
-    memory
-        What earlier tests tell of this one.
-    started
-        When the first search began, by ``time.perf_counter`` [s].
-    contradicted
-        Measured causes that were left out.
-    """
+    """Inputs of a search."""
 
     window: Window
+    """The window, with the measured causes that have not been contradicted."""
     calibration: Calibration
+    """Calibration of the model."""
     memory: Memory
+    """Memory of the earlier tests of the unit."""
     started: float
+    """Start of the first search by ``time.perf_counter`` [s]."""
     contradicted: tuple[CauseEstimate, ...] = ()
+    """Measured causes that were left out."""
 
     def without(self, *causes: CauseEstimate) -> Self:
-        """Return premises without some measured causes."""
+        """Return the premises without some measured causes."""
         return replace(
             self, window=_without(self.window, causes), contradicted=(*self.contradicted, *causes)
         )
 
 
 Search = Generator[Generation, None, Finding]
-"""Yields the state after each generation of a search, and returns what it has found."""
+"""Generator that yields the state after each generation and returns the finding."""
 
 
 @dataclass(frozen=True, eq=False)
 class ModelIdentification:
-    """One identification by a model.
-
-    Attributes
-    ----------
-    window
-        The window, with what was measured beside it, or why there is none: then the estimate is a
-        refusal.
-    description
-        The actuator of the window.
-    calibration
-        Calibration of the model, or why there is none. If there is none, or it does not belong to
-        that actuator or to the window's command, the estimate is a refusal.
-    settings
-        How to identify.
-    force
-        Make an estimate all the same; it says so in its reason.
-    previous
-        Faults identified in an earlier window, ``(8,)``: the search begins there if the settings
-        want a warm start.
-    known
-        What is known of the faults before a stretch of motion; None before a test window.
-    load
-        Where the search for the load of a stretch begins, in the unit box.
-    memory
-        What earlier tests tell of this one.
-    """
+    """Identification of faults in a window by fitting a model."""
 
     window: Window | Refusal
+    """The window with its measured causes, or the reason why there is none. The estimate is then a
+    refusal."""
     description: ActuatorDescription
+    """Description of the actuator of the window."""
     calibration: Calibration | str
+    """Calibration of the model, or the reason why there is none. Without a calibration that fits
+    actuator and window, the estimate is a refusal."""
     settings: SearchSettings
+    """Settings of the search."""
     force: bool = False
+    """Whether to accept the calibration of a different unit; the reasons then state it."""
     previous: Array | None = None
-    known: Knowledge | None = None
+    """Faults of an earlier window, ``(8,)``, at which the search begins if the settings have a warm
+    start."""
+    knowledge: Knowledge | None = None
+    """Knowledge of the faults before a stretch of motion; None before a test window."""
     load: float | None = None
+    """Initial value of the load of a stretch, in the unit box."""
     memory: Memory = NOTHING
+    """Memory of the earlier tests of the unit."""
 
     def run(self) -> Search:
-        """Yield the state after each generation; there is none where a window is refused."""
+        """Yield the state after each generation, and return the finding.
+
+        A refused window has no generations.
+        """
         window, calibration = self.window, self.calibration
         if isinstance(window, Refusal):
             return self._refused(WindowUnusable(window.reason))
         if isinstance(calibration, str):
             return self._refused(NoCalibration(calibration), lacks_calibration=True)
-        found = yield from self._search(window, calibration)
-        return (yield from self._question_scale(found, window, calibration))
+        finding = yield from self._search(window, calibration)
+        return (yield from self._question_scale(finding, window, calibration))
 
     def estimate(self) -> Estimate:
         """Return the estimate, without progress."""
@@ -156,30 +144,30 @@ class ModelIdentification:
                 return end.value.estimate
 
     def _search(self, window: Window, calibration: Calibration) -> Search:
-        """Search, and again without what was measured or remembered and is contradicted."""
+        """Search, and repeat without measured or remembered causes that the window contradicts."""
         spent = 0
         memory = self.memory if self.settings.fitness == DEFAULT_FITNESS else NOTHING
         premises = _Premises(window, calibration, memory, time.perf_counter())
         while True:
-            found = yield from self._search_once(premises)
-            spent += found.estimate.evaluations
-            named = {cause.name for cause in found.estimate.causes}
-            wrong = tuple(one for one in found.estimate.measured if one.name in named)
-            before, memory = premises.memory, premises.memory.left_by(found.estimate)
+            finding = yield from self._search_once(premises)
+            spent += finding.estimate.evaluations
+            named = {cause.name for cause in finding.estimate.causes}
+            wrong = tuple(cause for cause in finding.estimate.measured if cause.name in named)
+            before, memory = premises.memory, premises.memory.left_by(finding.estimate)
             premises = replace(premises, memory=memory)
             if not wrong and memory is before:
-                found = replace(found, estimate=replace(found.estimate, evaluations=spent))
-                return (yield from self._search_unmeasured(found, premises))
+                finding = replace(finding, estimate=replace(finding.estimate, evaluations=spent))
+                return (yield from self._search_unmeasured(finding, premises))
             premises = premises.without(*wrong)
 
-    def _search_unmeasured(self, found: Finding, premises: _Premises) -> Search:
-        """Search a window that fits poorly without each measured cause of the motion as well.
+    def _search_unmeasured(self, finding: Finding, premises: _Premises) -> Search:
+        """Repeat the search of a poorly fitting window without each measured cause of the motion.
 
-        An error of a sensor may stand in for a wrong measurement, but fits worse.
+        A sensor error may stand in for a wrong measurement, but fits worse than its omission.
         """
-        poor = found.estimate
+        poor = finding.estimate
         if not poor.goodness_of_fit > poor.goodness_limit:
-            return found
+            return finding
         spent = poor.evaluations
         for cause in poor.measured:
             if CAUSE_BY_NAME[cause.name].place == Place.SENSOR:
@@ -190,39 +178,39 @@ class ModelIdentification:
             if goodness <= trial.estimate.goodness_limit and goodness < (
                 _FAR_BETTER * poor.goodness_of_fit
             ):
-                found = trial
+                finding = trial
                 break
-        return replace(found, estimate=replace(found.estimate, evaluations=spent))
+        return replace(finding, estimate=replace(finding.estimate, evaluations=spent))
 
-    def _question_scale(self, found: Finding, window: Window, calibration: Calibration) -> Search:
-        """Refuse a window that the faults do not explain, where a column is off by a factor."""
-        estimate = found.estimate
+    def _question_scale(self, finding: Finding, window: Window, calibration: Calibration) -> Search:
+        """Refuse a window that the faults do not explain if a column is wrong by a factor."""
+        estimate = finding.estimate
         parameters = calibration.parameters
         if mistaken := mistaken_amplitude(estimate.causes):
             refused = self._refused(WrongScale.of(mistaken)).estimate
             return Finding(replace(refused, evaluations=estimate.evaluations))
         if not estimate.goodness_of_fit > estimate.goodness_limit:
-            return found
-        window = _without(window, found.contradicted)
+            return finding
+        window = _without(window, finding.contradicted)
         scale = wrong_scale(window, parameters)
         if scale is None:
-            return found
+            return finding
         if scale.columns == ("current",):
-            # Faults take more current, too. A scale looks like turns lost in all three phases, and
-            # explains the window by far better.
+            # Faults also increase the current. A wrong scale looks like turns lost in all three
+            # phases, and correcting it explains the window far better.
             lost = float(np.min(np.array(estimate.faults)[SHORT_CIRCUITS]))
             if estimate.valid and scale.factor > 1.0 and lost < 0.5 * (1.0 - 1.0 / scale.factor):
-                return found
+                return finding
             telemetry = window.telemetry
             telemetry = replace(telemetry, current=telemetry.current / scale.factor)
             rescaled = yield from self._search(replace(window, telemetry=telemetry), calibration)
-            other = rescaled.estimate
+            corrected = rescaled.estimate
             if not (
-                other.goodness_of_fit <= other.goodness_limit
-                and other.goodness_of_fit < _FAR_BETTER * estimate.goodness_of_fit
+                corrected.goodness_of_fit <= corrected.goodness_limit
+                and corrected.goodness_of_fit < _FAR_BETTER * estimate.goodness_of_fit
             ):
-                return found
-            gains = [one.value for one in other.causes if one.name == "current_gain"]
+                return finding
+            gains = [cause.value for cause in corrected.causes if cause.name == "current_gain"]
             factor = scale.factor * (1.0 + sum(gains))
             scale = ColumnError.of(scale.columns, factor, scale.reference, parameters.tau)
         refused = self._refused(WrongScale.of(scale)).estimate
@@ -238,17 +226,17 @@ class ModelIdentification:
         if mismatch:
             caveats.append(OtherUnit(mismatch, forced=True))
         optimizer_class = ALGORITHMS[settings.algorithm]
-        inference = Inference(window, calibration, settings, self.known, premises.memory)
-        # What is known already is known in Cartesian coordinates.
+        inference = Inference(window, calibration, settings, self.knowledge, premises.memory)
+        # Prior knowledge is in Cartesian coordinates.
         objective = inference.searched(
-            cartesian=optimizer_class.uses_residuals or self.known is not None
+            cartesian=optimizer_class.uses_residuals or self.knowledge is not None
         )
         previous = self.previous if settings.warm_start else None
         start = objective.encode(healthy_faults() if previous is None else previous)
-        # That place is relative to what was measured of the load.
+        # The initial load is relative to the measured load.
         if self.load is not None and not premises.contradicted:
-            for number, one in enumerate(objective.hidden_causes, start=objective.first_cause):
-                if one.name == NUISANCE:
+            for number, prior in enumerate(objective.hidden_causes, start=objective.first_cause):
+                if prior.name == NUISANCE:
                     start[number] = self.load
         termination = Termination(settings.budget)
         reserve = inference.most_evaluations + 1
@@ -278,11 +266,11 @@ class ModelIdentification:
             return self._refused(UncertaintyUnknown(str(error)))
 
     def _defect(self, window: Window, calibration: Calibration, mismatch: str) -> _Defect | None:
-        """Return why no estimate can be made; None if it can."""
+        """Return the defect that prevents an estimate; None without a defect."""
         if self.description.drive == "unknown":
             return _Defect(DriveUnknown(), lacks_calibration=True)
         if failure := drive_defect(window, self.description.parameters):
-            # A speed in another unit is none that stands still.
+            # A speed in a wrong unit may look like a standstill.
             scale = wrong_scale(window, calibration.parameters)
             if scale is not None:
                 return _Defect(WrongScale.of(scale))
@@ -313,5 +301,6 @@ class ModelIdentification:
 
 
 def _without(window: Window, causes: tuple[CauseEstimate, ...]) -> Window:
-    """Return a window without some of what was measured beside it."""
-    return replace(window, measured=tuple(one for one in window.measured if one not in causes))
+    """Return a window without some of its measured causes."""
+    measured = tuple(cause for cause in window.measured if cause not in causes)
+    return replace(window, measured=measured)

@@ -1,4 +1,4 @@
-"""How to search for the faults in a window: of ROS parameters, command line and library."""
+"""Settings of the search for faults, for ROS parameters, command line and library."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -9,20 +9,22 @@ from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
 from ema_monitor.optimizers.driver import Termination
 
 GOODNESS_LIMIT: Final = 3.5
-"""Calibrated on simulated windows: a few in 1,000 with faults pass it, and those are wrong [-]."""
+"""Goodness of fit up to which an estimate is valid [-].
+
+Of simulated windows with faults, a few in 1,000 exceed it; their estimates are wrong."""
 
 MOST_UNEXPLAINED: Final = 0.4
-"""Share of the departure from healthy that may be left unexplained in a window that fits badly."""
+"""Largest unexplained share of the departure from healthy in a window that fits poorly [-]."""
 
 
 @dataclass(frozen=True)
 class SearchSettings(Checked):
-    """How to search for the faults in a window.
+    """Settings of the search for the faults in a window.
 
     Raises
     ------
     ValueError
-        When a value is impossible; the message names it.
+        If a value is impossible; the message names it.
     """
 
     algorithm: str = text(DEFAULT_ALGORITHM, "optimizer", tuple(ALGORITHMS))

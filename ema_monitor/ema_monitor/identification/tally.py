@@ -1,4 +1,4 @@
-"""Until when stretches of ordinary motion are combined, and what became of them."""
+"""Settings and counts of the combination of stretches of ordinary motion."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -16,59 +16,48 @@ _REFUSED_IN_A_ROW: Final = 3
 
 @dataclass(frozen=True)
 class CombinationSettings(Checked):
-    """Until when stretches of ordinary motion are combined to one estimate.
+    """Settings of the combination of stretches of ordinary motion to one estimate.
 
     Raises
     ------
     ValueError
-        When a figure is outside its range; the message names it.
+        If a value is outside its range; the message names it.
     """
 
     wanted_sigma: float = quantity(
         0.01, "-", 1e-4, 0.25, "standard deviation of each fault at which motion gives an estimate"
     )
     most_stretches: int = quantity(
-        60, "-", 1, 10_000, "largest number of stretches of motion looked at for an estimate"
+        60, "-", 1, 10_000, "largest number of stretches of motion examined for an estimate"
     )
     longest_s: float = quantity(
         600.0, "s", 0.01, 1e7, "longest time from the first to the last stretch of an estimate"
     )
     pause_s: float = quantity(
-        10.0, "s", 0.0, 1e7, "time after an estimate in which motion is not looked at"
+        10.0, "s", 0.0, 1e7, "time after an estimate in which motion is not examined"
     )
 
 
 class Tally(NamedTuple):
-    """How many stretches there were, and what became of them.
-
-    Attributes
-    ----------
-    stretches
-        All of them.
-    combined
-        Those that an estimate rests on, or the next one will.
-    skipped
-        Those that would not have told anything new, or that followed an estimate too soon.
-    refused
-        Those that nothing explains, or that cannot be used.
-    dropped
-        Those that the monitor dropped because its queue was full.
-    fruitless
-        Combinations that have shown no fault as well as wanted.
-    reason
-        Why the latest one was refused or dropped; empty when an estimate has been made since.
-    """
+    """Counts of the stretches of motion by their use."""
 
     stretches: int = 0
+    """All stretches."""
     combined: int = 0
+    """Stretches that an estimate is based on, or the next estimate will be."""
     skipped: int = 0
+    """Stretches that would add no information, or that followed an estimate too soon."""
     refused: int = 0
+    """Stretches that nothing explains, or that cannot be used."""
     dropped: int = 0
+    """Stretches that the monitor dropped because its queue was full."""
     fruitless: int = 0
+    """Combinations that did not determine any fault to the wanted accuracy."""
     reason: str = ""
+    """Why the latest refused or dropped stretch was refused or dropped; empty after an estimate."""
 
     def plus(self, because: str | None = None, **more: int) -> Self:
-        """Return the tally with higher counts, and another reason if there is one."""
+        """Return the tally with counts increased, and the reason replaced if one is passed."""
         counts = {name: getattr(self, name) + number for name, number in more.items()}
         return self._replace(reason=self.reason if because is None else because, **counts)
 
@@ -82,12 +71,12 @@ class Tally(NamedTuple):
 
 
 class Combining(ABC):
-    """Combines stretches of one actuator's motion, whatever is known of its drive.
+    """Combination of the stretches of an actuator's motion, for any kind of drive.
 
     Attributes
     ----------
     tally
-        How many stretches there were.
+        Counts of the stretches.
     """
 
     def __init__(self, settings: CombinationSettings) -> None:
@@ -99,7 +88,7 @@ class Combining(ABC):
     def add(self, stretch: Window | Refusal) -> Iterator[Any]:
         """Yield the state after each generation of a search, and the estimates it completes.
 
-        Where it is not gone on with, what was combined before the stretch is left as it is.
+        If the caller stops iterating, the stretches combined so far are unchanged.
         """
         self.tally = self.tally.plus(stretches=1)
         if isinstance(stretch, Refusal):
@@ -113,35 +102,39 @@ class Combining(ABC):
 
     @abstractmethod
     def finish(self) -> list[Estimate]:
-        """End the motion; return the estimate of what was combined so far, if there is one."""
+        """End the motion; return the estimate of the stretches combined so far, if it exists."""
 
     def _reaches_limit(self, stretch: Window, number: int, first_ns: int, last_ns: int) -> bool:
-        """Return whether a number of stretches, the first and last begun then [ns], is complete.
+        """Return whether a combination is complete before a stretch.
 
-        So it is where the clock has gone back: an estimate ends after it has started.
+        ``number`` counts its stretches; ``first_ns`` and ``last_ns`` are the starts of the first
+        and the last [ns]. A clock that jumps back also completes a combination.
         """
         age_s = (stretch.end_ns - first_ns) * 1e-9
         is_full = number >= self._settings.most_stretches or age_s > self._settings.longest_s
         return is_full or stretch.start_ns < last_ns
 
     def _is_paused(self, stretch: Window) -> bool:
-        # A clock that has gone back must not lengthen the pause.
+        # A clock that jumps back must not lengthen the pause.
         begin_ns, end_ns = self._pause_ns
         return begin_ns <= stretch.start_ns < end_ns
 
-    def _count_refused(self, refused: Estimate, *, is_known: bool = False) -> list[Estimate]:
-        """Count a stretch that is refused; several in a row without any estimate are said once."""
-        self.tally = self.tally.plus(refused.reason, refused=1)
-        # One that has an estimate may be more than the model can follow: the status counts these.
-        self._refused_in_a_row += not is_known
-        is_said = self._refused_in_a_row == _REFUSED_IN_A_ROW and not is_known
-        return [replace(refused, stretches=1)] if is_said else []
+    def _count_refused(self, refused: Estimate, *, is_identified: bool = False) -> list[Estimate]:
+        """Count a refused stretch; return its estimate after several in a row, once.
 
-    def _concluded(self, found: Estimate | None, reason: str | None = None) -> list[Estimate]:
-        """Count an estimate of what was combined, or that there is none, and return it."""
-        if found is None:
+        ``is_identified`` states that the search gave an estimate that was not accepted.
+        """
+        self.tally = self.tally.plus(refused.reason, refused=1)
+        # An identified stretch may be motion that the model cannot follow: the status counts it.
+        self._refused_in_a_row += not is_identified
+        is_reported = self._refused_in_a_row == _REFUSED_IN_A_ROW and not is_identified
+        return [replace(refused, stretches=1)] if is_reported else []
+
+    def _concluded(self, estimate: Estimate | None, reason: str | None = None) -> list[Estimate]:
+        """Count a combination with its estimate, or without one, and return the estimate."""
+        if estimate is None:
             self.tally = self.tally.plus(reason, fruitless=1)
             return []
-        self._pause_ns = found.end_ns, found.end_ns + round(self._settings.pause_s * 1e9)
+        self._pause_ns = estimate.end_ns, estimate.end_ns + round(self._settings.pause_s * 1e9)
         self.tally = self.tally._replace(reason="")
-        return [found]
+        return [estimate]

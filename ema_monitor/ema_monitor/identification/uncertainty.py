@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from operator import itemgetter
 from statistics import NormalDist
 from typing import Final, NamedTuple
 
@@ -20,13 +21,13 @@ from ema_core.faults import (
 from ema_monitor.optimizers.linear_model import Linearisation, refitted, ridge_of
 
 PLANE: Final = [ECCENTRICITY, ECCENTRICITY_PHASE]
-"""Components that are one vector, in Cartesian coordinates."""
+"""Components that form a vector in Cartesian coordinates: the eccentricity."""
 
 CORRELATION_S: Final = 5e-3
 """Span over which residuals are assumed to be correlated [s]."""
 
 UNOBSERVABLE_SIGMA: Final = 0.25
-"""From this standard deviation on, a component is no better known than from its range [-]."""
+"""Standard deviation from which on a component counts as unobservable [-]."""
 
 _LEVEL: Final = 1.0 - 0.95 ** (1.0 / len(COMPONENTS))
 
@@ -41,10 +42,10 @@ def _significant_sigmas(number: int) -> float:
 SIGNIFICANT_SIGMAS: Final = np.array([_significant_sigmas(i) for i in range(N_FAULTS)])
 """Standard deviations from healthy beyond which a component is significant, ``(8,)`` [-].
 
-A healthy actuator shows any significant fault in one window of twenty: each of the seven faults
-is tested at the level 1 - 0.95^(1/7) = 0.73 % (Sidak). The bound is one-sided for what cannot lie
-below healthy (2.44), two-sided for the gain (2.68), and a circle for the eccentricity, which is a
-vector in the plane (3.14, Rayleigh); its direction is significant where its amount is.
+A healthy actuator has a significant fault in 1 of 20 windows: each of the seven faults is tested at
+the level 1 - 0.95^(1/7) = 0.73 % (Sidak). The bound is one-sided for faults that cannot be below
+healthy (2.44), two-sided for the gain (2.68), and a circle for the eccentricity vector (3.14,
+Rayleigh). The direction of the eccentricity is significant if its magnitude is.
 """
 
 SIGNIFICANT_CAUSE: Final = 3.0
@@ -54,38 +55,42 @@ SMALLEST_ECCENTRICITY: Final = 0.005
 """Below this the mismatch of the model outweighs the eccentricity, and its phase is noise [-]."""
 
 MISMATCH_FACTOR: Final = 1.45
-"""By how much the mismatch of the model widens the standard deviations from the residuals:
-it follows the faults, and so hides in the estimate [-]."""
+"""Factor for the mismatch of the model on the standard deviations from the residuals [-].
+
+The mismatch depends on the faults, so that part of it biases the estimate instead of the residuals.
+"""
 
 WIDTHS: Final = np.array([0.5, 1.4])
-"""Of two normal distributions, equally likely, that give the quantiles [standard deviations]."""
+"""Widths of the two equally likely normal distributions of the quantiles [sigma]."""
 
 MISMATCH_SIGMA: Final = np.array([fault.mismatch for fault in FAULTS])
-"""Standard deviation that the mismatch of the model adds to each component at least, ``(8,)``, with
-the eccentricity in Cartesian form [-]."""
+"""Least standard deviation of each component from the mismatch of the model, ``(8,)``, with the
+eccentricity in Cartesian form [-]."""
 
 STRONG_CORRELATION: Final = 0.95
-"""Correlation from which on two components cannot be told apart [-]."""
+"""Correlation from which on two components cannot be distinguished [-]."""
 
 SPANS: Final = np.array([2.0 if i in PLANE else 1.0 for i in range(N_FAULTS)])
-"""What one unit of a point in Cartesian coordinates of the unit box is in faults, ``(8,)`` [-]."""
+"""Faults per unit of a point in Cartesian coordinates of the unit box, ``(8,)`` [-]."""
 
 USUAL_MISFIT: Final = 2.0
-"""Goodness of fit up to which that factor holds; beyond, it grows with it [-]."""
+"""Goodness of fit up to which `MISMATCH_FACTOR` applies; beyond, the factor grows with it [-]."""
 
 GROUPS: Final = tuple(
     [i, ECCENTRICITY_PHASE] if i == ECCENTRICITY else [i]
     for i in range(N_FAULTS)
     if i != ECCENTRICITY_PHASE
 )
-"""Components that are healthy or not together, in Cartesian coordinates."""
+"""Groups of components that are healthy together, in Cartesian coordinates."""
 
 
 class Uncertainty(NamedTuple):
-    """Covariance, ``(8, 8)``, NaN where unobservable, and flags, ``(8,)``."""
+    """Uncertainty of a fault vector."""
 
     covariance: Array
+    """Covariance, ``(8, 8)``; NaN in rows and columns of unobservable components."""
     unobservable: Flags
+    """Components that the window does not determine, ``(8,)``."""
 
 
 def sandwich_covariance(
@@ -93,17 +98,17 @@ def sandwich_covariance(
 ) -> Array:
     """Return the covariance of a least-squares estimate under correlated residuals, ``(d, d)``.
 
-    That is the estimator of Newey and West (1987), Econometrica 55(3), with Bartlett weights. A
-    direction that leaves no trace gets a very large variance.
+    This is the estimator of Newey and West (1987), Econometrica 55(3), with Bartlett weights. A
+    direction without effect on the residuals gets a very large variance.
 
     Parameters
     ----------
     jacobian, residuals
         Residuals at the estimate, ``(n,)``, and their derivatives, ``(n, d)``.
     lags
-        Number of samples over which they are correlated.
+        Number of samples over which the residuals are correlated.
     priors, noise
-        How many of the last rows are priors, which are independent, and the variance of each.
+        Number of rows at the end that are independent priors, and the variance of each.
     """
     n = len(residuals) - priors
     prior = jacobian[n:]
@@ -118,13 +123,23 @@ def sandwich_covariance(
 
 
 def shifts_of(jacobian: Array, effects: Array) -> Array:
-    """Return what a least-squares estimate loses by effects on the residuals, ``(d, k)``."""
+    """Return the shifts of a least-squares estimate by effects on the residuals, ``(d, k)``.
+
+    The estimate decreases by the returned values.
+
+    Parameters
+    ----------
+    jacobian
+        Derivatives of the residuals, ``(n, d)``.
+    effects
+        Additions to the residuals, ``(n, k)``.
+    """
     bread, _ = _inverse_normal(jacobian)
     return bread @ (jacobian.T @ effects)
 
 
 def _inverse_normal(jacobian: Array) -> tuple[Array, float]:
-    """Return the inverse of the normal matrix, and the ridge that it was given."""
+    """Return the inverse of the normal matrix with a ridge, and the ridge."""
     normal = jacobian.T @ jacobian
     ridge = ridge_of(normal)
     inverse: Array = np.linalg.inv(normal + ridge * np.eye(len(normal)))  # pyright: ignore[reportAssignmentType]
@@ -132,23 +147,28 @@ def _inverse_normal(jacobian: Array) -> tuple[Array, float]:
 
 
 def with_mismatch(covariance: Array, floor: Array) -> Array:
-    """Return a covariance widened by what the mismatch of the model hides from the residuals.
+    """Return a covariance widened for the mismatch of the model.
 
-    ``floor`` is the standard deviation that each component has at least, ``(d,)``.
+    ``floor`` is the least standard deviation of each component, ``(d,)``.
     """
     return MISMATCH_FACTOR**2 * covariance + np.diag(floor**2)
 
 
 def widening(goodness_of_fit: float) -> float:
-    """Return by how much a poor fit widens the standard deviations from the residuals [-]."""
+    """Return the factor by which a poor fit widens the standard deviations [-]."""
     return max(1.0, goodness_of_fit / USUAL_MISFIT)
 
 
 def uncertainty_of_faults(faults: Array, covariance: Array) -> Uncertainty:
-    """Turn a covariance with eccentricity in Cartesian form into one of the fault vector, ``(8,)``.
+    """Return the uncertainty of a fault vector from a covariance in Cartesian coordinates.
 
-    ``covariance``, ``(8, 8)`` or larger, has ``zeta cos(phi)`` and ``zeta sin(phi)`` in the places
-    of eccentricity and phase.
+    Parameters
+    ----------
+    faults
+        Fault vector, ``(8,)``.
+    covariance
+        Covariance, ``(8, 8)`` or larger, with ``zeta cos(phi)`` and ``zeta sin(phi)`` in place of
+        eccentricity and phase, without the mismatch of the model.
     """
     covariance = with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA)
     plane = covariance[np.ix_(PLANE, PLANE)]
@@ -166,7 +186,7 @@ def uncertainty_of_faults(faults: Array, covariance: Array) -> Uncertainty:
 
 
 def turn_of(faults: Array) -> Array:
-    """Return what small steps in Cartesian coordinates are in a fault vector, ``(8, 8)``."""
+    """Return the derivatives of a fault vector by its Cartesian coordinates, ``(8, 8)``."""
     phi = eccentricity_angle(faults[ECCENTRICITY_PHASE])
     cosine, sine = np.cos(phi), np.sin(phi)
     around = 2.0 * np.pi * max(faults[ECCENTRICITY], SMALLEST_ECCENTRICITY)
@@ -183,35 +203,35 @@ def significant_components(
     fitted: Flags,
     groups: Sequence[list[int]],
 ) -> tuple[Flags, Array]:
-    """Return which components differ from healthy, ``(d,)``, and the point without the others.
+    """Return the components that differ from healthy, ``(d,)``, and the point with only these.
 
-    Backward elimination on the linear model at the point: as long as some group of components
-    is not significant (``SIGNIFICANT_SIGMAS``), the least significant one is set to healthy
-    and the rest is fitted anew (M17). Faults are few: what a window does not show is not there.
+    Backward elimination on the linear model at the point: as long as a group of components is not
+    significant (``SIGNIFICANT_SIGMAS``), the least significant group is set to healthy and the
+    others are fitted again (M17). Faults are rare: a fault without evidence counts as absent.
 
     Parameters
     ----------
     at, healthy
         Linearisation at the estimate, and healthy point, in Cartesian coordinates of the unit box.
     covariance_of
-        Returns the covariance for some columns of the Jacobian and the residuals.
+        Function of some columns of the Jacobian and the residuals that returns the covariance.
     floor
-        Standard deviation that the mismatch of the model adds to each coordinate, ``(d,)``.
+        Least standard deviation of each coordinate from the mismatch of the model, ``(d,)``.
     fitted
         Components that may differ from healthy, ``(d,)``.
     groups
-        Those of them that are tested, together where they are healthy together.
+        Groups of fitted components to test, each of them together.
     """
     shown = fitted.copy()
     groups = list(groups)
     current = at.point.copy()
     while groups:
-        known = covariance_of(at.jacobian[:, shown], at.predicted(current))
+        fitted_covariance = covariance_of(at.jacobian[:, shown], at.predicted(current))
         covariance = np.zeros((len(current), len(current)))
-        covariance[np.ix_(shown, shown)] = with_mismatch(known, floor[shown])
+        covariance[np.ix_(shown, shown)] = with_mismatch(fitted_covariance, floor[shown])
         least, group = min(
             ((_distance(current - healthy, covariance, group), group) for group in groups),
-            key=lambda one: one[0],
+            key=itemgetter(0),
         )
         if least >= 1.0:
             break
@@ -222,7 +242,7 @@ def significant_components(
 
 
 def _distance(offset: Array, covariance: Array, group: list[int]) -> float:
-    """Return the squared distance from healthy over that from which it is significant."""
+    """Return the squared distance from healthy over the squared limit of significance."""
     part = offset[group]
     squared = part @ np.linalg.solve(covariance[np.ix_(group, group)], part)
     first = group[0]

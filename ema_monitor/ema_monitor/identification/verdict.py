@@ -1,4 +1,4 @@
-"""How far to trust an estimate: what it leaves unexplained, its verdict, and why (M19)."""
+"""Verdict on an estimate from its misfit, with the reasons (M19)."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -23,32 +23,29 @@ from ema_monitor.reasons import (
 
 
 class Misfit(NamedTuple):
-    """What an estimate misses of a window, or of several.
-
-    Attributes
-    ----------
-    powers
-        Power of the band-limited residual over that of a healthy window, ``(2, 2)``: of current and
-        speed (rows) at the estimate and at the healthy point (columns); NaN where the calibration
-        does not know the latter.
-    """
+    """Misfit of an estimate to a window, or to several windows."""
 
     powers: Array
+    """Power of the band-limited residual relative to a healthy window, ``(2, 2)`` [-].
+
+    Rows: current and speed. Columns: at the estimate and at the healthy point. NaN if the
+    calibration does not contain the residual of a healthy window.
+    """
 
     @property
     def goodness(self) -> float:
-        """Rms of the residual over that of a healthy window, the larger of current and speed [-].
+        """Larger ratio of current and speed residuals to the residuals of a healthy window [-].
 
-        Where one scatter is unknown, the other judges.
+        If one ratio is unknown, the other is returned.
         """
         return math.sqrt(float(np.fmax(*self.powers[:, 0])))
 
     @property
     def share(self) -> float:
-        """Share of the departure from healthy that the estimate leaves [-].
+        """Unexplained share of the departure from healthy [-].
 
-        The square root of the excess of the residual's power over that of a healthy window, at the
-        estimate over at the healthy point; NaN where the goodness is.
+        Square root of the ratio of two excess powers over a healthy window: at the estimate and at
+        the healthy point. NaN if `goodness` is NaN.
         """
         if math.isnan(self.goodness):
             return math.nan
@@ -59,17 +56,17 @@ class Misfit(NamedTuple):
 def goodness_limit(faults: Array, limit: float) -> float:
     """Return the goodness of fit up to which faults, ``(8,)``, explain a window.
 
-    The fewer turns a phase has left, the less inductance holds its ripple, which no model of the
-    mean current can match. ``limit`` is that of a motor without short circuit.
+    A phase with fewer turns has less inductance and more current ripple, which a model of the mean
+    current cannot match. ``limit`` applies to a motor without a short circuit.
     """
     most_shorted = float(np.max(faults[SHORT_CIRCUITS]))
     return limit / math.sqrt(1.0 - most_shorted)
 
 
 def assumed_goodness(faults: Array, goodness: float) -> float:
-    """Return the goodness of fit that standard deviations are to hold for.
+    """Return the goodness of fit for which standard deviations are computed.
 
-    Where it is unknown, NaN, it may be as high as that of any estimate that is valid.
+    If it is unknown, NaN, the limit of valid estimates is returned.
     """
     if math.isnan(goodness):
         return goodness_limit(faults, SearchSettings.goodness_limit)
@@ -91,19 +88,19 @@ def judged(
     Parameters
     ----------
     subject
-        What it is an estimate of: a window, a stretch, or a motion of several.
+        Noun for the identified samples: window, stretch or motion.
     misfit, limit
-        What it misses, and the goodness of fit up to which the faults explain the window.
+        Misfit of the estimate, and goodness of fit up to which the faults explain the window.
     unobservable
         Components that are not determined, ``(8,)``.
     alternatives
-        Pairs of what is part of the explanation and what it is not told from.
+        Parts of the explanation and their replacements.
     reservations
         Reasons that have no consequence.
     calibration_windows
         Number of healthy windows of the calibration.
     beyond
-        Errors of sensors that are at the end of the range of the search.
+        Sensor errors at a bound of the search.
     """
     doubts: list[Reason] = list(not_separated(subject, alternatives))
     defects: list[Reason] = [SensorBeyondRange(*cause) for cause in beyond]

@@ -1,4 +1,4 @@
-"""What was measured in a window beside what the model expects, for display."""
+"""Measured and modelled signals of a window, for display."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -26,47 +26,50 @@ MOST_VALUES: Final = 500
 
 @dataclass(frozen=True, eq=False)
 class WindowFit:
-    """Signals of a window, each value the mean over a period, ``(m,)`` each.
-
-    Attributes
-    ----------
-    period
-        Time from one value to the next [s].
-    start
-        Time of the first value, the middle of its period, after the window's first sample [s].
-    command, position
-        Commanded and measured user angle [rad].
-    current, estimated_current
-        Measured equivalent current, ``(0,)`` where it is not measured, and that of the model at the
-        estimate [A].
-    speed, estimated_speed
-        Measured motor speed and that of the model at the estimate [rad/s]; where the speed is not
-        measured, both are that of the fast shaft behind the play, the former by the position.
-    """
+    """Signals of a window, each value the mean over a period, ``(m,)`` each."""
 
     period: float
+    """Time from one value to the next [s]."""
     start: float
+    """Time from the first sample of the window to the first value, the middle of its period [s]."""
     command: Array
     position: Array
+    """Commanded and measured user angle [rad]."""
     current: Array
     estimated_current: Array
+    """Equivalent current, measured, ``(0,)`` if not measured, and of the model at the estimate
+    [A]."""
     speed: Array
     estimated_speed: Array
+    """Motor speed, measured and of the model at the estimate [rad/s]. If it is not measured, both
+    are the speed of the fast shaft behind the play, and the position gives the measured one."""
 
 
 def expected_signals(window: Window, estimate: Estimate, calibration: Calibration) -> Response:
-    """Return current and speed of the calibrated model in a window, ``(2, n)`` each.
+    """Return current and speed of the calibrated model in a window, ``(2, n)`` each [A, rad/s].
 
-    The first row is that at the estimate, the second that of the healthy actuator.
+    The first row is the response at the estimate, the second of the healthy actuator.
 
-    The arguments, and the error raised, are those of `window_fit`; the estimate has faults.
+    Parameters
+    ----------
+    window
+        The window.
+    estimate
+        The estimate of the window, with faults.
+    calibration
+        Calibration that the estimate was made with.
+
+    Raises
+    ------
+    ValueError
+        If the sample period is not a multiple of the step of the model.
     """
     faults = np.array([estimate.faults, healthy_faults()])
     columns = np.zeros((2, len(COLUMNS)))
-    # What was measured holds for the healthy actuator as well; what the window shows, holds more.
+    # Measured causes apply to the healthy actuator as well; causes that the window shows do not.
     for row, causes in ((0, (*estimate.measured, *estimate.causes)), (1, estimate.measured)):
-        for one in causes:
-            columns[row, COLUMNS.index(one.name)] = one.value
+        for cause in causes:
+            columns[row, COLUMNS.index(cause.name)] = cause.value
     deviations, position = read(columns, window)
     response = calibration.model().respond(
         window, faults, estimate.play_offset, deviations=deviations, position=position
@@ -75,21 +78,21 @@ def expected_signals(window: Window, estimate: Estimate, calibration: Calibratio
 
 
 def window_fit(window: Window, estimate: Estimate, calibration: Calibration) -> WindowFit:
-    """Return a window beside the response of the calibrated model at its estimate.
+    """Return the signals of a window and of the calibrated model at its estimate.
 
     Parameters
     ----------
     window
         The window.
     estimate
-        The estimate in it; the model's signals are NaN where it has no faults, as of a refusal.
+        The estimate of the window. Without faults, the signals of the model are NaN.
     calibration
-        Calibration that it was made with.
+        Calibration that the estimate was made with.
 
     Raises
     ------
     ValueError
-        When the sample period is no multiple of the model's step, so that no fit was possible.
+        If the sample period is not a multiple of the step of the model.
     """
     current, speed = np.full((2, len(window)), np.nan)
     if np.isfinite(estimate.faults).all():
@@ -117,25 +120,29 @@ def in_stretch(
     calibration: Calibration,
     search: SearchSettings,
 ) -> Estimate:
-    """Return an estimate with the place in the play and the causes that one stretch has.
+    """Return an estimate of several stretches with play and causes fitted to a single stretch.
 
-    An estimate of several stretches has the causes of all. Load and play of one are fitted to it
-    with the faults of all taken for known.
+    The faults of the estimate are fixed within the mismatch of the model.
 
     Parameters
     ----------
     estimate
-        The estimate of all, valid.
+        Valid estimate of several stretches.
     stretch
         The stretch.
     description, calibration, search
-        The actuator, what holds for any motion of it, and how it was identified.
+        Description of the actuator, its calibration for any motion, and the settings of the search.
+
+    Raises
+    ------
+    ValueError
+        If the stretch cannot be fitted with these faults.
     """
     faults = np.array(estimate.faults)
-    known = Knowledge(PLAIN.encode(faults), np.diag(FLOOR**2))
-    load = Preview.of(stretch, calibration, known, faults).load
+    knowledge = Knowledge(PLAIN.encode(faults), np.diag(FLOOR**2))
+    load = Preview.of(stretch, calibration, knowledge, faults).load
     of_stretch = ModelIdentification(
-        stretch, description, calibration, search, True, faults, known, load
+        stretch, description, calibration, search, True, faults, knowledge, load
     ).estimate()
     if not np.isfinite(of_stretch.fitness):
         raise ValueError("the stretch cannot be fitted with the faults of the motion")
