@@ -13,7 +13,7 @@ from ema_bags.inputs.tables import TableColumns
 from ema_core.wording import counted
 
 _EPOCHS: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s"))
-_LEAST_STEP_S: Final = 1.5e-4
+_LEAST_STEP_S: Final = 9.5e-5
 """Steps of a time without a unit that is taken for seconds: faster logs state their unit [s]."""
 
 _FASTEST_NS: Final = 1e4
