@@ -103,6 +103,17 @@ def test_corrupt_command_is_bridged_and_the_sensors_stay(mapped, size, length):
     np.testing.assert_allclose(got.columns["command"], true["command"], atol=0.01)
 
 
+@pytest.mark.parametrize("length", [7, 20])
+def test_command_beyond_all_travel_for_longer_is_named(mapped, length):
+    columns, stamps = moves(rate_hz=250.0)
+    columns["command"][1200 : 1200 + length] = -32768.0
+    got = imported(mapped(), columns, stamps, 250.0)
+    [defect] = [item for item in got.defects if item.is_error]
+    assert (defect.name, defect.is_certain) == ("command_range", False)
+    assert "the command is -3.277e+04 rad, far beyond the travel from -0.2" in defect.text
+    assert f"in {length} samples of 3000" in defect.text
+
+
 def test_set_points_that_step_are_not_bridged(mapped):
     columns, stamps = moves()
     columns["command"] = np.array([0.0, 0.4, 0.8])[np.arange(len(stamps)) // 170 % 3]
@@ -134,6 +145,17 @@ def test_step_of_the_position_is_named(mapped, rate_hz, size):
     columns, stamps = moves(rate_hz=rate_hz)
     columns["position"][round(0.6 * len(stamps)) :] += size
     got = imported(mapped(), columns, stamps, rate_hz)
+    assert "position_jumps" in [item.name for item in got.defects if item.is_error]
+
+
+@pytest.mark.parametrize("length", [5, 9, 30])
+@pytest.mark.parametrize("at", [0.52, 0.55, 0.61])
+def test_position_that_leaves_for_longer_is_named(mapped, length, at):
+    """In motion and at rest."""
+    columns, stamps = moves(rate_hz=250.0)
+    row = round(at * len(stamps))
+    columns["position"][row : row + length] += 0.2
+    got = imported(mapped(), columns, stamps, 250.0)
     assert "position_jumps" in [item.name for item in got.defects if item.is_error]
 
 

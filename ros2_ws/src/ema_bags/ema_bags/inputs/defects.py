@@ -28,6 +28,7 @@ _LEAST_STEPS: Final = 200
 _JUMP: Final = 4.0
 _SUDDEN: Final = 20.0
 _CATCHES_UP: Final = 1.5
+_FAR_BEYOND: Final = 2.0
 _JUMP_OF_RANGE: Final = 0.05
 _BESIDE: Final = 3
 """Changes of the step on each side that a jump is compared with."""
@@ -55,6 +56,7 @@ def find_defects(
     defects = list(_other_drive(mapping, description))
     defects += _held(columns, stamps_ns, is_unknown=description.drive == "unknown")
     defects += _jumps(columns["position"], stamps_ns)
+    defects += _beyond_travel(columns["command"], columns["position"])
     motion = ThinnedMotion.of(columns, stamps_ns, description.parameters.tau)
     if motion is None:
         return defects
@@ -237,21 +239,27 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
     if len(moving) < _LEAST_STEPS:
         return
     changes = np.abs(np.diff(moving, prepend=0.0))
-    padded = np.concatenate([np.zeros(_BESIDE), changes, np.full(_BESIDE + 1, np.inf)])
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 2)
-    # Of each step: the changes before it and after it are in the middle.
-    into, out = around[:, _BESIDE], around[:, _BESIDE + 1]
-    beside = np.max(np.delete(around, [_BESIDE, _BESIDE + 1], axis=1), axis=1)
     sizes = np.abs(moving)
     far = max(_JUMP * float(np.percentile(sizes, 99.5)), _JUMP_OF_RANGE * float(np.ptp(position)))
+    is_far = sizes > far
+    # A motion is far for several steps in one direction. After a jump, another one may lead back.
+    way = np.where(is_far, np.sign(moving), 0.0)
+    is_alone = is_far & (np.append(way[1:], 0.0) != way) & (np.append(0.0, way[:-1]) != way)
+    beside_jump = is_alone | np.append(False, is_alone[:-1])
+    padded = np.concatenate(
+        [np.zeros(_BESIDE), np.where(beside_jump, 0.0, changes), np.full(_BESIDE + 1, np.inf)]
+    )
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 2)
+    beside = np.max(np.delete(around, [_BESIDE, _BESIDE + 1], axis=1), axis=1)
     sudden = _SUDDEN * np.maximum(beside, float(np.percentile(changes, 95.0)))
+    is_jump = is_alone & (np.minimum(changes, np.append(changes[1:], np.inf)) > sudden)
     # After values that repeat within a motion, a step catches up with it.
     repeated = np.diff(rows, prepend=-1)
     padded = np.pad(sizes, _BESIDE)
     speeds = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
     speed = np.minimum(np.max(speeds[:, :_BESIDE], axis=1), np.max(speeds[:, -_BESIDE:], axis=1))
     is_late = (repeated > 1) & (sizes < _CATCHES_UP * repeated * speed)
-    is_jump = (sizes > far) & (np.minimum(into, out) > sudden) & ~is_late
+    is_jump &= ~is_late
     # The step before the first rows is unknown.
     jumps = sizes[is_jump & (rows >= _KNOWN_BEFORE)]
     if 0 < len(jumps) <= _MANY * len(steps):
@@ -261,6 +269,26 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
         )
         remedy = "is the encoder homed or reset, or do two sources publish?"
         yield InputDefect("position_jumps", text, remedy)
+
+
+def _beyond_travel(
+    command: NDArray[np.float64], position: NDArray[np.float64]
+) -> Iterator[InputDefect]:
+    """Yield that a command goes far beyond all travel for a while, and comes back."""
+    if not np.any(np.isfinite(command)):
+        return
+    usual = np.concatenate([command, position])
+    low, high = np.nanpercentile(usual, [1.0, 99.0])
+    is_beyond = np.abs(command - 0.5 * (low + high)) > _FAR_BEYOND * (high - low)
+    count = int(np.count_nonzero(is_beyond))
+    if not 0 < count <= _MANY * len(command) or is_beyond[-1] or not high > low:
+        return
+    text = (
+        f"the command is {command[is_beyond][0]:.4g} rad, far beyond the travel from {low:.3g} to "
+        f"{high:.3g} rad, in {counted(count, 'sample')} of {len(command)}"
+    )
+    remedy = "command: choose another source, or leave command out"
+    yield InputDefect("command_range", text, remedy, is_certain=False)
 
 
 def _frozen(
