@@ -20,7 +20,7 @@ _UNITS_OF: Final = "WHERE unit IN (SELECT unnest(?))"
 def commit_bags(store: Store, results: Sequence[BagResult], settings: ArchiveSettings) -> None:
     """Put the rows of bags in the place of their earlier ones; their units are then due.
 
-    The earlier rows of a bag that cannot be read remain valid. Bags that are gone and whose content
+    The earlier rows of a bag that cannot be read stay. Bags that are gone and whose content
     a result has were moved: they are forgotten.
 
     Raises
@@ -33,12 +33,11 @@ def commit_bags(store: Store, results: Sequence[BagResult], settings: ArchiveSet
     kept = [one for one in results if one.state not in (FAILED, DAMAGED)]
     with store.changing() as db:
         moved = _moved(db, kept)
-        unread = [one.task.url for one in results if one.state == DAMAGED]
         replaced = [*(one.task.url for one in kept), *moved]
         db.execute(
             f"UPDATE manifest.unit SET is_due = true WHERE unit IN "
             f"(SELECT unit FROM manifest.part {_BAGS_OF})",
-            [[*unread, *replaced]],
+            [replaced],
         )
         if db.execute(f"SELECT 1 FROM manifest.part {_BAGS_OF} LIMIT 1", [replaced]).fetchall():
             for table in ("manifest.part", *BAG_TABLES):
@@ -70,6 +69,8 @@ def _note_bags(
             # As it was read: a bag that could not be read is due again.
             row |= {"seen": one.task.mark, "software": one.software}
             row |= {"settings": settings.estimation_id}
+        if one.state == DAMAGED:
+            row |= {"end_ns": one.end_ns}
         if one.state not in (FAILED, DAMAGED):
             estimates = [row for part in one.units for row in part.estimates]
             row |= {
@@ -80,8 +81,14 @@ def _note_bags(
                 "end_ns": one.end_ns,
             }
         state[one.state if one.state in state else ""].append(row)
-    for rows in filter(None, state.values()):
-        changes = ", ".join(f"{name} = _rows.{name}" for name in rows[0] if name != "bag")
+    for kind, rows in state.items():
+        if not rows:
+            continue
+        values = {name: f"_rows.{name}" for name in rows[0] if name != "bag"}
+        if kind == DAMAGED:
+            # Its earlier rows stay, and their time.
+            values["end_ns"] = "greatest(bag.end_ns, _rows.end_ns)"
+        changes = ", ".join(f"{name} = {value}" for name, value in values.items())
         db.register("_rows", pa.Table.from_pylist(rows))
         db.execute(f"UPDATE manifest.bag SET {changes} FROM _rows WHERE bag.bag = _rows.bag")
         db.unregister("_rows")
@@ -145,9 +152,14 @@ def commit_units(store: Store, results: Sequence[tuple[UnitEntry, UnitResult]]) 
             tables = [placed(of.tables[name], one.model, one.unit) for one, of in kept]
             insert(db, name, pa.concat_tables(tables))
         rows = [
-            {"unit": entry.unit, "model": entry.model, "made_by": result.made_by}
-            | {"windows": result.kept.windows if result.kept else 0}
-            | {"digest": result.kept.digest if result.kept else ""}
+            {
+                "unit": entry.unit,
+                "model": entry.model,
+                "made_by": result.made_by,
+                "lost": entry.lost,
+                "windows": result.kept.windows if result.kept else 0,
+                "digest": result.kept.digest if result.kept else "",
+            }
             for entry, result in results
         ]
         changes = ", ".join(f"{name} = _rows.{name}" for name in rows[0] if name != "unit")

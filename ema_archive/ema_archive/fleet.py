@@ -37,7 +37,7 @@ class FleetSummary:
     ----------
     bags
         Bags in all; how many cannot be read, can be read only in part, could not be read the last
-        time, and are not read yet.
+        time, and are not read yet; the addresses of three that cannot or could not be read.
     levels
         Units, how many of them have each level, median of their health index, and the latest test.
     worst

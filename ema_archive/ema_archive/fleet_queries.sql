@@ -2,10 +2,17 @@
 
 -- name: bags
 SELECT
-    count(*) AS bags, count(*) FILTER (WHERE state = 'damaged') AS damaged,
-    count(*) FILTER (WHERE state = 'incomplete') AS incomplete,
-    count(*) FILTER (WHERE state = 'failed') AS failed,
-    count(*) FILTER (WHERE state IN ('new', 'lost')) AS unread
+    count(*) AS bags, count(*) FILTER (WHERE state = 'damaged' AND is_there) AS damaged,
+    count(*) FILTER (WHERE state = 'incomplete' AND is_there) AS incomplete,
+    count(*) FILTER (WHERE state = 'failed' AND is_there) AS failed,
+    count(*) FILTER (WHERE state IN ('new', 'lost')) AS unread,
+    -- Those that no unit names before the others.
+    (SELECT coalesce(list(bag), []) FROM (
+        SELECT bag FROM manifest.unread LEFT JOIN (
+            SELECT DISTINCT bag, true AS is_suspect FROM manifest.suspect
+        ) USING (bag)
+        WHERE state <> 'incomplete' ORDER BY is_suspect NULLS FIRST, bag LIMIT 3
+    )) AS unreadable
 FROM bags;
 
 -- name: levels

@@ -8,8 +8,9 @@ from typing import Any, Final
 import duckdb
 import pyarrow as pa
 
-from ema_archive.bag_task import DAMAGED, DONE, INCOMPLETE, BagTask
+from ema_archive.bag_task import DONE, INCOMPLETE, BagTask
 from ema_archive.history_rows import HISTORY_TABLES, KeptHistory
+from ema_archive.losses import losses_by_unit, unread_of_no_unit
 from ema_archive.settings import ArchiveSettings, estimation_software
 from ema_archive.sources import Listed, calibration_of, identity_of
 from ema_archive.store import Store
@@ -41,17 +42,6 @@ SELECT {} FROM reasons WHERE why IS NOT NULL {}
 """
 """Bags to be done, and why, by the first reason that holds."""
 
-_LOST: Final = """
-SELECT bag, state, reason FROM manifest.part JOIN manifest.bag USING (bag)
-WHERE unit = $unit AND state IN ($damaged, $incomplete) AND NOT EXISTS (
-    SELECT 1 FROM manifest.part AS later JOIN manifest.bag AS whole USING (bag)
-    WHERE later.unit = $unit AND later.estimates > 0 AND whole.state = $done
-    AND whole.end_ns > bag.end_ns
-)
-ORDER BY bag.end_ns DESC, bag LIMIT 1
-"""
-"""The damaged bag after which no whole bag has a window of a unit."""
-
 _PAGE: Final = 20_000
 
 
@@ -62,8 +52,8 @@ class Status:
     Attributes
     ----------
     bags, gone, due, damaged, incomplete, failed
-        Bags in all; of these no longer at their place, to be done, that cannot be read, that can be
-        read only in part, and that could not be read the last time.
+        Bags in all; of these no longer at their place, to be done; of those at their place that
+        cannot be read, can be read only in part, and could not be read the last time.
     reasons
         Why bags are to be done, and how many each.
     units, units_due
@@ -73,6 +63,8 @@ class Status:
         refused, as their stamps do not show which test came first.
     damaged_tables
         Tables of which rows cannot be read.
+    of_no_unit
+        Bags that cannot or could not be read, and that no unit is known for.
     """
 
     bags: int
@@ -88,6 +80,7 @@ class Status:
     valid: int
     unordered: int
     damaged_tables: list[str]
+    of_no_unit: list[str]
 
 
 class Manifest(Store):
@@ -154,8 +147,9 @@ class Manifest(Store):
             reasons = dict(self._due("why, count(*)", "GROUP BY why ORDER BY why", criteria))
             [(bags, gone, unread, incomplete, failed, windows, valid)] = self._rows(
                 "SELECT count(*), count(*) FILTER (NOT is_there), "
-                "count(*) FILTER (state = 'damaged'), count(*) FILTER (state = 'incomplete'), "
-                "count(*) FILTER (state = 'failed'), coalesce(sum(windows), 0), "
+                "count(*) FILTER (state = 'damaged' AND is_there), "
+                "count(*) FILTER (state = 'incomplete' AND is_there), "
+                "count(*) FILTER (state = 'failed' AND is_there), coalesce(sum(windows), 0), "
                 "coalesce(sum(valid), 0) FROM manifest.bag"
             )
             [(units,)] = self._rows("SELECT count(*) FROM manifest.unit")
@@ -176,6 +170,7 @@ class Manifest(Store):
                 valid - unordered,
                 unordered,
                 damaged,
+                unread_of_no_unit(self),
             )
 
     def criteria(self, settings: ArchiveSettings) -> Criteria:
@@ -256,20 +251,22 @@ class Manifest(Store):
 
     def units_due(self, settings: ArchiveSettings) -> list[UnitEntry]:
         """Return the units with outdated health and life; errors are as in `status`."""
+        losses = losses_by_unit(self)
         rows = self._rows(
             # Model and calibration of each unit come from its latest bag.
             "WITH latest AS (SELECT unit, model, bag FROM manifest.part QUALIFY row_number() OVER "
             "(PARTITION BY unit ORDER BY last_ns DESC, bag DESC, model) = 1) "
             "SELECT unit.unit, actuator_id, serial_number, coalesce(latest.model, unit.model), "
-            "coalesce(beside, ''), is_due, made_by FROM manifest.unit "
+            "coalesce(beside, ''), is_due, made_by, lost FROM manifest.unit "
             "LEFT JOIN latest USING (unit) LEFT JOIN manifest.bag USING (bag) ORDER BY unit.unit"
         )
         entries = []
-        for unit, actuator_id, serial_number, model, beside, is_due, maker in rows:
+        for unit, actuator_id, serial_number, model, beside, is_due, maker, before in rows:
             source = settings.calibration or beside
             calibration = calibration_of(source, (actuator_id, serial_number))
-            if is_due or maker != made_by(settings, identity_of(calibration)):
-                entries.append(UnitEntry(unit, actuator_id, serial_number, model, source))
+            lost, made = losses.get(unit, ""), made_by(settings, identity_of(calibration))
+            if is_due or (maker, before) != (made, lost):
+                entries.append(UnitEntry(unit, actuator_id, serial_number, model, source, lost))
         return entries
 
     def unit_task(self, entry: UnitEntry, settings: ArchiveSettings) -> UnitTask:
@@ -287,7 +284,6 @@ class Manifest(Store):
                 settings,
                 **{name: self.rows_of_unit(name, unit) for name in (*BAG_TABLES, "health")},
                 kept=self._kept_history(unit),
-                lost=self._lost_after(unit),
             )
 
     def _kept_history(self, unit: str) -> KeptHistory | None:
@@ -300,15 +296,6 @@ class Manifest(Store):
             tables = {name: self.rows_of_unit(name, unit) for name in HISTORY_TABLES}
             return KeptHistory(maker, digest, windows, tables)
         return None
-
-    def _lost_after(self, unit: str) -> str:
-        """Return why the newest test of a unit may be lost; "" where it is not.
-
-        It may be lost with a damaged bag, unless a later bag that is whole has a test.
-        """
-        states = {"damaged": DAMAGED, "incomplete": INCOMPLETE, "done": DONE}
-        rows = self._rows(_LOST, {"unit": unit, **states})
-        return next((f"later tests may be lost: {_named(*row)}" for row in rows), "")
 
     def _rows(self, query: str, values: Any = None) -> list[Any]:
         with self.reading() as db:
@@ -330,10 +317,3 @@ def _note_bags(db: duckdb.DuckDBPyConnection, bags: Iterable[Listed], scan: int)
         "WHEN NOT MATCHED THEN INSERT BY NAME"
     )
     db.unregister("_rows")
-
-
-def _named(url: str, state: str, reason: str) -> str:
-    if url in reason:
-        return reason
-    what = "cannot be read" if state == DAMAGED else "can be read only in part"
-    return f"{url} {what}: {reason}"

@@ -1,8 +1,10 @@
 """The store of an archive: one DuckDB file, which survives a kill at any moment."""
 
 import fcntl
+import re
 import threading
 import time
+import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from importlib.resources import files
@@ -14,7 +16,7 @@ import pyarrow as pa
 
 from ema_archive.history_rows import HISTORY_TABLES
 from ema_archive.tables import BAG_TABLES, STAMPS, UNIT_TABLES, placed
-from ema_core.files import complete_file
+from ema_core.files import complete_file, require_regular_file
 
 FILE: Final = "archive.duckdb"
 """Name of the store in an archive."""
@@ -26,10 +28,11 @@ REMEDY: Final = (
     "where it is damaged, scan the bags to a new archive: all that it has is made of them"
 )
 
-_VERSION: Final = 10
+_VERSION: Final = 11
 _EARLIER: Final = "archive.sqlite"  # of versions up to 9
 _MANIFEST: Final = ("archive", "bag", "part", "unit")
 _LOCK: Final = ".lock"
+_NOTED: Final = re.compile(r"([0-9a-f]{32}) (\d+ \d+)")
 _READER_WAITS_S: Final = 30.0
 _WRITER_WAITS_S: Final = 600.0
 _BLOCK_BYTES: Final = 16_384
@@ -61,6 +64,7 @@ class Store(AbstractContextManager[Any, None]):
         # In memory: to open a file in it takes half the time of a new connection.
         self._engine, self._is_open = _engine(), False
         self._lock: Any = None
+        self._id = uuid.uuid4().hex
         self._check(is_new)
         if writes:
             self._take_lock()
@@ -86,6 +90,8 @@ class Store(AbstractContextManager[Any, None]):
     def _check(self, is_new: bool) -> None:
         """Check that there is an archive, or a place for a new one."""
         archive, path = self.archive, self.path
+        for name in (FILE, f"{FILE}.wal", _LOCK):
+            _require_file(archive / name)
         if path.exists():
             if not path.stat().st_size:
                 raise ValueError(f"{path} is empty: {REMEDY}")
@@ -128,13 +134,17 @@ class Store(AbstractContextManager[Any, None]):
                 db.execute(f"CREATE TABLE {name} AS SELECT * FROM _rows")
                 db.unregister("_rows")
             _execute(db, "views.sql")
-            db.execute("INSERT INTO manifest.archive VALUES (?, '', [], 0)", [_VERSION])
+            db.execute(
+                "INSERT INTO manifest.archive VALUES (?, ?, '', [], 0)", [_VERSION, self._id]
+            )
         self._note()
 
     def _check_version(self) -> None:
         with self.reading() as db:
             try:
                 rows = db.execute("SELECT version FROM manifest.archive").fetchall()
+                if rows == [(_VERSION,)]:
+                    [(self._id,)] = db.execute("SELECT id FROM manifest.archive").fetchall()
             except duckdb.Error as error:
                 raise ValueError(self._unusable(error)) from error
         if rows != [(_VERSION,)]:
@@ -142,6 +152,11 @@ class Store(AbstractContextManager[Any, None]):
             raise ValueError(
                 f"{self.path} has version {version}, expected {_VERSION}: scan the bags to a new "
                 "archive"
+            )
+        if (noted := self._noted()[0]) not in ("", self._id):
+            raise ValueError(
+                f"{self.path} is the file of another archive, {self.archive / _LOCK} of archive "
+                f"{noted}: put its own file back, or copy the other archive as a folder; {REMEDY}"
             )
 
     @contextmanager
@@ -231,10 +246,18 @@ class Store(AbstractContextManager[Any, None]):
         return f"{self.path} cannot be used: {words}; {REMEDY}"
 
     def _note(self) -> None:
-        """Note size and time of the file as it was just written."""
+        """Note size and time of the file as it was just written, and the archive that it is."""
         self._lock.truncate(0)
-        self._lock.write(_marks(self.path))
+        self._lock.write(f"{self._id} {_marks(self.path)}")
         self._lock.flush()
+
+    def _noted(self) -> tuple[str, str]:
+        """Return identity and marks of the file as they were noted; "" for those unknown."""
+        with suppress(OSError, UnicodeDecodeError):
+            text = (self.archive / _LOCK).read_text(encoding="utf-8")
+            if noted := _NOTED.fullmatch(text):
+                return noted[1], noted[2]
+        return "", ""
 
     def damaged_tables(self) -> list[str]:
         """Return the tables of which rows cannot be read.
@@ -246,9 +269,8 @@ class Store(AbstractContextManager[Any, None]):
         ValueError
             When a table of the manifest is damaged.
         """
-        with suppress(OSError):
-            if (self.archive / _LOCK).read_text(encoding="utf-8") == _marks(self.path):
-                return []
+        if self._noted()[1] == _marks(self.path):
+            return []
         with self.reading() as db:
             for name in _MANIFEST:
                 if error := damage_of(db, f"manifest.{name}"):
@@ -298,6 +320,17 @@ def damage_of(db: duckdb.DuckDBPyConnection, rows: str) -> str:
     except duckdb.Error as error:
         return first_line(error)
     return ""
+
+
+def _require_file(path: Path) -> None:
+    """Check that a file of an archive is a regular one, if it exists."""
+    try:
+        require_regular_file(path)
+    except OSError:
+        # Missing; or DuckDB says why it cannot be read.
+        return
+    except ValueError as error:
+        raise ValueError(f"{error}: {REMEDY}") from error
 
 
 def _marks(path: Path) -> str:

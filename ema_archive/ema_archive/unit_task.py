@@ -44,13 +44,17 @@ _IDENTITY: Final = ("end_ns", "verdict", "bag_sha256", "number", "calibration_id
 
 @dataclass(frozen=True)
 class UnitEntry:
-    """A unit of an archive, and where its calibration comes from."""
+    """A unit of an archive, where its calibration comes from, and why later tests may be lost.
+
+    ``lost`` is empty if no later test may be lost.
+    """
 
     unit: str
     actuator_id: str
     serial_number: str
     model: str
     source: str
+    lost: str = ""
 
     @property
     def key(self) -> UnitKey:
@@ -62,8 +66,7 @@ class UnitEntry:
 class UnitTask:
     """What a worker is to do with the tests of a unit: its rows in these tables, in order of time.
 
-    Without the history that an earlier task kept, tests are followed from the first. ``lost`` is
-    why later tests may be lost, empty where they are not.
+    Without the history that an earlier task kept, tests are followed from the first.
     """
 
     entry: UnitEntry
@@ -73,7 +76,6 @@ class UnitTask:
     duty: pa.Table
     health: pa.Table
     kept: KeptHistory | None
-    lost: str = ""
 
 
 @dataclass(frozen=True)
@@ -145,8 +147,8 @@ def follow_unit(task: UnitTask) -> UnitResult:
     valid = Counter(month_of(row["end_ns"]) for row in estimates if row["valid"])
     changed = changed_ns(entry.source, entry.key)
     latest = rows[-1] if rows else health_row(last, "") | shared
-    if task.lost:
-        latest = _unconfirmed(latest, task.lost)
+    if entry.lost:
+        latest = _unconfirmed(latest, entry.lost)
     months = [
         {"month": month, "windows": windows[month], "valid": valid[month]}
         for month in sorted(windows)

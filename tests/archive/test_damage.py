@@ -8,7 +8,8 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +119,71 @@ def test_damaged_store_is_named_with_the_remedy(ema, archive: Path, damage):
             assert "scan the bags to a new archive" in result.stderr
 
 
+def replace_by(make: Callable[[Path], Any], name: str = FILE) -> Callable[[Path], None]:
+    def replace(archive: Path) -> None:
+        (archive / name).unlink(missing_ok=True)
+        make(archive / name)
+
+    return replace
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        replace_by(lambda path: path.write_text("no database\n" * 1000, encoding="utf-8")),
+        replace_by(Path.mkdir),
+        replace_by(os.mkfifo),
+        replace_by(lambda path: path.symlink_to("/dev/zero")),
+        replace_by(Path.mkdir, f"{FILE}.wal"),
+        replace_by(os.mkfifo, f"{FILE}.wal"),
+        replace_by(Path.mkdir, ".lock"),
+        replace_by(os.mkfifo, ".lock"),
+    ],
+)
+def test_store_of_another_kind_is_refused_at_once(ema, tmp_path: Path, damage):
+    archive = tmp_path / "archive"
+    bring_up_to_date(archive)
+    damage(archive)
+    before_s = time.monotonic()
+    for command in ("status", "query", "run", "scan"):
+        result = ema("archive", command, archive, *["from units"] * (command == "query"))
+        assert result.exit_code == 1, result.output
+        assert str(archive) in result.stderr
+        assert "scan the bags to a new archive" in result.stderr
+    assert time.monotonic() < before_s + 20.0
+
+
+def test_store_of_another_archive_is_refused(ema, tmp_path: Path):
+    """It would answer for the units of other bags, or with no rows at all."""
+    archive, foreign, copy = (tmp_path / name for name in ("archive", "foreign", "copy"))
+    bring_up_to_date(archive)
+    bring_up_to_date(foreign)
+    shutil.copytree(archive, copy)
+    shutil.copy(foreign / FILE, archive / FILE)
+    for command in ("status", "query", "run", "scan"):
+        result = ema("archive", command, archive, *["from units"] * (command == "query"))
+        assert result.exit_code == 1, result.output
+        assert f"{archive / FILE} is the file of another archive" in result.stderr
+        assert "put its own file back" in result.stderr
+    # Its own file, and a copy of the folder, may be used.
+    shutil.copy(copy / FILE, archive / FILE)
+    for folder in (archive, copy):
+        assert ema("archive", "status", folder).exit_code == 0
+
+
+def test_store_without_its_lock_file_is_read(ema, archive: Path):
+    (archive / ".lock").unlink()
+    assert ema("archive", "status", archive).exit_code == 0
+    assert len(answer(archive, LEVELS)[1]) == 2
+
+
+def test_foreign_changes_beside_a_store_do_not_count(ema, archive: Path):
+    (archive / f"{FILE}.wal").write_text("no changes\n" * 100, encoding="utf-8")
+    assert len(answer(archive, LEVELS)[1]) == 2
+    assert ema("archive", "run", archive, *HERE).exit_code == 0
+    assert len(answer(archive, LEVELS)[1]) == 2
+
+
 def test_archive_of_an_earlier_version_is_refused(ema, tmp_path: Path):
     archive = tmp_path / "archive"
     archive.mkdir()
@@ -125,13 +191,13 @@ def test_archive_of_an_earlier_version_is_refused(ema, tmp_path: Path):
     for command in (("scan", archive, tmp_path), ("run", archive), ("status", archive)):
         result = ema("archive", *command)
         assert result.exit_code == 1
-        assert "has a version before 10, expected 10" in result.stderr
+        assert "has a version before 11, expected 11" in result.stderr
         assert "scan the bags to a new archive" in result.stderr
     other = tmp_path / "other"
     with Manifest(other, is_new=True) as manifest, manifest.changing() as db:
-        db.execute("UPDATE manifest.archive SET version = 11")
+        db.execute("UPDATE manifest.archive SET version = 12")
     result = ema("archive", "status", other)
-    assert f"{other / FILE} has version 11, expected 10: scan the bags to a new" in result.stderr
+    assert f"{other / FILE} has version 12, expected 11: scan the bags to a new" in result.stderr
 
 
 def bring_up_to_date(archive: Path, *sources: Path) -> None:

@@ -32,6 +32,7 @@ from ema_monitor.windows.trigger import TEST_CYCLE
 
 _ARCHIVE = click.argument("folder", metavar="ARCHIVE", type=click.Path(path_type=Path))
 _LONGEST_REASON: Final = 200
+_MOST_NAMED: Final = 3
 _USUAL_REASON: Final = (
     "SELECT reason FROM refused WHERE number IS NOT NULL "
     "GROUP BY 1 ORDER BY count(*) DESC, 1 LIMIT 1"
@@ -126,8 +127,8 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
     """Process what is due: bags to estimates, then units to health and life.
 
     Stop it with Ctrl-C at any time: the same command resumes. Bags that cannot be read become rows
-    with their reason. Exit code 3: a bag cannot be read, a unit has different tests
-    at the same time, or no window is valid.
+    with their reason. Exit code 3: a bag cannot be read, or only in part, a unit has
+    different tests at the same time, or no window is valid.
     """
     with Manifest(folder) as manifest:
         with progress_bar() as progress:
@@ -160,13 +161,14 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
         f"{tally.damaged} damaged, {tally.incomplete} read in part, "
         f"{tally.failed} could not be read"
     )
+    click.echo(_unread_in_words(status), nl=False)
     click.echo(_refused_in_words(folder, status), nl=False)
     click.echo(_due_in_words(status))
     for words in tally.mended:
         click.echo(words, err=True)
     for unit, reason in tally.not_followed.items():
         click.echo(f"unit {unit} could not be followed: {reason}", err=True)
-    is_damaged = bool(tally.damaged or tally.incomplete or tally.failed)
+    is_damaged = bool(status.damaged or status.incomplete or status.failed)
     if is_damaged:
         click.echo(f'why: ema archive query {folder} "select * from refused_why"', err=True)
     is_useless = bool(status.windows) and not status.valid
@@ -191,14 +193,9 @@ def status_(folder: Path, as_json: bool) -> None:
         f"{counted(status.windows, 'window')}, {status.valid} valid; "
         f"{counted(status.units, 'unit')}"
     )
-    for count, what in (
-        (status.damaged, "cannot be read"),
-        (status.incomplete, "can be read only in part: later tests may be lost"),
-        (status.failed, "could not be read the last time"),
-        (status.gone, "missing: their results stay"),
-    ):
-        if count:
-            click.echo(f"{counted(count, 'bag')} {what}")
+    click.echo(_unread_in_words(status), nl=False)
+    if status.gone:
+        click.echo(f"{counted(status.gone, 'bag')} missing: their results stay")
     click.echo(_refused_in_words(folder, status), nl=False)
     click.echo(_due_in_words(status))
 
@@ -234,6 +231,24 @@ def export_(folder: Path, what: str, output: Path, overwrite: bool) -> None:
     require_free(output, [], overwrite=overwrite)
     rows = export(folder, what, output)
     click.echo(f"{output}: {counted(rows, 'row')}")
+
+
+def _unread_in_words(status: Status) -> str:
+    """Return how many bags are not read as a whole, and which of them no unit is known for."""
+    lines = [
+        f"{counted(count, 'bag')} {what}: later tests may be lost"
+        for count, what in (
+            (status.damaged, "cannot be read"),
+            (status.incomplete, "can be read only in part"),
+            (status.failed, "could not be read the last time"),
+        )
+        if count
+    ]
+    if bags := status.of_no_unit:
+        more = f" and {len(bags) - _MOST_NAMED} more" if len(bags) > _MOST_NAMED else ""
+        what = f"{counted(len(bags), 'bag')} of no known unit cannot be read"
+        lines.append(f"{what}: {', '.join(bags[:_MOST_NAMED])}{more}")
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _refused_in_words(folder: Path, status: Status) -> str:

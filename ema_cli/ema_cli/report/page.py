@@ -210,7 +210,11 @@ def _bags_in_words(fleet: FleetSummary) -> str:
         )
         if fleet.bags[name]
     ]
-    return f"Of {counted(fleet.bags['bags'], 'bag')}: {', '.join(counts)}" if counts else ""
+    if not counts:
+        return ""
+    words = f"Of {counted(fleet.bags['bags'], 'bag')}: {', '.join(counts)}"
+    unreadable = fleet.bags["unreadable"]
+    return f"{words}. Unreadable: {', '.join(unreadable)}" if unreadable else words
 
 
 def _survival_in_words(fleet: FleetSummary) -> str:

@@ -51,7 +51,9 @@ export interface Step {
 
 export interface Summary {
   archive: string;
-  bags: Record<"bags" | "damaged" | "incomplete" | "failed" | "unread", number>;
+  bags: Record<"bags" | "damaged" | "incomplete" | "failed" | "unread", number> & {
+    unreadable: string[];
+  };
   levels: Levels & { latest_test: string | null };
   worst: WorstUnit[];
   models: OfModel[];
@@ -84,7 +86,10 @@ export function bagsInWords({ bags }: Summary): string {
     ["failed", "could not be read the last time"],
     ["unread", "not read yet"],
   ] as const).filter(([name]) => bags[name]).map(([name, what]) => `${bags[name]} ${what}`);
-  return parts.length ? `Of ${bags.bags} bag${bags.bags === 1 ? "" : "s"}: ${parts.join(", ")}` : "";
+  if (!parts.length) return "";
+  const words = `Of ${bags.bags} bag${bags.bags === 1 ? "" : "s"}: ${parts.join(", ")}`;
+  const { unreadable } = bags;
+  return unreadable.length ? `${words}. Unreadable: ${unreadable.join(", ")}` : words;
 }
 
 /** Columns of the curve: it begins with all, and goes on to the longest age that was watched. */

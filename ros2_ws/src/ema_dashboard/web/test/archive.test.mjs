@@ -97,10 +97,11 @@ describe("an archive of 1600 units", () => {
   });
 
   test("bags that cannot be read, or only in part, are counted", async () => {
-    const bags = { bags: 4000, damaged: 2, incomplete: 1, failed: 0, unread: 0 };
+    const unreadable = ["/a.mcap", "/b.mcap"];
+    const bags = { bags: 4000, damaged: 2, incomplete: 1, failed: 0, unread: 0, unreadable };
     await open("#/archive", { ...fleet, bags });
     const words = await page.locator(".archive .banner").innerText();
-    assert.equal(words, "Of 4000 bags: 2 cannot be read, 1 can be read only in part");
+    assert.equal(words, "Of 4000 bags: 2 cannot be read, 1 can be read only in part. Unreadable: /a.mcap, /b.mcap");
   });
 
   test("why there is none is told", async () => {

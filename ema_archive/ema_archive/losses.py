@@ -1,0 +1,85 @@
+"""Tests that may be lost with bags that cannot be read, or only in part, and whose they may be."""
+
+from typing import Any, Final
+
+import duckdb
+import pyarrow as pa
+
+from ema_archive.bag_task import DAMAGED, FAILED, unit_name
+from ema_archive.sources import calibration_of
+from ema_archive.store import Store
+
+_SUSPECTS: Final = """
+WITH suspect AS (
+    SELECT * FROM manifest.suspect
+    UNION
+    SELECT bag, unit FROM manifest.unread ANTI JOIN manifest.part USING (bag)
+    JOIN _beside USING (beside) SEMI JOIN manifest.unit USING (unit)
+),
+whole AS (
+    SELECT unit, max(end_ns) AS last_ns FROM manifest.part JOIN manifest.bag USING (bag)
+    WHERE estimates > 0 AND state = 'done' GROUP BY unit
+)
+"""
+"""Units of unread bags, also by the calibration beside them; and the last whole bag of each."""
+
+_LOST: Final = """
+SELECT unit, bag, state, reason
+FROM suspect JOIN manifest.unread USING (bag) LEFT JOIN whole USING (unit)
+WHERE end_ns = 0 OR end_ns >= coalesce(last_ns, 0)
+QUALIFY row_number() OVER (PARTITION BY unit ORDER BY end_ns = 0 DESC, end_ns DESC, bag) = 1
+"""
+
+_OF_NO_UNIT: Final = "SELECT bag FROM manifest.unread ANTI JOIN suspect USING (bag) ORDER BY bag"
+
+
+def losses_by_unit(store: Store) -> dict[str, str]:
+    """Return why the newest test of a unit may be lost, for each unit that this holds for.
+
+    It may be lost with a bag that is not read as a whole, unless a later whole bag has a window of
+    the unit. If none of its messages could be read, the bag may be the newest. A bag that was never
+    read may be of the units of its folder, and of the unit of the calibration there.
+
+    Raises
+    ------
+    ValueError, OSError
+        As in ``Store.reading``; OSError also when a calibration cannot be read.
+    """
+    return {unit: f"later tests may be lost: {_named(*bag)}" for unit, *bag in _rows(store, _LOST)}
+
+
+def unread_of_no_unit(store: Store) -> list[str]:
+    """Return bags that cannot be read and that no unit is known for; errors as above."""
+    return [bag for (bag,) in _rows(store, _OF_NO_UNIT)]
+
+
+def _rows(store: Store, query: str) -> list[Any]:
+    with store.reading() as db:
+        db.register("_beside", _units_beside(db))
+        rows = db.execute(_SUSPECTS + query).fetchall()
+        db.unregister("_beside")
+    return rows
+
+
+def _units_beside(db: duckdb.DuckDBPyConnection) -> pa.Table:
+    """Return the units of the calibrations beside bags that were never read."""
+    query = (
+        "SELECT DISTINCT beside FROM manifest.unread ANTI JOIN manifest.part USING (bag) "
+        "WHERE beside <> ''"
+    )
+    calibrations = (
+        (beside, calibration_of(beside, ("", ""))) for (beside,) in db.execute(query).fetchall()
+    )
+    rows = [
+        {"beside": beside, "unit": unit_name(calibration.actuator_id, calibration.serial_number)}
+        for beside, calibration in calibrations
+        if not isinstance(calibration, str)
+    ]
+    return pa.Table.from_pylist(rows, pa.schema([("beside", pa.string()), ("unit", pa.string())]))
+
+
+def _named(url: str, state: str, reason: str) -> str:
+    if url in reason:
+        return reason
+    what = {DAMAGED: "cannot be read", FAILED: "could not be read"}
+    return f"{url} {what.get(state, 'can be read only in part')}: {reason}"

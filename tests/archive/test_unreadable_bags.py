@@ -1,0 +1,206 @@
+"""Bags that cannot be read: no unit whose test they may hold is OK, whatever is left of them."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ema_archive.bag_task import DAMAGED, DONE, FAILED, BagResult, BagTask, UnitRows, diagnose_bag
+from ema_archive.fleet import fleet_summary
+from ema_archive.manifest import Manifest, Status
+from ema_archive.query import answer
+from ema_archive.running import run, scan
+from ema_archive.tables import estimate_row
+from ema_core.description import ActuatorDescription
+from ema_core.tasks import Workers
+from ema_monitor.calibration.calibration import Calibration
+
+from ..prognosis.made_tests import made_test
+
+HERE = ("--executor", "threads", "--workers", "1")
+LEVELS = "select serial_number, health, reason from worst_first order by 1"
+
+
+def keep_bytes(count: int) -> Callable[[Path], None]:
+    def cut(path: Path) -> None:
+        path.write_bytes(path.read_bytes()[:count])
+
+    return cut
+
+
+def write_text(path: Path) -> None:
+    path.write_text("no bag\n" * 1000, encoding="utf-8")
+
+
+@pytest.fixture
+def healthy(made_fleet: Path, tmp_path: Path) -> Path:
+    """A folder with the bags of two healthy tests of a unit; its last test is 8.mcap."""
+    folder = tmp_path / "bags" / "unit_0"
+    folder.mkdir(parents=True)
+    for name in ("calibration.yaml", "9.mcap", "8.mcap"):
+        shutil.copy(made_fleet / "unit_0" / name, folder)
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "damage", [keep_bytes(60_000), keep_bytes(3000), keep_bytes(0), write_text]
+)
+def test_unit_whose_newest_bag_cannot_be_read_is_not_ok(
+    ema, healthy: Path, tmp_path: Path, damage: Callable[[Path], None]
+):
+    archive, page, newest = tmp_path / "archive", tmp_path / "fleet.html", healthy / "8.mcap"
+    content = newest.read_bytes()
+    damage(newest)
+    ema("archive", "scan", archive, healthy.parent)
+    for done in (1, 0):
+        result = ema("archive", "run", archive, *HERE)
+        assert result.exit_code == 3, result.output
+        assert f"{2 * done} bags done" in result.stdout
+        assert "1 bag cannot be read" in result.stdout
+        status = ema("archive", "status", archive)
+        assert "1 bag cannot be read" in status.stdout
+        _, [(_, level, reason)] = answer(archive, LEVELS)
+        assert (level, reason[:24]) == ("STALE", "later tests may be lost:")
+        assert str(newest) in reason
+    assert ema("report", "--fleet", archive, "-o", page).exit_code == 0
+    assert f"Of 2 bags: 1 cannot be read. Unreadable: {newest}" in page.read_text()
+    newest.write_bytes(content)
+    ema("archive", "scan", archive)
+    assert ema("archive", "run", archive, *HERE).exit_code == 0
+    assert [row[1] for row in answer(archive, LEVELS)[1]] == ["OK"]
+
+
+def drawn(task: BagTask) -> BagResult:
+    """Return the drawn test of a bag: its file has serial number and day, or why it is unread."""
+    words = Path(task.url).read_text(encoding="utf-8").split()
+    if words[0] in (DAMAGED, FAILED):
+        return BagResult(task, words[0], "it has no telemetry", end_ns=int(words[1]))
+    friction = 0.6 if "worn" in words else 0.02
+    estimate = made_test(int(words[1]), seed=1, friction=friction)
+    unit = {"actuator_id": "flap", "serial_number": words[0]}
+    made = {"bag": task.url, "bag_sha256": task.mark, "software": "", "settings": ""}
+    rows = UnitRows(*unit.values(), "drawn", "", [estimate_row(estimate, 0) | unit | made], [], [])
+    return BagResult(task, DONE, sha256=task.mark, units=[rows], end_ns=estimate.end_ns)
+
+
+class Drawn:
+    """An archive of drawn tests."""
+
+    def __init__(self, folder: Path) -> None:
+        self.bags, self.archive = folder / "bags", folder / "archive"
+        self.bags.mkdir()
+
+    def write(self, name: str, words: str) -> Path:
+        path = self.bags / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(words, encoding="utf-8")
+        return path
+
+    def update(self) -> dict[str, tuple[Any, ...]]:
+        """Return level and reason of each unit after a scan and a run."""
+        with Manifest(self.archive, is_new=True) as manifest, Workers("threads", 1) as pool:
+            scan(manifest, [str(self.bags)])
+            run(manifest, pool, diagnose=drawn)
+        return {row[0]: row[1:] for row in answer(self.archive, LEVELS)[1]}
+
+    def status(self) -> Status:
+        with Manifest(self.archive, writes=False) as manifest:
+            return manifest.status(manifest.settings)
+
+
+@pytest.fixture
+def fleet_of_drawn(tmp_path: Path) -> Drawn:
+    """Two units in folders of their own, with three healthy tests each."""
+    made = Drawn(tmp_path)
+    for serial in ("A", "B"):
+        for day in range(3):
+            made.write(f"unit {serial}/{day}.mcap", f"{serial} {day}")
+    assert {unit: level for unit, (level, _) in made.update().items()} == {"A": "OK", "B": "OK"}
+    return made
+
+
+@pytest.mark.parametrize("state", [DAMAGED, FAILED])
+def test_unread_bag_counts_for_the_units_of_its_folder(fleet_of_drawn: Drawn, state: str):
+    bag = fleet_of_drawn.write("unit A/3.mcap", f"{state} 0")
+    units = fleet_of_drawn.update()
+    what = "cannot be read" if state == DAMAGED else "could not be read"
+    words = f"later tests may be lost: {bag} {what}: it has no telemetry"
+    assert units["A"][0] == "STALE"
+    assert units["A"][1].startswith(words)
+    assert units["B"][0] == "OK"
+    assert fleet_of_drawn.status().of_no_unit == []
+    # Whatever is done again, until it is removed.
+    assert fleet_of_drawn.update() == units
+    bag.unlink()
+    assert fleet_of_drawn.update()["A"][0] == "OK"
+    status = fleet_of_drawn.status()
+    assert (status.damaged, status.failed, status.gone) == (0, 0, 1)
+
+
+def test_alarm_stays_beside_an_unread_bag(fleet_of_drawn: Drawn):
+    for day in (3, 4, 5):
+        fleet_of_drawn.write(f"unit A/{day}.mcap", f"A {day} worn")
+    level, _ = fleet_of_drawn.update()["A"]
+    assert level in ("WARN", "ERROR")
+    fleet_of_drawn.write("unit A/6.mcap", "damaged 0")
+    after, reason = fleet_of_drawn.update()["A"]
+    assert (after, reason[:23]) == (level, "later tests may be lost")
+
+
+def test_calibration_beside_an_unread_bag_names_its_unit(fleet_of_drawn: Drawn):
+    """In a folder without another bag."""
+    bag = fleet_of_drawn.write("new/3.mcap", "damaged 0")
+    unit = replace(ActuatorDescription(), actuator_id="flap", serial_number="B")
+    builtin = Calibration.builtin()
+    calibration = replace(builtin, actuator_id=unit.actuator_id, serial_number="B")
+    calibration.save(bag.with_name("calibration.yaml"))
+    units = fleet_of_drawn.update()
+    assert (units["A"][0], units["B"][0]) == ("OK", "STALE")
+    assert str(bag) in units["B"][1]
+
+
+def test_unread_bag_of_no_unit_is_named(ema, fleet_of_drawn: Drawn, tmp_path: Path):
+    named = fleet_of_drawn.write("unit A/3.mcap", "damaged 0")
+    bag = fleet_of_drawn.write("new/3.mcap", "damaged 0")
+    units = fleet_of_drawn.update()
+    assert (units["A"][0], units["B"][0]) == ("STALE", "OK")
+    words = ema("archive", "status", fleet_of_drawn.archive).stdout
+    assert "2 bags cannot be read" in words
+    assert f"1 bag of no known unit cannot be read: {bag}\n" in words
+    as_json = json.loads(ema("archive", "status", fleet_of_drawn.archive, "--json").stdout)
+    assert as_json["of_no_unit"] == [str(bag)]
+    assert fleet_summary(fleet_of_drawn.archive).bags["unreadable"] == [str(bag), str(named)]
+
+
+def test_later_whole_bag_with_a_test_ends_the_loss_of_a_dated_bag(fleet_of_drawn: Drawn):
+    """A bag of which no time is known may be the newest."""
+    last_ns = made_test(2, seed=1).end_ns
+    bag = fleet_of_drawn.write("unit A/3.mcap", f"damaged {last_ns + 10**9}")
+    assert fleet_of_drawn.update()["A"][0] == "STALE"
+    fleet_of_drawn.write("unit A/4.mcap", "A 5")
+    assert fleet_of_drawn.update()["A"][0] == "OK"
+    bag.write_text("damaged 0 of another content", encoding="utf-8")
+    fleet_of_drawn.write("unit A/5.mcap", "damaged 0")
+    assert fleet_of_drawn.update()["A"][0] == "STALE"
+
+
+def test_intact_rows_of_a_bag_that_lost_its_worker_are_not_confirmed(fleet_of_drawn: Drawn):
+    """It was changed since: its newest content is unknown."""
+    fleet_of_drawn.write("unit A/2.mcap", "failed 0")
+    assert fleet_of_drawn.update()["A"][0] == "STALE"
+    fleet_of_drawn.write("unit A/2.mcap", "A 2 again")
+    assert fleet_of_drawn.update()["A"][0] == "OK"
+
+
+@pytest.mark.parametrize("content", [b"", b"no bag" * 1000])
+def test_bag_that_is_none_is_damaged(tmp_path: Path, content: bytes):
+    path = tmp_path / "bag.mcap"
+    path.write_bytes(content)
+    with Manifest(tmp_path / "archive", is_new=True) as manifest:
+        task = BagTask(str(path), "", "", manifest.settings)
+    assert diagnose_bag(task).state == DAMAGED
