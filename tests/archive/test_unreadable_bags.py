@@ -37,8 +37,8 @@ def write_text(path: Path) -> None:
 
 
 @pytest.fixture
-def healthy(made_fleet: Path, tmp_path: Path) -> Path:
-    """A folder with the bags of two healthy tests of a unit; its last test is 8.mcap."""
+def worsening(made_fleet: Path, tmp_path: Path) -> Path:
+    """A folder with the bags of two tests of a unit: 9.mcap gives OK, the later 8.mcap WARN."""
     folder = tmp_path / "bags" / "unit_0"
     folder.mkdir(parents=True)
     for name in ("calibration.yaml", "9.mcap", "8.mcap"):
@@ -51,12 +51,12 @@ def healthy(made_fleet: Path, tmp_path: Path) -> Path:
     "damage", [keep_bytes(60_000), keep_bytes(3000), keep_bytes(0), write_text]
 )
 def test_unit_whose_newest_bag_cannot_be_read_is_not_ok(
-    ema, healthy: Path, tmp_path: Path, damage: Callable[[Path], None]
+    ema, worsening: Path, tmp_path: Path, damage: Callable[[Path], None]
 ):
-    archive, page, newest = tmp_path / "archive", tmp_path / "fleet.html", healthy / "8.mcap"
+    archive, page, newest = tmp_path / "archive", tmp_path / "fleet.html", worsening / "8.mcap"
     content = newest.read_bytes()
     damage(newest)
-    ema("archive", "scan", archive, healthy.parent)
+    ema("archive", "scan", archive, worsening.parent)
     for done in (1, 0):
         result = ema("archive", "run", archive, *HERE)
         assert result.exit_code == 3, result.output
@@ -72,7 +72,8 @@ def test_unit_whose_newest_bag_cannot_be_read_is_not_ok(
     newest.write_bytes(content)
     ema("archive", "scan", archive)
     assert ema("archive", "run", archive, *HERE).exit_code == 0
-    assert [row[1] for row in answer(archive, LEVELS)[1]] == ["OK"]
+    _, [(_, level, reason)] = answer(archive, LEVELS)
+    assert (level, "lost" in reason) == ("WARN", False)
 
 
 def drawn(task: BagTask) -> BagResult:
@@ -84,7 +85,9 @@ def drawn(task: BagTask) -> BagResult:
     estimate = made_test(int(words[1]), seed=1, friction=friction)
     unit = {"actuator_id": "flap", "serial_number": words[0]}
     made = {"bag": task.url, "bag_sha256": task.mark, "software": "", "settings": ""}
-    rows = UnitRows(*unit.values(), "drawn", "", [estimate_row(estimate, 0) | unit | made], [], [])
+    rows = UnitRows(
+        "flap", words[0], "drawn", "", [estimate_row(estimate, 0) | unit | made], [], []
+    )
     return BagResult(task, DONE, sha256=task.mark, units=[rows], end_ns=estimate.end_ns)
 
 
