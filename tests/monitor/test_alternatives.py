@@ -11,22 +11,22 @@ def estimate(*alternatives: Alternative) -> Estimate:
 
 
 def test_fault_is_not_confused_with_what_a_cause_of_a_similar_name_is_confused_with():
-    found = estimate(
+    result = estimate(
         Alternative(("viscous_friction",), ("load_torque",)),
         Alternative(("current_gain",), ("inertia",)),
         Alternative(("friction",), ("stribeck",)),
     )
-    assert confused_with(found, "friction") == {("stribeck",)}
-    assert confused_with(found, "gain") == set()
-    assert confused_with(found, "inertia") == {("current_gain",)}
+    assert confused_with(result, "friction") == {("stribeck",)}
+    assert confused_with(result, "gain") == set()
+    assert confused_with(result, "inertia") == {("current_gain",)}
 
 
 def test_each_of_several_shorts_is_confused_with_what_they_are_confused_with():
-    found = estimate(Alternative(("torque_constant",), EQUAL_SHORTS))
+    result = estimate(Alternative(("torque_constant",), EQUAL_SHORTS))
     for name in EQUAL_SHORTS:
-        assert confused_with(found, name) == {("torque_constant",)}
+        assert confused_with(result, name) == {("torque_constant",)}
     assert faults_of([EQUAL_SHORTS, ("inertia",)]) == [2, 3, 4]
-    assert names_of(found.alternatives) == {"torque_constant", *EQUAL_SHORTS}
+    assert names_of(result.alternatives) == {"torque_constant", *EQUAL_SHORTS}
 
 
 def test_parts_whose_names_are_all_listed_alone_are_left_out():

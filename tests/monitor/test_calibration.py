@@ -1,4 +1,4 @@
-"""What a calibration belongs to, and how it is laid over a window."""
+"""Match of a calibration with a unit, and its alignment with a window."""
 
 from dataclasses import replace
 
@@ -26,10 +26,10 @@ H = 1e-4
 @pytest.mark.parametrize("name", [name for name in PARAMETERS.as_mapping() if name != "omega_c"])
 def test_any_other_parameter_is_a_mismatch(calibration, name):
     value = PARAMETERS.as_mapping()[name]
-    other = value + 1 if name == "P" else 1.001 * value or 1e-3
-    described = ActuatorDescription(parameters=PARAMETERS.replace({name: other}))
+    different = value + 1 if name == "P" else 1.001 * value or 1e-3
+    described = ActuatorDescription(parameters=PARAMETERS.replace({name: different}))
     reason = calibration.unit_mismatch(described)
-    assert f"{name} = {other:g}" in reason
+    assert f"{name} = {different:g}" in reason
     assert f"{value:g}" in reason
     assert ";" not in reason
 
@@ -44,38 +44,39 @@ def test_all_that_is_different_is_named(calibration):
     assert "k_e" in reason
 
 
-@pytest.mark.parametrize(("share", "known"), [(0.0045, True), (0.0055, False)])
+@pytest.mark.parametrize(("share", "has_correction"), [(0.0045, True), (0.0055, False)])
 def test_other_command_has_no_correction_and_the_wider_scatter(
-    calibration, healthy_windows, share, known
+    calibration, healthy_windows, share, has_correction
 ):
     """Half a percent of the command's rms is the limit."""
     window = healthy_windows[0]
-    other = changed(window, command=window.command + share * rms(window.command))
-    reference = calibration.reference(other)
-    assert reference.knows_command == known
+    varied = changed(window, command=window.command + share * rms(window.command))
+    reference = calibration.reference(varied)
+    assert reference.knows_command == has_correction
     for row, correction in zip(
         reference.corrections, (calibration.correction, calibration.speed_correction), strict=True
     ):
-        assert np.array_equal(row, correction if known else np.zeros(len(other)))
+        assert np.array_equal(row, correction if has_correction else np.zeros(len(varied)))
     healthy = (calibration.healthy_rms, calibration.healthy_speed_rms)
     alone = (calibration.model_rms, calibration.model_speed_rms)
-    assert reference.scatter == (healthy if known else alone)
+    assert reference.scatter == (healthy if has_correction else alone)
     assert all(a > b for a, b in zip(alone, healthy, strict=True))
 
 
 @pytest.mark.parametrize("shift", [-25, -1, 0, 1, 40])
 def test_window_seen_to_begin_later_or_earlier_is_aligned(calibration, shift):
-    # A tone by which the two can be laid over each other only one way.
+    # A tone that has a single alignment.
     command = 1e-3 * np.sin(2 * np.pi * (np.arange(-100, 5101) / 5000.0) ** 2 * 15.0)
     n = len(calibration.correction)
-    own = replace(calibration, command=command[100 : 101 + n])
+    shifted = replace(calibration, command=command[100 : 101 + n])
     rows = (np.zeros(n + 1) for _ in range(3))
     window = Window(Telemetry(0, H, 0, command[100 + shift : 101 + n + shift], *rows), 1.0)
-    assert shift_if_same(window.command, own.command, window.telemetry.sample_period) == shift
-    # Where both windows have the sample, its correction is that of the same moment.
-    expected = own.expect(Response(np.zeros((2, n)), np.zeros((2, n))), window)
+    assert shift_if_same(window.command, shifted.command, window.telemetry.sample_period) == shift
+    # A sample of both windows has the correction of the same moment.
+    expected = shifted.expect(Response(np.zeros((2, n)), np.zeros((2, n))), window)
     inside = np.arange(max(0, -shift), n - max(0, shift))
-    for rows, correction in zip(expected, (own.correction, own.speed_correction), strict=True):
+    corrections = shifted.correction, shifted.speed_correction
+    for rows, correction in zip(expected, corrections, strict=True):
         for row in rows:
             np.testing.assert_array_equal(row[inside], correction[inside + shift])
 
@@ -89,13 +90,13 @@ def test_model_is_the_nominal_one_with_the_structural_figures(calibration, healt
     changed_parameters = p.replace({name: x * getattr(p, name) for name, x in scales.items()})
     model = MonitorModel(changed_parameters, unit=Deviations(lift=0.2))
     faults = fault_vector({"friction": 0.1, "short_circuit_b": 0.3})
-    for mine, other in zip(
+    for actual, expected in zip(
         unit.model().respond(healthy_windows[0], faults, 1.0),
         model.respond(healthy_windows[0], faults, 1.0),
         strict=True,
     ):
         # The products are rounded in another order; a chirp of 100 Hz makes some 1e-9 of that.
-        assert mine == pytest.approx(other, abs=1e-6)
+        assert actual == pytest.approx(expected, abs=1e-6)
     assert unit.parameters == p
     assert unit.unit_parameters.as_mapping() == pytest.approx(changed_parameters.as_mapping())
 
@@ -108,7 +109,7 @@ def test_shift_is_found_under_noise(shift):
     command = CHIRP[100 + shift : 800 + shift] + np.random.default_rng(1).normal(0, 1e-6, 700)
     reference = CHIRP[100:800]
     assert shift_between(command, reference, 1e-4) == shift
-    # What is left is the noise.
+    # The residual is the noise.
     assert difference_at(command, reference, shift) == pytest.approx(1e-6, rel=0.1)
 
 
@@ -143,8 +144,8 @@ def test_windows_with_a_noisy_command_are_averaged_in_step(
         noisy = command + rng.normal(0.0, 3e-7, len(command))
         stream = Telemetry(0, t.sample_period, 1, noisy, current, position, speed)
         trigger = WindowTrigger(description.parameters, TriggerSettings(threshold=2.5e-6))
-        [found] = [event for event in trigger.feed(stream) if isinstance(event, Window)]
-        jittered.append(Window(found.telemetry, window.play))
+        [detected] = [event for event in trigger.feed(stream) if isinstance(event, Window)]
+        jittered.append(Window(detected.telemetry, window.play))
     starts = {window.telemetry.first_index for window in jittered}
     assert len(starts) > 1
     # Out of step by a sample, the residual at each reversal would show in the scatter.

@@ -1,4 +1,4 @@
-"""Calibrations written to files, and what is refused when one is read."""
+"""Calibrations survive their files to the bit, and defective files are refused."""
 
 import math
 from dataclasses import MISSING, fields
@@ -38,7 +38,7 @@ def content(path):
 
 @pytest.fixture
 def refused(tmp_path):
-    """Message of the refusal to read a file with a content."""
+    """Return the message of the refusal to read a file with a content."""
 
     def refused(content) -> str:
         path = tmp_path / "other.yaml"
@@ -79,7 +79,7 @@ def test_builtin_calibration_is_that_of_the_built_in_actuator(stirred_window, de
         builtin.model().respond(window, healthy_faults(), window.play), window
     )
     h, speed = window.sample_period, window.telemetry.speed[1:]
-    # A healthy window it has not seen leaves what healthy windows leave, with some scatter.
+    # The residual of a further healthy window is about the stated residual.
     residual = band_limited(window.current - expected.current[0], h)
     assert rms(residual) == pytest.approx(builtin.healthy_rms, rel=0.25)
     residual = band_limited(speed - expected.speed[0], h)
@@ -90,7 +90,7 @@ OTHER = "is not a calibration of format 4; make it again"
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (b"", OTHER),
         (b"- 1\n- 2\n", OTHER),
@@ -99,8 +99,8 @@ OTHER = "is not a calibration of format 4; make it again"
         (b"a: [1, 2", "is not a YAML file: "),
     ],
 )
-def test_other_files_are_refused(refused, content, said):
-    assert said in refused(content)
+def test_other_files_are_refused(refused, content, message):
+    assert message in refused(content)
 
 
 @pytest.mark.parametrize(
@@ -114,19 +114,19 @@ def test_missing_entry_is_refused_by_name(refused, content, name):
 
 
 def test_calibration_without_relations_of_the_columns_is_taken(content, tmp_path):
-    """Files of before have none, and keep the identity that recordings know them by."""
+    """Files of earlier versions have none; their identity, which recordings name, is kept."""
     older = {**content}
     del older["travel_ratio"], older["law_offset"]
     (tmp_path / "older.yaml").write_text(yaml.safe_dump(older))
-    found = Calibration.load(tmp_path / "older.yaml")
-    assert np.isnan([found.travel_ratio, found.law_offset]).all()
-    found.save(tmp_path / "again.yaml")
+    loaded = Calibration.load(tmp_path / "older.yaml")
+    assert np.isnan([loaded.travel_ratio, loaded.law_offset]).all()
+    loaded.save(tmp_path / "again.yaml")
     assert set(yaml.safe_load((tmp_path / "again.yaml").read_text())) == set(older)
-    assert Calibration.load(tmp_path / "again.yaml").calibration_id == found.calibration_id
+    assert Calibration.load(tmp_path / "again.yaml").calibration_id == loaded.calibration_id
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "said"),
+    ("name", "value", "message"),
     [
         ("colour", "red", "colour"),
         ("form", "exact", "'exact' is unknown"),
@@ -137,7 +137,7 @@ def test_calibration_without_relations_of_the_columns_is_taken(content, tmp_path
         ("parameters", {"R_s": -1.0}, "R_s = -1 ohm"),
         ("parameters", {"R_x": 1.0}, "'R_x'"),
         ("parameters", {"R_s": "low"}, "R_s = 'low'"),
-        # A missing one must not quietly become that of the built-in actuator.
+        # A missing parameter must not silently take the value of the built-in actuator.
         ("parameters", {"k_e": 0.07}, "is missing"),
         *(
             (name, value, name)
@@ -161,10 +161,10 @@ def test_calibration_without_relations_of_the_columns_is_taken(content, tmp_path
         ),
     ],
 )
-def test_impossible_entry_is_refused_with_the_reason(refused, content, name, value, said):
-    message = refused({**content, name: value})
-    assert "is a damaged calibration: " in message
-    assert said in message
+def test_impossible_entry_is_refused_with_the_reason(refused, content, name, value, message):
+    reason = refused({**content, name: value})
+    assert "is a damaged calibration: " in reason
+    assert message in reason
 
 
 @pytest.mark.parametrize("value", ["high", None, NAN, math.inf])
@@ -179,8 +179,8 @@ def test_change_by_hand_is_permitted_and_logged(content, calibration, tmp_path, 
     path.write_text(yaml.safe_dump({**content, "windows": 7}))
     changed = Calibration.load(path)
     assert changed.windows == 7
-    told = f"it was calibration {calibration.calibration_id} and is {changed.calibration_id}"
-    assert told in caplog.text
+    warning = f"it was calibration {calibration.calibration_id} and is {changed.calibration_id}"
+    assert warning in caplog.text
     caplog.clear()
     changed.save(path)
     Calibration.load(path)

@@ -17,13 +17,13 @@ FLAP = ActuatorDescription()
 def windows(
     faults: Mapping[str, float], parameters: ActuatorParameters | None = None, **more: Any
 ) -> list[Window]:
-    found = []
+    windows = []
     for seed in range(3):
         telemetry = simulate(
             dict(faults), seed=seed, current_noise=0.02, parameters=parameters, **more
         )
-        found += find_windows(telemetry)[:1]
-    return found
+        windows += find_windows(telemetry)[:1]
+    return windows
 
 
 @pytest.mark.slow

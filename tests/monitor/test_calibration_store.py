@@ -1,4 +1,4 @@
-"""Each unit has its own calibration, from where the setting says."""
+"""Each unit has its own calibration, at the path of the setting."""
 
 import os
 from dataclasses import replace
@@ -63,15 +63,15 @@ def test_baseline_of_a_file_by_an_earlier_version_is_read_with_its_identity(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ):
     figures = WindowFigures(Motion(0.04, 3.0, 1.0), {"current_forward": 0.7}, 750)
-    known = WindowBaseline(
+    baseline = WindowBaseline(
         (ReferenceWindow(HEALTHY, 0, figures), ReferenceWindow("dry", 1, figures, 1))
     )
-    made = replace(SMALL, baseline=known)
+    made = replace(SMALL, baseline=baseline)
     path = tmp_path / "calibration.yaml"
     made.save(path)
     path.write_text(path.read_text().replace("\nbaseline:", "\nnormal:"))
     loaded = load_calibration(path)
-    assert loaded.baseline == known
+    assert loaded.baseline == baseline
     assert loaded.calibration_id == made.calibration_id
     assert not caplog.records
 
@@ -81,15 +81,15 @@ def test_each_unit_has_its_own_file_which_outlives_the_monitor(tmp_path: Path):
     for unit in (FLAP, RUDDER):
         kept(CalibrationStore(setting, tmp_path), unit, of_unit(unit), "")
         kept(CalibrationStore("", tmp_path / "own"), unit, of_unit(unit), "")
-    store, own = CalibrationStore(setting, tmp_path), CalibrationStore("", tmp_path / "own")
+    store, local = CalibrationStore(setting, tmp_path), CalibrationStore("", tmp_path / "own")
     for unit in (FLAP, RUDDER):
         assert identity(store.of(unit)) == of_unit(unit).calibration_id
-        # In the monitor's own place it has to be called for.
-        assert identity(own.of(unit)) == SHIPPED.calibration_id
-        assert identity(own.load(unit, "")[0]) == of_unit(unit).calibration_id
+        # Files in the folder of the monitor are read only on a call.
+        assert identity(local.of(unit)) == SHIPPED.calibration_id
+        assert identity(local.load(unit, "")[0]) == of_unit(unit).calibration_id
 
 
-def test_missing_or_damaged_file_is_told_and_found_when_it_is_there(tmp_path: Path):
+def test_missing_or_damaged_file_is_reported_and_read_once_it_exists(tmp_path: Path):
     file = tmp_path / "calibration.yaml"
     store = CalibrationStore(str(file), tmp_path)
     assert str(file) in str(store.of(FLAP))
@@ -109,19 +109,19 @@ def test_new_calibration_is_stored_and_used_for_its_unit_only(tmp_path: Path):
     assert Calibration.load(path).calibration_id == of_unit(RUDDER).calibration_id
     assert identity(store.of(RUDDER)) == of_unit(RUDDER).calibration_id
     assert identity(store.of(FLAP)) == SHIPPED.calibration_id
-    # Another unit in its place is not that unit.
-    other = replace(RUDDER, serial_number="SIM-0003")
-    assert identity(store.of(other)) == SHIPPED.calibration_id
+    # A unit in its place has a different serial number.
+    replacement = replace(RUDDER, serial_number="SIM-0003")
+    assert identity(store.of(replacement)) == SHIPPED.calibration_id
 
 
-def test_call_says_where_else_setting_else_own_folder(tmp_path: Path):
-    setting, own = f"{tmp_path}/set/{{actuator_id}}.yaml", tmp_path / "own"
-    store = CalibrationStore(setting, own)
+def test_path_is_from_the_call_else_the_setting_else_the_folder(tmp_path: Path):
+    setting, folder = f"{tmp_path}/set/{{actuator_id}}.yaml", tmp_path / "own"
+    store = CalibrationStore(setting, folder)
     assert kept(store, FLAP, SMALL, "") == tmp_path / "set" / "flap.yaml"
     called = "called/{serial_number}.yaml"
-    assert kept(store, FLAP, SMALL, called) == own / "called" / "SIM-0001.yaml"
-    assert CalibrationStore("", own).load(FLAP, called)[1].name == "SIM-0001.yaml"
-    assert CalibrationStore("", own).load(FLAP, f"{own}/{called}")[1].name == "SIM-0001.yaml"
+    assert kept(store, FLAP, SMALL, called) == folder / "called" / "SIM-0001.yaml"
+    assert CalibrationStore("", folder).load(FLAP, called)[1].name == "SIM-0001.yaml"
+    assert CalibrationStore("", folder).load(FLAP, f"{folder}/{called}")[1].name == "SIM-0001.yaml"
 
 
 @pytest.mark.parametrize(
@@ -137,11 +137,11 @@ def test_call_says_where_else_setting_else_own_folder(tmp_path: Path):
         "long" * 2000 + ".yaml",
     ],
 )
-def test_call_names_files_of_the_own_folder_alone(file: str, tmp_path: Path):
-    own = tmp_path / "own"
-    own.mkdir()
-    (own / "link").symlink_to(tmp_path)
-    store = CalibrationStore("", own)
+def test_call_names_files_of_the_folder_alone(file: str, tmp_path: Path):
+    folder = tmp_path / "own"
+    folder.mkdir()
+    (folder / "link").symlink_to(tmp_path)
+    store = CalibrationStore("", folder)
     for act in (store.prepare, store.load):
         with pytest.raises((ValueError, OSError)):
             act(FLAP, file)
@@ -149,7 +149,7 @@ def test_call_names_files_of_the_own_folder_alone(file: str, tmp_path: Path):
 
 
 @pytest.mark.parametrize("content", ["export PATH=", "windows: many", ""])
-def test_what_is_no_calibration_is_not_replaced(content: str, tmp_path: Path):
+def test_file_that_is_no_calibration_is_not_overwritten(content: str, tmp_path: Path):
     file = tmp_path / "other.yaml"
     file.write_text(content)
     store = CalibrationStore("", tmp_path)
@@ -215,7 +215,7 @@ def test_other_names_in_braces_are_refused(file: str, tmp_path: Path):
         CalibrationStore("", tmp_path).load(FLAP, file)
 
 
-def test_home_is_meant_by_a_tilde(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_tilde_stands_for_the_home_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     SMALL.save(tmp_path / "c.yaml")
     assert identity(CalibrationStore("~/c.yaml", tmp_path).of(FLAP)) == SMALL.calibration_id

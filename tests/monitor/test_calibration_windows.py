@@ -1,4 +1,4 @@
-"""Healthy windows under a measured load or of ordinary motion, and what they do not show."""
+"""Healthy windows under a measured load or of ordinary motion, and their limits."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -29,13 +29,13 @@ def loaded() -> list[Window]:
 
 
 def measured(windows: Sequence[Window], value: float, sigma: float = 0.01) -> list[Window]:
-    known = measured_causes({"load_torque": (value, sigma)})
-    return [replace(window, measured=known) for window in windows]
+    causes = measured_causes({"load_torque": (value, sigma)})
+    return [replace(window, measured=causes) for window in windows]
 
 
 @pytest.mark.slow
-def test_a_measured_load_is_none_of_the_unit_but_for_what_the_sensor_may_be_wrong_by(loaded):
-    """Otherwise the unit has it for good, and a window without load shows the opposite."""
+def test_a_measured_load_is_no_deviation_of_the_unit_within_the_error_of_its_sensor(loaded):
+    """Otherwise the load becomes a deviation, and a window without load shows its opposite."""
     blind = calibrate_model(loaded)
     sure, seeing = (calibrate_model(measured(loaded, LOAD, sigma)) for sigma in (1e-4, 0.01))
     # 1.6 % of the load is what the fit of the unit leaves.
@@ -53,11 +53,11 @@ def test_a_measured_load_is_none_of_the_unit_but_for_what_the_sensor_may_be_wron
 def test_measured_causes_of_a_calibration_are_reported_with_their_ranges(loaded):
     windows = [*measured(loaded, 0.3), *measured(loaded, 0.1)]
     expected = "load torque +0.1 ± 0.01 N.m to load torque +0.3 ± 0.01 N.m in 4 windows"
-    assert measured_ranges(one.measured for one in windows) == expected
-    assert measured_ranges(one.measured for one in loaded) == ""
+    assert measured_ranges(window.measured for window in windows) == expected
+    assert measured_ranges(window.measured for window in loaded) == ""
 
 
-def test_calibration_says_what_its_windows_did_not_show():
+def test_calibration_names_deviations_that_its_windows_did_not_show():
     """A test cycle of a healthy unit hardly shows its play, nor viscous friction."""
     calibration = Calibration.builtin()
     assert calibration.not_learned == ("viscous_friction", "backlash")
@@ -101,7 +101,7 @@ def test_samples_count_by_speed_and_not_at_all_in_a_dwell():
 
 @pytest.mark.slow
 def test_motion_gives_the_friction_and_lift_that_the_test_cycle_gives():
-    """Slow motion alone tells the two apart where samples count by their speed."""
+    """Slow motion alone separates the two if samples are weighted by speed."""
     windows = stretches_of(moved(moves(5.0, rate=0.2), load=0.0))
     unit, of_chirp = calibrate_model(windows, FLAP).unit, Calibration.builtin().unit
     # Without weights 0.05 and 0.05 A apart; their priors are 0.1 and 0.125 A wide.

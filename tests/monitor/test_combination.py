@@ -1,4 +1,4 @@
-"""Stretches of ordinary motion are combined as one fit of all of them would be."""
+"""Combining stretches of ordinary motion is equivalent to fitting all of them at once."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -39,15 +39,15 @@ def stretches() -> list[Window]:
 
 def added(combination: Combination, stretch: Window | Refusal) -> list[Estimate]:
     """Return the estimates that a stretch completes."""
-    return [one for one in combination.add(stretch) if isinstance(one, Estimate)]
+    return [state for state in combination.add(stretch) if isinstance(state, Estimate)]
 
 
 def combined(
     stretches: Sequence[Window | Refusal], settings: CombinationSettings | None = None
 ) -> tuple[list[Estimate], Combination]:
     combination = Combination(FLAP, Calibration.builtin(), settings=settings)
-    found = [one for stretch in stretches for one in added(combination, stretch)]
-    return found, combination
+    estimates = [estimate for stretch in stretches for estimate in added(combination, stretch)]
+    return estimates, combination
 
 
 def earlier(stretch: Window, by_ns: int) -> Window:
@@ -55,8 +55,8 @@ def earlier(stretch: Window, by_ns: int) -> Window:
     return Window(telemetry, stretch.play)
 
 
-def known_of(objective: Objective, point: NDArray[np.float64]) -> Knowledge:
-    """What a stretch tells with the noise of a healthy window, without anything known before."""
+def knowledge_of(objective: Objective, point: NDArray[np.float64]) -> Knowledge:
+    """Return the knowledge from a single stretch with the noise of a healthy window."""
     at = objective.linearise(point)
     covariance = np.array(np.linalg.inv(information(at.jacobian, objective.noise)), dtype=float)
     return Knowledge(point[:N_FAULTS], (covariance + covariance.T) / 2.0)
@@ -64,13 +64,13 @@ def known_of(objective: Objective, point: NDArray[np.float64]) -> Knowledge:
 
 def load_of(stretch: Window) -> tuple[Prior, ...]:
     suspects = expected_causes(FLAP.parameters, stretch)
-    return tuple(one for one in suspects if one.name == NUISANCE)
+    return tuple(cause for cause in suspects if cause.name == NUISANCE)
 
 
 @pytest.fixture(scope="module")
 def objectives(stretches) -> list[Objective]:
     calibration = Calibration.builtin().of_any_motion()
-    return [Objective(one, calibration, causes=load_of(one)) for one in stretches[:2]]
+    return [Objective(stretch, calibration, causes=load_of(stretch)) for stretch in stretches[:2]]
 
 
 @pytest.fixture(scope="module")
@@ -82,41 +82,44 @@ def point(objectives) -> NDArray[np.float64]:
 
 
 @pytest.fixture(scope="module")
-def known(objectives, point) -> Knowledge:
-    return known_of(objectives[0], point)
+def knowledge(objectives, point) -> Knowledge:
+    return knowledge_of(objectives[0], point)
 
 
 @pytest.fixture(scope="module")
-def second(stretches, objectives, known) -> Objective:
-    """The second stretch, with what is known of the first."""
+def second(stretches, objectives, knowledge) -> Objective:
+    """Objective of the second stretch, with the knowledge from the first."""
     calibration = Calibration.builtin().of_any_motion()
     causes = objectives[1].hidden_causes
-    return Objective(stretches[1], calibration, causes=causes, knowledge=known)
+    return Objective(stretches[1], calibration, causes=causes, knowledge=knowledge)
 
 
-def test_residuals_are_those_of_the_stretch_and_the_distance_from_what_is_known(
-    objectives, second, known, point
+def test_residuals_are_of_the_stretch_and_of_the_prior_knowledge(
+    objectives, second, knowledge, point
 ):
     trial = point + 0.01
     [alone], [both] = objectives[1].residuals(trial[None]), second.residuals(trial[None])
     away = (trial - point)[:N_FAULTS]
-    distance = away @ np.linalg.solve(known.covariance, away)
+    distance = away @ np.linalg.solve(knowledge.covariance, away)
     # Eigenvalues of the covariance span six decades.
     assert both @ both - alone @ alone == pytest.approx(second.noise * distance, rel=1e-6)
     assert len(both) == len(alone) + N_FAULTS
 
 
 def test_information_of_two_stretches_is_that_of_both_fitted_at_once(objectives, second, point):
-    """The first known as a Gaussian; each has a load of its own, which is fitted in either way."""
-    normals = [information(one.linearise(point).jacobian, one.noise) for one in objectives]
+    """The first stretch enters as a Gaussian; each stretch has its own fitted load."""
+    normals = [
+        information(objective.linearise(point).jacobian, objective.noise)
+        for objective in objectives
+    ]
     stacked = normals[0] + normals[1]
     sequential = information(second.linearise(point).jacobian, second.noise)
     scale = np.sqrt(np.outer(np.diag(stacked), np.diag(stacked)))
     np.testing.assert_allclose(sequential / scale, stacked / scale, rtol=0, atol=1e-6)
 
 
-def test_what_is_not_known_of_the_unit_does_not_average_out(stretches):
-    """The same stretch again: noise would fall, but the unit has shifted the estimate as before."""
+def test_uncertain_deviations_of_the_unit_do_not_average_out(stretches):
+    """The same stretch again lowers the noise, but the shift by the unit stays the same."""
     calibration = Calibration.builtin().of_any_motion()
     stretch = stretches[0]
     causes = load_of(stretch)
@@ -124,21 +127,21 @@ def test_what_is_not_known_of_the_unit_does_not_average_out(stretches):
     point = alone.encode(fault_vector(FAULTS))
     at = alone.linearise(point)
     shifts = -shifts_of(at.jacobian, alone.unit_effects(point))[:N_FAULTS]
-    known = known_of(alone, point)._replace(shifts=shifts)
-    again = Objective(stretch, calibration, causes=causes, knowledge=known)
+    knowledge = knowledge_of(alone, point)._replace(shifts=shifts)
+    again = Objective(stretch, calibration, causes=causes, knowledge=knowledge)
     both = again.linearise(point)
     combined_shifts = -shifts_of(both.jacobian, again.unit_effects(point))[:N_FAULTS]
-    # The ridge of the normal matrix is seen where a direction hardly shows.
+    # The ridge of the normal matrix affects directions with little information.
     np.testing.assert_allclose(combined_shifts, shifts, rtol=1e-2, atol=1e-6)
 
 
 @pytest.mark.slow
-def test_estimate_of_stretches_is_right_and_says_what_it_rests_on(stretches):
+def test_estimate_of_stretches_is_right_and_names_its_stretches(stretches):
     settings = CombinationSettings(wanted_sigma=0.02, pause_s=0.0)
-    found, combination = combined(stretches, settings)
-    assert len(found) >= 2
+    estimates, combination = combined(stretches, settings)
+    assert len(estimates) >= 2
     truth = fault_vector(FAULTS)
-    for estimate in found:
+    for estimate in estimates:
         assert estimate.valid
         assert 1 <= estimate.stretches <= len(stretches)
         assert (estimate.end_ns - estimate.start_ns) * 1e-9 >= 0.5 * estimate.stretches - 1e-6
@@ -152,7 +155,7 @@ def test_estimate_of_stretches_is_right_and_says_what_it_rests_on(stretches):
         [load] = [cause for cause in estimate.causes if cause.name == "load_torque"]
         assert load.value == pytest.approx(0.3, abs=4.0 * load.sigma)
     # One begins where the one before has ended.
-    for before, after in pairwise(found):
+    for before, after in pairwise(estimates):
         assert after.start_ns >= before.end_ns
     tally = combination.tally
     assert tally.stretches == len(stretches) == tally.combined + tally.skipped
@@ -160,29 +163,29 @@ def test_estimate_of_stretches_is_right_and_says_what_it_rests_on(stretches):
 
 
 @pytest.mark.slow
-def test_motion_over_the_same_way_again_tells_nothing_new():
-    """A sine: each stretch repeats the first, where the model errs as it did there."""
+def test_repeated_motion_adds_no_information():
+    """A sine: each stretch repeats the first, with the same errors of the model."""
     t = H * np.arange(1, 40_001)
     again = stretches_of(moved(0.006 * np.sin(2.0 * np.pi * 2.0 * t), **FAULTS))
-    found, combination = combined(again)
-    assert found == []
+    estimates, combination = combined(again)
+    assert estimates == []
     assert combination.tally.combined <= 2
     assert combination.tally.skipped >= len(again) - 2
     [estimate] = combination.finish()
-    # A single frequency does not tell shorts of all phases from another torque constant.
+    # A single frequency does not separate shorts of all phases from a changed torque constant.
     assert any(estimate.unobservable[2:5])
     assert "the motion does not show" in estimate.reason
 
 
 @pytest.mark.slow
 def test_motion_that_shows_nothing_as_well_as_wanted_gives_no_estimate(stretches):
-    found, combination = combined(stretches[:2], CombinationSettings(wanted_sigma=2e-4))
-    assert found == combination.finish() == []
+    estimates, combination = combined(stretches[:2], CombinationSettings(wanted_sigma=2e-4))
+    assert estimates == combination.finish() == []
     assert combination.tally.fruitless == 1
 
 
 def test_motions_under_another_load_or_elsewhere_do_not_repeat_each_other(stretches):
-    first, second = (StretchMotion.of(one, 0.1) for one in stretches[:2])
+    first, second = (StretchMotion.of(stretch, 0.1) for stretch in stretches[:2])
     assert first.repeats(first)
     assert not first.repeats(first._replace(load=0.2))
     assert not first.repeats(second)
@@ -190,28 +193,29 @@ def test_motions_under_another_load_or_elsewhere_do_not_repeat_each_other(stretc
 
 @pytest.mark.slow
 def test_a_fault_that_jumps_begins_a_new_combination():
-    """What was combined before is published; the new estimate knows nothing of it."""
+    """The stretches before the jump give an estimate; the new combination ignores them."""
     actuator = SimulatedActuator()
     before = stretches_of(actuator.advance(moves(1.2, seed=5)))
     actuator.faults = fault_vector({"backlash": 0.3, "gain": 0.4})
     after = stretches_of(actuator.advance(moves(3.0, seed=6)))
     settings = CombinationSettings(wanted_sigma=6e-3, pause_s=0.0)
-    found, combination = combined([*before, *after], settings)
-    found += combination.finish()
-    assert "does not agree" in found[0].reason
-    assert found[0].stretches <= len(before)
-    assert found[0].end_ns < after[0].end_ns <= found[1].start_ns + 500_000_000
+    estimates, combination = combined([*before, *after], settings)
+    estimates += combination.finish()
+    assert "does not agree" in estimates[0].reason
+    assert estimates[0].stretches <= len(before)
+    assert estimates[0].end_ns < after[0].end_ns <= estimates[1].start_ns + 500_000_000
     # Some tenths of a per cent in truth; the jumps are far larger.
-    assert found[0].faults.gain == pytest.approx(0.5, abs=0.02)
-    assert found[1].faults.gain == pytest.approx(0.4, abs=0.02)
-    assert found[1].faults.backlash == pytest.approx(0.3, abs=0.02)
+    assert estimates[0].faults.gain == pytest.approx(0.5, abs=0.02)
+    assert estimates[1].faults.gain == pytest.approx(0.4, abs=0.02)
+    assert estimates[1].faults.backlash == pytest.approx(0.3, abs=0.02)
 
 
 @pytest.mark.slow
 def test_motion_soon_after_an_estimate_is_passed_over(stretches):
-    found, combination = combined(stretches, CombinationSettings(wanted_sigma=0.02, pause_s=60.0))
-    [estimate] = found
-    later = [one for one in stretches if one.start_ns >= estimate.end_ns]
+    settings = CombinationSettings(wanted_sigma=0.02, pause_s=60.0)
+    estimates, combination = combined(stretches, settings)
+    [estimate] = estimates
+    later = [stretch for stretch in stretches if stretch.start_ns >= estimate.end_ns]
     assert later
     assert combination.tally.skipped >= len(later)
     assert combination.finish() == []
@@ -219,27 +223,27 @@ def test_motion_soon_after_an_estimate_is_passed_over(stretches):
 
 @pytest.mark.slow
 def test_a_jam_is_named_once_and_does_not_count_against_the_limit(stretches):
-    """Every stretch is refused; the third in a row says so, and those after it are counted."""
+    """Every stretch is refused; the third in a row is reported, later ones are counted."""
     actuator = SimulatedActuator()
     actuator.causes = {"jam": 1.0}
     refused = stretches_of(actuator.advance(moves(6.0)))
     assert len(refused) > 3
     settings = CombinationSettings(wanted_sigma=5e-3, most_stretches=3)
-    found, combination = combined(refused, settings)
-    [estimate] = found
+    estimates, combination = combined(refused, settings)
+    [estimate] = estimates
     assert not estimate.valid
     assert "jam" in estimate.reason
     assert "jam" in combination.tally.reason
     assert combination.finish() == []
-    for one in stretches[:3]:
-        assert added(combination, earlier(one, -refused[-1].start_ns)) == []
+    for stretch in stretches[:3]:
+        assert added(combination, earlier(stretch, -refused[-1].start_ns)) == []
     assert (combination.tally.refused, combination.tally.combined) == (len(refused), 3)
-    assert [one.stretches for one in combination.finish()] == [3]
+    assert [estimate.stretches for estimate in combination.finish()] == [3]
 
 
 def test_a_stretch_that_cannot_be_used_or_waited_for_too_long_is_only_counted():
-    found, combination = combined([Refusal(5, 9, "a gap")] * 4)
-    assert found == []
+    estimates, combination = combined([Refusal(5, 9, "a gap")] * 4)
+    assert estimates == []
     assert combination.tally == Tally(stretches=4, refused=4, reason="a gap")
     _, combination = combined([Refusal(5, 9, "more than 2 waited", is_dropped=True)])
     assert combination.tally == Tally(stretches=1, dropped=1, reason="more than 2 waited")
@@ -247,7 +251,7 @@ def test_a_stretch_that_cannot_be_used_or_waited_for_too_long_is_only_counted():
 
 
 @pytest.mark.slow
-def test_a_stretch_that_is_given_up_leaves_what_was_combined_before(stretches):
+def test_an_abandoned_stretch_leaves_the_combined_stretches_unchanged(stretches):
     combination = Combination(FLAP, Calibration.builtin())
     assert added(combination, stretches[0]) == []
     assert isinstance(next(combination.add(stretches[1])), Generation)
@@ -262,11 +266,11 @@ def test_another_distance_than_that_with_a_noise_is_refused():
 
 @pytest.mark.slow
 def test_another_calibration_begins_a_new_combination(stretches):
-    """What was combined before is returned with the actuator that it is of."""
+    """The stretches combined so far are returned with their actuator."""
     diagnosis, of = Diagnosis(), (Calibration.builtin(), SearchSettings())
     stretch = Segment(7, FLAP, stretches[0], is_stretch=True)
     begun = diagnosis.add(stretch, *of, CombinationSettings(wanted_sigma=6e-3))
-    assert all(isinstance(one, Generation) for one in begun)
+    assert all(isinstance(state, Generation) for state in begun)
     dropped = Segment(8, FLAP, Refusal(1, 2, "dropped"), is_stretch=True)
     [ended] = diagnosis.add(dropped, *of, CombinationSettings(wanted_sigma=0.02))
     assert isinstance(ended, Diagnosed)
@@ -281,20 +285,21 @@ def test_a_clock_that_goes_back_ends_the_combination_and_the_pause(stretches):
     """A bag that is played again: no estimate ends before it starts, and none waits for the time
     to come round."""
     hour_ns = 3_600_000_000_000
-    again = [earlier(one, hour_ns) for one in stretches[:3]]
-    found, combination = combined([*stretches[:1], *again], CombinationSettings(wanted_sigma=0.02))
-    found += combination.finish()
-    assert found[0].stretches == 1
-    assert len(found) >= 2
-    assert all(one.start_ns < one.end_ns for one in found)
+    again = [earlier(stretch, hour_ns) for stretch in stretches[:3]]
+    settings = CombinationSettings(wanted_sigma=0.02)
+    estimates, combination = combined([*stretches[:1], *again], settings)
+    estimates += combination.finish()
+    assert estimates[0].stretches == 1
+    assert len(estimates) >= 2
+    assert all(estimate.start_ns < estimate.end_ns for estimate in estimates)
 
 
-def test_a_population_searches_in_the_coordinates_in_which_faults_are_known_already(stretches):
-    """Where the search begins at what is known, it begins without a distance from it."""
+def test_a_population_searches_in_the_coordinates_of_the_prior_knowledge(stretches):
+    """A search that begins at the expected faults has no residual of the prior knowledge."""
     faults = fault_vector(FAULTS | {"eccentricity": 0.15, "eccentricity_phase": 0.9})
     calibration = Calibration.builtin().of_any_motion()
     before = Knowledge.of_range(PLAIN.encode(faults))
-    known = before._replace(covariance=1e-4 * np.eye(N_FAULTS))
+    knowledge = before._replace(covariance=1e-4 * np.eye(N_FAULTS))
     alone = Objective(stretches[0], calibration, causes=load_of(stretches[0]))
     [at_start] = alone.residuals(alone.encode(faults)[None])
     run = ModelIdentification(
@@ -303,6 +308,6 @@ def test_a_population_searches_in_the_coordinates_in_which_faults_are_known_alre
         calibration,
         SearchSettings(algorithm="pso"),
         previous=faults,
-        knowledge=known,
+        knowledge=knowledge,
     )
     assert next(run.run()).fitness <= at_start @ at_start * (1.0 + 1e-9)

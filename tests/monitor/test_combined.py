@@ -1,4 +1,4 @@
-"""The estimate of several stretches carries what holds for all of them, not for the last one."""
+"""The estimate of several stretches describes all of them, not only the last."""
 
 import math
 from dataclasses import replace
@@ -41,92 +41,92 @@ def estimate(number: int, *kept: str, **values: Any) -> Estimate:
     )
 
 
-def part(one: Estimate, *, power: float = 1.0, departure: float = 100.0, **more) -> Finding:
+def part(stretch: Estimate, *, power: float = 1.0, departure: float = 100.0, **more) -> Finding:
     misfit = Misfit(np.array([[power, departure], [1.0, departure]]))
-    return Finding(replace(one, goodness_of_fit=misfit.goodness), misfit, **more)
+    return Finding(replace(stretch, goodness_of_fit=misfit.goodness), misfit, **more)
 
 
 def combined(*parts: Finding, wanted_sigma: float = 0.05) -> Estimate:
-    found = combined_estimate(parts, KNOWN, wanted_sigma)
-    assert found is not None
-    return found
+    result = combined_estimate(parts, KNOWN, wanted_sigma)
+    assert result is not None
+    return result
 
 
 def test_a_cause_of_any_stretch_is_named_with_its_range():
     load = [CauseEstimate("load_torque", value, 0.01) for value in (0.3, 0.1)]
     offset = CauseEstimate("current_offset", 0.2, 0.02)
-    found = combined(
+    result = combined(
         part(estimate(0, causes=(load[0], offset))),
         part(estimate(1, causes=(load[1],))),
         part(estimate(2)),
     )
-    assert found.causes == (load[0], offset)
-    assert "load torque +0.3 ± 0.01 N.m (+0.1 to +0.3 N.m, in 2 of 3 stretches)" in found.reason
-    assert "current sensor offset +0.2 ± 0.02 A (in 1 of 3 stretches)" in found.reason
+    assert result.causes == (load[0], offset)
+    assert "load torque +0.3 ± 0.01 N.m (+0.1 to +0.3 N.m, in 2 of 3 stretches)" in result.reason
+    assert "current sensor offset +0.2 ± 0.02 A (in 1 of 3 stretches)" in result.reason
 
 
 def test_goodness_is_that_of_all_stretches_together():
-    """The root of the mean power; a last stretch that fits well hides nothing."""
-    found = combined(part(estimate(0), power=31.0), part(estimate(1), power=1.0))
-    assert found.goodness_of_fit == pytest.approx(4.0)
-    assert found.unexplained_share == pytest.approx(math.sqrt(15.0 / 198.0))
-    assert found.verdict == "degraded"
-    assert "the residual is 4.0 times the residual of a healthy actuator" in found.reason
+    """The root of the mean power; a last stretch that fits well does not hide a poor one."""
+    result = combined(part(estimate(0), power=31.0), part(estimate(1), power=1.0))
+    assert result.goodness_of_fit == pytest.approx(4.0)
+    assert result.unexplained_share == pytest.approx(math.sqrt(15.0 / 198.0))
+    assert result.verdict == "degraded"
+    assert "the residual is 4.0 times the residual of a healthy actuator" in result.reason
     # The last one alone had no reason to be widened; beyond 2 they grow with the goodness.
-    np.testing.assert_allclose(found.sigma, SIGMA * 4.0 / USUAL_MISFIT)
+    np.testing.assert_allclose(result.sigma, SIGMA * 4.0 / USUAL_MISFIT)
 
 
 def test_motion_that_nothing_explains_is_refused():
     """Half of the departure of two stretches is left; of one that fits badly alone, little."""
-    found = combined(part(estimate(0), power=31.0, departure=400.0), part(estimate(1)))
-    assert (found.verdict, found.valid) == ("degraded", True)
-    found = combined(*(part(estimate(i), power=31.0, departure=40.0) for i in range(2)))
-    assert (found.verdict, found.valid) == ("refused", False)
-    assert "neither faults nor known causes explain the motion" in found.reason
+    result = combined(part(estimate(0), power=31.0, departure=400.0), part(estimate(1)))
+    assert (result.verdict, result.valid) == ("degraded", True)
+    result = combined(*(part(estimate(i), power=31.0, departure=40.0) for i in range(2)))
+    assert (result.verdict, result.valid) == ("refused", False)
+    assert "neither faults nor known causes explain the motion" in result.reason
 
 
-def test_what_a_stretch_could_not_tell_apart_does_not_average_out():
-    """A torque constant that lasts: stretches take it for inertia, then for three equal shorts."""
+def test_faults_that_a_stretch_could_not_separate_do_not_average_out():
+    """A lasting torque constant is mistaken for inertia, then for three equal shorts."""
     kept = [FAULT_NAMES[i] for i in (2, 3, 4)]
     inertia = CauseEstimate("inertia", 0.06, 0.05)
     pair = Alternative(("inertia",), EQUAL_SHORTS)
     unsure = estimate(0, sigma=0.04, causes=(inertia,), alternatives=(pair,))
-    found = combined(part(unsure), part(estimate(1, *kept)))
-    assert found.alternatives == (pair,)
-    assert found.verdict == "degraded"
-    assert "this motion cannot separate inertia from equal short circuits" in found.reason
-    np.testing.assert_allclose(np.array(found.sigma)[SHORTS], 0.04)
-    assert found.sigma.friction == pytest.approx(SIGMA)
-    # As well as wanted, it is not known then.
-    found = combined(part(unsure), part(estimate(1, *kept)), wanted_sigma=0.02)
-    assert np.all(found.unobservable[SHORTS])
-    assert "the motion does not show short circuit A, short circuit B" in found.reason
+    result = combined(part(unsure), part(estimate(1, *kept)))
+    assert result.alternatives == (pair,)
+    assert result.verdict == "degraded"
+    assert "this motion cannot separate inertia from equal short circuits" in result.reason
+    np.testing.assert_allclose(np.array(result.sigma)[SHORTS], 0.04)
+    assert result.sigma.friction == pytest.approx(SIGMA)
+    # The wanted accuracy is then not reached.
+    result = combined(part(unsure), part(estimate(1, *kept)), wanted_sigma=0.02)
+    assert np.all(result.unobservable[SHORTS])
+    assert "the motion does not show short circuit A, short circuit B" in result.reason
 
 
-def test_a_confusion_of_which_nothing_has_remained_is_none():
+def test_a_confusion_without_remaining_parts_is_dropped():
     pair = Alternative(("friction",), ("current_offset",))
     first = estimate(0, "friction", alternatives=(pair,))
     for sigma in (SIGMA, 0.12):  # within its sigma of healthy, it may still be there
         last = part(estimate(1, "friction", sigma=sigma))
         assert combined(part(first), last, wanted_sigma=0.5).alternatives == (pair,)
-    found = combined(part(first), part(estimate(1, "backlash")))
-    assert (found.alternatives, found.verdict) == ((), "valid")
+    result = combined(part(first), part(estimate(1, "backlash")))
+    assert (result.alternatives, result.verdict) == ((), "valid")
 
 
 def test_a_cause_that_came_and_went_leaves_faults_as_they_proved_to_be():
     """One stretch of three; had it been shorts, they would have stayed."""
     inertia = CauseEstimate("inertia", 0.06, 0.05)
     unsure = estimate(0, causes=(inertia,), alternatives=(Alternative(("inertia",), EQUAL_SHORTS),))
-    found = combined(part(unsure), *(part(estimate(i)) for i in (1, 2)))
-    assert (found.alternatives, found.verdict, found.causes) == ((), "valid", (inertia,))
+    result = combined(part(unsure), *(part(estimate(i)) for i in (1, 2)))
+    assert (result.alternatives, result.verdict, result.causes) == ((), "valid", (inertia,))
 
 
-def test_remarks_of_stretches_are_said_once_with_their_number():
+def test_remarks_of_stretches_appear_once_with_their_number():
     wrong = [CauseEstimate("load_torque", value, 0.01) for value in (0.1, 0.12)]
     slow, forced = NotConverged(), OtherUnit("it is of A", forced=True)
     parts = [
-        part(estimate(i), contradicted=(one,), caveats=(forced, *more))
-        for i, (one, more) in enumerate(zip(wrong, ((slow,), ()), strict=True))
+        part(estimate(i), contradicted=(cause,), caveats=(forced, *more))
+        for i, (cause, more) in enumerate(zip(wrong, ((slow,), ()), strict=True))
     ]
     reason = combined(*parts).reason
     assert reason.split("; ") == [
@@ -138,19 +138,19 @@ def test_remarks_of_stretches_are_said_once_with_their_number():
 
 
 def test_place_in_the_play_and_cost_are_those_of_the_whole():
-    """The play is that at the start, the cost that of one fit of all."""
-    found = combined(part(estimate(0)), part(estimate(1)))
-    assert (found.play_offset, found.fitness, found.stretches) == (0.5, 2.0, 2)
-    assert (found.start_ns, found.end_ns) == (0, 19)
+    """The play is the position at the start, the cost is the sum of all costs."""
+    result = combined(part(estimate(0)), part(estimate(1)))
+    assert (result.play_offset, result.fitness, result.stretches) == (0.5, 2.0, 2)
+    assert (result.start_ns, result.end_ns) == (0, 19)
 
 
 def test_an_unknown_goodness_is_no_reason_to_be_sure():
-    """One healthy window gives no scatter: as wide as for the worst fit that is still valid."""
+    """One healthy window gives no scatter: sigma is as wide as for the worst valid fit."""
     blind = replace(estimate(0), goodness_of_fit=math.nan)
     parts = [
         replace(part(blind), misfit=Misfit(np.full((2, 2), np.nan)), estimate=blind)
         for _ in range(2)
     ]
-    found = combined(*parts)
-    assert (found.verdict, found.valid) == ("degraded", True)
-    assert "the fit cannot be judged" in found.reason
+    result = combined(*parts)
+    assert (result.verdict, result.valid) == ("degraded", True)
+    assert "the fit cannot be judged" in result.reason

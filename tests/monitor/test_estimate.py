@@ -1,4 +1,4 @@
-"""An estimate survives JSON exactly; its window stands beside the model's response, thinned."""
+"""An estimate survives JSON exactly; its window is shown with the response of the model."""
 
 import json
 from dataclasses import fields, replace
@@ -66,14 +66,14 @@ def test_every_field_comes_back_to_the_last_bit(estimate: Estimate):
     text = json.dumps(estimate_record(estimate), allow_nan=False)
     again = estimate_of(json.loads(text))
     for item in fields(Estimate):
-        one, other = getattr(estimate, item.name), getattr(again, item.name)
-        if item.type is float or isinstance(one, np.ndarray | FaultVector):
+        expected, actual = getattr(estimate, item.name), getattr(again, item.name)
+        if item.type is float or isinstance(expected, np.ndarray | FaultVector):
             # NaN has many bit patterns; everything else is compared bit by bit.
-            one, other = (np.where(np.isnan(x), 0.0, x) for x in (one, other))
-            assert one.tobytes() == other.tobytes(), item.name
-            assert one.dtype == other.dtype
+            expected, actual = (np.where(np.isnan(x), 0.0, x) for x in (expected, actual))
+            assert expected.tobytes() == actual.tobytes(), item.name
+            assert expected.dtype == actual.dtype
         else:
-            assert (type(one), one) == (type(other), other)
+            assert (type(expected), expected) == (type(actual), actual)
 
 
 @pytest.mark.parametrize("name", COMPARISONS)
@@ -117,30 +117,30 @@ def test_record_with_an_unknown_alternative_is_refused(alternative):
 
 
 def test_comparison_is_printed_in_place_of_the_faults():
-    told = str(compared(COMPARISONS["friction"]))
-    assert "+15.2 %" in told
-    assert "short circuit" not in told
+    text = str(compared(COMPARISONS["friction"]))
+    assert "+15.2 %" in text
+    assert "short circuit" not in text
     assert "not judged (the joint did not move)" in str(compared(COMPARISONS["nothing"]))
 
 
 def test_component_that_is_unobservable_is_not_called_healthy():
     unknown = np.arange(len(FAULT_NAMES)) == 0
-    one = replace(
+    varied = replace(
         ESTIMATE, unobservable=unknown, insignificant=np.ones(len(FAULT_NAMES), dtype=bool)
     )
-    assert one.meanings[0] == "not shown"
-    assert set(one.meanings[1:]) == {"healthy (not significant)"}
+    assert varied.meanings[0] == "not shown"
+    assert set(varied.meanings[1:]) == {"healthy (not significant)"}
 
 
 @pytest.mark.parametrize(
-    ("cause", "said"),
+    ("cause", "text"),
     [
         (CauseEstimate("inertia", -0.05, 0.01), "inertia -5 ± 1 %"),
         (CauseEstimate("current_offset", 0.1, 0.012), "current sensor offset +0.1 ± 0.012 A"),
     ],
 )
-def test_cause_is_told_in_its_unit_and_relative_ones_in_percent(cause, said):
-    assert str(cause) == said
+def test_cause_is_shown_in_its_unit_and_relative_causes_in_percent(cause, text):
+    assert str(cause) == text
 
 
 def test_faults_and_flags_are_by_name():
@@ -150,8 +150,8 @@ def test_faults_and_flags_are_by_name():
     assert record["goodness_of_fit"] is None
     # A fault within its standard deviation is not significant, wherever it is shown.
     faults = np.add(healthy_faults(), 0.9 * np.asarray(ESTIMATE.sigma))
-    one = replace(ESTIMATE, faults=FaultVector.of(faults))
-    assert {*estimate_record(one)["insignificant"]} == {*FAULT_NAMES} - {"eccentricity_phase"}
+    varied = replace(ESTIMATE, faults=FaultVector.of(faults))
+    assert {*estimate_record(varied)["insignificant"]} == {*FAULT_NAMES} - {"eccentricity_phase"}
 
 
 @pytest.mark.parametrize("name", ["fitness", "covariance", "faults", "end_ns"])
@@ -187,10 +187,10 @@ def test_model_at_the_estimate_is_nearer_to_the_window_than_a_wrong_one(
 ):
     fit = window_fit(window, estimate, calibration)
     wrong = replace(estimate, faults=type(estimate.faults).of(fault_vector({})))
-    other = window_fit(window, wrong, calibration)
+    wrong_fit = window_fit(window, wrong, calibration)
     # Friction of 0.25 moves the current by much more than noise and mismatch do.
     assert 3.0 * rms(fit.current - fit.estimated_current) < rms(
-        other.current - other.estimated_current
+        wrong_fit.current - wrong_fit.estimated_current
     )
     assert rms(fit.speed - fit.estimated_speed) < 0.1 * rms(fit.speed)
 

@@ -1,4 +1,4 @@
-"""What explains a window: faults, hidden causes, or what it does not tell apart."""
+"""Explanations of a window by faults and hidden causes, and their confusions."""
 
 import math
 from dataclasses import replace
@@ -19,7 +19,7 @@ from ema_monitor.reason_texts import EQUAL_SHORTS
 from .windows import changed, recorded
 
 PARAMETERS = ActuatorParameters()
-# Hidden causes with a value beyond what noise or the PWM could make: so many sigma at least.
+# Hidden causes with values beyond the effects of noise and PWM, and their least sigmas.
 CAUSES = [
     ("load_torque", 0.01, 10.0),
     ("load_stiffness", -2.0, 10.0),
@@ -66,10 +66,10 @@ def test_cause_in_the_simulator_is_named_and_no_fault(
 @pytest.mark.parametrize(
     ("causes", "faults"), [({"torque_constant": -0.08}, {}), ({}, dict.fromkeys(SHORTS, 0.08))]
 )
-def test_torque_constant_and_three_equal_shorts_are_not_told_apart(
+def test_torque_constant_and_three_equal_shorts_are_not_separated(
     calibration, description, causes, faults
 ):
-    """Whichever it is: one is named, the other as what it may be, and neither with confidence."""
+    """Either is named with the other as its alternative, and neither with confidence."""
     estimate = identify(recorded(faults, causes), description, calibration)
     assert estimate.valid
     assert estimate.verdict == "degraded"
@@ -111,10 +111,10 @@ def test_torque_constant_and_three_equal_shorts_are_not_told_apart(
         ),
     ],
 )
-def test_motor_that_is_as_weak_by_equal_shorts_is_not_told_apart_however_far_they_are(
+def test_motor_that_is_as_weak_by_equal_shorts_is_not_separated_however_far_they_are(
     calibration, description, faults, causes, alternative
 ):
-    """The wrong one is found, 9 and 7 % off: sigma has to say so."""
+    """The wrong explanation is found, 9 and 7 % off: sigma has to cover it."""
     estimate = identify(recorded(faults, causes), description, calibration)
     assert (estimate.verdict, alternative in estimate.alternatives) == ("degraded", True)
     off = errors(estimate, faults)
@@ -139,7 +139,7 @@ def test_motor_that_is_as_weak_by_equal_shorts_is_not_told_apart_however_far_the
         ({"gain": 0.35, "friction": 0.1}, {"position_gain": 0.02}),
     ],
 )
-def test_faults_beside_a_cause_are_right(calibration, description, faults, causes):
+def test_faults_together_with_a_cause_are_right(calibration, description, faults, causes):
     """Measured up to 0.0036 of the range."""
     estimate = identify(recorded(faults, causes), description, calibration)
     assert estimate.valid
@@ -164,7 +164,7 @@ def test_causes_compete_only_where_they_can_be_weighed(calibration, description)
 def test_verdict_follows_goodness_and_unexplained_share(
     windows_of, calibration, description, amplitude, verdict
 ):
-    """Of a fault beside slow noise of the current that nothing explains."""
+    """A fault together with slow noise of the current that nothing explains."""
     [window] = windows_of({"friction": 0.25})
     n = len(window) + 1
     knots = np.arange(0, n + 40, 40)
@@ -181,8 +181,8 @@ def test_verdict_follows_goodness_and_unexplained_share(
     refused = "neither faults nor known causes explain the window" in estimate.reason
     assert refused == (verdict == "refused")
     goodness, limit = f"{estimate.goodness_of_fit:.1f}", f"{estimate.goodness_limit:.1f}"
-    told = f"{goodness} times the residual of a healthy actuator, at most {limit} is expected"
-    assert (told in estimate.reason) == (verdict != "valid")
+    misfit = f"{goodness} times the residual of a healthy actuator, at most {limit} is expected"
+    assert (misfit in estimate.reason) == (verdict != "valid")
     if verdict == "refused":
         # A poor fit is believed only after the largest screen.
         assert estimate.evaluations > 600
@@ -194,23 +194,23 @@ def test_verdict_follows_goodness_and_unexplained_share(
 def test_uncertainty_of_the_unit_widens_sigma(
     windows_of, calibration, description, samples, effects
 ):
-    """A large backlash is a multiple of the unit's own, which healthy windows hardly tell.
+    """A large backlash is a multiple of the unit's nominal play, which healthy windows hardly show.
 
     Under the calibrated command and under another. The response at the estimate is known.
     """
     [window] = windows_of({"backlash": 0.5})
     window = replace(window, telemetry=window.telemetry.part(0, samples))
     certain = replace(calibration, unit_covariance=np.zeros((N_DEVIATIONS, N_DEVIATIONS)))
-    own, other = (identify(window, description, one) for one in (calibration, certain))
-    assert own.faults.backlash == pytest.approx(other.faults.backlash, abs=1e-12)
+    uncertain, sure = (identify(window, description, item) for item in (calibration, certain))
+    assert uncertain.faults.backlash == pytest.approx(sure.faults.backlash, abs=1e-12)
     index = NAMES.index("backlash")
     of_unit = np.sqrt(calibration.unit_covariance[index, index])
-    # A play of 1 + 99 k, of which a relative error is one of k + 1/99; other deviations show, too.
-    expected = (own.faults.backlash + 1.0 / 99.0) * of_unit
-    widened = np.sqrt(own.sigma.backlash**2 - other.sigma.backlash**2)
+    # A play of 1 + 99 k, whose relative error is an error of k + 1/99; other deviations show, too.
+    expected = (uncertain.faults.backlash + 1.0 / 99.0) * of_unit
+    widened = np.sqrt(uncertain.sigma.backlash**2 - sure.sigma.backlash**2)
     assert widened == pytest.approx(expected, rel=0.3)
-    assert samples < 5001 or np.ptp(own.quantiles[:, 1]) < 1.5 * own.sigma.backlash
-    assert own.evaluations == other.evaluations + effects
+    assert samples < 5001 or np.ptp(uncertain.quantiles[:, 1]) < 1.5 * uncertain.sigma.backlash
+    assert uncertain.evaluations == sure.evaluations + effects
 
 
 def test_effects_of_the_unit_vanish_at_the_healthy_point(healthy_windows, calibration):
@@ -228,19 +228,19 @@ def test_effects_of_the_unit_vanish_at_the_healthy_point(healthy_windows, calibr
     assert np.linalg.norm(objective.unit_effects(faulty)) > 1e-3
     # Under another command nothing was measured.
     shorter = replace(window, telemetry=window.telemetry.part(0, 4001))
-    other = Objective(shorter, calibration, causes=causes)
-    of_other = other.unit_effects(other.healthy)
+    shorter_objective = Objective(shorter, calibration, causes=causes)
+    of_other = shorter_objective.unit_effects(shorter_objective.healthy)
     assert of_other.shape[1] == 21 + 3
     assert np.linalg.norm(of_other) > 1e-3
-    assert (objective.unit_evaluations, other.unit_evaluations) == (2 * (1 + 6), 1 + 21)
+    assert (objective.unit_evaluations, shorter_objective.unit_evaluations) == (2 * (1 + 6), 1 + 21)
 
 
 @pytest.mark.parametrize("sigmas", [0.5, 2.4, -10.0, 10.0])
 def test_priors_of_causes_are_residuals(healthy_windows, calibration, sigmas):
     """One sigma of a cause costs what the noise of one effective residual does.
 
-    A sensor that has failed may read anything: ten sigma of it cost 24, those of the plant 100.
-    Its usual errors cost as much as those of the plant.
+    A sensor that has failed may read anything: ten sigma of it cost 24, ten sigma of the plant 100.
+    Its usual errors cost as much as errors of the plant.
     """
     window = healthy_windows[0]
     causes = hidden_causes(PARAMETERS, window.excitation)
@@ -249,14 +249,14 @@ def test_priors_of_causes_are_residuals(healthy_windows, calibration, sigmas):
     point = objective.healthy.copy()
     assert np.array_equal(objective.causes(point), np.zeros(n))
     assert np.array_equal(objective.residuals(point[None])[0, -n:], np.zeros(n))
-    away = sigmas * np.array([one.sigma for one in causes])
-    point[-n:] += away / np.array([2.0 * one.reach for one in causes])
+    away = sigmas * np.array([prior.sigma for prior in causes])
+    point[-n:] += away / np.array([2.0 * prior.reach for prior in causes])
     reached = np.abs(objective.causes(point) - away) < 1e-9
     assert np.all(reached | (abs(sigmas) > 1.0))
     priors = objective.residuals(point[None])[0, -n:]
     assert np.all(np.sign(priors) == np.sign(sigmas))
     squares = priors**2 / objective.noise
-    of_sensors = np.array([one.cause.place == Place.SENSOR for one in causes])
+    of_sensors = np.array([prior.cause.place == Place.SENSOR for prior in causes])
     assert squares[~of_sensors] == pytest.approx(sigmas**2)
     assert np.sum(of_sensors) == 9
     tail = 2.5**2 * (1.0 + 2.0 * np.log(abs(sigmas) / 2.5))
@@ -268,7 +268,7 @@ def test_prior_of_a_sensor_is_smooth_where_its_tail_begins(healthy_windows, cali
     window = healthy_windows[0]
     causes = hidden_causes(PARAMETERS, window.excitation)
     objective = Objective(window, calibration, causes=causes)
-    spans = np.array([2.0 * one.reach / one.sigma for one in causes])
+    spans = np.array([2.0 * prior.reach / prior.sigma for prior in causes])
     points = np.tile(objective.healthy, (3, 1))
     points[:, -len(causes) :] += np.array([[2.499], [2.5], [2.501]]) / spans
     priors = objective.residuals(points)[:, -len(causes) :] / math.sqrt(objective.noise)
@@ -277,7 +277,7 @@ def test_prior_of_a_sensor_is_smooth_where_its_tail_begins(healthy_windows, cali
 
 
 def test_healthy_window_costs_its_effective_residuals(unseen_window, calibration):
-    """So that differences of n ln(cost) are those of a likelihood."""
+    """Differences of n ln(cost) are then differences of a log likelihood."""
     objective = Objective(unseen_window, calibration)
     cost = np.sum(objective.residuals(objective.healthy[None]) ** 2)
     # Measured 0.65; of some hundred values, and the loss is less than quadratic.

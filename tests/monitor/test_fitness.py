@@ -121,7 +121,7 @@ def scattering(calibration, current, speed):
 
 
 @pytest.fixture
-def own(calibration):
+def scattered(calibration):
     """Calibration with scatters that do not matter: the loss is quadratic, the speed exact."""
     return scattering(calibration, 100.0, 1e-3)
 
@@ -134,9 +134,9 @@ def residuals_of(calibration, speed, *, current_error=0.0, speed_error=0.0):
     return np.split(fitness_for("band_limited", window, calibration).residuals(expected)[0], 2)
 
 
-def test_error_at_constant_speed_counts_by_the_speeds_share_of_its_rms(own):
+def test_error_at_constant_speed_counts_by_the_speeds_share_of_its_rms(scattered):
     """At the rms itself: 1 / hypot(1, 1/2) where half the rms counts as slow."""
-    of_current, of_speed = residuals_of(own, 20.0, current_error=0.3)
+    of_current, of_speed = residuals_of(scattered, 20.0, current_error=0.3)
     weight = 1.0 / np.hypot(1.0, fitness._SLOW_SHARE)
     # Of 0.3 A the loss over 100 A is quadratic to 1e-6.
     assert of_current == pytest.approx(0.3 * weight * np.sqrt(1e-3), rel=1e-5)
@@ -144,20 +144,20 @@ def test_error_at_constant_speed_counts_by_the_speeds_share_of_its_rms(own):
 
 
 @pytest.mark.parametrize("error", [{"current_error": 0.3}, {"speed_error": 2.0}])
-def test_error_does_not_count_where_the_motor_stands(own, error):
+def test_error_does_not_count_where_the_motor_stands(scattered, error):
     speed = np.where(np.arange(N) < N // 2, 0.0, 30.0)
-    rows = np.concatenate(residuals_of(own, speed, **error))
+    rows = np.concatenate(residuals_of(scattered, speed, **error))
     standing = np.tile(band_limited(speed, H) == 0.0, 2)
     assert np.sum(standing) > len(rows) // 3
     assert np.all(rows[standing] == 0.0)
     assert np.sum(rows**2) > 0.0
 
 
-def test_speed_counts_as_half_the_current_that_its_loop_makes_of_it(own):
-    p = own.parameters
+def test_speed_counts_as_half_the_current_that_its_loop_makes_of_it(scattered):
+    p = scattered.parameters
     in_amperes = p.GAP / p.k_t * 0.2
-    _, of_speed = residuals_of(own, 20.0, speed_error=0.2)
-    of_current, _ = residuals_of(own, 20.0, current_error=0.5 * in_amperes)
+    _, of_speed = residuals_of(scattered, 20.0, speed_error=0.2)
+    of_current, _ = residuals_of(scattered, 20.0, current_error=0.5 * in_amperes)
     assert of_speed == pytest.approx(of_current, rel=1e-12)
 
 
@@ -172,16 +172,16 @@ def test_speed_that_scatters_more_than_the_current_counts_by_its_scatter(calibra
 
 @pytest.mark.parametrize("scatter", [0.01, 0.1])
 def test_errors_far_beyond_the_healthy_scatter_count_linearly(calibration, scatter):
-    known = scattering(calibration, scatter, 1e-6)
+    scattered = scattering(calibration, scatter, 1e-6)
     costs = [
-        np.sum(residuals_of(known, 20.0, current_error=multiple * scatter)[0] ** 2)
+        np.sum(residuals_of(scattered, 20.0, current_error=multiple * scatter)[0] ** 2)
         for multiple in (0.01, 0.02, 1000.0, 2000.0)
     ]
     assert costs[1] / costs[0] == pytest.approx(4.0, rel=1e-3)
     assert costs[3] / costs[2] == pytest.approx(2.0, rel=1e-2)
-    # Four scatters cost what pseudo-Huber's loss says for its scale.
+    # The cost of four scatters is the pseudo-Huber loss at its scale.
     weight = 1.0 / np.hypot(1.0, fitness._SLOW_SHARE)
-    row, _ = residuals_of(known, 20.0, current_error=4 * scatter)
+    row, _ = residuals_of(scattered, 20.0, current_error=4 * scatter)
     expected = pseudo_huber(np.array([4 * scatter * weight]), fitness._ROBUST_SCALE * scatter)
     assert row == pytest.approx(expected[0] * np.sqrt(1e-3), rel=1e-9)
 
@@ -190,14 +190,14 @@ def test_errors_far_beyond_the_healthy_scatter_count_linearly(calibration, scatt
 def test_unknown_scatter_is_tolerated(calibration, scatters):
     unknown = scattering(calibration, *scatters)
     assumed = fitness._UNKNOWN_SCATTER * calibration.parameters.h_b
-    known = scattering(
+    scattered = scattering(
         calibration,
         assumed if math.isnan(scatters[0]) else scatters[0],
         1e-6 if math.isnan(scatters[1]) else scatters[1],
     )
     errors = {"current_error": 0.1, "speed_error": 0.4}
     for row, expected in zip(
-        residuals_of(unknown, 20.0, **errors), residuals_of(known, 20.0, **errors), strict=True
+        residuals_of(unknown, 20.0, **errors), residuals_of(scattered, 20.0, **errors), strict=True
     ):
         assert np.all(np.isfinite(row))
         assert np.array_equal(row, expected)

@@ -27,7 +27,7 @@ from ema_sim.sensors import Sensors
 from .reference_cases import CASES, TRUTH
 from .windows import made_by
 
-# Percent, about twice what was measured over five realisations of the PWM, which is at most: 0.4,
+# Percent, about twice the values measured over five realisations of the PWM, which is at most: 0.4,
 # 0.5, 0.2, 0.2, 0.3, 0.6, 0.3, 0.5, 0.02, 0.25, 0.3 and 0.9. The thesis has 0.2 to 13.
 LIMITS = {
     "healthy": 0.6,
@@ -44,7 +44,7 @@ LIMITS = {
     "multiple": 0.6,
     "wide": 1.3,
 }
-# Beside which faults a window is also explained otherwise.
+# Faults that have alternative explanations.
 DOUBTS = {
     "multiple": ("this window cannot separate friction from viscous friction",),
     # With all phases shorted, fewer turns of all are a lower torque constant.
@@ -88,10 +88,10 @@ def test_faults_are_found_whatever_course_the_pwm_takes(stirred_estimates, case)
 def test_faults_are_as_far_off_as_their_sigma_says(estimates, case):
     """Measured up to 2.2 sigma, all faults at once being the worst."""
     estimate, truth = estimates(case), fault_vector(CASES[case])
-    known, sigma = ~estimate.unobservable, np.array(estimate.sigma)
-    assert np.all(np.abs(estimate.faults - truth)[known] < 3.5 * sigma[known])
+    observable, sigma = ~estimate.unobservable, np.array(estimate.sigma)
+    assert np.all(np.abs(estimate.faults - truth)[observable] < 3.5 * sigma[observable])
     # The phase of an eccentricity of 0.0111 is known to 0.034 of a turn, if at all.
-    known[ECCENTRICITY_PHASE] &= case != "multiple"
+    observable[ECCENTRICITY_PHASE] &= case != "multiple"
     if case != "multiple":
         # Only the phase of no eccentricity is unobservable.
         expected = np.zeros(8, dtype=bool)
@@ -103,10 +103,10 @@ def test_faults_are_as_far_off_as_their_sigma_says(estimates, case):
         # A torque constant that could stand in for them scales all phases, and the friction.
         confused = [FRICTION, *SHORT_CIRCUITS]
         assert np.all((sigma[confused] > 0.012) & (sigma[confused] < 0.05))
-        known[confused] = False
-    # The unit's own play, of which a large backlash is a multiple, is known to 2 %; a short circuit
+        observable[confused] = False
+    # The unit's nominal play, which scales a large backlash, is known to 2 %; a short circuit
     # to 1.2 %, the lift of phases that are not alike being unknown.
-    assert np.all(sigma[known] < (0.02 if case == "backlash high" else 0.012))
+    assert np.all(sigma[observable] < (0.02 if case == "backlash high" else 0.012))
 
 
 @pytest.mark.slow
@@ -123,8 +123,10 @@ def test_faults_that_a_healthy_window_does_not_show_are_exactly_healthy(
         replace(window, telemetry=sensors.measure(window.telemetry))
         for window in (stirred_window({}, seed) for seed in range(40, 52))
     ]
-    own = calibrate_model(measured[:6], description)
-    faults = np.stack([identify(window, description, own).faults for window in measured[6:]])
+    unit_calibration = calibrate_model(measured[:6], description)
+    faults = np.stack(
+        [identify(window, description, unit_calibration).faults for window in measured[6:]]
+    )
     # Measured 0.91; without putting back the components, those at a bound alone make up 0.3.
     assert np.mean(faults == healthy_faults()) > 0.8
     off = np.delete(np.abs(faults - healthy_faults()), ECCENTRICITY_PHASE, axis=1)

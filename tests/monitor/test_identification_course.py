@@ -48,11 +48,11 @@ def test_reported_evaluations_are_those_made(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("known", [True, False])
-def test_no_budget_is_passed(windows_of, calibration, description, counted, known):
-    """Be it spent to the last evaluation, with what putting back to healthy takes."""
+@pytest.mark.parametrize("is_play_known", [True, False])
+def test_no_budget_is_passed(windows_of, calibration, description, counted, is_play_known):
+    """The budget includes the evaluations for setting components to healthy."""
     [window] = windows_of(CASES["friction low"])
-    window = window if known else replace(window, play=None)
+    window = window if is_play_known else replace(window, play=None)
     whole = Identification(window, description, calibration, SearchSettings())
     done = [generation.evaluations for generation in whole]
     # Three linearisations with the causes, the unit's deviations, and some to spare.
@@ -65,18 +65,18 @@ def test_no_budget_is_passed(windows_of, calibration, description, counted, know
 def test_optimizer_is_told_a_good_cost_and_the_budget_less_what_the_estimate_needs(
     windows_of, calibration, description, monkeypatch
 ):
-    told = []
+    every_hints = []
 
     class Listening(ParticleSwarm):
         def __init__(self, start, rng, hints):
-            told.append(hints)
+            every_hints.append(hints)
             super().__init__(start, rng, hints)
 
     monkeypatch.setitem(ALGORITHMS, "pso", Listening)
     [window] = windows_of(CASES["friction low"])
     settings = SearchSettings("pso", budget=400)
     next(iter(Identification(window, description, calibration, settings)))
-    [hints] = told
+    [hints] = every_hints
     # The cost of the healthy point; three linearisations in eight faults and seven causes that
     # change the motion; two points; six deviations of the unit there and at the healthy one.
     assert hints.budget == 400 - (1 + 3 * 35 + 2 + 2 * (1 + 6))
@@ -111,9 +111,9 @@ def test_faults_of_the_window_before_save_evaluations_and_change_nothing_else(
     cold, warm = estimates
     assert cold is not None
     assert warm is not None
-    # At the limit of what is put back to zero, an eccentricity of 0.004 may go or stay.
-    found, expected = (np.delete(one.faults, ECCENTRICITY_PHASE) for one in (warm, cold))
-    assert found == pytest.approx(expected, abs=6e-3)
+    # An eccentricity of 0.004 is at the limit of significance: it may be 0 or not.
+    actual, expected = (np.delete(estimate.faults, ECCENTRICITY_PHASE) for estimate in (warm, cold))
+    assert actual == pytest.approx(expected, abs=6e-3)
     assert warm.fitness == pytest.approx(cold.fitness, rel=0.02)
     assert evaluations[1] < share * evaluations[0]
     assert warm.valid
@@ -144,8 +144,8 @@ def test_previous_estimate_that_is_no_fault_vector_is_refused(windows_of, calibr
 
 def test_refused_window_keeps_its_reason_and_stamps(calibration, description):
     search = SearchSettings("pso", seed=3)
-    for given, identity in ((calibration, calibration.calibration_id), ("none yet", "")):
-        estimate = identify(Refusal(5, 9, "gap of 3 samples"), description, given, search)
+    for item, identity in ((calibration, calibration.calibration_id), ("none yet", "")):
+        estimate = identify(Refusal(5, 9, "gap of 3 samples"), description, item, search)
         assert (estimate.valid, estimate.reason) == (False, "gap of 3 samples")
         assert (estimate.start_ns, estimate.end_ns) == (5, 9)
         assert (estimate.algorithm, estimate.seed, estimate.evaluations) == ("pso", 3, 0)
@@ -171,20 +171,20 @@ def test_search_begins_at_the_last_valid_estimate_of_the_same_unit_and_calibrati
     diagnosis = Diagnosis()
 
     def identified(
-        given: Window | Refusal = window,
+        item: Window | Refusal = window,
         described: ActuatorDescription = description,
         by: Calibration | str = calibration,
     ) -> Estimate:
-        *_, last = diagnosis.add(Segment(0, described, given), by, SearchSettings())
+        *_, last = diagnosis.add(Segment(0, described, item), by, SearchSettings())
         assert isinstance(last, Diagnosed)
         return last.estimate
 
     cold, warm = identified(), identified()
     assert (cold.warm_start, warm.warm_start) == (False, True)
     assert warm.evaluations < cold.evaluations
-    # What is refused changes nothing.
-    for given, by in ((Refusal(5, 9, "gap"), calibration), (window, "there is no calibration")):
-        assert not identified(given, by=by).valid
+    # A refused window changes nothing.
+    for item, by in ((Refusal(5, 9, "gap"), calibration), (window, "there is no calibration")):
+        assert not identified(item, by=by).valid
     expected = identify(window, description, calibration, previous=warm.faults)
     np.testing.assert_array_equal(identified().faults, expected.faults)
     assert not identified(described=replace(description, model="another")).warm_start

@@ -1,4 +1,4 @@
-"""What an estimate says of its own quality: cost, goodness of fit and standard deviations."""
+"""Quality of an estimate: cost, goodness of fit and standard deviations."""
 
 from dataclasses import replace
 
@@ -85,7 +85,7 @@ def test_goodness_limit_is_a_setting_and_follows_the_worst_short_circuit(
 def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, description):
     """The same from derivatives by eccentricity and phase, without the plane between.
 
-    With noise of 1 A, so that it outweighs what is put aside for the mismatch of the model.
+    With noise of 1 A, so that it outweighs the allowance for the mismatch of the model.
     """
     [window] = windows_of(CASES["eccentricity high"])
     noise = np.random.default_rng(12).normal(0.0, 1.0, len(window) + 1)
@@ -103,16 +103,16 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
     current = expected_response(calibration, window, points, estimate.play_offset).current
     above, below = np.split(current, 2)
     at = expected_response(calibration, window, estimate.faults, estimate.play_offset).current[0]
-    told = sandwich_covariance((above - below).T / step, window.current - at, 50)
+    covariance = sandwich_covariance((above - below).T / step, window.current - at, 50)
     factor = MISMATCH_FACTOR * max(1.0, estimate.goodness_of_fit / USUAL_MISFIT)
-    expected = factor**2 * np.diag(told) + MISMATCH_SIGMA**2
+    expected = factor**2 * np.diag(covariance) + MISMATCH_SIGMA**2
     expected[ECCENTRICITY_PHASE] += (1 / around**2 - 1) * MISMATCH_SIGMA[ECCENTRICITY_PHASE] ** 2
     # Derivatives over other steps, of a model with dry friction, differ by some percent.
     assert estimate.sigma == pytest.approx(np.sqrt(expected), rel=0.15)
     assert estimate.sigma[ECCENTRICITY] > 2 * MISMATCH_SIGMA[ECCENTRICITY]
     # Half of the distribution is narrow; the other half ends at 1.28 of its width.
     low, high = estimate.quantiles[[0, -1], ECCENTRICITY]
-    width = np.sqrt(estimate.goodness_of_fit * told[ECCENTRICITY, ECCENTRICITY])
+    width = np.sqrt(estimate.goodness_of_fit * covariance[ECCENTRICITY, ECCENTRICITY])
     assert (high - low) / 2 == pytest.approx(1.28 * WIDTHS[1] * width, rel=0.15)
 
 
@@ -125,15 +125,19 @@ def test_single_window_does_not_tell_the_fit_and_widens_as_the_worst_valid_one(
     blind = replace(blind, unit_covariance=np.zeros_like(blind.unit_covariance))
     seeing = replace(blind, healthy_rms=1e-3, healthy_speed_rms=1e3)
     settings = SearchSettings(fitness="least_squares", goodness_limit=1e6)
-    unknown, known = (identify(window, description, one, settings) for one in (blind, seeing))
+    unknown, certain = (
+        identify(window, description, calibration, settings) for calibration in (blind, seeing)
+    )
     assert (unknown.valid, unknown.verdict) == (True, "degraded")
     assert "the fit cannot be judged" in unknown.reason
     assert "healthy windows of the calibration (1)" in unknown.reason
     assert np.isnan(unknown.goodness_of_fit)
     assert np.isnan(unknown.unexplained_share)
-    np.testing.assert_array_equal(unknown.faults, known.faults)
-    # What the residuals tell of the friction, without what is put aside for the mismatch; the ridge
+    np.testing.assert_array_equal(unknown.faults, certain.faults)
+    # Variance of the friction from the residuals, without the allowance for the mismatch; the ridge
     # of the covariance, 0.1 % of it, does not grow.
-    [told, expected] = (one.sigma[0] ** 2 - MISMATCH_SIGMA[0] ** 2 for one in (unknown, known))
-    expected *= (GOODNESS_LIMIT / max(USUAL_MISFIT, known.goodness_of_fit)) ** 2
-    assert told == pytest.approx(expected, rel=2e-3)
+    [actual, expected] = (
+        estimate.sigma[0] ** 2 - MISMATCH_SIGMA[0] ** 2 for estimate in (unknown, certain)
+    )
+    expected *= (GOODNESS_LIMIT / max(USUAL_MISFIT, certain.goodness_of_fit)) ** 2
+    assert actual == pytest.approx(expected, rel=2e-3)

@@ -29,9 +29,9 @@ def window(windows_of):
     return window
 
 
-def check_refused(estimate: Estimate, *said: str):
+def check_refused(estimate: Estimate, *texts: str):
     assert not estimate.valid
-    for words in said:
+    for words in texts:
         assert words in estimate.reason
     assert np.all(np.isnan(estimate.faults))
     assert np.all(np.isnan(estimate.covariance))
@@ -53,7 +53,7 @@ def standing(t: Telemetry, flows: float) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("force", [False, True])
 @pytest.mark.parametrize(
-    ("columns", "said", "verdict"),
+    ("columns", "texts", "verdict"),
     [
         # 0.09 of twice 5 mrad.
         (
@@ -66,7 +66,7 @@ def standing(t: Telemetry, flows: float) -> dict[str, np.ndarray]:
             ("the sample period is 0.0002 s, in the calibration of flap (SIM-0001) 0.0001 s",),
             "refused",
         ),
-        # Whether the current flows that the loop wants tells the defects apart.
+        # The defects differ in whether the demanded current flows.
         (
             lambda t: standing(t, 0.0),
             ("dead switch or open phase A, B or C: the motor stands still", "0.0 A flow"),
@@ -86,11 +86,11 @@ def standing(t: Telemetry, flows: float) -> dict[str, np.ndarray]:
     ids=["hardly moves", "sample period", "open", "jam", "dead sensor"],
 )
 def test_window_in_which_nothing_can_be_found_is_refused_whatever_is_forced(
-    window, calibration, description, columns, said, verdict, force
+    window, calibration, description, columns, texts, verdict, force
 ):
     unfit = changed(window, **columns(window.telemetry))
     estimate = identify(unfit, description, calibration, force=force)
-    check_refused(estimate, *said)
+    check_refused(estimate, *texts)
     assert (estimate.start_ns, estimate.end_ns) == (unfit.start_ns, unfit.end_ns)
     assert (estimate.verdict, estimate.calibration_id) == (verdict, calibration.calibration_id)
 
@@ -106,23 +106,23 @@ def test_defect_that_comes_up_within_a_window_is_named(window, calibration, desc
 
 
 @pytest.mark.parametrize(
-    ("described", "said"),
+    ("described", "texts"),
     [(OTHER_UNIT, ("'SIM-0002'", "'SIM-0001'")), (OTHER_MOTOR, ("R_s = 2.3", "2.13"))],
 )
 def test_calibration_of_another_unit_is_refused_unless_forced(
-    window, calibration, estimates, described, said
+    window, calibration, estimates, described, texts
 ):
-    check_refused(identify(window, described, calibration), "calibration does not fit", *said)
+    check_refused(identify(window, described, calibration), "calibration does not fit", *texts)
     estimate = identify(window, described, calibration, force=True)
     assert estimate.valid
     assert estimate.reason.startswith("forced although the actuator has ")
-    assert said[0] in estimate.reason
-    # The model is the calibration's, so that the estimate is that of the right unit.
+    assert texts[0] in estimate.reason
+    # The calibration provides the model, so that the estimate is of the right unit.
     np.testing.assert_array_equal(estimate.faults, estimates("friction low").faults)
 
 
 def test_only_a_refusal_for_want_of_a_calibration_lacks_one(window, calibration, description):
-    """Whatever words its reason has: a drive that failed, or stood still, had its calibration."""
+    """A drive that failed, or stood still, had its calibration for any reason."""
     slower = changed(window, sample_period=2e-4)
     still = changed(window, **standing(window.telemetry, 22.0))
     cut = Refusal(0, 1, "the calibration was running")
@@ -134,8 +134,8 @@ def test_only_a_refusal_for_want_of_a_calibration_lacks_one(window, calibration,
 
 
 def test_command_that_the_motion_did_not_follow_is_refused(window, calibration, description):
-    other = changed(window, command=window.command[::-1].copy())
-    estimate = identify(other, description, calibration)
+    reversed_window = changed(window, command=window.command[::-1].copy())
+    estimate = identify(reversed_window, description, calibration)
     assert not estimate.valid
     assert estimate.verdict == "refused"
     assert "neither faults nor known causes explain the window" in estimate.reason

@@ -1,4 +1,4 @@
-"""What earlier tests of a unit tell of the next one."""
+"""Memory of the earlier tests of a unit."""
 
 from dataclasses import replace
 
@@ -52,22 +52,22 @@ def test_test_before_the_latest_one_is_identified_alone_and_changes_nothing():
     assert memory.updated(told(11, stretches=3)) is memory
 
 
-def test_only_what_a_test_has_told_apart_is_expected_of_the_next_one():
+def test_only_causes_that_a_test_has_separated_are_expected_of_the_next_test():
     pair = Alternative(("inertia",), ("torque_constant",))
     doubtful = NOTHING.updated(told(1, INERTIA, alternatives=(pair,)))
     assert (doubtful.expected, doubtful.causes["inertia"]) == ((), INERTIA)
     assert "torque_constant" not in doubtful.causes
     clear = doubtful.updated(told(2, INERTIA))
     assert clear.expected == (INERTIA,)
-    # A later test that cannot tell does not change it; a load comes and goes.
+    # A later test that cannot separate causes changes nothing; loads are not remembered.
     later = clear.updated(told(3, CauseEstimate("load_torque", 1.0, 0.1), alternatives=(pair,)))
-    assert [one.name for one in later.expected] == ["inertia"]
+    assert [cause.name for cause in later.expected] == ["inertia"]
     assert "load_torque" not in later.causes
 
 
 @pytest.mark.parametrize("cause", ["viscous_friction", "friction_ripple", "stribeck"])
 def test_doubt_about_a_cause_leaves_faults_of_a_similar_name_in_memory(cause):
-    """The label of the fault is part of that of the cause: the memory forgot the fault."""
+    """The label of the fault is part of the label of the cause."""
     pair = Alternative(("inertia",), (cause,))
     memory = NOTHING.updated(told(1, INERTIA, alternatives=(pair,)))
     assert np.isfinite(memory.variances[FRICTION])
@@ -90,7 +90,7 @@ def test_fault_may_grow_at_no_cost_and_what_jumps_costs_a_bounded_part_of_its_sq
     assert surprise(memory, friction=0.19) < 0.5
     assert 5.0 < surprise(memory, friction=0.0) < 25.0
     near, far = (surprise(memory, torque_constant=value) for value in (-0.01, -0.15))
-    # Ten sigma, of which the square is 112.
+    # Ten sigma, whose square is 112.
     assert near < 1.0 < 15.0 < far < 20.0
     assert surprise(memory, load_torque=1.0) == 0.0
 
@@ -107,8 +107,8 @@ def shorted(stirred_window):
     """Three healthy tests, a day after the other, and two with equal shorts in three phases."""
     windows = [stirred_window(SHORTS if day > 3 else {}, day) for day in range(1, 6)]
     return [
-        replace(one, telemetry=replace(one.telemetry, stamp_ns=day * DAY))
-        for day, one in enumerate(windows, 1)
+        replace(window, telemetry=replace(window.telemetry, stamp_ns=day * DAY))
+        for day, window in enumerate(windows, 1)
     ]
 
 
@@ -117,8 +117,10 @@ def followed(
 ) -> list[Estimate]:
     segments = [Segment(0, ActuatorDescription(), window) for window in windows]
     search = search or SearchSettings()
-    every = [one for segment in segments for one in diagnosis.add(segment, calibration, search)]
-    return [one.estimate for one in every if isinstance(one, Diagnosed)]
+    states = [
+        state for segment in segments for state in diagnosis.add(segment, calibration, search)
+    ]
+    return [state.estimate for state in states if isinstance(state, Diagnosed)]
 
 
 def test_equal_shorts_are_told_from_a_weaker_motor_by_when_they_came(shorted, calibration):
@@ -136,8 +138,8 @@ def test_equal_shorts_are_told_from_a_weaker_motor_by_when_they_came(shorted, ca
 def test_history_of_a_unit_becomes_its_memory_and_gives_the_same_bits(shorted, calibration):
     live = followed(Diagnosis(), shorted, calibration)
     restarted = Diagnosis()
-    for one in live[:-1]:
-        restarted.begin_at(ActuatorDescription(), one)
+    for test in live[:-1]:
+        restarted.begin_at(ActuatorDescription(), test)
     [again] = followed(restarted, shorted[-1:], calibration)
     assert again.faults == live[-1].faults
     np.testing.assert_array_equal(again.quantiles, live[-1].quantiles)

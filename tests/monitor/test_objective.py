@@ -34,13 +34,13 @@ def test_window_that_the_model_made_has_no_residual_at_its_faults(
     assert healthy > 1e-4
 
 
-@pytest.mark.parametrize(("known", "dimension"), [(True, 8), (False, 9)])
+@pytest.mark.parametrize(("is_play_known", "dimension"), [(True, 8), (False, 9)])
 def test_unknown_place_in_the_play_is_a_ninth_component(
-    healthy_windows, calibration, known, dimension
+    healthy_windows, calibration, is_play_known, dimension
 ):
     faults = {"backlash": 0.3}
     window = made_by(calibration, healthy_windows[0], faults, -0.4)
-    window = replace(window, play=-0.4 if known else None)
+    window = replace(window, play=-0.4 if is_play_known else None)
     objective = Objective(window, calibration)
     assert objective.dimension == dimension
     assert objective.linearisation_evaluations == 2 * dimension + 1
@@ -48,7 +48,7 @@ def test_unknown_place_in_the_play_is_a_ninth_component(
     assert point.shape == objective.healthy.shape == (dimension,)
     assert np.sum(objective.residuals(point[None]) ** 2) < 1e-12
     elsewhere = objective.encode(fault_vector(faults), 0.4)[None]
-    assert (np.sum(objective.residuals(elsewhere) ** 2) > 1e-6) == (not known)
+    assert (np.sum(objective.residuals(elsewhere) ** 2) > 1e-6) == (not is_play_known)
 
 
 def test_residuals_are_those_of_the_fitness_in_the_calibrated_model(made, calibration):

@@ -13,23 +13,25 @@ WIDTH = np.full(N_FAULTS, 0.01)
 
 def test_quantiles_of_one_explanation_are_normal():
     """But for the 200 parts that a distribution is of: 0.3 % of sigma at 5 %."""
-    found = quantiles_of(np.ones(1), np.full((1, N_FAULTS), 0.5), WIDTH[None])
+    quantiles = quantiles_of(np.ones(1), np.full((1, N_FAULTS), 0.5), WIDTH[None])
     expected = [NormalDist(0.5, 0.01).inv_cdf(level) for level in LEVELS]
-    assert found[:, 0] == pytest.approx(expected, abs=3e-5)
+    assert quantiles[:, 0] == pytest.approx(expected, abs=3e-5)
 
 
 def test_quantiles_of_two_explanations_have_their_probability():
     """Each with two widths that are equally likely."""
     weights, places = np.array([0.7, 0.3]), np.array([0.48, 0.51])
-    found = quantiles_of(
+    quantiles = quantiles_of(
         weights, np.tile(places[:, None], N_FAULTS), np.stack([WIDTH, 3.0 * WIDTH])
     )
-    sums = [[NormalDist(p, s).cdf(x) for p in places for s in (0.01, 0.03)] for x in found[:, 0]]
+    sums = [
+        [NormalDist(p, s).cdf(x) for p in places for s in (0.01, 0.03)] for x in quantiles[:, 0]
+    ]
     below = np.array(sums) @ np.repeat(weights / 2.0, 2)
     assert below == pytest.approx(LEVELS, abs=1e-3)
 
 
 def test_interval_ends_where_the_range_does():
-    found = quantiles_of(np.ones(1), np.zeros((1, N_FAULTS)), WIDTH[None])
-    assert np.all(np.delete(found, ECCENTRICITY_PHASE, axis=1)[0] == 0.0)
-    assert found[0, ECCENTRICITY_PHASE] == pytest.approx(-0.01645, abs=3e-5)
+    quantiles = quantiles_of(np.ones(1), np.zeros((1, N_FAULTS)), WIDTH[None])
+    assert np.all(np.delete(quantiles, ECCENTRICITY_PHASE, axis=1)[0] == 0.0)
+    assert quantiles[0, ECCENTRICITY_PHASE] == pytest.approx(-0.01645, abs=3e-5)

@@ -24,7 +24,7 @@ N = 500
 
 
 def derivatives(n):
-    """Derivatives of a linear model, smooth as those of a current are, and of different size."""
+    """Return derivatives of a linear model, smooth like a current and of different sizes."""
     t = np.linspace(0.0, 1.0, n)
     return np.stack([np.sin(9 * t), 3.0 * np.cos(23 * t), 0.5 + t**2], axis=1)
 
@@ -87,18 +87,18 @@ def test_invisible_direction_is_unknown_and_spoils_no_other(jacobian):
 
 
 def uncertainty(values, sigma=0.01, plane=None):
-    """Of faults that are all known alike in Cartesian coordinates, but for those of the plane."""
+    """Return the uncertainty with equal sigma in Cartesian coordinates except for the plane."""
     covariance = np.eye(8) * sigma**2
     if plane is not None:
         covariance[np.ix_(PLANE, PLANE)] = plane
-    # What the residuals must tell to leave this with the mismatch of the model.
-    told = (covariance - np.diag(MISMATCH_SIGMA**2)) / MISMATCH_FACTOR**2
-    return uncertainty_of_faults(fault_vector(values), told)
+    # Covariance from the residuals that gives this covariance with the mismatch of the model.
+    stated = (covariance - np.diag(MISMATCH_SIGMA**2)) / MISMATCH_FACTOR**2
+    return uncertainty_of_faults(fault_vector(values), stated)
 
 
 @pytest.mark.parametrize("phase", [0.02, 0.3, 0.71])
 def test_eccentricity_and_phase_scatter_as_drawn_in_the_plane(phase):
-    """And the other components as they did."""
+    """All other components keep their variances."""
     plane = np.array([[4e-4, 1.5e-4], [1.5e-4, 1e-4]])
     result = uncertainty({"eccentricity": 0.6, "eccentricity_phase": phase}, plane=plane)
     phi = (2 * phase - 1) * np.pi
@@ -108,8 +108,8 @@ def test_eccentricity_and_phase_scatter_as_drawn_in_the_plane(phase):
     scattered = np.cov(np.hypot(x, y), turned / (2 * np.pi))
     # 0.5 % of scatter, and what bends over 3 % of the radius.
     scale = np.sqrt(np.outer(np.diag(scattered), np.diag(scattered)))
-    found = result.covariance[np.ix_(PLANE, PLANE)]
-    assert found / scale == pytest.approx(scattered / scale, abs=0.03)
+    stated = result.covariance[np.ix_(PLANE, PLANE)]
+    assert stated / scale == pytest.approx(scattered / scale, abs=0.03)
     assert np.delete(np.diag(result.covariance), PLANE) == pytest.approx(1e-4, rel=1e-12)
     assert not np.any(result.unobservable)
 
@@ -127,7 +127,7 @@ def test_phase_is_observable_once_the_eccentricity_is_detected(share, unobservab
 def test_phase_of_an_eccentricity_as_small_as_the_models_mismatch_is_unobservable(
     share, unobservable
 ):
-    """However small the residuals are."""
+    """This holds for residuals of any size."""
     zeta = share * SMALLEST_ECCENTRICITY
     result = uncertainty_of_faults(fault_vector({"eccentricity": zeta}), np.zeros((8, 8)))
     assert result.unobservable[ECCENTRICITY_PHASE] == unobservable
@@ -156,10 +156,10 @@ def test_unobservable_rows_and_columns_are_not_numbers():
     assert np.all(uncertainty_of_faults(fault_vector({}), np.full((8, 8), np.nan)).unobservable)
 
 
-def test_mismatch_of_the_model_widens_what_the_residuals_tell():
-    told = np.diag(np.linspace(1e-5, 1e-4, 8))
-    result = uncertainty_of_faults(fault_vector({"eccentricity": 0.5}), told)
-    expected = MISMATCH_FACTOR**2 * np.diag(told) + MISMATCH_SIGMA**2
+def test_mismatch_of_the_model_widens_the_covariance_of_the_residuals():
+    stated = np.diag(np.linspace(1e-5, 1e-4, 8))
+    result = uncertainty_of_faults(fault_vector({"eccentricity": 0.5}), stated)
+    expected = MISMATCH_FACTOR**2 * np.diag(stated) + MISMATCH_SIGMA**2
     assert np.delete(np.diag(result.covariance), PLANE) == pytest.approx(
         np.delete(expected, PLANE), rel=1e-12
     )
@@ -169,7 +169,7 @@ def test_mismatch_of_the_model_widens_what_the_residuals_tell():
     ("goodness", "factor"),
     [(0.5, 1.0), (USUAL_MISFIT, 1.0), (3 * USUAL_MISFIT, 3.0), (np.nan, 1.0)],
 )
-def test_a_poor_fit_widens_what_the_residuals_tell(goodness, factor):
+def test_a_poor_fit_widens_the_covariance_of_the_residuals(goodness, factor):
     assert widening(goodness) == pytest.approx(factor, rel=1e-12)
 
 
@@ -185,7 +185,7 @@ def model(request):
     """Healthy point, noise and derivatives of a model that knows each component to `SIGMA`.
 
     The columns are orthogonal to each other and to the noise, whose entries are plus or minus one:
-    the covariance that its residuals tell is `SIGMA` squared on the diagonal to the last digits.
+    the covariance from its residuals is `SIGMA` squared on the diagonal to the last digits.
     """
     d = request.param
     rng = np.random.default_rng(6)
@@ -197,7 +197,7 @@ def model(request):
 
 
 def shown(model, offsets):
-    """What is left of an estimate that is so many widened sigma away from healthy, and where."""
+    """Return the significant components and the point of an estimate, in widened sigma."""
     healthy, noise, jacobian = model
     point = healthy.copy()
     for i, offset in offsets.items():
@@ -233,7 +233,7 @@ def test_limit_of_one_component_is_that_of_significance(model, component, share,
 
 
 def test_healthy_actuator_shows_a_significant_fault_in_one_window_of_twenty():
-    """Of 200,000 draws with known sigma; five standard errors are 0.25 %."""
+    """200,000 draws with known sigma; five standard errors are 0.25 %."""
     x = np.random.default_rng(8).normal(size=(200_000, 8))
     radius = np.hypot(x[:, ECCENTRICITY], x[:, ECCENTRICITY_PHASE])
     x[:, ECCENTRICITY] = x[:, ECCENTRICITY_PHASE] = radius
@@ -244,7 +244,7 @@ def test_healthy_actuator_shows_a_significant_fault_in_one_window_of_twenty():
 @pytest.mark.parametrize(("share", "stays"), [(0.99, False), (1.01, True)])
 @pytest.mark.parametrize("angle", [0.0, 0.8, 4.0])
 def test_eccentricity_plane_is_one(model, angle, share, stays):
-    """The same distance in whatever direction."""
+    """The limit does not depend on the direction."""
     offset = share * SIGNIFICANT_SIGMAS[ECCENTRICITY]
     kept, _, point = shown(
         model, {ECCENTRICITY: offset * np.cos(angle), ECCENTRICITY_PHASE: offset * np.sin(angle)}
@@ -264,7 +264,7 @@ def test_place_in_the_play_is_never_dropped(model, offset):
 
 
 def test_one_of_two_that_look_alike_takes_the_traces_of_both(model):
-    """Put back one after the other: together they are seen, though neither alone is."""
+    """Elimination is stepwise: neither is significant alone, but both together are."""
     healthy, noise, jacobian = model
     alike = jacobian.copy()
     # Correlated by 0.995: their difference is known ten times worse than their sum.

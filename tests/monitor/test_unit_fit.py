@@ -1,4 +1,4 @@
-"""Calibrating: what healthy windows, of one command or several, tell of a unit."""
+"""Fit of a unit to its healthy windows, of one command or several."""
 
 from dataclasses import replace
 
@@ -46,7 +46,7 @@ UNITS = {
 
 
 def moved_by(model, command, noise: ArrayLike = 0.0):
-    """Window of what a healthy model makes of a command, the position being that of its speed."""
+    """Return the window of a healthy model under a command, with the position from its speed."""
     window = window_from(command)
     [current], [speed] = model.respond(window, healthy_faults())
     position = PARAMETERS.tau * H * np.cumsum(np.append(0.0, speed))
@@ -85,18 +85,18 @@ def of_several(description):
 def test_deviation_of_a_unit_is_found(description, name):
     """Within its reported sigma, on windows of three commands.
 
-    Where it is not worth fitting, sigma has what was left out beside the prior.
+    If it is not worth fitting, sigma includes the omitted deviation and the prior.
     """
     unit = Deviations(lift=0.125, **{name: UNITS[name]})
     windows = [made_by(unit, command) for command in (CHIRP, SINE, RAMP)]
     calibration = calibrate_model(windows, description)
-    prior = next(one for one in unit_priors(PARAMETERS, 0.03) if one.name == name)
+    prior = next(prior for prior in unit_priors(PARAMETERS, 0.03) if prior.name == name)
     sigma = sigma_of(calibration, name)
-    found = getattr(calibration.unit, name)
-    assert abs(found - UNITS[name]) < 3.0 * sigma
-    left_out = 0.0 if found else UNITS[name]
+    value = getattr(calibration.unit, name)
+    assert abs(value - UNITS[name]) < 3.0 * sigma
+    left_out = 0.0 if value else UNITS[name]
     assert sigma <= 1.001 * np.hypot(prior.sigma, left_out)
-    # What is left for the corrections, in the band: noise.
+    # The corrections contain only noise in the band.
     assert calibration.model_rms < 0.01
 
 
@@ -106,10 +106,10 @@ def test_several_commands_make_one_unit(of_several):
     for name in ("lift", "friction", "inertia", "stribeck_speed"):
         error = getattr(calibration.unit, name) - getattr(unit, name)
         assert abs(error) < 3.0 * sigma_of(calibration, name), name
-    # The correction is that of the first command; the scatter under any other has none.
+    # Only the first command has a correction.
     assert np.array_equal(calibration.command, windows[0].command)
-    known = [calibration.reference(window).knows_command for window in windows]
-    assert known == [True, True, False, False, False]
+    knows = [calibration.reference(window).knows_command for window in windows]
+    assert knows == [True, True, False, False, False]
     for window in windows:
         assert rms(missed(calibration, window)[0]) < 0.025
 
@@ -122,10 +122,10 @@ def test_another_command_narrows_what_the_first_leaves_open(of_several, descript
         assert sigma_of(calibration, name) < 0.9 * sigma_of(chirp_alone, name), name
 
 
-def test_what_the_windows_do_not_tell_keeps_its_prior(description):
-    """A ramp of one speed does not tell viscous from dry friction, and hardly the play."""
+def test_deviation_that_the_windows_do_not_show_keeps_its_prior(description):
+    """A ramp of one speed does not separate viscous from dry friction and hardly shows play."""
     calibration = calibrate_model([made_by(Deviations(lift=0.125), RAMP)], description)
-    priors = {one.name: one for one in unit_priors(PARAMETERS, 0.03)}
+    priors = {prior.name: prior for prior in unit_priors(PARAMETERS, 0.03)}
     for name in ("backlash", "viscous_friction"):
         assert sigma_of(calibration, name) > 0.5 * priors[name].sigma, name
     for name, prior in priors.items():
@@ -157,9 +157,9 @@ def test_description_of_another_actuator_is_refused(description, name, scale):
 def test_example_values_that_were_left_in_a_description_are_named(description):
     """Of a motor ten times as strong only the torque constant was described, and the limits."""
     p = PARAMETERS
-    own = p.replace({"J_m": 10.0 * p.J_m, "k_t": 10.0 * p.k_t, "k_e": 10.0 * p.k_e})
+    strong = p.replace({"J_m": 10.0 * p.J_m, "k_t": 10.0 * p.k_t, "k_e": 10.0 * p.k_e})
     window = made_by(Deviations(), CHIRP)
-    half = replace(description, parameters=own)
+    half = replace(description, parameters=strong)
     with pytest.raises(ValueError, match="have the built-in example's values") as error:
         calibrate_model([window], half)
     named = str(error.value).partition("matter here: ")[2]
@@ -168,7 +168,7 @@ def test_example_values_that_were_left_in_a_description_are_named(description):
 
 
 @pytest.mark.parametrize(
-    ("column", "factor", "said"),
+    ("column", "factor", "message"),
     [
         ("current", -1.0, r"is -1\.\d+ times .*: is its sign the other one?"),
         ("speed", 30.0 / np.pi, r"is 9\.\d+ times what the model expects: is it in rpm?"),
@@ -183,16 +183,16 @@ def test_example_values_that_were_left_in_a_description_are_named(description):
         ("current", 0.0, r"little to do with .* \(correlation 0.00\): is it another column?"),
     ],
 )
-def test_wrong_column_is_refused_with_what_is_wrong(description, column, factor, said):
+def test_wrong_column_is_refused_with_what_is_wrong(description, column, factor, message):
     window = made_by(Deviations(lift=0.125), CHIRP)
     wrong = changed(window, **{column: factor * getattr(window.telemetry, column)})
-    words = rf"healthy actuator as described: the {column} .*{said.removesuffix('?')}[?]$"
+    words = rf"healthy actuator as described: the {column} .*{message.removesuffix('?')}[?]$"
     with pytest.raises(ValueError, match=words):
         calibrate_model([wrong], description)
 
 
 @pytest.mark.parametrize("windows", [1, 2])
-def test_equal_windows_are_fitted_exactly_and_tell_no_scatter(
+def test_equal_windows_are_fitted_exactly_and_show_no_scatter(
     healthy_windows, description, windows
 ):
     window = healthy_windows[1]
@@ -269,20 +269,20 @@ def test_healthy_rms_is_that_of_another_window(description, windows):
     noisy = [made_by(Deviations(lift=0.13), CHIRP, sigma, seed) for seed in range(windows)]
     calibration = calibrate_model(noisy, description)
     alone = rms(band_limited(np.random.default_rng(99).normal(0.0, sigma, 200_000), H))
-    # Against the mean of n windows another one also shows what is left of the noise in that mean.
-    # Some 5000 / 15 independent values a window: 4 % for two windows, of which one is independent.
+    # A further window also differs by the remaining noise in the mean of n windows.
+    # Some 5000 / 15 independent values a window: 4 % for two windows, one of them independent.
     assert calibration.healthy_rms == pytest.approx(alone * np.sqrt(1.0 + 1.0 / windows), rel=0.12)
-    # The speed is that of the model, always the same.
+    # The speed is the speed of the model, always the same.
     assert np.isnan(calibration.healthy_speed_rms)
 
 
-def test_model_starts_where_the_window_says_the_motor_stands(healthy_windows, description):
+def test_model_starts_at_the_position_in_the_play_of_the_window(healthy_windows, description):
     """Without that knowledge it is centred in its play."""
     window = healthy_windows[0]
-    one = calibrate_model([replace(window, play=None)], description)
-    other = calibrate_model([replace(window, play=0.0)], description)
-    assert one.calibration_id == other.calibration_id
-    assert one.calibration_id != calibrate_model([window], description).calibration_id
+    unknown = calibrate_model([replace(window, play=None)], description)
+    centred = calibrate_model([replace(window, play=0.0)], description)
+    assert unknown.calibration_id == centred.calibration_id
+    assert unknown.calibration_id != calibrate_model([window], description).calibration_id
 
 
 @pytest.mark.parametrize("period", [1.25e-4, 2.5e-4, 1e-5])
@@ -303,9 +303,9 @@ def test_nothing_to_calibrate_on_is_refused(description):
 
 
 def test_windows_of_another_sample_period_are_refused(healthy_windows, description):
-    other = changed(healthy_windows[1], sample_period=2e-4)
+    resampled = changed(healthy_windows[1], sample_period=2e-4)
     with pytest.raises(ValueError, match=r"window 1: .* 0\.0002 s, the first of 0\.0001 s"):
-        calibrate_model([healthy_windows[0], other], description)
+        calibrate_model([healthy_windows[0], resampled], description)
 
 
 def test_window_without_excitation_is_no_calibration(description):

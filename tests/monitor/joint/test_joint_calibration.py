@@ -24,7 +24,7 @@ Content = dict[str, Any]
 @pytest.fixture(scope="module")
 def calibration() -> JointCalibration:
     records = healthy_telemetry(Joint(gravity=0.4), a_day=2)
-    return calibrate_joint([window_of(one, temperature=20.0) for one in records], described())
+    return calibrate_joint([window_of(record, temperature=20.0) for record in records], described())
 
 
 @pytest.fixture
@@ -65,18 +65,18 @@ def test_file_keeps_every_bit(calibration, path):
 def test_same_records_give_the_same_identity_and_others_another(calibration):
     again = calibrate_joint(
         [
-            window_of(one, temperature=20.0)
-            for one in healthy_telemetry(Joint(gravity=0.4), a_day=2)
+            window_of(record, temperature=20.0)
+            for record in healthy_telemetry(Joint(gravity=0.4), a_day=2)
         ],
         described(),
     )
     assert again.calibration_id == calibration.calibration_id
     assert again.calibration_id.startswith("J1-")
-    other = replace(
+    smaller = replace(
         calibration,
         baseline=replace(calibration.baseline, records=calibration.baseline.records[1:]),
     )
-    assert other.calibration_id != calibration.calibration_id
+    assert smaller.calibration_id != calibration.calibration_id
 
 
 def test_label_changes_the_file_and_not_the_identity(calibration, path):
@@ -179,7 +179,7 @@ def test_file_of_another_format_is_refused(path, content):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_any_entry_replaced_by_rubbish_is_refused_or_loaded(path, seed):
-    """Reading a file raises nothing but ValueError, whatever one of its entries is."""
+    """Reading a file raises nothing but ValueError for any change of an entry."""
     rng = np.random.default_rng(seed)
     content = yaml.safe_load(path.read_text())
     at: Any = content
@@ -218,7 +218,7 @@ def test_record_unlike_the_others_is_named_in_the_calibration_and_kept(tmp_path)
 def test_record_without_a_date_is_named_by_its_place():
     records = healthy_telemetry(days=2, a_day=3)
     worn = telemetry_of(Joint().times(coulomb=1.6), tones(), Sensors(), seed=5)
-    undated = [replace(one, stamp_ns=0) for one in (*records[:2], worn, *records[2:])]
+    undated = [replace(record, stamp_ns=0) for record in (*records[:2], worn, *records[2:])]
     made = calibrate_joint(list(map(window_of, undated)), described())
     (outlier,) = made.outliers
     assert outlier.number == 2
@@ -230,7 +230,7 @@ def test_healthy_record_of_another_rate_has_no_figures_that_depend_on_it():
     records = healthy_telemetry(days=2, a_day=2)
     records[1] = replace(records[1], sample_period=1.05 * records[1].sample_period)
     made = calibrate_joint(list(map(window_of, records)), described())
-    has_figures = [bool(one.figures and one.parts) for one in made.baseline.records]
+    has_figures = [bool(record.figures and record.parts) for record in made.baseline.records]
     assert has_figures == [True, False, True, True]
 
 
@@ -239,7 +239,7 @@ def test_records_like_each_other_are_not_mentioned(calibration, path):
     assert "outliers" not in path.read_text()
 
 
-# Whom it fits
+# Match with a unit
 
 
 def test_unit_that_is_described_fits(calibration):
@@ -248,19 +248,19 @@ def test_unit_that_is_described_fits(calibration):
 
 def test_other_units_are_refused_with_what_differs(calibration):
     plain = described()
-    known = replace(
+    description = replace(
         plain, drive="six_step", parameters=plain.parameters.replace({"tau": 0.01, "k_t": 0.05})
     )
-    assert "drive = six_step" in calibration.unit_mismatch(known)
+    assert "drive = six_step" in calibration.unit_mismatch(description)
     assert "serial number 'J2'" in calibration.unit_mismatch(replace(plain, serial_number="J2"))
     speed = described(Sensors(speed=True))
     assert "either telemetry or calibration" in calibration.unit_mismatch(speed)
     for name, value in (("tau", 0.5), ("k_t", 0.3), ("lead", 0.01)):
-        other = replace(plain, parameters=plain.parameters.replace({name: value}))
-        assert f"{name} = {value:g}" in calibration.unit_mismatch(other)
+        changed = replace(plain, parameters=plain.parameters.replace({name: value}))
+        assert f"{name} = {value:g}" in calibration.unit_mismatch(changed)
     # Parameters that are not used may differ.
-    other = replace(plain, parameters=plain.parameters.replace({"R_s": 1.5}))
-    assert calibration.unit_mismatch(other) == ""
+    changed = replace(plain, parameters=plain.parameters.replace({"R_s": 1.5}))
+    assert calibration.unit_mismatch(changed) == ""
 
 
 def test_other_rates_are_compared_up_to_the_band_of_the_filter(calibration):
@@ -272,16 +272,17 @@ def test_other_rates_are_compared_up_to_the_band_of_the_filter(calibration):
 
 
 def test_temperature_of_each_record_is_kept(calibration):
-    assert {one.temperature for one in calibration.baseline.records} == {20.0}
-    plain = calibrate_joint([window_of(one) for one in healthy_telemetry(days=1)], described())
-    assert all(math.isnan(one.temperature) for one in plain.baseline.records)
+    assert {record.temperature for record in calibration.baseline.records} == {20.0}
+    windows = [window_of(telemetry) for telemetry in healthy_telemetry(days=1)]
+    plain = calibrate_joint(windows, described())
+    assert all(math.isnan(record.temperature) for record in plain.baseline.records)
 
 
 def test_description_without_a_current_is_refused():
     description = described()
     blind = replace(description, acquisition=replace(description.acquisition, current="none"))
     with pytest.raises(ValueError, match="needs a measured current or torque"):
-        calibrate_joint([window_of(one) for one in healthy_telemetry(days=1)], blind)
+        calibrate_joint([window_of(telemetry) for telemetry in healthy_telemetry(days=1)], blind)
 
 
 def test_summary_states_friction_inertia_and_what_they_came_from(calibration):

@@ -73,43 +73,43 @@ def estimate(calibration: JointCalibration, joint: Joint, **how: Any) -> Estimat
     return identify_record(measured(joint, **how), described(how.get("sensors")), calibration)
 
 
-def judgement(found: Estimate, name: str) -> Judgement:
-    assert found.comparison is not None
-    return found.comparison[name].judgement
+def judgement(result: Estimate, name: str) -> Judgement:
+    assert result.comparison is not None
+    return result.comparison[name].judgement
 
 
 # Verdicts
 
 
 def test_healthy_record_is_valid_and_unchanged(plain):
-    found = estimate(plain, PLAIN)
-    assert (found.verdict, found.valid, found.algorithm) == (VALID, True, INVERSE_DYNAMICS)
-    assert found.calibration_windows == 9
-    assert judgement(found, of.FRICTION) is Judgement.UNCHANGED
-    assert not found.causes
-    assert found.insignificant[FRICTION]
-    assert found.faults.friction == pytest.approx(0.0, abs=0.02)
-    # What no record shows is not there, rather than healthy.
+    result = estimate(plain, PLAIN)
+    assert (result.verdict, result.valid, result.algorithm) == (VALID, True, INVERSE_DYNAMICS)
+    assert result.calibration_windows == 9
+    assert judgement(result, of.FRICTION) is Judgement.UNCHANGED
+    assert not result.causes
+    assert result.insignificant[FRICTION]
+    assert result.faults.friction == pytest.approx(0.0, abs=0.02)
+    # Quantities that no record shows are absent, not healthy.
     for name in set(FAULT_NAMES) - {"friction"}:
-        assert math.isnan(getattr(found.faults, name)), name
-        assert found.unobservable[FAULT_NAMES.index(name)], name
+        assert math.isnan(getattr(result.faults, name)), name
+        assert result.unobservable[FAULT_NAMES.index(name)], name
 
 
 @pytest.mark.parametrize("factor", [1.15, 1.3, 2.0, 0.8])
 def test_friction_is_the_fault_friction(plain, factor):
-    found = estimate(plain, PLAIN.times(coulomb=factor))
-    assert found.verdict == DEPARTED
-    assert found.comparison is not None
-    friction = found.comparison[of.FRICTION]
+    result = estimate(plain, PLAIN.times(coulomb=factor))
+    assert result.verdict == DEPARTED
+    assert result.comparison is not None
+    friction = result.comparison[of.FRICTION]
     assert friction.judgement is Judgement.CHANGED
     # The days scatter by 1 % and the record by half of that: three standard deviations of both.
     assert friction.change == pytest.approx(factor - 1.0, abs=0.035)
     # The ratio is 1 + 2 k, and less friction is no fault.
-    assert found.faults.friction == pytest.approx(max(factor - 1.0, 0.0) / 2.0, abs=0.018)
-    assert found.insignificant[FRICTION] == (factor < 1.0)
+    assert result.faults.friction == pytest.approx(max(factor - 1.0, 0.0) / 2.0, abs=0.018)
+    assert result.insignificant[FRICTION] == (factor < 1.0)
     sigma = (friction.high - friction.low) / (2.0 * 1.645)
-    assert math.sqrt(found.covariance[FRICTION, FRICTION]) == pytest.approx(sigma / 2.0)
-    assert "Coulomb friction" in found.reason
+    assert math.sqrt(result.covariance[FRICTION, FRICTION]) == pytest.approx(sigma / 2.0)
+    assert "Coulomb friction" in result.reason
 
 
 CAUSES = {
@@ -121,13 +121,13 @@ CAUSES = {
 
 @pytest.mark.parametrize(("factors", "cause", "size", "within"), CAUSES.values(), ids=CAUSES)
 def test_what_is_no_fault_is_a_cause(plain, factors, cause, size, within):
-    found = estimate(plain, PLAIN.times(**factors))
-    assert found.verdict == DEPARTED
-    (named,) = found.causes
+    result = estimate(plain, PLAIN.times(**factors))
+    assert result.verdict == DEPARTED
+    (named,) = result.causes
     assert named.name == cause
     assert named.value == pytest.approx(size, abs=within)
     assert abs(named.value - size) < 4.0 * named.sigma
-    assert judgement(found, of.FRICTION) is Judgement.UNCHANGED
+    assert judgement(result, of.FRICTION) is Judgement.UNCHANGED
 
 
 @pytest.mark.parametrize(
@@ -148,13 +148,13 @@ def test_load_is_reported_in_the_unit_in_which_the_effort_was_recorded(tau, k_t,
     acquisition = replace(plain.acquisition, effort_unit=unit)
     description = replace(plain, parameters=parameters, acquisition=acquisition)
     calibration = calibrated(joint, description=description)
-    found = identify_record(measured(replace(joint, load=0.3)), description, calibration)
-    (cause,) = found.causes
+    result = identify_record(measured(replace(joint, load=0.3)), description, calibration)
+    (cause,) = result.causes
     assert cause.name == "load_torque"
     # 0.2 A more at the motor; the scatter of 1 % of friction is 0.01 A.
     assert cause.value == pytest.approx(0.2 * k_t, abs=0.015 * k_t)
-    assert found.comparison is not None
-    load = found.comparison[of.LOAD]
+    assert result.comparison is not None
+    load = result.comparison[of.LOAD]
     sizes = {"A": 1.0, "N.m": k_t / tau, "N": k_t / tau * 2.0 * math.pi / max(lead, 1e-9)}
     assert load.unit == unit
     assert load.change == pytest.approx(0.2 * sizes[unit], rel=0.1)
@@ -164,15 +164,15 @@ def test_rivals_are_no_fault_and_no_cause():
     """All effort is friction: torque per ampere would look the same."""
     joint = Joint(inertia=0.0004, viscous=0.0, load=0.0)
     calibration = calibrated(joint)
-    found = estimate(calibration, joint.times(coulomb=1.3))
-    assert found.verdict == DEPARTED
-    assert found.comparison is not None
-    assert found.comparison.changed
+    result = estimate(calibration, joint.times(coulomb=1.3))
+    assert result.verdict == DEPARTED
+    assert result.comparison is not None
+    assert result.comparison.changed
     for name in (of.FRICTION, of.TORQUE):
-        assert judgement(found, name) is not Judgement.UNCHANGED
-    assert not found.causes
-    assert math.isnan(found.faults.friction)
-    assert "cannot be distinguished" in found.reason
+        assert judgement(result, name) is not Judgement.UNCHANGED
+    assert not result.causes
+    assert math.isnan(result.faults.friction)
+    assert "cannot be distinguished" in result.reason
 
 
 # Play and tracking
@@ -182,65 +182,65 @@ def test_play_between_motor_and_joint_is_backlash(with_play):
     assert judgement(estimate(with_play, WITH_PLAY, sensors=MOTOR_SPEED), of.PLAY) is (
         Judgement.UNCHANGED
     )
-    found = estimate(with_play, WITH_PLAY.times(play=2.0), sensors=MOTOR_SPEED)
-    assert found.verdict == DEPARTED
-    assert found.comparison is not None
-    play = found.comparison[of.PLAY]
+    result = estimate(with_play, WITH_PLAY.times(play=2.0), sensors=MOTOR_SPEED)
+    assert result.verdict == DEPARTED
+    assert result.comparison is not None
+    play = result.comparison[of.PLAY]
     assert play.judgement is Judgement.CHANGED
     # Lost motion of 4 mrad of play and 2 mrad of wind-up becomes 10 mrad.
     assert play.change == pytest.approx(4.0 / 6.0, rel=0.05)
-    assert found.faults.backlash > 0.0
-    assert not found.insignificant[BACKLASH]
+    assert result.faults.backlash > 0.0
+    assert not result.insignificant[BACKLASH]
 
 
 def test_play_is_not_judged_without_the_speed_of_the_motor(plain):
-    found = estimate(plain, PLAIN.times(coulomb=1.3))
-    assert found.comparison is not None
-    play = found.comparison[of.PLAY]
+    result = estimate(plain, PLAIN.times(coulomb=1.3))
+    assert result.comparison is not None
+    play = result.comparison[of.PLAY]
     assert play.judgement is Judgement.NOT_JUDGED
     assert "needs the speed of the motor" in play.reason
-    assert math.isnan(found.faults.backlash)
+    assert math.isnan(result.faults.backlash)
 
 
 def test_play_is_not_judged_where_both_sensors_are_on_one_side():
     joint = Joint()
-    found = estimate(calibrated(joint, MOTOR_SPEED), joint, sensors=MOTOR_SPEED)
-    assert found.comparison is not None
-    assert "both sensors are on one side" in found.comparison[of.PLAY].reason
+    result = estimate(calibrated(joint, MOTOR_SPEED), joint, sensors=MOTOR_SPEED)
+    assert result.comparison is not None
+    assert "both sensors are on one side" in result.comparison[of.PLAY].reason
 
 
 def test_wind_up_by_friction_is_no_play(with_play):
     """Friction of 1.6 times winds the gear up further, by 20 % of the lost motion."""
-    found = estimate(with_play, WITH_PLAY.times(coulomb=1.6), sensors=MOTOR_SPEED)
-    assert judgement(found, of.PLAY) is Judgement.UNCHANGED
-    assert judgement(found, of.FRICTION) is Judgement.CHANGED
+    result = estimate(with_play, WITH_PLAY.times(coulomb=1.6), sensors=MOTOR_SPEED)
+    assert judgement(result, of.PLAY) is Judgement.UNCHANGED
+    assert judgement(result, of.FRICTION) is Judgement.CHANGED
 
 
 def test_load_that_closes_the_play_is_no_change_of_it(with_play):
     closed = replace(WITH_PLAY, play=0.0, wind_up=0.0005, load=1.4)
-    found = estimate(with_play, closed, sensors=MOTOR_SPEED)
-    assert found.comparison is not None
-    play = found.comparison[of.PLAY]
+    result = estimate(with_play, closed, sensors=MOTOR_SPEED)
+    assert result.comparison is not None
+    play = result.comparison[of.PLAY]
     assert (play.judgement, play.reason) == (Judgement.NOT_JUDGED, "a load closes the play")
-    assert judgement(found, of.LOAD) is Judgement.CHANGED
+    assert judgement(result, of.LOAD) is Judgement.CHANGED
 
 
 def test_tracking_lag_is_that_of_the_position_behind_the_command(plain):
-    found = estimate(plain, PLAIN, sensors=Sensors(tracking_lag=0.04))
-    assert found.comparison is not None
-    lag = found.comparison[of.TRACKING]
+    result = estimate(plain, PLAIN, sensors=Sensors(tracking_lag=0.04))
+    assert result.comparison is not None
+    lag = result.comparison[of.TRACKING]
     assert lag.judgement is Judgement.CHANGED
     assert lag.change == pytest.approx(1.0, abs=0.05)
-    assert judgement(found, of.FRICTION) is Judgement.UNCHANGED
+    assert judgement(result, of.FRICTION) is Judgement.UNCHANGED
 
 
 def test_tracking_is_not_judged_without_a_command():
     sensors = Sensors(command=False)
-    found = estimate(calibrated(PLAIN, sensors), PLAIN, sensors=sensors)
-    assert found.verdict == VALID
-    assert found.comparison is not None
-    assert found.comparison[of.TRACKING].judgement is Judgement.NOT_JUDGED
-    assert "no position command" in found.comparison[of.TRACKING].reason
+    result = estimate(calibrated(PLAIN, sensors), PLAIN, sensors=sensors)
+    assert result.verdict == VALID
+    assert result.comparison is not None
+    assert result.comparison[of.TRACKING].judgement is Judgement.NOT_JUDGED
+    assert "no position command" in result.comparison[of.TRACKING].reason
 
 
 @pytest.mark.parametrize(
@@ -255,89 +255,89 @@ def test_tracking_is_not_judged_without_a_command():
 def test_reason_why_tracking_is_not_judged_names_whose_command_is_missing(
     of_healthy, of_record, reason
 ):
-    def with_command(one: Window, kind: str) -> Window:
-        command = one.telemetry.command
+    def with_command(record: Window, kind: str) -> Window:
+        command = record.telemetry.command
         changed = {"none": np.empty(0), "rests": np.zeros(len(command)), "moves": command}
-        return replace(one, telemetry=replace(one.telemetry, command=changed[kind]))
+        return replace(record, telemetry=replace(record.telemetry, command=changed[kind]))
 
-    healthy = [with_command(window(one), of_healthy) for one in healthy_telemetry(PLAIN)]
+    healthy = [with_command(window(record), of_healthy) for record in healthy_telemetry(PLAIN)]
     calibration = calibrate_joint(healthy, described())
-    found = identify_record(
+    result = identify_record(
         with_command(measured(PLAIN), of_record), described(), calibration, force=True
     )
-    assert found.comparison is not None
-    assert found.comparison[of.TRACKING].judgement is Judgement.NOT_JUDGED
-    assert found.comparison[of.TRACKING].reason == reason
+    assert result.comparison is not None
+    assert result.comparison[of.TRACKING].judgement is Judgement.NOT_JUDGED
+    assert result.comparison[of.TRACKING].reason == reason
 
 
 def test_record_without_the_measured_speed_shows_no_play():
     healthy = calibrated(WITH_PLAY, MOTOR_SPEED)
-    one = measured(WITH_PLAY, MOTOR_SPEED)
-    without = replace(one, telemetry=replace(one.telemetry, speed=np.empty(0)))
-    found = identify_record(without, described(MOTOR_SPEED), healthy)
-    assert found.comparison is not None
-    assert found.comparison[of.FRICTION].is_judged
-    assert found.comparison[of.PLAY].judgement is Judgement.NOT_JUDGED
-    assert found.comparison[of.PLAY].reason == "too few reversals, or no measured speed"
+    record = measured(WITH_PLAY, MOTOR_SPEED)
+    without = replace(record, telemetry=replace(record.telemetry, speed=np.empty(0)))
+    result = identify_record(without, described(MOTOR_SPEED), healthy)
+    assert result.comparison is not None
+    assert result.comparison[of.FRICTION].is_judged
+    assert result.comparison[of.PLAY].judgement is Judgement.NOT_JUDGED
+    assert result.comparison[of.PLAY].reason == "too few reversals, or no measured speed"
 
 
 def test_record_with_a_gap_in_the_measured_speed_is_refused():
     healthy = calibrated(WITH_PLAY, MOTOR_SPEED)
-    one = measured(WITH_PLAY, MOTOR_SPEED)
-    speed = one.telemetry.speed.copy()
+    record = measured(WITH_PLAY, MOTOR_SPEED)
+    speed = record.telemetry.speed.copy()
     speed[100] = np.nan
-    with_gap = replace(one, telemetry=replace(one.telemetry, speed=speed))
-    found = identify_record(with_gap, described(MOTOR_SPEED), healthy)
-    assert found.verdict == REFUSED
-    assert "the speed is not measured in some samples" in found.reason
+    with_gap = replace(record, telemetry=replace(record.telemetry, speed=speed))
+    result = identify_record(with_gap, described(MOTOR_SPEED), healthy)
+    assert result.verdict == REFUSED
+    assert "the speed is not measured in some samples" in result.reason
 
 
 # Other motion and model-free figures
 
 
 def test_noise_of_the_effort_departs_in_a_figure_though_no_quantity_has_changed(plain):
-    found = estimate(plain, PLAIN, sensors=Sensors(noise=0.1))
-    assert found.verdict == DEPARTED
-    assert found.comparison is not None
-    assert not found.comparison.changed
-    assert "effort_roughness" in {one.name for one in found.comparison.figures}
+    result = estimate(plain, PLAIN, sensors=Sensors(noise=0.1))
+    assert result.verdict == DEPARTED
+    assert result.comparison is not None
+    assert not result.comparison.changed
+    assert "effort_roughness" in {figure.name for figure in result.comparison.figures}
     # The noise doubles. Half of the differences of the effort in 0.01 s is motion.
     roughness = next(
-        one.ratio for one in found.comparison.figures if one.name == "effort_roughness"
+        figure.ratio for figure in result.comparison.figures if figure.name == "effort_roughness"
     )
     assert 1.5 < roughness < 2.0
 
 
 def test_figures_of_another_motion_are_not_compared(plain):
-    other = tones(speed=0.7)
-    found = estimate(plain, PLAIN, sensors=Sensors(noise=0.1), motion=other)
-    assert found.verdict == VALID
-    assert found.comparison is not None
-    assert not found.comparison.figures
+    motion = tones(speed=0.7)
+    result = estimate(plain, PLAIN, sensors=Sensors(noise=0.1), motion=motion)
+    assert result.verdict == VALID
+    assert result.comparison is not None
+    assert not result.comparison.figures
 
 
 @pytest.mark.parametrize("speed", [0.4, 1.8])
 def test_motion_that_is_much_slower_or_faster_is_not_judged(plain, speed):
-    found = estimate(plain, PLAIN, motion=tones(speed=speed))
-    assert (found.verdict, found.valid) == (REFUSED, False)
-    assert "expected 0.5 to 1.6 times" in found.reason
-    found_speed = re.search(r"the speed is ([\d.]+) times", found.reason)
+    result = estimate(plain, PLAIN, motion=tones(speed=speed))
+    assert (result.verdict, result.valid) == (REFUSED, False)
+    assert "expected 0.5 to 1.6 times" in result.reason
+    found_speed = re.search(r"the speed is ([\d.]+) times", result.reason)
     assert found_speed is not None
     # Faster motion is rounded by the filter, and slower motion is less so.
     assert float(found_speed[1]) == pytest.approx(speed, rel=0.05)
-    assert found.comparison is not None
-    assert not found.comparison.judged
-    assert {one.reason for one in found.comparison.quantities} == {found.reason}
-    assert np.all(np.isnan(np.asarray(found.faults)))
+    assert result.comparison is not None
+    assert not result.comparison.judged
+    assert {quantity.reason for quantity in result.comparison.quantities} == {result.reason}
+    assert np.all(np.isnan(np.asarray(result.faults)))
 
 
 @pytest.mark.parametrize(("speed", "size"), [(0.7, 1.0), (1.3, 1.0), (1.0, 0.7), (1.0, 1.3)])
 def test_other_motion_within_the_range_gives_the_same_friction(plain, speed, size):
     motion = tones(speed=speed, size=size)
-    found = estimate(plain, PLAIN.times(coulomb=1.3), motion=motion)
-    assert found.comparison is not None
-    assert found.comparison[of.FRICTION].change == pytest.approx(0.3, abs=0.035)
-    assert judgement(found, of.FRICTION) is Judgement.CHANGED
+    result = estimate(plain, PLAIN.times(coulomb=1.3), motion=motion)
+    assert result.comparison is not None
+    assert result.comparison[of.FRICTION].change == pytest.approx(0.3, abs=0.035)
+    assert judgement(result, of.FRICTION) is Judgement.CHANGED
     assert estimate(plain, PLAIN, motion=motion).verdict == VALID
 
 
@@ -345,25 +345,25 @@ def test_record_of_another_rate_is_accepted_up_to_the_band_of_the_filter(plain):
     fine = measured(PLAIN, motion=tones(h=0.002))
     assert identify_record(fine, described(), plain).verdict == VALID
     coarse = measured(PLAIN, motion=tones(200.0, h=0.2))
-    found = identify_record(coarse, described(), plain)
-    assert found.verdict == REFUSED
+    result = identify_record(coarse, described(), plain)
+    assert result.verdict == REFUSED
     # 0.24 over the cut-off of 2.125 Hz.
-    assert "the sample period is 0.2 s, at most 0.113 s can be compared" in found.reason
+    assert "the sample period is 0.2 s, at most 0.113 s can be compared" in result.reason
 
 
 def test_label_of_a_record_of_another_rate_is_no_example_of_its_state(plain):
-    """Its figures are of that rate. What it shows beside them is compared as always."""
-    other = comparable_record(measured(PLAIN, motion=tones(h=0.002)), described(), plain)
-    assert isinstance(other, JointRecord)
-    assert (other.figures, other.parts) == ({}, ())
+    """Its figures depend on the rate; its quantities are compared as always."""
+    record = comparable_record(measured(PLAIN, motion=tones(h=0.002)), described(), plain)
+    assert isinstance(record, JointRecord)
+    assert (record.figures, record.parts) == ({}, ())
     baseline = plain.baseline
     for number in range(3):
-        late = replace(other, stamp_ns=other.stamp_ns + number * 10**15)
+        late = replace(record, stamp_ns=record.stamp_ns + number * 10**15)
         baseline = baseline.with_record("dry", late)
-    found = estimate(replace(plain, baseline=baseline), PLAIN)
-    assert found.verdict == VALID
-    assert found.comparison is not None
-    assert not found.comparison.states
+    result = estimate(replace(plain, baseline=baseline), PLAIN)
+    assert result.verdict == VALID
+    assert result.comparison is not None
+    assert not result.comparison.states
 
 
 # What cannot be judged
@@ -371,12 +371,12 @@ def test_label_of_a_record_of_another_rate_is_no_example_of_its_state(plain):
 
 def test_short_record_is_refused_with_its_strokes_or_rows(plain):
     for seconds, words in ((3.0, "at least 3 in each direction"), (0.8, "rows of steady motion")):
-        found = estimate(plain, PLAIN, motion=tones(seconds))
-        assert found.verdict == REFUSED
-        assert words in found.reason or "rows of steady motion" in found.reason
-        assert found.comparison is not None
-        assert len(found.comparison.quantities) == len(of.QUANTITIES)
-        assert not found.comparison.judged
+        result = estimate(plain, PLAIN, motion=tones(seconds))
+        assert result.verdict == REFUSED
+        assert words in result.reason or "rows of steady motion" in result.reason
+        assert result.comparison is not None
+        assert len(result.comparison.quantities) == len(of.QUANTITIES)
+        assert not result.comparison.judged
 
 
 def seized(**columns: np.ndarray) -> Window:
@@ -394,10 +394,10 @@ def seized(**columns: np.ndarray) -> Window:
 
 @pytest.mark.parametrize(("unit", "shown"), [("A", "A"), ("N.m", "N.m")])
 def test_blocked_shaft_has_failed(plain, unit, shown):
-    found = identify_record(seized(), described(), replace(plain, effort_unit=unit))
-    assert (found.verdict, found.valid) == (FAILED, False)
-    assert "a blocked shaft, an open phase or a frozen sensor" in found.reason
-    assert re.search(rf"at an effort of [\d.]+ {shown}:", found.reason)
+    result = identify_record(seized(), described(), replace(plain, effort_unit=unit))
+    assert (result.verdict, result.valid) == (FAILED, False)
+    assert "a blocked shaft, an open phase or a frozen sensor" in result.reason
+    assert re.search(rf"at an effort of [\d.]+ {shown}:", result.reason)
 
 
 def test_joint_that_nothing_drives_has_not_failed(plain):
@@ -417,30 +417,30 @@ def test_joint_that_nothing_drives_has_not_failed(plain):
     [({}, REFUSED), ({"is_dropped": True}, SKIPPED), ({"is_cut_off": True}, SKIPPED)],
 )
 def test_refused_window_keeps_its_reason(plain, how, verdict):
-    found = identify_record(Refusal(1, 2, "some reason", **how), described(), plain)
-    assert (found.verdict, found.reason, found.valid) == (verdict, "some reason", False)
+    result = identify_record(Refusal(1, 2, "some reason", **how), described(), plain)
+    assert (result.verdict, result.reason, result.valid) == (verdict, "some reason", False)
 
 
 def test_missing_columns_are_named(plain, with_play):
     record = measured(PLAIN)
     blind = window(replace(record.telemetry, current=np.empty(0)))
-    found = identify_record(blind, described(), plain)
-    assert "needs a measured current or torque" in found.reason
+    result = identify_record(blind, described(), plain)
+    assert "needs a measured current or torque" in result.reason
     lost = telemetry_of(WITH_PLAY, tones(), MOTOR_SPEED, day=LATER)
     lost = replace(lost, speed=np.full(len(lost), math.nan))
-    found = identify_record(window(lost), described(MOTOR_SPEED), with_play)
-    assert found.verdict == REFUSED
-    assert "the speed is not measured" in found.reason
+    result = identify_record(window(lost), described(MOTOR_SPEED), with_play)
+    assert result.verdict == REFUSED
+    assert "the speed is not measured" in result.reason
 
 
 def test_calibration_of_another_unit_is_refused_unless_forced(plain):
-    other = replace(described(), serial_number="J2")
+    unit = replace(described(), serial_number="J2")
     record = measured(PLAIN.times(coulomb=1.3))
-    found = identify_record(record, other, plain)
-    assert found.verdict == REFUSED
-    assert "the calibration does not fit" in found.reason
-    assert "'J2'" in found.reason
-    forced = identify_record(record, other, plain, force=True)
+    result = identify_record(record, unit, plain)
+    assert result.verdict == REFUSED
+    assert "the calibration does not fit" in result.reason
+    assert "'J2'" in result.reason
+    forced = identify_record(record, unit, plain, force=True)
     assert forced.verdict == DEPARTED
     assert forced.reason.startswith("forced although ")
     assert forced.faults.friction == pytest.approx(0.15, abs=0.018)
@@ -450,22 +450,22 @@ def test_calibration_of_another_unit_is_refused_unless_forced(plain):
 
 
 def late(joint: Joint, lag_s: float) -> Window:
-    found = measured(joint)
-    telemetry = found.telemetry
+    record = measured(joint)
+    telemetry = record.telemetry
     t = telemetry.sample_period * np.arange(len(telemetry))
     return replace(
-        found, telemetry=replace(telemetry, current=np.interp(t - lag_s, t, telemetry.current))
+        record, telemetry=replace(telemetry, current=np.interp(t - lag_s, t, telemetry.current))
     )
 
 
 @pytest.mark.parametrize("lag_ms", [-20, 10, 50, 100])
 @pytest.mark.parametrize("viscous", [1.0, 2.0])
 def test_late_effort_is_reported_and_is_no_viscous_friction(plain, lag_ms, viscous):
-    found = identify_record(late(PLAIN.times(viscous=viscous), 1e-3 * lag_ms), described(), plain)
-    assert found.comparison is not None
-    changed = {one.name for one in found.comparison.changed}
+    result = identify_record(late(PLAIN.times(viscous=viscous), 1e-3 * lag_ms), described(), plain)
+    assert result.comparison is not None
+    changed = {quantity.name for quantity in result.comparison.changed}
     assert changed == ({of.VISCOUS} if viscous > 1.0 else set())
-    [amount, way] = re.findall(r"The effort is (\d+) ms (later|earlier) than", found.reason)[0]
+    [amount, way] = re.findall(r"The effort is (\d+) ms (later|earlier) than", result.reason)[0]
     assert int(amount) == pytest.approx(abs(lag_ms), abs=3)
     assert way == ("later" if lag_ms > 0 else "earlier")
 
@@ -489,24 +489,24 @@ def test_changed_friction_is_no_lag(plain):
     ],
 )
 def test_factor_of_the_effort_is_named(plain, factor, words):
-    found = measured(PLAIN)
-    telemetry = replace(found.telemetry, current=factor * found.telemetry.current)
-    refused = identify_record(replace(found, telemetry=telemetry), described(), plain)
+    record = measured(PLAIN)
+    telemetry = replace(record.telemetry, current=factor * record.telemetry.current)
+    refused = identify_record(replace(record, telemetry=telemetry), described(), plain)
     assert refused.verdict == REFUSED
     assert words in refused.reason
     ratio = re.findall(r"the effort is (\S+) times", refused.reason)[0]
     assert float(ratio) == pytest.approx(factor, rel=0.1)
 
 
-def with_effort(found: Window, current: np.ndarray) -> Window:
-    return replace(found, telemetry=replace(found.telemetry, current=current))
+def with_effort(record: Window, current: np.ndarray) -> Window:
+    return replace(record, telemetry=replace(record.telemetry, current=current))
 
 
 @pytest.mark.parametrize("value", [0.0, 0.3, -7.0, 1e4])
 @pytest.mark.parametrize("h", [0.01, 0.02])
 def test_constant_effort_is_refused_as_a_failed_sensor(plain, value, h):
-    found = measured(PLAIN, motion=tones(h=h))
-    dead = with_effort(found, np.full(len(found.telemetry), value))
+    record = measured(PLAIN, motion=tones(h=h))
+    dead = with_effort(record, np.full(len(record.telemetry), value))
     refused = identify_record(dead, described(), plain)
     assert refused.verdict == REFUSED
     assert "throughout, although the joint moves" in refused.reason
@@ -525,9 +525,9 @@ def test_constant_effort_is_no_healthy_record():
 
 
 def test_noise_alone_is_no_healthy_effort(plain):
-    found = measured(PLAIN)
-    noise = 0.01 * np.random.default_rng(0).standard_normal(len(found.telemetry))
-    refused = identify_record(with_effort(found, noise), described(), plain)
+    record = measured(PLAIN)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(record.telemetry))
+    refused = identify_record(with_effort(record, noise), described(), plain)
     assert refused.verdict == REFUSED
     assert "failed sensor" in refused.reason
 
@@ -552,8 +552,8 @@ def friction_alone() -> JointCalibration:
     ],
 )
 def test_factor_of_the_effort_is_named_by_friction_alone(friction_alone, factor, words):
-    found = measured(LIGHT, NOISY)
-    scaled = with_effort(found, factor * found.telemetry.current)
+    record = measured(LIGHT, NOISY)
+    scaled = with_effort(record, factor * record.telemetry.current)
     refused = identify_record(scaled, described(), friction_alone)
     assert refused.verdict == REFUSED
     assert words in refused.reason
@@ -561,10 +561,10 @@ def test_factor_of_the_effort_is_named_by_friction_alone(friction_alone, factor,
 
 @pytest.mark.parametrize("factor", [0.5, 3.0, 8.0])
 def test_friction_alone_may_grow_several_times(friction_alone, factor):
-    found = estimate(friction_alone, LIGHT.times(coulomb=factor), sensors=NOISY)
-    assert found.verdict == DEPARTED
-    assert found.comparison is not None
-    friction = found.comparison[of.FRICTION]
+    result = estimate(friction_alone, LIGHT.times(coulomb=factor), sensors=NOISY)
+    assert result.verdict == DEPARTED
+    assert result.comparison is not None
+    friction = result.comparison[of.FRICTION]
     assert friction.low < friction.high
     assert friction.change == pytest.approx(factor - 1.0, rel=0.05)
 
@@ -572,10 +572,10 @@ def test_friction_alone_may_grow_several_times(friction_alone, factor):
 @pytest.mark.parametrize("late_s", [0.2, 0.25])
 @pytest.mark.parametrize("viscous", [1.0, 1.6])
 def test_inertia_below_zero_is_refused_as_a_late_effort(plain, viscous, late_s):
-    found = measured(PLAIN.times(viscous=viscous))
-    count = round(late_s / found.sample_period)
+    record = measured(PLAIN.times(viscous=viscous))
+    count = round(late_s / record.sample_period)
     refused = identify_record(
-        with_effort(found, np.roll(found.telemetry.current, count)), described(), plain
+        with_effort(record, np.roll(record.telemetry.current, count)), described(), plain
     )
     assert refused.verdict == REFUSED
     assert re.search(r"the (friction|inertia) is -", refused.reason)
@@ -605,7 +605,7 @@ def test_torque_per_ampere_of_no_effort_has_no_bound(plain):
 @pytest.mark.parametrize("scale", [1e-7, 1e-4, 1e5])
 def test_changes_do_not_depend_on_the_unit_of_the_effort(plain, scale):
     windows = list(map(window, healthy_telemetry(PLAIN)))
-    scaled = [with_effort(one, scale * one.telemetry.current) for one in windows]
+    scaled = [with_effort(quantity, scale * quantity.telemetry.current) for quantity in windows]
     calibration = calibrate_joint(scaled, described())
     worn = measured(PLAIN.times(coulomb=1.3))
     expected = identify_record(worn, described(), plain).comparison
@@ -614,9 +614,11 @@ def test_changes_do_not_depend_on_the_unit_of_the_effort(plain, scale):
     ).comparison
     assert expected is not None
     assert actual is not None
-    assert [one.name for one in actual.changed] == [one.name for one in expected.changed]
+    names = [[quantity.name for quantity in item.changed] for item in (actual, expected)]
+    assert names[0] == names[1]
     for name in (of.FRICTION, of.INERTIA, of.VISCOUS):
-        ends = [(one.low, one.change, one.high) for one in (actual[name], expected[name])]
+        quantities = actual[name], expected[name]
+        ends = [(quantity.low, quantity.change, quantity.high) for quantity in quantities]
         np.testing.assert_allclose(ends[0], ends[1], atol=1e-4)
 
 
@@ -630,16 +632,16 @@ def test_changes_do_not_depend_on_the_unit_of_the_effort(plain, scale):
     ],
 )
 def test_factor_of_the_position_is_named(plain, factor, words):
-    found = measured(PLAIN)
-    telemetry = replace(found.telemetry, position=factor * found.telemetry.position)
-    refused = identify_record(replace(found, telemetry=telemetry), described(), plain)
+    record = measured(PLAIN)
+    telemetry = replace(record.telemetry, position=factor * record.telemetry.position)
+    refused = identify_record(replace(record, telemetry=telemetry), described(), plain)
     assert refused.verdict == REFUSED
     assert words in refused.reason
 
 
 def test_faster_motion_is_no_mistake(plain):
-    found = measured(PLAIN)
-    telemetry = replace(found.telemetry, position=3.0 * found.telemetry.position)
-    refused = identify_record(replace(found, telemetry=telemetry), described(), plain)
+    record = measured(PLAIN)
+    telemetry = replace(record.telemetry, position=3.0 * record.telemetry.position)
+    refused = identify_record(replace(record, telemetry=telemetry), described(), plain)
     assert "the speed is 3.1 times the speed of the healthy records" in refused.reason
     assert "is it" not in refused.reason
