@@ -54,13 +54,7 @@ NAMES: Final = frozenset(
 )
 """Names of variables that are not nouns of the field."""
 
-UNTREATED: Final = (
-    *("ema_archive/", "ema_study/", "ros2_ws/src/ema_bags/ema_bags/inputs/"),
-    *(
-        f"ema_monitor/ema_monitor/{name}"
-        for name in ("prognosis", "health.py", "reports.py", "unit.py")
-    ),
-)
+UNTREATED: Final = ("ema_archive/", "ros2_ws/src/ema_bags/ema_bags/inputs/")
 """Paths whose docstrings, comments and names are still to be revised."""
 
 PATTERNS: Final = ("README.md", "docs/*.md", "ema_interfaces/*/*", "ema_*/*.py", "ros2_ws/src/*.py")

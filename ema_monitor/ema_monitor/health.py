@@ -81,96 +81,65 @@ class HealthLimits(Checked, settings_by_kind("_LimitByKind", float, _limit_of)):
 
 
 class Recurrence(NamedTuple):
-    """How often a fault that comes and goes was beyond its limit.
-
-    Attributes
-    ----------
-    times, tests
-        In how many of how many latest tests it was beyond its limit.
-    worst
-        Its largest distance from healthy [-].
-    """
+    """How often a fault that comes and goes was beyond its limit."""
 
     times: int
     tests: int
+    """In how many of how many latest tests it was beyond its limit."""
     worst: float
+    """Its largest distance from healthy [-]."""
 
 
 @dataclass(frozen=True)
 class FaultHealth:
-    """Health with regard to one fault.
-
-    Attributes
-    ----------
-    name
-        Component of the fault vector.
-    level
-        ``OK``, ``WARN`` or ``ERROR``; ``STALE`` when the fault is unknown.
-    value, sigma
-        Estimate and its standard deviation [-]; sigma is NaN when unobservable.
-    limit, warn_limit
-        Values at which life ends, and from which on its lower 95 % bound gives a warning [-].
-    limit_is_lower
-        Whether life ends below the limit rather than above.
-    share
-        Share of the way from healthy to the limit [-].
-    held
-        Value of the latest test [-], where the tests before disagree and either gives a warning
-        or failure: it is held until the next one confirms it; else NaN.
-    unconfirmed
-        Lower level that the latest test shows, and later ones have to confirm; None for none.
-    recurrence
-        How often it was beyond its limit, if it comes and goes and nobody has acknowledged that.
-    """
+    """Health with regard to one fault."""
 
     name: str
+    """Component of the fault vector."""
     level: int
+    """``OK``, ``WARN`` or ``ERROR``; ``STALE`` when the fault is unknown."""
     value: float
     sigma: float
+    """Estimate and its standard deviation [-]; sigma is NaN when unobservable."""
     limit: float
     warn_limit: float
+    """Values at which life ends, and from which on its lower 95 % bound gives a warning [-]."""
     limit_is_lower: bool
+    """Whether life ends below the limit rather than above."""
     share: float
+    """Share of the way from healthy to the limit [-]."""
     held: float = math.nan
+    """Value of the latest test [-], where the tests before disagree and either gives a warning or
+    failure: it is held until the next one confirms it; else NaN."""
     unconfirmed: int | None = None
+    """Lower level that the latest test shows, and later ones have to confirm; None for none."""
     recurrence: Recurrence | None = None
+    """How often it was beyond its limit, if it comes and goes and nobody has acknowledged that."""
 
 
 @dataclass(frozen=True)
 class Health:
-    """Health of an actuator.
-
-    Attributes
-    ----------
-    level
-        Worst of the known faults and requirements; ``STALE`` when none is known, or when a
-        comparison does not show that the unit is healthy.
-    health_index
-        Least of 1 - share over the faults [-], clipped to [0, 1], and at most 0.99 beside a
-        warning; NaN when no fault is known, or a comparison gives no level.
-    severity
-        Grade from 0 (as new) to 4 (at or above the limit).
-    confidence
-        Share of observable faults, reduced for a poor goodness of fit [-]; of a comparison, share
-        of the judged quantities, and 0 when it gives no level.
-    dominant_fault
-        Fault nearest to its limit; empty when none gives a warning.
-    faults
-        Health with regard to each fault.
-    reason
-        What is unknown, and why; empty when nothing is.
-    requirements
-        Health with regard to each requirement; empty when there is none.
-    """
+    """Health of an actuator."""
 
     level: int
+    """Worst of the known faults and requirements; ``STALE`` when none is known, or when a
+    comparison does not show that the unit is healthy."""
     health_index: float
+    """Least of 1 - share over the faults [-], clipped to [0, 1], and at most 0.99 beside a warning;
+    NaN when no fault is known, or a comparison gives no level."""
     severity: int
+    """Grade from 0 (as new) to 4 (at or above the limit)."""
     confidence: float
+    """Share of observable faults, reduced for a poor goodness of fit [-]; of a comparison, share of
+    the judged quantities, and 0 when it gives no level."""
     dominant_fault: str
+    """Fault nearest to its limit; empty when none gives a warning."""
     faults: tuple[FaultHealth, ...] = field(default=())
+    """Health with regard to each fault."""
     reason: str = ""
+    """What is unknown, and why; empty when nothing is."""
     requirements: tuple[FaultHealth, ...] = field(default=())
+    """Health with regard to each requirement; empty when there is none."""
 
     def without_ok(self) -> "Health":
         """Return health in which no fault and no requirement is OK: those are STALE."""
@@ -184,22 +153,15 @@ class Health:
 
 @dataclass(frozen=True)
 class Tracked:
-    """A fault as estimated from all tests.
-
-    Attributes
-    ----------
-    value, sigma
-        Value and its standard deviation [-].
-    doubtful
-        Whether the latest test disagrees, and is held until the next one.
-    is_recent
-        Whether a recent test has shown the fault: without one, it is not OK.
-    """
+    """A fault as estimated from all tests."""
 
     value: float
     sigma: float
+    """Value and its standard deviation [-]."""
     doubtful: bool = False
+    """Whether the latest test disagrees, and is held until the next one."""
     is_recent: bool = True
+    """Whether a recent test has shown the fault: without one, it is not OK."""
 
 
 def assess(

@@ -19,19 +19,14 @@ _COUNTS: Final = ("stretches", "of_stretches")
 
 @dataclass(frozen=True, kw_only=True)
 class Reason:
-    """Why there is no estimate, or what qualifies it; each kind is a subclass.
-
-    Attributes
-    ----------
-    code
-        Name of the kind.
-    stretches, of_stretches
-        In how many of how many stretches of ordinary motion it holds; 0 where that is not counted.
-    """
+    """Why there is no estimate, or what qualifies it; each kind is a subclass."""
 
     code: ClassVar[str]
+    """Name of the kind."""
     stretches: int = 0
     of_stretches: int = 0
+    """In how many of how many stretches of ordinary motion it holds; 0 where that is not
+    counted."""
 
     def __init_subclass__(cls, code: str) -> None:
         super().__init_subclass__()
@@ -369,21 +364,14 @@ class StretchesInsufficient(Reason, code="stretches_insufficient"):
 
 @dataclass(frozen=True)
 class FiguresDeparted(Reason, code="figures_departed"):
-    """Figures of the window depart, and no fault explains it.
-
-    Attributes
-    ----------
-    figures
-        Names of the figures that depart, the most significant first.
-    probability
-        Probability that a healthy test differs as much.
-    detail
-        What departs, and the labelled state that is likely, in words.
-    """
+    """Figures of the window depart, and no fault explains it."""
 
     figures: tuple[str, ...]
+    """Names of the figures that depart, the most significant first."""
     probability: float
+    """Probability that a healthy test differs as much."""
     detail: str
+    """What departs, and the labelled state that is likely, in words."""
 
 
 @dataclass(frozen=True)
@@ -466,25 +454,18 @@ class EffortReversed(Reason, code="effort_reversed"):
 
 @dataclass(frozen=True)
 class JointStill(Reason, code="joint_still"):
-    """The joint of a record stands still although its command moves.
-
-    Attributes
-    ----------
-    cause
-        "no_effort": the effort is far below the friction; "short_command": the command travels
-        less than in healthy records; or "failure".
-    travel, least_travel
-        Travel of the command, and the least by which a failure is judged, in ``angle_unit``.
-    effort, friction
-        Effort that acts, and healthy friction, in ``effort_unit``.
-    """
+    """The joint of a record stands still although its command moves."""
 
     cause: str
+    """"no_effort": the effort is far below the friction; "short_command": the command travels less
+    than in healthy records; or "failure"."""
     travel: float
     least_travel: float
+    """Travel of the command, and the least by which a failure is judged, in ``angle_unit``."""
     angle_unit: str
     effort: float
     friction: float
+    """Effort that acts, and healthy friction, in ``effort_unit``."""
     effort_unit: str
 
 

@@ -50,23 +50,16 @@ class Costs(Checked):
 
 
 class Choice(NamedTuple):
-    """A plan for a unit: cost of its life, hours of its life, and when it is removed.
-
-    Attributes
-    ----------
-    cost, hours
-        Expected cost, and expected service hours over the whole life [h].
-    removal_hours
-        Hours from now to the removal [h], or to the earliest removal after the next test if the
-        decision waits for it.
-    risk
-        Probability of a failure before that [-].
-    """
+    """A plan for a unit: cost of its life, hours of its life, and when it is removed."""
 
     cost: float
     hours: float
+    """Expected cost, and expected service hours over the whole life [h]."""
     removal_hours: float
+    """Hours from now to the removal [h], or to the earliest removal after the next test if the
+    decision waits for it."""
     risk: float
+    """Probability of a failure before that [-]."""
 
     @property
     def rate(self) -> float:
@@ -76,30 +69,20 @@ class Choice(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What is to be decided after a test.
-
-    Attributes
-    ----------
-    costs
-        Costs and lead time.
-    hours
-        Service hours now [h].
-    interval_hours
-        Hours to the next test [h].
-    lives
-        Equally probable remaining lives [h], ``(n,)``; none is longer than is looked ahead.
-    missing_share
-        Probability that a test gives no valid estimate, so that the one after is the next [-].
-    tests_tell
-        Whether the next test shows the fault that ends life first.
-    """
+    """What is to be decided after a test."""
 
     costs: Costs
+    """Costs and lead time."""
     hours: float
+    """Service hours now [h]."""
     interval_hours: float
+    """Hours to the next test [h]."""
     lives: Array
+    """Equally probable remaining lives [h], ``(n,)``; none is longer than is looked ahead."""
     missing_share: float = 0.0
+    """Probability that a test gives no valid estimate, so that the one after is the next [-]."""
     tests_tell: bool = True
+    """Whether the next test shows the fault that ends life first."""
 
     def remove(self) -> Choice:
         """Return the best removal that has to be decided on before the next test (P18)."""
@@ -173,31 +156,22 @@ class Decision:
 
 @dataclass(frozen=True)
 class Advice:
-    """What to do with a unit, and when.
-
-    Attributes
-    ----------
-    action
-        "unknown", "continue", "inspect" or "remove".
-    reason
-        Why, in words.
-    hours, from_now
-        Service hour of the action, or of the decision anew, and the same from the latest test on
-        [h]; NaN when unknown.
-    probability
-        Of a failure before that hour [-]; NaN when unknown.
-    rate, rate_at_once
-        Expected cost per flight hour over the life with this advice, and with the earliest removal
-        that is possible; NaN when unknown.
-    """
+    """What to do with a unit, and when."""
 
     action: Action
+    """"unknown", "continue", "inspect" or "remove"."""
     reason: str
+    """Why, in words."""
     hours: float = math.nan
     from_now: float = math.nan
+    """Service hour of the action, or of the decision anew, and the same from the latest test on
+    [h]; NaN when unknown."""
     probability: float = math.nan
+    """Of a failure before that hour [-]; NaN when unknown."""
     rate: float = math.nan
     rate_at_once: float = math.nan
+    """Expected cost per flight hour over the life with this advice, and with the earliest removal
+    that is possible; NaN when unknown."""
 
 
 def advise(outlook: Outlook, costs: Costs) -> Advice:

@@ -30,37 +30,24 @@ _MOST_BYTES: Final = 500_000_000
 
 
 class UnitGrowth(NamedTuple):
-    """Evidence of a unit.
-
-    Attributes
-    ----------
-    tests
-        Tests that it rests on.
-    faults
-        Faults that grow.
-    """
+    """Evidence of a unit."""
 
     tests: int
+    """Tests that it rests on."""
     faults: tuple[GrownFault, ...]
+    """Faults that grow."""
 
 
 @dataclass(frozen=True, eq=False)
 class FleetGrowth:
-    """Growth evidence of units, each by the digest of its actuator and serial number.
-
-    Attributes
-    ----------
-    grid
-        Digest of the curves, rates and limits that it is about.
-    units
-        The units.
-    names
-        Names of the fleets that it was put together from.
-    """
+    """Growth evidence of units, each by the digest of its actuator and serial number."""
 
     grid: str
+    """Digest of the curves, rates and limits that it is about."""
     units: Mapping[str, UnitGrowth] = field(default_factory=dict)
+    """The units."""
     names: frozenset[str] = frozenset()
+    """Names of the fleets that it was put together from."""
 
     def together(self, other: "FleetGrowth") -> "FleetGrowth":
         """Return the union; for a unit in both fleets, the entry with more tests.

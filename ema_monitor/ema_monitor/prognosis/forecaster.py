@@ -38,21 +38,14 @@ _QUANTILE: Final = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Forecaster:
-    """What is known of a unit after a test, and does not change with later ones.
-
-    Attributes
-    ----------
-    outlook
-        Health and life after the test.
-    tracker
-        What is known of growth; None when the service hours are unknown.
-    limits
-        Where the life of each fault ends.
-    """
+    """What is known of a unit after a test, and does not change with later ones."""
 
     outlook: Outlook
+    """Health and life after the test."""
     tracker: Tracker | None
+    """What is known of growth; None when the service hours are unknown."""
     limits: HealthLimits
+    """Where the life of each fault ends."""
 
     def fan(self) -> Fan | None:
         """Return quantiles of the faults to come; None when the service hours are unknown."""

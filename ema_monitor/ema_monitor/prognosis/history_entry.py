@@ -42,15 +42,6 @@ NOTE: Final = "note"
 class Count:
     """Service life of a unit as it was counted.
 
-    Attributes
-    ----------
-    stamp_ns
-        When the counts were read [ns].
-    hours
-        Hours in service since new [h], at most 1e7.
-    cycles
-        Test cycles since new, at most 1e12; 0 when they are not counted.
-
     Raises
     ------
     ValueError
@@ -58,8 +49,11 @@ class Count:
     """
 
     stamp_ns: int
+    """When the counts were read [ns]."""
     hours: float
+    """Hours in service since new [h], at most 1e7."""
     cycles: int
+    """Test cycles since new, at most 1e12; 0 when they are not counted."""
 
     def __post_init__(self) -> None:
         if not is_finite_number(self.hours) or not 0.0 <= self.hours <= _MOST_HOURS:
@@ -76,22 +70,6 @@ class Count:
 class Entry:
     """One valid test.
 
-    Attributes
-    ----------
-    estimate
-        Estimate of its window.
-    hours
-        Service hour of the test by ``hours_per_cycle`` [h]; NaN where it is counted or unknown.
-    cycles
-        Test cycles up to it, itself included.
-    count
-        The latest count of service hours before the test; None where there is none, or where
-        ``hours_per_cycle`` holds.
-    flown
-        Duty since the previous valid test, as far as telemetry covers it.
-    shift_ns
-        What the stamps of its estimate were moved by, as they did not show its place [ns].
-
     Raises
     ------
     ValueError
@@ -99,11 +77,18 @@ class Entry:
     """
 
     estimate: Estimate
+    """Estimate of its window."""
     hours: float
+    """Service hour of the test by ``hours_per_cycle`` [h]; NaN where it is counted or unknown."""
     cycles: int
+    """Test cycles up to it, itself included."""
     count: Count | None = None
+    """The latest count of service hours before the test; None where there is none, or where
+    ``hours_per_cycle`` holds."""
     flown: FlownDuty = NOTHING_FLOWN
+    """Duty since the previous valid test, as far as telemetry covers it."""
     shift_ns: int = 0
+    """What the stamps of its estimate were moved by, as they did not show its place [ns]."""
 
     def __post_init__(self) -> None:
         Measurement.of(self.estimate, 0.0 if math.isnan(self.hours) else self.hours)
@@ -131,32 +116,22 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class UnusedCycle:
-    """A test cycle that counts as use but has no valid estimate.
-
-    Attributes
-    ----------
-    stamp_ns
-        Time of the window's end, by which tests are ordered [ns].
-    verdict, reasons
-        Of its estimate: why there is none.
-    flown
-        Duty since the previous test cycle, as far as telemetry covers it.
-    parts, comparison
-        As of its estimate.
-    shift_ns
-        As of ``Entry``.
-    is_ordered
-        Whether it is known which tests came before it.
-    """
+    """A test cycle that counts as use but has no valid estimate."""
 
     stamp_ns: int
+    """Time of the window's end, by which tests are ordered [ns]."""
     verdict: str
     reasons: tuple[Reason, ...] = ()
+    """Of its estimate: why there is none."""
     flown: FlownDuty = NOTHING_FLOWN
+    """Duty since the previous test cycle, as far as telemetry covers it."""
     parts: tuple[WindowFigures, ...] = ()
     comparison: Comparison | None = None
+    """As of its estimate."""
     shift_ns: int = 0
+    """As of ``Entry``."""
     is_ordered: bool = True
+    """Whether it is known which tests came before it."""
 
     @classmethod
     def of(
@@ -196,28 +171,19 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class UnitEvent:
-    """Something that happened to a unit or to its monitoring.
-
-    Attributes
-    ----------
-    stamp_ns
-        Stamp of the test that showed it [ns].
-    hours
-        Service hours then [h]; NaN when unknown.
-    kind, text
-        What kind of event, as in ``ema_interfaces/msg/UnitEvent``, and words.
-    person
-        Who wrote the note, or changed the baseline; empty for other events.
-    worn_baseline
-        Identity of a baseline that a person gave a worn unit; empty for other events.
-    """
+    """Something that happened to a unit or to its monitoring."""
 
     stamp_ns: int
+    """Stamp of the test that showed it [ns]."""
     hours: float
+    """Service hours then [h]; NaN when unknown."""
     kind: str
     text: str
+    """What kind of event, as in ``ema_interfaces/msg/UnitEvent``, and words."""
     person: str = ""
+    """Who wrote the note, or changed the baseline; empty for other events."""
     worn_baseline: str = ""
+    """Identity of a baseline that a person gave a worn unit; empty for other events."""
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.text}"
@@ -225,33 +191,23 @@ class UnitEvent:
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """Health and remaining life after a test.
-
-    Attributes
-    ----------
-    stamp_ns, hours
-        Stamp of the test [ns] and its service hours [h]; NaN when unknown.
-    level, health_index, dominant_fault
-        As of health.
-    life
-        5, 50 and 95 % quantiles of the remaining life [h]; None when it is unknown.
-    alarms
-        Levels of the faults and requirements in WARN or ERROR, by name.
-    unconfirmed
-        Lower levels of these that the test shows, and later ones have to confirm, by name.
-    events
-        What happened since the test before.
-    """
+    """Health and remaining life after a test."""
 
     stamp_ns: int
     hours: float
+    """Stamp of the test [ns] and its service hours [h]; NaN when unknown."""
     level: int
     health_index: float
     dominant_fault: str
+    """As of health."""
     life: tuple[float, float, float] | None
+    """5, 50 and 95 % quantiles of the remaining life [h]; None when it is unknown."""
     alarms: Mapping[str, int] = field(default_factory=dict)
+    """Levels of the faults and requirements in WARN or ERROR, by name."""
     events: tuple[UnitEvent, ...] = ()
+    """What happened since the test before."""
     unconfirmed: Mapping[str, int] = field(default_factory=dict)
+    """Lower levels of these that the test shows, and later ones have to confirm, by name."""
 
 
 def as_text(test: Test) -> str:

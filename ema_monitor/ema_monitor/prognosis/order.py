@@ -19,21 +19,14 @@ _LEAST_AHEAD_NS: Final = 1_000_000_000
 
 
 class Place(NamedTuple):
-    """Where a test belongs.
-
-    Attributes
-    ----------
-    shift_ns
-        What its stamp is moved by to be behind all earlier tests [ns].
-    problem
-        Why it is not known which test came first; None if it is known.
-    is_known
-        Whether the test is in the history already.
-    """
+    """Where a test belongs."""
 
     shift_ns: int = 0
+    """What its stamp is moved by to be behind all earlier tests [ns]."""
     problem: OrderUnknown | None = None
+    """Why it is not known which test came first; None if it is known."""
     is_known: bool = False
+    """Whether the test is in the history already."""
 
 
 def place_of(

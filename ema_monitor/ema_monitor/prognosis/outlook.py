@@ -22,31 +22,23 @@ _LEAST_AHEAD_NS: Final = 1_000_000_000
 
 
 class Claim(NamedTuple):
-    """What gives a level its worth.
-
-    Attributes
-    ----------
-    measured_ns
-        Stamp of the newest test, valid or refused [ns]: the level holds for the unit at that time.
-    received_ns
-        When the author had that test [ns]; 0 when it is not known, as after a restart.
-    author
-        Node that published it; empty for a command.
-    good_for_s
-        How long it is good for from the test on [s]; 0 of a record, whose level is that at its end.
-    oldest_ns
-        Stamp since when tests have shown every fault [ns], on which an OK rests; 0 where only the
-        newest test counts.
-    is_live
-        Whether the newest test was received while it was measured, whatever its stamp is.
-    """
+    """What gives a level its worth."""
 
     measured_ns: int = 0
+    """Stamp of the newest test, valid or refused [ns]: the level holds for the unit at that
+    time."""
     received_ns: int = 0
+    """When the author had that test [ns]; 0 when it is not known, as after a restart."""
     author: str = ""
+    """Node that published it; empty for a command."""
     good_for_s: float = 0.0
+    """How long it is good for from the test on [s]; 0 of a record, whose level is that at its
+    end."""
     oldest_ns: int = 0
+    """Stamp since when tests have shown every fault [ns], on which an OK rests; 0 where only the
+    newest test counts."""
     is_live: bool = False
+    """Whether the newest test was received while it was measured, whatever its stamp is."""
 
     @property
     def is_ahead(self) -> bool:
@@ -78,120 +70,82 @@ class Claim(NamedTuple):
 
 
 class Removal(NamedTuple):
-    """By when to remove a unit (P27).
-
-    Attributes
-    ----------
-    risk
-        Probability of a failure before that is accepted [-].
-    hours
-        Flight hours from the latest test on [h]; NaN when the remaining life is unknown.
-    cycles
-        The same in test cycles; NaN when hours per cycle are unknown too.
-    days
-        The same in days of the calendar, at the present usage; NaN when that is unknown too.
-    hours_a_day
-        The present usage [h/d].
-    """
+    """By when to remove a unit (P27)."""
 
     risk: float = 0.05
+    """Probability of a failure before that is accepted [-]."""
     hours: float = math.nan
+    """Flight hours from the latest test on [h]; NaN when the remaining life is unknown."""
     cycles: float = math.nan
+    """The same in test cycles; NaN when hours per cycle are unknown too."""
     days: float = math.nan
+    """The same in days of the calendar, at the present usage; NaN when that is unknown too."""
     hours_a_day: float = math.nan
+    """The present usage [h/d]."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Outlook(Displayed):
-    """Health and remaining life of an actuator.
-
-    Attributes
-    ----------
-    stamp_ns
-        Stamp of the valid test on which the figures rest [ns].
-    hours
-        Service hours at that test [h]; NaN when unknown.
-    cycles
-        Test cycles up to it.
-    hours_per_cycle
-        Flight hours from a test cycle to the next [h]; NaN when unknown.
-    health
-        Levels, index and grade.
-    trends
-        Growth by fault and by requirement [its unit per flight hour]; missing names are unknown.
-    calibrations
-        Agreement of each fault's predictions with its tests; missing names are unknown.
-    lives
-        Remaining life until each fault, and each requirement, reaches its limit, by name; missing
-        names are as unknown as ``rul``.
-    rul_faults, rul_requirements, rul
-        Until the first fault does, the first requirement, and the earlier of both.
-    dominant
-        Fault or requirement that ends life first; the worst with a warning when none is known to
-        end it; else empty.
-    future
-        What is assumed of the duty to come.
-    assumption
-        The same, and further assumptions, in words.
-    events
-        Events since the previous outlook: findings of the latest test, restarts, calibrations, and
-        new faults.
-    observed_hours
-        Hours over which the unit has been observed [h].
-    horizon_hours
-        Longest life that is looked ahead [h].
-    missing_share
-        Probability that a test gives no valid estimate [-].
-    lifetimes
-        Equally probable remaining lives until the earlier of both [h], ``(n,)``; empty when ``rul``
-        is not known.
-    levels
-        Present level of the fault that ends life first in each of them [-], ``(n,)``; empty when a
-        requirement ends it.
-    removal
-        By when to remove it.
-    tests_tell
-        Whether the test showed that fault.
-    failed_since
-        Service hour of the first of the latest tests that have all been ERROR [h]; NaN when it is
-        not known, or the latest is not.
-    failure
-        Which failure of drive or shaft the newest test shows, in words; empty for none.
-    departure
-        Unexplained difference of the newest test from healthy ones; empty without any.
-    claim
-        What gives its level its worth.
-    last_level
-        The level that was known last, where the level is STALE.
-    """
+    """Health and remaining life of an actuator."""
 
     stamp_ns: int = 0
+    """Stamp of the valid test on which the figures rest [ns]."""
     hours: float = math.nan
+    """Service hours at that test [h]; NaN when unknown."""
     cycles: int = 0
+    """Test cycles up to it."""
     hours_per_cycle: float = math.nan
+    """Flight hours from a test cycle to the next [h]; NaN when unknown."""
     health: Health
+    """Levels, index and grade."""
     trends: Mapping[str, float] = field(default_factory=dict)
+    """Growth by fault and by requirement [its unit per flight hour]; missing names are unknown."""
     lives: Mapping[str, RemainingLife] = field(default_factory=dict)
+    """Remaining life until each fault, and each requirement, reaches its limit, by name; missing
+    names are as unknown as ``rul``."""
     rul_faults: RemainingLife
     rul_requirements: RemainingLife
     rul: RemainingLife
+    """Until the first fault does, the first requirement, and the earlier of both."""
     dominant: str = ""
+    """Fault or requirement that ends life first; the worst with a warning when none is known to end
+    it; else empty."""
     future: FutureDuty = STEADY
+    """What is assumed of the duty to come."""
     assumption: str = AS_BEFORE
+    """The same, and further assumptions, in words."""
     observed_hours: float = 0.0
+    """Hours over which the unit has been observed [h]."""
     horizon_hours: float = 0.0
+    """Longest life that is looked ahead [h]."""
     missing_share: float = 0.0
+    """Probability that a test gives no valid estimate [-]."""
     failed_since: float = math.nan
+    """Service hour of the first of the latest tests that have all been ERROR [h]; NaN when it is
+    not known, or the latest is not."""
     removal: Removal = field(default_factory=Removal)
+    """By when to remove it."""
     events: tuple[UnitEvent, ...] = field(default=(), repr=False, compare=False)
+    """Events since the previous outlook: findings of the latest test, restarts, calibrations, and
+    new faults."""
     lifetimes: Array = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
+    """Equally probable remaining lives until the earlier of both [h], ``(n,)``; empty when ``rul``
+    is not known."""
     levels: Array = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
+    """Present level of the fault that ends life first in each of them [-], ``(n,)``; empty when a
+    requirement ends it."""
     tests_tell: bool = True
+    """Whether the test showed that fault."""
     calibrations: Mapping[str, TrackRecord] = field(default_factory=dict)
+    """Agreement of each fault's predictions with its tests; missing names are unknown."""
     failure: str = ""
+    """Which failure of drive or shaft the newest test shows, in words; empty for none."""
     departure: str = ""
+    """Unexplained difference of the newest test from healthy ones; empty without any."""
     claim: Claim = field(default_factory=Claim)
+    """What gives its level its worth."""
     last_level: int = STALE
+    """The level that was known last, where the level is STALE."""
 
     @property
     def brief(self) -> str:

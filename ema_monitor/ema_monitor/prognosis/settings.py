@@ -13,39 +13,25 @@ from ema_monitor.prognosis.service import Service
 
 @dataclass(frozen=True)
 class PrognosisSettings:
-    """What a prognosis rests on.
-
-    Attributes
-    ----------
-    limits
-        Where the life of a fault ends.
-    requirements
-        What must still be performed.
-    tracker
-        What is assumed of growth.
-    service
-        What is assumed of use.
-    fleet
-        Growth evidence of other units; None without any.
-    damage
-        How duty does damage.
-    scenario
-        Future duty; as in the past by default.
-    good_for_s
-        How long a level holds after its test [s]; 0 of a record, whose level is that at its end.
-    level_confirmations
-        Tests in a row that lower a level.
-    has_clock
-        Whether stamps are of a clock; otherwise tests are ordered and dated by their reception.
-    """
+    """What a prognosis rests on."""
 
     limits: HealthLimits = field(default_factory=HealthLimits)
+    """Where the life of a fault ends."""
     requirements: RequirementLimits = field(default_factory=RequirementLimits)
+    """What must still be performed."""
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
+    """What is assumed of growth."""
     service: Service = field(default_factory=Service)
+    """What is assumed of use."""
     fleet: FleetGrowth | None = None
+    """Growth evidence of other units; None without any."""
     damage: DamageSettings = field(default_factory=DamageSettings)
+    """How duty does damage."""
     scenario: Scenario = AS_FLOWN
+    """Future duty; as in the past by default."""
     good_for_s: float = 0.0
+    """How long a level holds after its test [s]; 0 of a record, whose level is that at its end."""
     level_confirmations: int = 2
+    """Tests in a row that lower a level."""
     has_clock: bool = True
+    """Whether stamps are of a clock; otherwise tests are ordered and dated by their reception."""

@@ -30,22 +30,6 @@ _BY_HOURS: Final = np.ones((len(COMPONENTS), 1))
 class FutureDuty:
     """Hours of growth in an hour of service to come; a steady use as in the past by default.
 
-    Attributes
-    ----------
-    factor
-        Factor of growth in addition to the paths [-].
-    present, later
-        Hours of growth of each component in an hour at first, and once the present duty has ended,
-        on one or several paths, ``(7, p)`` [-].
-    lasting
-        Hours of service that the present duty lasts on each path, ``(p,)`` [h].
-    since_hours
-        Service hours from which on the duty flown is repeated [h]; NaN where it is not known.
-    changes
-        Number of changes of duty so far, which are to come as often; 0 for less than two.
-    planned
-        Figures of a scenario that replace those flown, by name.
-
     Raises
     ------
     ValueError
@@ -53,12 +37,19 @@ class FutureDuty:
     """
 
     factor: float = 1.0
+    """Factor of growth in addition to the paths [-]."""
     present: Array = field(default_factory=lambda: _BY_HOURS)
     later: Array = field(default_factory=lambda: _BY_HOURS)
+    """Hours of growth of each component in an hour at first, and once the present duty has ended,
+    on one or several paths, ``(7, p)`` [-]."""
     lasting: Array = field(default_factory=lambda: np.full(1, np.inf))
+    """Hours of service that the present duty lasts on each path, ``(p,)`` [h]."""
     since_hours: float = np.nan
+    """Service hours from which on the duty flown is repeated [h]; NaN where it is not known."""
     changes: int = 0
+    """Number of changes of duty so far, which are to come as often; 0 for less than two."""
     planned: Mapping[str, object] = field(default_factory=dict)
+    """Figures of a scenario that replace those flown, by name."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.factor < np.inf:

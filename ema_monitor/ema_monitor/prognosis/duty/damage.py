@@ -36,23 +36,16 @@ MEASURE: Final = np.array([_MEASURES.get(name, HOURS) for name in COMPONENTS])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlownDuty:
-    """Use of a unit over some time, from telemetry and topics; nothing by default.
-
-    Attributes
-    ----------
-    hours
-        Time that telemetry covers [h].
-    travel
-        Travel of the user shaft [rad], and the sum of travel times load [rad], by class of the
-        load, ``(2, LOAD_CLASSES)``.
-    winding
-        Hours [h], and the sum of hours times rise [h K], by class of the rise of the winding over
-        its calibrated state, as far as that is known, ``(2, WINDING_CLASSES)``.
-    """
+    """Use of a unit over some time, from telemetry and topics; nothing by default."""
 
     hours: float = 0.0
+    """Time that telemetry covers [h]."""
     travel: Array = field(default_factory=lambda: np.zeros((2, LOAD_CLASSES)))
+    """Travel of the user shaft [rad], and the sum of travel times load [rad], by class of the load,
+    ``(2, LOAD_CLASSES)``."""
     winding: Array = field(default_factory=lambda: np.zeros((2, WINDING_CLASSES)))
+    """Hours [h], and the sum of hours times rise [h K], by class of the rise of the winding over
+    its calibrated state, as far as that is known, ``(2, WINDING_CLASSES)``."""
 
     def __add__(self, other: "FlownDuty") -> "FlownDuty":
         return FlownDuty(

@@ -25,14 +25,6 @@ _TOLERANCE: Final = 1e-3
 class Scenario(Checked):
     """A future duty; omitted figures are as in the unit's past.
 
-    Attributes
-    ----------
-    loads
-        Share of the travel by load, the magnitude of the current over its limit; empty: as in the
-        past.
-    winding
-        Share of the flight hours by temperature of the winding [degC]; empty: as in the past.
-
     Raises
     ------
     ValueError
@@ -45,7 +37,10 @@ class Scenario(Checked):
         0.0, "rad/h", 0.0, 1e7, "travel of the user shaft in a flight hour; 0: as in the past"
     )
     loads: Mapping[float, float] = field(default_factory=dict)
+    """Share of the travel by load, the magnitude of the current over its limit; empty: as in the
+    past."""
     winding: Mapping[float, float] = field(default_factory=dict)
+    """Share of the flight hours by temperature of the winding [degC]; empty: as in the past."""
     hours_per_cycle: float = quantity(
         0.0, "h", 0.0, 1e6, "flight hours of a test cycle; 0: as in the past"
     )

@@ -53,21 +53,15 @@ LOG_PRIOR: Final = -0.5 * (np.log(WIDTHS) / _WIDTH_SIGMA) ** 2
 
 @dataclass(frozen=True)
 class TrackRecord:
-    """How the predictions of a fault held against its tests.
-
-    Attributes
-    ----------
-    one_step, ahead
-        Root mean square of the normal scores of the PIT of predictions of the next test, and of
-        that twenty tests ahead: 1 when their intervals are right, above 1 when they are too narrow;
-        NaN while too few tests are known [-].
-    widening
-        Factor by which its intervals are widened, 1 or more; NaN while it is unknown [-].
-    """
+    """How the predictions of a fault held against its tests."""
 
     one_step: float = math.nan
     ahead: float = math.nan
+    """Root mean square of the normal scores of the PIT of predictions of the next test, and of that
+    twenty tests ahead: 1 when their intervals are right, above 1 when they are too narrow; NaN
+    while too few tests are known [-]."""
     widening: float = math.nan
+    """Factor by which its intervals are widened, 1 or more; NaN while it is unknown [-]."""
 
 
 class PredictionCheck(Kept):

@@ -32,18 +32,12 @@ _STEPS: Final = 60
 
 
 class GrownFault(NamedTuple):
-    """Evidence of a unit's tests about the growth of one of its faults.
-
-    Attributes
-    ----------
-    kind
-        Kind of the fault.
-    log_likelihood
-        Of each curve and rate, 0 for the likeliest, at least ``LEAST_LOG``, ``(curves, rates)``.
-    """
+    """Evidence of a unit's tests about the growth of one of its faults."""
 
     kind: str
+    """Kind of the fault."""
     log_likelihood: NDArray[np.float16]
+    """Of each curve and rate, 0 for the likeliest, at least ``LEAST_LOG``, ``(curves, rates)``."""
 
 
 def _table(cells: Cells, number: int, values: Array) -> Array:

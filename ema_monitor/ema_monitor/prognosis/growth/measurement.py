@@ -23,20 +23,6 @@ _AS_SERVICE: Final = np.empty(0)
 class Measurement:
     """Fault vector that one valid test measured.
 
-    Attributes
-    ----------
-    hours
-        Service hour of the test [h].
-    faults
-        Fault vector, ``(8,)``.
-    covariance
-        Its covariance, ``(8, 8)``; rows and columns of unobservable components are not read.
-    unobservable
-        Components that the test does not show, ``(8,)``.
-    own_hours
-        Hours of growth of each tracked component, ``(7,)`` [h]: those at a reference duty that do
-        the same damage (P23); the service hour by default.
-
     Raises
     ------
     ValueError
@@ -45,10 +31,16 @@ class Measurement:
     """
 
     hours: float
+    """Service hour of the test [h]."""
     faults: Array
+    """Fault vector, ``(8,)``."""
     covariance: Array
+    """Its covariance, ``(8, 8)``; rows and columns of unobservable components are not read."""
     unobservable: Flags
+    """Components that the test does not show, ``(8,)``."""
     own_hours: Array = field(default_factory=lambda: _AS_SERVICE)
+    """Hours of growth of each tracked component, ``(7,)`` [h]: those at a reference duty that do
+    the same damage (P23); the service hour by default."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.hours < math.inf:

@@ -8,24 +8,17 @@ from ema_monitor.prognosis.growth.laws import LAWS
 
 @dataclass(frozen=True)
 class Mechanisms:
-    """Mechanisms of growth whose law is unknown, each with its prior.
-
-    Attributes
-    ----------
-    laws
-        Names of the laws that a fault may follow.
-    wandering
-        Probability that the rate of a component that grows wanders (P6a) [-].
-    wave
-        Probability of a wave (P6c) [-].
-    changed
-        Range of the factor by which the rate changes for good in the future (P10), log-uniform [-].
-    """
+    """Mechanisms of growth whose law is unknown, each with its prior."""
 
     laws: tuple[str, ...] = tuple(LAWS)
+    """Names of the laws that a fault may follow."""
     wandering: float = 0.7
+    """Probability that the rate of a component that grows wanders (P6a) [-]."""
     wave: float = 0.1
+    """Probability of a wave (P6c) [-]."""
     changed: tuple[float, float] = (0.4, 15.0)
+    """Range of the factor by which the rate changes for good in the future (P10), log-uniform
+    [-]."""
 
 
 MECHANISMS: Final = Mechanisms()

@@ -24,26 +24,18 @@ PATIENCE: Final = 4
 
 @dataclass(frozen=True)
 class Event:
-    """Something that growth does not explain.
-
-    Attributes
-    ----------
-    kind
-        ``"outlier"``: a value that no growth explains, held back until the next test. When that
-        test agrees with it, a ``"repair"`` (the fault became smaller) or a ``"step"`` (it became
-        larger) follows; else it stays an outlier and is never used.
-    component
-        Component of the fault vector.
-    hours
-        Service hour at which it was first seen [h].
-    text
-        What was seen, in words.
-    """
+    """Something that growth does not explain."""
 
     kind: str
+    """``"outlier"``: a value that no growth explains, held back until the next test. When that test
+    agrees with it, a ``"repair"`` (the fault became smaller) or a ``"step"`` (it became larger)
+    follows; else it stays an outlier and is never used."""
     component: str
+    """Component of the fault vector."""
     hours: float
+    """Service hour at which it was first seen [h]."""
     text: str
+    """What was seen, in words."""
 
 
 class OutlierDetector(Kept):

@@ -42,52 +42,35 @@ _ANY_LIMIT: Final = "first fault limit"
 
 @dataclass(frozen=True)
 class TrackedFault:
-    """Estimate of one component.
-
-    Attributes
-    ----------
-    name
-        Component of the fault vector.
-    tests
-        Number of tests that showed it.
-    value, sigma
-        Mean and standard deviation, in the units of the fault vector [-]; NaN before any test.
-    trend
-        Growth of the value [1/h].
-    calibration
-        How its predictions held against the tests so far.
-    """
+    """Estimate of one component."""
 
     name: str
+    """Component of the fault vector."""
     tests: int
+    """Number of tests that showed it."""
     value: float
     sigma: float
+    """Mean and standard deviation, in the units of the fault vector [-]; NaN before any test."""
     trend: float
+    """Growth of the value [1/h]."""
     calibration: TrackRecord
+    """How its predictions held against the tests so far."""
 
 
 @dataclass(frozen=True)
 class RemainingLife:
-    """Quantiles of the remaining useful life under one criterion.
-
-    Attributes
-    ----------
-    known
-        Whether a figure can be given.
-    hours_05, hours_50, hours_95
-        5 %, 50 % and 95 % quantiles from the latest test on [h]; NaN when not known.
-    criterion
-        What ends life.
-    reason
-        Why no figure can be given; empty when known.
-    """
+    """Quantiles of the remaining useful life under one criterion."""
 
     known: bool
+    """Whether a figure can be given."""
     hours_05: float
     hours_50: float
     hours_95: float
+    """5 %, 50 % and 95 % quantiles from the latest test on [h]; NaN when not known."""
     criterion: str
+    """What ends life."""
     reason: str = ""
+    """Why no figure can be given; empty when known."""
 
     @classmethod
     def unknown(cls, criterion: str, reason: str) -> "RemainingLife":
@@ -103,34 +86,23 @@ class RemainingLife:
 
 @dataclass(frozen=True, eq=False)
 class Prognosis:
-    """Remaining useful life of an actuator, from its latest test on.
-
-    Attributes
-    ----------
-    hours
-        Service hour of the latest test [h]; NaN when there was none.
-    components
-        Life until each component reaches its limit, by name.
-    overall
-        Life until the first of them does.
-    dominant_fault
-        Component that does so first most often; empty when none is known to grow.
-    samples
-        Samples of the overall life [h], ``(n,)``; infinite when it is not known.
-    future
-        What is assumed of the duty to come.
-    levels
-        Present distance of the dominant fault from healthy in each sample [-], ``(n,)``; empty
-        when there is no dominant one.
-    """
+    """Remaining useful life of an actuator, from its latest test on."""
 
     hours: float
+    """Service hour of the latest test [h]; NaN when there was none."""
     components: Mapping[str, RemainingLife]
+    """Life until each component reaches its limit, by name."""
     overall: RemainingLife
+    """Life until the first of them does."""
     dominant_fault: str
+    """Component that does so first most often; empty when none is known to grow."""
     samples: Array
+    """Samples of the overall life [h], ``(n,)``; infinite when it is not known."""
     future: FutureDuty
+    """What is assumed of the duty to come."""
     levels: Array = field(default_factory=lambda: np.empty(0))
+    """Present distance of the dominant fault from healthy in each sample [-], ``(n,)``; empty when
+    there is no dominant one."""
 
     @classmethod
     def unknown(cls, reason: str, limits: HealthLimits, duty: FutureDuty) -> "Prognosis":
@@ -163,18 +135,12 @@ class Prognosis:
 
 @dataclass(frozen=True, eq=False)
 class Fan:
-    """Quantiles of the future of each component, for plots.
-
-    Attributes
-    ----------
-    hours
-        Hours from the latest test on [h], ``(m,)``.
-    values
-        Fault values by component [-], ``(3, m)`` each.
-    """
+    """Quantiles of the future of each component, for plots."""
 
     hours: Array
+    """Hours from the latest test on [h], ``(m,)``."""
     values: Mapping[str, Array]
+    """Fault values by component [-], ``(3, m)`` each."""
 
 
 def prognosis_of(

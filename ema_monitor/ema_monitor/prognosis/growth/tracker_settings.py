@@ -80,20 +80,6 @@ class KnownLaw(Checked):
     of the tracker, which reach the limit within 50 h to 30,000 h: an actuator may grow slower or
     faster than its type does.
 
-    Attributes
-    ----------
-    law
-        ``"linear"``, ``"exponential"``, ``"archard"``, ``"self_heating"``, ``"power"``, ``"drift"``
-        (P3), or a ``GrowthLaw``.
-    rate
-        Median of the rate a [1/h], of ``power`` of the time scale c [h].
-    rate_sigma
-        Standard deviation of the rate's logarithm [-].
-    shape
-        Second figure of the law [-]: b, x_0 or p.
-    diffusion
-        Of ``drift`` its s [1/sqrt(h)].
-
     Raises
     ------
     ValueError
@@ -107,10 +93,16 @@ class KnownLaw(Checked):
     """
 
     law: str | GrowthLaw = "linear"
+    """``"linear"``, ``"exponential"``, ``"archard"``, ``"self_heating"``, ``"power"``, ``"drift"``
+    (P3), or a ``GrowthLaw``."""
     rate: float = quantity(1e-3, "1/h", 1e-9, 1e6, "median of the rate, of law power of c in h")
+    """Median of the rate a [1/h], of ``power`` of the time scale c [h]."""
     rate_sigma: float = quantity(0.5, "-", 0.05, 3.0, "sigma of the rate's logarithm")
+    """Standard deviation of the rate's logarithm [-]."""
     shape: float = quantity(0.0, "-", 0.0, 100.0, "second parameter of the law: x_0, b or p")
+    """Second figure of the law [-]: b, x_0 or p."""
     diffusion: float = quantity(1e-3, "1/sqrt(h)", 1e-9, 1.0, "s of law drift")
+    """Of ``drift`` its s [1/sqrt(h)]."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -233,28 +225,19 @@ class KnownLawTexts(settings_by_kind("_LawByKind", str, _law_of)):
 
 @dataclass(frozen=True)
 class FleetPrior:
-    """The distribution of curves and rates over the units of a fleet.
-
-    Attributes
-    ----------
-    digest
-        Digest of the evidence of all units.
-    units
-        Number of units any of whose faults was seen to grow.
-    names
-        The fleet in words; empty when it has no name.
-    counts
-        Number of faults that it rests on, by kind.
-    shares
-        Probability of each curve and rate of faults that grow, by kind of the fault,
-        ``(curves, rates)``; sums to 1. Kinds that no unit was seen to have are missing.
-    """
+    """The distribution of curves and rates over the units of a fleet."""
 
     digest: str
+    """Digest of the evidence of all units."""
     units: int
+    """Number of units any of whose faults was seen to grow."""
     names: str = ""
+    """The fleet in words; empty when it has no name."""
     counts: Mapping[str, int] = field(default_factory=dict, compare=False, repr=False)
+    """Number of faults that it rests on, by kind."""
     shares: Mapping[str, Array] = field(default_factory=dict, compare=False, repr=False)
+    """Probability of each curve and rate of faults that grow, by kind of the fault, ``(curves,
+    rates)``; sums to 1. Kinds that no unit was seen to have are missing."""
 
     def in_words(self) -> str:
         """Return whose growth is assumed."""

@@ -50,33 +50,22 @@ _BEYOND: Final = 2.0
 
 @dataclass(frozen=True)
 class RequiredLife:
-    """Health, growth and remaining life as to the requirements.
-
-    Attributes
-    ----------
-    healths
-        As to each requirement; empty when none can be monitored.
-    trends
-        Growth of each performance by name [its unit per flight hour].
-    lives
-        Remaining life under each requirement, by name.
-    overall
-        Until the first of them fails.
-    dominant
-        Requirement that fails first most often; empty when none is known to fail.
-    with_limits
-        Until the first of them fails or the first fault reaches its limit, in the same samples.
-    samples
-        Those samples [h], ``(m,)``; empty when no life is known.
-    """
+    """Health, growth and remaining life as to the requirements."""
 
     healths: tuple[FaultHealth, ...]
+    """As to each requirement; empty when none can be monitored."""
     trends: Mapping[str, float]
+    """Growth of each performance by name [its unit per flight hour]."""
     lives: Mapping[str, RemainingLife]
+    """Remaining life under each requirement, by name."""
     overall: RemainingLife
+    """Until the first of them fails."""
     dominant: str
+    """Requirement that fails first most often; empty when none is known to fail."""
     with_limits: RemainingLife
+    """Until the first of them fails or the first fault reaches its limit, in the same samples."""
     samples: Array = field(default_factory=lambda: np.empty(0))
+    """Those samples [h], ``(m,)``; empty when no life is known."""
 
     @classmethod
     def unknown(

@@ -68,19 +68,13 @@ WITHOUT_MODEL: Final = "requirements cannot be monitored without a calibration o
 
 @dataclass(frozen=True)
 class Compliance:
-    """How an actuator with given faults meets the requirements.
-
-    Attributes
-    ----------
-    healths
-        Health as to each requirement, in the units of ``RequirementLimits.unit``.
-    gradients
-        How each performance changes with the faults, ``(8,)``, by name [its unit]; 0 if it is not
-        observable.
-    """
+    """How an actuator with given faults meets the requirements."""
 
     healths: tuple[FaultHealth, ...]
+    """Health as to each requirement, in the units of ``RequirementLimits.unit``."""
     gradients: dict[str, Array]
+    """How each performance changes with the faults, ``(8,)``, by name [its unit]; 0 if it is not
+    observable."""
 
 
 class Requirements:
