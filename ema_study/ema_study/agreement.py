@@ -1,4 +1,4 @@
-"""Our errors beside the thesis's, fault by fault, and the time of an evaluation."""
+"""Comparison with the thesis: errors fault by fault, and the time of an evaluation."""
 
 from typing import Final
 
@@ -11,22 +11,22 @@ from ema_study.run import K
 from ema_study.sources import MODEL_LABELS, NAMES_WITH_OWN_CODE, by_source, counted
 
 ALGORITHM: Final = "pso"
-"""The algorithm that is compared: the thesis's best, and Matlab's own rather than its author's."""
+"""Algorithm that is compared: the thesis's best, implemented by Matlab and not by its author."""
 
 WITHIN: Final = "within"
 BETTER: Final = "better"
 WORSE: Final = "worse"
-"""Verdicts on a mean error: in, below or above the range of the thesis's errors."""
+"""Verdicts on a mean error: within, below or above the range of the thesis's errors."""
 
 
 def agreement(runs: pd.DataFrame) -> pd.DataFrame:
-    """Compare the errors of particle swarm runs, fault by fault, with the thesis's.
+    """Compare the errors of particle swarm runs with the thesis's errors, fault by fault.
 
-    The rows are ``CASES``; the multiple fault is that of the study of precision (table 57). The
-    columns are (source, quantity): of "printed" the faulty component (empty for the multiple
-    fault), its true value, runs, errors and mean estimate; of each of our models that has runs, the
-    same and a verdict, ``WITHIN`` the thesis's lowest to highest error, ``BETTER`` or ``WORSE``;
-    empty without runs.
+    The rows are ``CASES``; the multiple fault is taken from the study of precision (table 57). The
+    columns are (source, quantity). The source "printed" has the faulty component (empty for the
+    multiple fault), its true value, and the number of runs, errors and mean estimate. Each
+    reproduced model with runs has number of runs, mean error, mean estimate and a verdict:
+    ``WITHIN`` the range of the thesis's errors, ``BETTER`` or ``WORSE``; empty without runs.
     """
     sources = by_source(runs)
     rows = {}
@@ -62,15 +62,15 @@ def agreement(runs: pd.DataFrame) -> pd.DataFrame:
 def time_per_10000_windows(runs: pd.DataFrame) -> pd.DataFrame:
     """Return the time of 10,000 evaluations: the median over runs of tables 11 to 57 [s].
 
-    A row an algorithm, the thesis's own DE and GWO in rows of their own; a column for "printed",
-    whose evaluations are those of ``printed_runs``, and for each of our models that has runs.
+    There is a row for each algorithm, including the thesis's own DE and GWO. There is a column for
+    "printed", with the evaluations of ``printed_runs``, and for each reproduced model with runs.
     """
     everything = pd.concat([counted(printed_runs()), counted(runs)])
     time_s = 10_000 * everything["time_s"] / everything["evaluations"]
     table = time_s.groupby([everything["algorithm"], everything["model"]]).median().unstack()
     models = {PRINTED: PRINTED, **MODEL_LABELS}
     table = table.reindex(
-        index=list(NAMES_WITH_OWN_CODE), columns=[one for one in models if one in table]
+        index=list(NAMES_WITH_OWN_CODE), columns=[model for model in models if model in table]
     )
     return table.rename(index=NAMES_WITH_OWN_CODE, columns=models).rename_axis(columns=None)
 

@@ -27,7 +27,7 @@ LEVEL_NAMES: Final = {level: level for level in LEVELS} | {
     "fast_stop": "study of speed",
     "stall_stop": "study of precision",
 }
-"""Kinds and levels in words, those of the multiple fault, its two studies, among them."""
+"""Labels of kinds and levels; the levels of the multiple fault are its two studies."""
 
 # The thesis used its random k7 = 0.8009 as the angle in radians.
 _MULTIPLE_FAULT: Final = {
@@ -44,25 +44,25 @@ _MULTIPLE_FAULT: Final = {
 
 @dataclass(frozen=True)
 class StudyCase:
-    """A fault of the study: its kind, its level, and the components that are not healthy.
-
-    The kind is one of ``SINGLE_FAULTS`` or ``MULTIPLE``, which has an empty level.
-    """
+    """A fault of the study."""
 
     fault: str
+    """Kind, one of ``SINGLE_FAULTS`` or ``MULTIPLE``."""
     level: str
+    """Level, one of ``LEVELS``; empty for the multiple fault."""
     faults: dict[str, float]
+    """Values of the faulty components by name [-]."""
 
     @property
     def name(self) -> str:
-        """Kind and level in words."""
+        """Label of kind and level."""
         return f"{self.fault.replace('_', ' ')} {self.level}".strip()
 
     @property
     def component(self) -> int | None:
-        """Index of the one faulty component in the fault vector; None of the multiple fault."""
-        [name, *others] = self.faults
-        return None if others else FAULT_NAMES.index(name)
+        """Index of the faulty component in the fault vector; None for the multiple fault."""
+        [name, *further] = self.faults
+        return None if further else FAULT_NAMES.index(name)
 
     @property
     def truth(self) -> NDArray[np.float64]:

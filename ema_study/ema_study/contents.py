@@ -19,7 +19,7 @@ from ema_study.printed import (
 )
 
 NUMBERS: Final = tuple(range(TRIALS, MULTIPLE_RELIABILITY + 1))
-"""Numbers of the tables, those of the thesis."""
+"""Numbers of the tables in the thesis."""
 
 _TITLES: Final = {
     TRIALS: "Calibration of GA",
@@ -40,7 +40,7 @@ _FIRST_OF_STATISTICS: Final = 11
 
 @cache
 def _run_tables() -> dict[int, tuple[str, str, str]]:
-    """Return fault, level and algorithm of each table of runs, of the first where it has four."""
+    """Return fault, level and first algorithm of each table of runs."""
     runs = printed_runs().drop_duplicates("table")[["table", "fault", "level", "algorithm"]]
     return {number: (fault, level, name) for number, fault, level, name in runs.to_numpy().tolist()}
 
@@ -60,12 +60,12 @@ def title_of(number: int) -> str:
 
 
 def checked(number: int) -> int:
-    """Return the number of a table that the study can repeat.
+    """Return the number of a table if the study can repeat it.
 
     Raises
     ------
     ValueError
-        When it is none.
+        When the study cannot repeat the table.
     """
     if number not in NUMBERS:
         raise ValueError(
@@ -76,24 +76,24 @@ def checked(number: int) -> int:
 
 
 def in_words() -> Iterator[tuple[str, str]]:
-    """Yield numbers and titles of all tables; those of one fault and level together."""
+    """Yield numbers and titles of all tables; tables of a fault and level are combined."""
     runs = _run_tables()
 
     def key(number: int) -> str:
         return title_of(number) if number in _TITLES else " ".join(runs[number][:2])
 
     for _, group in groupby(NUMBERS, key):
-        first, *others = group
+        first, *further = group
         title = title_of(first)
-        if others:
-            names = ", ".join(runs[number][2].upper() for number in others)
-            yield f"{first} to {others[-1]}", f"{title}, {names}"
+        if further:
+            names = ", ".join(runs[number][2].upper() for number in further)
+            yield f"{first} to {further[-1]}", f"{title}, {names}"
         else:
             yield str(first), title
 
 
 def jobs_of(number: int, model: str, runs: int) -> list[Job]:
-    """Return the runs that a table shows, or that its means are of.
+    """Return the jobs whose runs a table shows or averages.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def jobs_of(number: int, model: str, runs: int) -> list[Job]:
     model
         Model of the monitor, one of ``ema_study.models.MODELS``.
     runs
-        Runs of each algorithm and fault; table 8 has one of each trial.
+        Runs of each algorithm and fault; table 8 has one run for each trial.
 
     Raises
     ------

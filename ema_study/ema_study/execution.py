@@ -18,12 +18,12 @@ _RUNS_PER_WORKER: Final = 2
 
 
 def execute(jobs: Iterable[Job], workers: Workers) -> Iterator[RunResult]:
-    """Run jobs and yield their results as they end; each has one thread, wherever it runs.
+    """Run jobs with one thread each; yield their results in the order of completion.
 
     Raises
     ------
     WorkerLostError, ClusterLostError
-        When a run ends each worker that it is given to, or the workers are out of reach.
+        When a run ends every worker that it is assigned to, or no worker can be reached.
     """
     try:
         for outcome in workers.run(_run, jobs):
@@ -35,8 +35,8 @@ def execute(jobs: Iterable[Job], workers: Workers) -> Iterator[RunResult]:
 def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
     """Time the same runs on one core, with each generation on all cores, and in processes.
 
-    As the thesis in its tables 9 and 10: differential evolution on the small friction fault. There
-    is a row a mode; seconds are the median of three rounds.
+    The runs repeat tables 9 and 10 of the thesis: differential evolution on the small
+    friction fault. The result has a row for each mode; seconds are the median of three rounds.
     """
     workers = workers or available_cpus()
     runs = _RUNS_PER_WORKER * workers

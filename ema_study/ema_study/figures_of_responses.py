@@ -32,7 +32,7 @@ _DETAILS: Final = {"step": (0.005, 0.06), "chirp": (0.30, 0.40)}
 """Stretch that the right panels enlarge, by command [s]."""
 
 _START: Final = (0.009, 0.02)
-"""Stretch for backlash under the step, which has an effect at the start only [s]."""
+"""Stretch for backlash under the step, where it affects only the start [s]."""
 
 _MODEL_STYLES: Final[dict[str, dict[str, Any]]] = {
     "fast": {"color": "#0072b2", "lw": 1.1},
@@ -135,7 +135,7 @@ def draw_currents(by_title: Mapping[str, Currents]) -> Figure:
 
 
 def _panels(rows: int, height: float) -> tuple[Figure, Any]:
-    """Return a figure with rows of two panels, of which the right one is to be enlarged."""
+    """Return a figure with rows of two panels; the right panel is for an enlarged stretch."""
     figure = Figure(figsize=(9.0, height), layout="constrained")
     panels = figure.subplots(rows, 2, width_ratios=[1.6, 1.0], sharex="col")
     tidy(*panels.flat)
@@ -145,7 +145,7 @@ def _panels(rows: int, height: float) -> tuple[Figure, Any]:
 
 
 def _plot(axes: Axes, values: Any, *, first: int = 0, **style: Any) -> None:
-    """Plot samples over their time, from that of a number on."""
+    """Plot samples over time; the first value is at sample ``first``."""
     axes.plot(SAMPLE_PERIOD * np.arange(first, first + len(values)), values, **style)
 
 

@@ -81,11 +81,10 @@ def figures_of_runs(runs: pd.DataFrame) -> dict[str, Figure]:
 
 
 def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
-    """Return bars of the mean by fault, a row an algorithm and a column a level.
+    """Draw bars of the mean by fault, with a row for each algorithm and a column for each level.
 
-    Whiskers are a standard deviation up and down, where there are several runs; on the logarithmic
-    axis of ``TIME`` they are not drawn below a tenth of the mean. The runs are those of all
-    sources.
+    Whiskers show one standard deviation if there are several runs. On the logarithmic axis of
+    ``TIME`` they end at a tenth of the mean. ``runs`` has the runs of all sources.
     """
     chosen = single_fault_runs(runs)
     figure = Figure(figsize=(9.0, 10.0), layout="constrained")
@@ -102,7 +101,7 @@ def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
 
 
 def draw_multiple_fault(runs: pd.DataFrame) -> Figure:
-    """Return bars of mean error and time in the multiple fault by algorithm, a column a study."""
+    """Draw bars of mean error and time for the multiple fault, with a column for each study."""
     chosen = counted(runs)
     chosen = chosen[chosen.fault == MULTIPLE]
     figure = Figure(figsize=(9.0, 5.6), layout="constrained")
@@ -129,7 +128,7 @@ def _draw_bars(
         axes.set_yscale("log")
     sources = present_sources(runs)
     if not sources:
-        say_no_runs(axes)
+        note_no_runs(axes)
     for n, source in enumerate(sources):
         width = 0.8 / len(sources)
         values = runs[runs.source == source].groupby(group)[quantity.column].agg(["mean", "std"])
@@ -144,8 +143,8 @@ def _draw_bars(
 def _legend_of_bars(figure: Figure, runs: pd.DataFrame) -> None:
     sources = present_sources(runs)
     patches = [
-        Patch(fc=STYLES[one]["color"], hatch=STYLES[one]["hatch"], ec="white", label=one)
-        for one in sources
+        Patch(fc=STYLES[source]["color"], hatch=STYLES[source]["hatch"], ec="white", label=source)
+        for source in sources
     ]
     if sources:
         whisker = figure.axes[0].errorbar([], [], [], label="one standard deviation", **_WHISKERS)
@@ -153,10 +152,10 @@ def _legend_of_bars(figure: Figure, runs: pd.DataFrame) -> None:
 
 
 def draw_convergence(runs: pd.DataFrame, model: str) -> Figure:
-    """Return the lowest costs of all runs with a model, thin, and their median by algorithm.
+    """Draw the lowest costs of all runs with a model as thin lines, and their median.
 
-    A run that has stopped keeps its last value. A band goes from the cost at the truth to the
-    threshold.
+    There is a median for each algorithm. A run that has stopped keeps its last value. A band spans
+    the cost at the truth to the threshold.
     """
     chosen = counted(runs)
     chosen = chosen[chosen.model == model]
@@ -190,13 +189,13 @@ def median_course(courses: list[list[float]]) -> NDArray[np.float64]:
 def _draw_courses(axes: Axes, runs: pd.DataFrame) -> None:
     tidy(axes)
     axes.set_yscale("log")
-    # Most of the fall is over by 20: the axis is linear up to here and logarithmic beyond.
+    # Most of the decrease happens within 20 generations: linear up to 20, logarithmic above.
     axes.set_xscale("symlog", linthresh=20)
     axes.set_xticks(_GENERATIONS, [str(number) for number in _GENERATIONS])
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xlim(0, _GENERATIONS[-1])
     if runs.empty:
-        say_no_runs(axes)
+        note_no_runs(axes)
         return
     for algorithm, style in ALGORITHM_STYLES.items():
         rows = runs.loc[runs.algorithm == algorithm, "costs"].tolist()
@@ -209,7 +208,7 @@ def _draw_courses(axes: Axes, runs: pd.DataFrame) -> None:
 
 
 def tidy(*panels: Axes) -> None:
-    """Leave left and bottom frame and a faint grid."""
+    """Keep only the left and bottom frame, and a faint grid."""
     for axes in panels:
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(color="0.5", alpha=0.2, lw=0.6)
@@ -226,6 +225,6 @@ def legend_below(
     )
 
 
-def say_no_runs(axes: Axes) -> None:
-    """Write into a panel that it has no runs."""
+def note_no_runs(axes: Axes) -> None:
+    """Write "no runs" into a panel."""
     axes.text(0.5, 0.5, "no runs", transform=axes.transAxes, ha="center", color="0.4")

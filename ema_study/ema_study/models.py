@@ -1,4 +1,4 @@
-"""The monitor models of the study, and the objectives that are minimised with them."""
+"""Monitor models of the study, and the objectives that the optimizers minimise."""
 
 from functools import cache
 from typing import Any, Final, NamedTuple
@@ -22,23 +22,24 @@ FITNESS: Final = "total_least_squares"
 MODELS: Final = {"fast": "fast", "thesis": "source"}
 """Form of the monitor model by its name in the study.
 
-"thesis" is the thesis's own: one sign-switched phase at 1 us with its eq. 4.24, calibrated by the
-row of differences on a healthy run. "fast" is the shipped one: the driven pair at 20 us, whose
-calibration also fits lift, friction and inertia.
+"thesis" is the thesis's model: one sign-switched phase at 1 us with its eq. 4.24, calibrated by the
+row of differences on a healthy run. "fast" is the model of the product: the driven pair at 20 us,
+whose calibration also fits lift, friction and inertia.
 """
 
 
 class Problem(NamedTuple):
-    """The problem that a run solves: residuals on the unit box of the fault vector, and the truth.
-
-    ``cost_at_truth`` is the cost of the true fault vector, ``cost_at_healthy`` that of the healthy
-    one [A^2.s]. Where the model describes the fault, no search comes far below the former.
-    """
+    """The problem that a run solves."""
 
     objective: Objective
+    """Residuals on the unit box of the fault vector."""
     truth: NDArray[np.float64]
+    """True fault vector, ``(8,)``."""
     cost_at_truth: float
+    """Cost of the true fault vector [A^2.s]. If the model describes the fault, no search reaches a
+    much lower cost."""
     cost_at_healthy: float
+    """Cost of the healthy fault vector [A^2.s]."""
 
     @property
     def is_described(self) -> bool:
@@ -47,10 +48,11 @@ class Problem(NamedTuple):
 
 
 def reference(faults: Any, command: Command = THESIS_CHIRP, **noise: Any) -> Telemetry:
-    """Run the reference from rest through a command, the motor centred in its play.
+    """Run the reference through a command, from rest with the motor centred in its play.
 
-    ``faults`` is a fault vector, ``(8,)``, or has values by name. As the thesis ran it: no
-    approach, perfect sensors. The current is the mean over each sample of 100 us, for both models.
+    ``faults`` is a fault vector, ``(8,)``, or a mapping of values by name. As in the thesis there
+    is no approach, and the sensors are perfect. The current is the mean over each sample of 100 us,
+    for both models.
     """
     actuator = SimulatedActuator(sample_period=SAMPLE_PERIOD, **noise)
     actuator.faults = fault_vector(faults)

@@ -1,4 +1,4 @@
-"""The runs of the study: those of the thesis, and a few under its printed stop rule."""
+"""Jobs of the study: the runs of the thesis, and a few runs under its printed stop rule."""
 
 import hashlib
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ RUNS: Final = 10
 """Runs of each algorithm and fault in the thesis."""
 
 VARIANTS: Final = {"de": "de_thesis", "gwo": "gwo_thesis"}
-"""The thesis's own code, errors included, by the algorithm that it implements."""
+"""The thesis's own code, including its errors, by the algorithm that it implements."""
 
 KEY: Final = ("model", "table", "algorithm", "run", "rule")
 """Fields that identify a run within a study."""
@@ -24,23 +24,25 @@ _RULES: Final = {9: "all_generations", 10: "all_generations", 57: "unchanged"}
 
 @dataclass(frozen=True)
 class Job:
-    """A run to be made, of a table of the thesis.
-
-    ``level`` is that of the fault; of the multiple one, the study: "fast_stop" or "stall_stop".
-    ``run`` counts from 1; in table 8 it is the number of the trial. ``settings`` are further ones
-    of the optimizer.
-    """
+    """A run of the study, before it is made."""
 
     model: str
+    """One of ``ema_study.models.MODELS``."""
     table: int
+    """Number of its table in the thesis."""
     algorithm: str
     case: str
+    """One of ``ema_study.cases.CASES``."""
     level: str
+    """Level of the fault; for the multiple fault, the study: "fast_stop" or "stall_stop"."""
     run: int
+    """Number of the run, from 1; in table 8, the number of the trial."""
     rule: str
+    """Stop rule, as in ``ema_study.stop_rules.stop_rule``."""
     population: int = POPULATION
     max_generations: int = GENERATIONS
     settings: dict[str, float] = field(default_factory=dict)
+    """Further settings of the optimizer."""
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -55,14 +57,14 @@ class Job:
 
     @property
     def budget(self) -> int:
-        """Largest number of evaluations, those of the starting population included."""
+        """Largest number of evaluations, including the evaluations of the starting population."""
         return self.population * (self.max_generations + uncounted_populations(self.algorithm))
 
 
 def plan(model: str, runs: int, *, with_trials: bool = True) -> list[Job]:
-    """Return the jobs of the study with a model, the first run of every table first.
+    """Return the jobs of the study with a model, beginning with the first run of every table.
 
-    ``runs`` of each algorithm and case; ``with_trials`` includes table 8.
+    There are ``runs`` jobs for each algorithm and case. ``with_trials`` includes table 8.
     """
     jobs = [job for run in range(1, runs + 1) for job in _of_run(model, run)]
     # One run of each algorithm that the printed threshold concerns.
@@ -72,8 +74,8 @@ def plan(model: str, runs: int, *, with_trials: bool = True) -> list[Job]:
         if job.rule == "floor_corrected" and job.table in (13, 14, 56)
     ]
     if with_trials:
-        # The level of the faults is not printed: low is assumed. Where no fault is, it is a short
-        # circuit. Trial 1 is left out: its generations are not printed.
+        # The level of the faults is not printed: low is assumed. If no fault is printed, a short
+        # circuit is assumed. Trial 1 is left out: its generations are not printed.
         trials = printed_table("trials").dropna(subset="generations").reset_index()
         for trial in trials.fillna({"fault": "short circuit"}).to_dict("records"):
             case, run = f"{trial['fault']} low", trial["trial"]

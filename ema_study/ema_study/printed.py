@@ -1,4 +1,4 @@
-"""What the thesis prints: its 500 runs of tables 9 to 57, and the figures of its other tables."""
+"""Printed results of the thesis: its 500 runs of tables 9 to 57, and its other tables."""
 
 from functools import cache
 from importlib.resources import files
@@ -11,7 +11,7 @@ from ema_study.stop_rules import uncounted_populations
 
 POPULATION: Final = 50
 GENERATIONS: Final = 200
-"""Settings of the thesis's algorithms: population, largest number of generations."""
+"""Settings of the thesis's algorithms: population and largest number of generations."""
 
 PRINTED: Final = "printed"
 """Name of the thesis in place of a model's name."""
@@ -33,18 +33,18 @@ OVERVIEWS: Final[dict[int, str]] = {58: "error_percent", 59: "time_s"}
 
 SINGLE_RELIABILITY: Final = 60
 MULTIPLE_RELIABILITY: Final = 61
-"""Tables of the reliability coefficients, of the single faults and of the multiple one."""
+"""Tables of the reliability coefficients for the single faults and the multiple fault."""
 
 SUMMARIES: Final[dict[int, str]] = dict(zip((19, 28, 37, 46, 55), SINGLE_FAULTS, strict=True))
 """Faults of the summary tables, by table."""
 
 
 def printed_runs() -> pd.DataFrame:
-    """Return the thesis's runs as a table, one a row.
+    """Return the thesis's runs as a table with a row for each run.
 
-    The columns are those of ``ema_study.run.as_frame``, as far as the thesis prints them, with
-    ``model`` "printed", and ``note``. ``evaluations`` follow: populations of 50, that of the start
-    included, which GWO alone counts as a generation.
+    The columns are the columns of ``ema_study.run.as_frame`` that the thesis prints, with ``model``
+    "printed", and ``note``. ``evaluations`` are computed from the generations: populations of 50,
+    including the starting population, which only GWO counts as a generation.
 
     Notes
     -----
@@ -64,17 +64,17 @@ def printed_runs() -> pd.DataFrame:
 
 @cache
 def printed_table(name: str) -> pd.DataFrame:
-    """Return figures that the thesis prints beside its runs, NaN where it prints none.
+    """Return a table that the thesis prints in addition to its runs; NaN for missing figures.
 
-    Do not change them.
+    The result is cached: do not change it.
 
     Parameters
     ----------
     name
-        One of these, decimals as printed, times in s, errors in percent:
+        One of the following, with times in s and errors in percent:
 
         - "trials": table 8 by number of the trial; "at_least": the time is a lower bound
-        - "run_means": the means beside the runs by table and algorithm
+        - "run_means": the means over runs by table and algorithm
         - "fault_means": tables 19, 28, 37, 46 and 55 by table and level
         - "table_58", "table_59": mean errors and times by algorithm and level, and a last row
           ("mean", ""); columns are the faults, "total" and "standard deviation"

@@ -1,4 +1,4 @@
-"""The report of the study: one page that needs nothing beside it."""
+"""The report of the study: one self-contained page."""
 
 from base64 import b64encode
 from collections.abc import Mapping
@@ -24,11 +24,19 @@ from ema_study.tables import study_tables
 def write_report(
     folder: Path, runs: pd.DataFrame, timing: pd.DataFrame | None, settings: Mapping[str, str]
 ) -> Path:
-    """Write ``report.html`` and its figures, each as a PNG in ``figures``; return the page.
+    """Write ``report.html``, and its figures as PNG files in ``figures``; return the page's path.
 
-    Our runs are as of ``ema_study.run.as_frame``: of one model or both, complete or not, or none.
-    ``timing`` is as of ``ema_study.execution.time_executors``; None where it was not measured.
-    ``settings`` are those of the study, as text by name.
+    Parameters
+    ----------
+    folder
+        Folder to write to.
+    runs
+        Runs as ``ema_study.run.as_frame`` returns them, of one or both models; may be incomplete
+        or empty.
+    timing
+        Table that ``ema_study.execution.time_executors`` returns; None if times were not measured.
+    settings
+        Settings of the study, as text by name.
     """
     everything = printed_runs() if runs.empty else pd.concat([printed_runs(), runs])
     uris = {}
@@ -91,13 +99,18 @@ def significant(value: float, digits: int = 3) -> str:
 def verdict(agreement: pd.DataFrame, window_times: pd.DataFrame) -> list[str]:
     """Return the result of the study in three sentences: one for each model, one on time.
 
-    ``agreement`` and ``window_times`` are those of ``ema_study.agreement``.
+    Parameters
+    ----------
+    agreement
+        Table that ``ema_study.agreement.agreement`` returns.
+    window_times
+        Table that ``ema_study.agreement.time_per_10000_windows`` returns.
     """
     name = ALGORITHM_NAMES[ALGORITHM]
     sentences = []
     for label in MODEL_LABELS.values():
         verdicts = agreement.get((label, "verdict"), pd.Series(dtype=str))
-        better, within, worse = ((verdicts == one).sum() for one in (BETTER, WITHIN, WORSE))
+        better, within, worse = ((verdicts == name).sum() for name in (BETTER, WITHIN, WORSE))
         sentences.append(
             f"With the {label}, the mean error of {name} is better than all of the thesis's runs "
             f"in {better} of {better + within + worse} faults, within their range in {within} and "
@@ -118,10 +131,9 @@ def verdict(agreement: pd.DataFrame, window_times: pd.DataFrame) -> list[str]:
 
 
 def by_model(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return what there is of the full study with each model, and what its threshold became.
+    """Return how much of the full study was run with each model, and the effect of its threshold.
 
-    The faults that a model does not describe are those whose true values cost more than the healthy
-    ones.
+    A model does not describe a fault if the true fault vector costs more than the healthy vector.
     """
     rows = []
     for model, label in MODEL_LABELS.items():
@@ -147,7 +159,7 @@ def by_model(runs: pd.DataFrame) -> pd.DataFrame:
 def ranking(runs: pd.DataFrame) -> pd.DataFrame:
     """Return mean error [%] and time of a run [s] over the single faults by algorithm.
 
-    Each fault and level counts alike, however many runs it has.
+    Each fault and level has the same weight, regardless of its number of runs.
     """
     means = {}
     for label, frame in by_source(runs).items():

@@ -1,4 +1,4 @@
-"""Responses of the thesis's chapter 4: the reference, and the monitor beside it."""
+"""Responses of the thesis's chapter 4: reference and monitor."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -31,14 +31,14 @@ SEVERITIES: Final[dict[str, dict[str, Mapping[str, float]]]] = {
     "eccentricity": {f"ζ = {x:g}": {"eccentricity": x} for x in (0.0, 0.25, 0.5, 0.75, 1.0)},
     "gain": {f"{x:g} × nominal": {"gain": x - 0.5} for x in (0.5, 0.75, 1.0, 1.25, 1.5)},
 }
-"""Growing severities of each fault (figures 4.3 to 4.46): components that are not healthy."""
+"""Growing severities of each fault (figures 4.3 to 4.46): values of the faulty components."""
 
 COMPARED: Final = {"friction": 2, "backlash": 3, "short_circuit": 1, "eccentricity": 2, "gain": 4}
 """Severities at which reference and monitor are compared (figures 4.10, 4.19, 4.29, 4.40, 4.47)."""
 
 
 class Currents(NamedTuple):
-    """Currents of reference and, by name of the model, monitor in one window, ``(n,)`` [A]."""
+    """Currents of the reference, and of the monitor by model, in a window, ``(n,)`` each [A]."""
 
     reference: NDArray[np.float64]
     monitor: dict[str, NDArray[np.float64]]
@@ -46,7 +46,7 @@ class Currents(NamedTuple):
 
 @cache
 def reference_responses(fault: str, command: str) -> dict[str, Telemetry]:
-    """Run the reference from rest at time 0, the motor centred in its play, by severity."""
+    """Return the responses of the reference by severity, from rest with the motor centred."""
     return {
         label: reference(faults, COMMANDS[command]) for label, faults in SEVERITIES[fault].items()
     }

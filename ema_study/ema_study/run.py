@@ -18,37 +18,39 @@ from ema_study.plan import Job
 from ema_study.stop_rules import stop_rule, uncounted_populations
 
 K: Final = [f"k{i}" for i in range(1, N_FAULTS + 1)]
-"""Columns of the estimate; those of the truth begin with ``true_``."""
+"""Columns of the estimate; the columns of the truth have the prefix ``true_``."""
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """A run and its result.
-
-    The error is that of (M14) in percent of the range, costs are in A^2.s, the time is that on one
-    core [s]. ``costs`` and ``errors_percent`` are those of the best point so far, from the start on
-    and after each generation. As in the thesis, the starting population counts as a generation of
-    GWO only.
-    """
+    """A run and its result."""
 
     job: Job
     estimate: list[float]
+    """Estimated fault vector, of length 8."""
     error_percent: float
+    """Estimation error (M14) in percent of the range."""
     cost: float
     cost_at_truth: float
+    """Costs of the estimate and of the true fault vector [A^2.s]."""
     threshold: float | None
+    """Cost at which the stop rule may stop [A^2.s]; None if the rule has no threshold."""
     generations: int
+    """Number of generations. As in the thesis, only GWO counts the starting population."""
     evaluations: int
     time_s: float
+    """Time on one core [s]."""
     costs: list[float]
     errors_percent: list[float]
+    """Cost [A^2.s] and error [%] of the best point, for the starting population and after each
+    generation."""
 
 
 def as_frame(results: Iterable[RunResult]) -> pd.DataFrame:
-    """Return runs as a table, one a row, with the columns of the thesis's runs and more.
+    """Return a table with a row for each run, with the columns of the thesis's runs and more.
 
-    Those of the job come first, its case as ``fault``; the truth is in ``true_k1`` to ``true_k8``,
-    the estimate in ``k1`` to ``k8``.
+    The columns of the job come first, with its case as ``fault``. The truth is in ``true_k1`` to
+    ``true_k8``, the estimate in ``k1`` to ``k8``.
     """
     rows = []
     for result in results:

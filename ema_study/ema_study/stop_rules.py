@@ -1,7 +1,7 @@
 """The thesis's stop rules (its section 7.1).
 
-Best costs begin with that of the starting population. GA, PSO and DE do not count it as a
-generation, GWO does (appendix B evaluates it within its first iteration).
+The best costs begin with the cost of the starting population. GA, PSO and DE do not count this
+population as a generation, GWO does (appendix B evaluates it within its first iteration).
 """
 
 from collections.abc import Callable, Sequence
@@ -13,7 +13,7 @@ THRESHOLD: Final = 1e-3
 
 _PATIENCE = 20
 _UNCHANGED = 10
-# Generations and, of the lowest cost, the share by which it falls too little in them.
+# A search has stalled if the lowest cost falls by less than this share over these generations.
 _STALLS = {"ga": (50, 1e-9), "pso": (20, 1e-9)}
 # Improvement in the last generation [A^2.s].
 _TOLERANCES = {"de": 1e-12, "gwo": 1e-16}
@@ -23,14 +23,14 @@ BestCosts = Sequence[float]
 
 @dataclass(frozen=True)
 class Rule:
-    """A stop rule of the optimizers' driver: a budget of evaluations, and a condition.
-
-    ``threshold`` is the cost at which it may stop [A^2.s]; None where it has none.
-    """
+    """A stop rule of the optimizers' driver."""
 
     budget: int
+    """Largest number of evaluations."""
     condition: Callable[[BestCosts], bool]
+    """Whether to stop, by the lowest costs so far."""
     threshold: float | None = None
+    """Cost at which it may stop [A^2.s]; None if it has no threshold."""
 
     def reached(self, best_costs: BestCosts) -> bool:
         """Return whether to stop."""
@@ -38,13 +38,13 @@ class Rule:
 
 
 def stop_rule(rule: str, algorithm: str, level: str, budget: int, floor: float) -> Rule:
-    """Return the rule under which the thesis ran an algorithm.
+    """Return the stop rule of a run.
 
     Rules are "all_generations" (tables 9 and 10), "unchanged" (table 57), "printed" and
     "floor_corrected". The last two depend on the algorithm: the stall of GA and PSO, threshold and
-    stall of DE and GWO, or the threshold alone in table 56. "printed" uses the threshold as
-    printed, "floor_corrected" adds the cost of the true faults, ``floor`` [A^2.s], below which a
-    model without the reference's PWM ripple hardly comes.
+    stall of DE and GWO, or the threshold alone in table 56. "printed" uses the printed threshold.
+    "floor_corrected" adds the cost of the true faults, ``floor`` [A^2.s]: a model without the PWM
+    ripple of the reference hardly reaches a lower cost.
     """
     family, uncounted = family_of(algorithm), uncounted_populations(algorithm)
     threshold = THRESHOLD + (floor if rule == "floor_corrected" else 0.0)
@@ -83,5 +83,5 @@ def uncounted_populations(algorithm: str) -> int:
 
 
 def family_of(algorithm: str) -> str:
-    """Return the one of the thesis's four algorithms that a registered one implements."""
+    """Return which of the thesis's four algorithms a registered algorithm implements."""
     return algorithm.removesuffix("_thesis")

@@ -1,4 +1,4 @@
-"""Runs of a study in a folder: one a line, so that it can be interrupted at any time."""
+"""Runs of a study in a folder: a line for each run, so a study can be interrupted at any time."""
 
 import fcntl
 import json
@@ -17,16 +17,16 @@ from ema_study.run import RunResult, as_frame
 class RunStore(AbstractContextManager["RunStore", None]):
     """Runs of a study in a folder, for one process at a time.
 
-    Each run is a line of ``runs.jsonl``, on disk before `add` returns. A line that was cut off by
-    the end of a process is dropped when the folder is opened again.
+    Each run is a line of ``runs.jsonl``, on disk before `add` returns. If a process ended while it
+    wrote a line, the incomplete line is dropped when the folder is opened again.
 
     Raises
     ------
     ValueError
-        When another process has it open, its runs were made by other models or algorithms than the
-        present ones, or it is damaged.
+        When another process uses the folder, its runs were made by a different version of models
+        or algorithms, or a line is damaged.
     OSError
-        When it cannot be written.
+        When the folder cannot be written.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -62,7 +62,7 @@ class RunStore(AbstractContextManager["RunStore", None]):
         self.results.append(result)
 
     def export(self) -> None:
-        """Write ``runs.csv``, a row a run without its curves."""
+        """Write ``runs.csv``, with a row for each run, without its curves."""
         frame = as_frame(self.results).drop(columns=["costs", "errors_percent"], errors="ignore")
         frame.to_csv(self.folder / "runs.csv", index=False)
 
@@ -91,5 +91,5 @@ def _result(line: bytes, where: str) -> RunResult:
 
 @cache
 def numerics_version() -> str:
-    """Return a digest of all sources that a run depends on, and of the libraries they use."""
+    """Return a digest of all sources that a run depends on, and of the libraries in use."""
     return source_digest(["ema_study.run"])

@@ -1,4 +1,4 @@
-"""The thesis's tables 8 to 61 beside ours."""
+"""Tables 8 to 61 of the thesis, printed and reproduced figures side by side."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -48,30 +48,38 @@ _MIXED: Final = f"times of table {SPEED_STUDY}, errors of {PRECISION_STUDY}"
 
 @dataclass(frozen=True)
 class StudyTable:
-    """A table of the thesis, by its number, beside ours.
-
-    ``frame`` has columns (source, quantity) and the rows of the thesis, NaN where there is nothing;
-    ``note`` says how to read it. A mean over means is empty where one is missing.
-    """
+    """A table of the thesis, with printed and reproduced figures side by side."""
 
     number: int
+    """Number of the table in the thesis."""
     frame: pd.DataFrame
+    """Table with columns (source, quantity) and the rows of the thesis, NaN for missing figures. A
+    mean over means is NaN if one of them is missing."""
     note: str = ""
+    """How to read the table; may be empty."""
 
     @property
     def title(self) -> str:
-        """What it shows."""
+        """Title of the table."""
         return title_of(self.number)
 
 
 def study_tables(runs: pd.DataFrame, numbers: Sequence[int] = NUMBERS) -> list[StudyTable]:
-    """Return tables of the thesis in the given order, each beside ours; by default 8 to 61.
+    """Return tables of the thesis, with printed and reproduced figures side by side.
 
-    Our runs are as of ``ema_study.run.as_frame``: of one model or both, complete or not, or none.
+    Parameters
+    ----------
+    runs
+        Runs as ``ema_study.run.as_frame`` returns them, of one or both models; may be incomplete
+        or empty.
+    numbers
+        Numbers of the tables, in the order of the result; 8 to 61 by default.
     """
     sources = by_source(runs)
-    # What is computed of the thesis's runs stands beside what it prints.
-    computed = {PRINTED_RUNS if label == PRINTED else label: one for label, one in sources.items()}
+    # Figures computed from the thesis's runs differ in places from its printed figures.
+    computed = {
+        PRINTED_RUNS if label == PRINTED else label: part for label, part in sources.items()
+    }
 
     def table(number: int) -> StudyTable:
         if number == TRIALS:
@@ -101,7 +109,7 @@ def write_tables(tables: Iterable[StudyTable], folder: Path) -> list[Path]:
 
 
 def _trials(runs: pd.DataFrame) -> StudyTable:
-    """Return table 8: the trials of GA; of ours, the number of a run is that of its trial."""
+    """Return table 8, the trials of GA; a reproduced run has the number of its trial."""
     trials = printed_table("trials")
     is_bound = trials["at_least"].astype(bool)
     printed = _with_speed(trials)[[*_OF_TRIAL, "tolerance", "time_limit_s", "parallel"]]
@@ -126,14 +134,14 @@ def _with_speed(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def _per_run(number: int, sources: Sources) -> StudyTable:
-    """Return a table of runs: truth, runs, mean and deviation over them, and the printed mean.
+    """Return a table of runs: truth, runs, mean and deviation over runs, and the printed mean.
 
-    They are grouped by algorithm where the table shows all four.
+    Rows are grouped by algorithm if the table shows all four.
     """
     of_table = {}
     for label, runs in sources.items():
         chosen = runs[runs["table"] == number]
-        # Of the thesis's own code, only DE and GWO, where it differs.
+        # Only DE and GWO of the thesis's own code differ from the source without it.
         if runs["own_code"].any():
             chosen = chosen[chosen["algorithm"].isin(list(VARIANTS))]
         if not chosen.empty:
@@ -156,7 +164,7 @@ def _per_run(number: int, sources: Sources) -> StudyTable:
 
 
 def _runs_of(algorithm: str, runs: pd.DataFrame) -> pd.DataFrame:
-    """Return truth, runs, mean and deviation of an algorithm in a table, a row each."""
+    """Return rows with truth, runs, mean and deviation of an algorithm in a table."""
     runs = runs[runs["algorithm"] == algorithm].sort_values("run")
     block = runs.set_index(runs["run"].astype(str))[_OF_RUN].astype(float)
     truth = pd.DataFrame(np.nan, index=["truth"], columns=_OF_RUN)
@@ -167,7 +175,7 @@ def _runs_of(algorithm: str, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def _fault_summary(number: int, sources: Sources) -> StudyTable:
-    """Return the means of a fault over all four algorithms' means, by level."""
+    """Return the means of a fault over the means of the four algorithms, by level."""
     fault = SUMMARIES[number]
 
     def mean(runs: pd.DataFrame, quantity: str) -> pd.Series:
@@ -205,12 +213,13 @@ def _multiple_fault_reliability(sources: Sources) -> StudyTable:
     """Return table 61 as the thesis computed it, and from each of its two studies alone."""
     blocks = {PRINTED: printed_table("table_61")}
     for label, runs in sources.items():
-        for what, times_of, errors_of in (
+        for label_of_tables, times_of, errors_of in (
             (_MIXED, SPEED_STUDY, PRECISION_STUDY),
             (f"table {SPEED_STUDY}", SPEED_STUDY, SPEED_STUDY),
             (f"table {PRECISION_STUDY}", PRECISION_STUDY, PRECISION_STUDY),
         ):
-            blocks[f"{label}, {what}"] = multiple_fault_reliability(runs, times_of, errors_of)
+            block = multiple_fault_reliability(runs, times_of, errors_of)
+            blocks[f"{label}, {label_of_tables}"] = block
     note = f"As printed, it multiplies the {_MIXED}: no run had both."
     return _side_by_side(MULTIPLE_RELIABILITY, blocks, _HEADINGS, note)
 
@@ -218,17 +227,17 @@ def _multiple_fault_reliability(sources: Sources) -> StudyTable:
 def _side_by_side(
     number: int, blocks: dict[str, pd.DataFrame], names: Any = None, note: str = ""
 ) -> StudyTable:
-    """Return a table of those of several sources, renamed; the first one gives the rows."""
+    """Return the tables of several sources side by side, with the rows of the printed table."""
     frame = pd.concat(blocks, axis=1, names=["source", "quantity"])
     frame = frame.reindex(blocks[PRINTED].index).rename(columns=names or {}, level="quantity")
     return StudyTable(number, frame, note)
 
 
 def overview_of(runs: pd.DataFrame, quantity: str) -> pd.DataFrame:
-    """Return means over runs of a column, e.g. "error_percent", as tables 58 and 59.
+    """Return means over runs of a column, e.g. "error_percent", in the form of tables 58 and 59.
 
-    A mean over means is NaN where one of them is missing; the standard deviation is that of a
-    sample.
+    A mean over means is NaN if one of them is missing. The standard deviation is the sample
+    standard deviation (n - 1).
     """
     means = single_fault_runs(runs).groupby(["algorithm", "level", "fault"])[quantity].mean()
     rows = pd.MultiIndex.from_product([ALGORITHMS, LEVELS], names=["algorithm", "level"])
@@ -244,7 +253,7 @@ def with_coefficients(times: pd.Series, errors: pd.Series) -> pd.DataFrame:
     """Return mean times [s] and errors [%] by algorithm, products and coefficients, and the sum.
 
     The reliability coefficient is ``100 (1 - p_i / sum p)`` of the products [%] (section 7.3 of the
-    thesis). It compares algorithms: all are NaN where one is missing.
+    thesis). It compares algorithms: all coefficients are NaN if one product is missing.
     """
     table = pd.DataFrame({"time_s": times, "error_percent": errors, "time x error": times * errors})
     total = table["time x error"].sum(skipna=False)
@@ -254,9 +263,9 @@ def with_coefficients(times: pd.Series, errors: pd.Series) -> pd.DataFrame:
 
 
 def reliability_of_overviews(times: pd.DataFrame, errors: pd.DataFrame) -> pd.DataFrame:
-    """Return table 60, of tables 59 [s] and 58 [%].
+    """Return table 60 from the times of table 59 [s] and the errors of table 58 [%].
 
-    Time and error are means over both levels, as in the thesis.
+    As in the thesis, time and error are means over both levels.
     """
     times, errors = (
         table.groupby(level="algorithm").sum(min_count=len(LEVELS)).loc[list(ALGORITHMS)]
@@ -271,7 +280,7 @@ def reliability_of_overviews(times: pd.DataFrame, errors: pd.DataFrame) -> pd.Da
 
 
 def multiple_fault_reliability(runs: pd.DataFrame, times_of: int, errors_of: int) -> pd.DataFrame:
-    """Return table 61 with times and errors of given tables.
+    """Return table 61, computed from the times of a table and the errors of a table.
 
     The thesis uses the times of the study of speed (56) and the errors of the study of precision
     (57), which no run had together.
