@@ -103,8 +103,14 @@ def findings(name: str, content: str) -> list[Finding]:
 
 def _variables(tree: ast.Module) -> Iterator[Finding]:
     """Yield the variables and arguments whose names are in ``NAMES``."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+    nodes = list(ast.walk(tree))
+    # The fields of a class may have the names of a message's fields.
+    classes = [node for node in nodes if isinstance(node, ast.ClassDef)]
+    fields = {
+        item.target for node in classes for item in node.body if isinstance(item, ast.AnnAssign)
+    }
+    for node in nodes:
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node not in fields:
             line, name = node.lineno, node.id
         elif isinstance(node, ast.arg) and node.arg != "other":
             # Methods that override a method of Python or numba inherit "other".

@@ -27,13 +27,13 @@ from ema_monitor.model.deviations import USUAL_SIGMA
 from ema_monitor.unusual_causes import ONE_SIDED_95, TORQUE_CONSTANT, torque_change, unusual_causes
 
 TORQUE_PER_AMPERE: Final = "torque_per_ampere"
-"""What is judged beside the faults: the share that is left [-]."""
+"""Name of a requirement in addition to the faults: the remaining share of the torque [-]."""
 
 USUAL_TORQUE_CHANGE: Final = USUAL_SIGMA[TORQUE_CONSTANT]
-"""One sigma of what the temperature of its magnets changes the torque per ampere by [-]."""
+"""Standard deviation of the torque per ampere due to the temperature of the magnets [-]."""
 
 BEST_INDEX_WITH_WARNING: Final = 0.99
-"""Largest health index beside a level of WARN or ERROR [-]."""
+"""Largest health index at a level of WARN or ERROR [-]."""
 
 _GRADES: Final = (0.5, 0.8, 1.0)
 
@@ -85,7 +85,7 @@ class Recurrence(NamedTuple):
 
     times: int
     tests: int
-    """In how many of how many latest tests it was beyond its limit."""
+    """Tests in which the fault was beyond its limit, and number of latest tests."""
     worst: float
     """Its largest distance from healthy [-]."""
 
@@ -103,18 +103,18 @@ class FaultHealth:
     """Estimate and its standard deviation [-]; sigma is NaN when unobservable."""
     limit: float
     warn_limit: float
-    """Values at which life ends, and from which on its lower 95 % bound gives a warning [-]."""
+    """Values at which life ends, and above which the lower 95 % bound gives a warning [-]."""
     limit_is_lower: bool
     """Whether life ends below the limit rather than above."""
     share: float
     """Share of the way from healthy to the limit [-]."""
     held: float = math.nan
-    """Value of the latest test [-], where the tests before disagree and either gives a warning or
-    failure: it is held until the next one confirms it; else NaN."""
+    """Value of the latest test [-] if it disagrees with earlier tests, and either gives a warning
+    or failure: the next test must confirm it; else NaN."""
     unconfirmed: int | None = None
-    """Lower level that the latest test shows, and later ones have to confirm; None for none."""
+    """Lower level that the latest test shows and later tests must confirm; None without any."""
     recurrence: Recurrence | None = None
-    """How often it was beyond its limit, if it comes and goes and nobody has acknowledged that."""
+    """How often the fault was beyond its limit, if it is intermittent and not acknowledged."""
 
 
 @dataclass(frozen=True)
@@ -125,27 +125,27 @@ class Health:
     """Worst of the known faults and requirements; ``STALE`` when none is known, or when a
     comparison does not show that the unit is healthy."""
     health_index: float
-    """Least of 1 - share over the faults [-], clipped to [0, 1], and at most 0.99 beside a warning;
+    """Least of 1 - share over the faults [-], clipped to [0, 1], and at most 0.99 with a warning;
     NaN when no fault is known, or a comparison gives no level."""
     severity: int
     """Grade from 0 (as new) to 4 (at or above the limit)."""
     confidence: float
-    """Share of observable faults, reduced for a poor goodness of fit [-]; of a comparison, share of
-    the judged quantities, and 0 when it gives no level."""
+    """Share of observable faults, reduced for a poor goodness of fit [-]. For a comparison, the
+    share of judged quantities; 0 when it gives no level."""
     dominant_fault: str
     """Fault nearest to its limit; empty when none gives a warning."""
     faults: tuple[FaultHealth, ...] = field(default=())
     """Health with regard to each fault."""
     reason: str = ""
-    """What is unknown, and why; empty when nothing is."""
+    """Why something is unknown; empty otherwise."""
     requirements: tuple[FaultHealth, ...] = field(default=())
     """Health with regard to each requirement; empty when there is none."""
 
     def without_ok(self) -> "Health":
-        """Return health in which no fault and no requirement is OK: those are STALE."""
+        """Return health with STALE in place of OK for every fault and requirement."""
 
         def unsure(items: tuple[FaultHealth, ...]) -> tuple[FaultHealth, ...]:
-            return tuple(replace(one, level=STALE) if one.level == OK else one for one in items)
+            return tuple(replace(item, level=STALE) if item.level == OK else item for item in items)
 
         faults, requirements = unsure(self.faults), unsure(self.requirements)
         return replace(self, faults=faults, requirements=requirements)
@@ -159,7 +159,7 @@ class Tracked:
     sigma: float
     """Value and its standard deviation [-]."""
     doubtful: bool = False
-    """Whether the latest test disagrees, and is held until the next one."""
+    """Whether the latest test disagrees, and is held back until the next test."""
     is_recent: bool = True
     """Whether a recent test has shown the fault: without one, it is not OK."""
 
@@ -179,10 +179,10 @@ def assess(
     limits
         Limits at which life ends.
     tracked
-        Values tracked over all tests so far, by component; for others, and when None, the
-        estimate is used.
+        Values tracked over all tests so far, by component; for missing components, and when None,
+        the estimate is used.
     intermittent
-        Faults that come and go: WARN at least, ERROR in a test that shows them beyond their limit.
+        Intermittent faults: WARN at least, ERROR in a test that shows them beyond their limit.
 
     Raises
     ------
@@ -193,17 +193,17 @@ def assess(
     -----
     WARN when the lower 95 % bound of a fault exceeds a share of its limit, or the estimate has
     departed; ERROR when a fault's value exceeds the limit. A fault is STALE when no recent test has
-    shown it, or its upper 95 % bound exceeds the limit. Of a modelled drive, OK needs every fault:
-    with a STALE one, the level is STALE and the health index unknown, unless it is WARN or ERROR.
-    The direction of eccentricity is no fault.
+    shown it, or its upper 95 % bound exceeds the limit. For a modelled drive, OK needs every fault:
+    if a fault is STALE, the level is STALE and the health index unknown, unless the level is WARN
+    or ERROR. The direction of eccentricity is not a fault.
 
     The confidence is the share of faults that the estimate and recent tests show. Where the
     goodness of fit exceeds half its limit it is reduced, by the excess or by the unexplained share,
-    whichever reduces less; at both limits it is zero. A fault that the estimate sets to healthy,
-    and that was tracked there, has the smaller sigma of both. A value that is held until the next
-    test, and by itself would be WARN or ERROR, is WARN.
+    whichever reduces less; at both limits it is zero. If both the estimate and the tracker see a
+    fault at healthy, the smaller sigma counts. A value that is held back until the next test, and
+    by itself would be WARN or ERROR, is WARN.
 
-    A hidden cause beyond its usual range, or of a window that fits poorly, is a WARN of its own
+    A hidden cause beyond its usual range, or of a window that fits poorly, gives a WARN
     (`unusual_causes`). A torque constant below its healthy value counts as a loss of torque per
     ampere, in index and requirements.
 
@@ -223,7 +223,7 @@ def assess(
         for number, fault in enumerate(FAULTS)
         if fault.limit is not None
     )
-    known = [item for item in faults if item.level != STALE]
+    judged = [item for item in faults if item.level != STALE]
     hidden = dict(zip(FAULT_NAMES, estimate.unobservable, strict=True))
     unknown = [item.name for item in faults if hidden[item.name]]
     missing = [item.name for item in faults if item.level == STALE]
@@ -238,7 +238,7 @@ def assess(
     if np.isfinite(estimate.unexplained_share):
         fit = max(fit, 1.0 - estimate.unexplained_share / MOST_UNEXPLAINED)
     level, severity = worst.level if worst else STALE, _grade(worst)
-    index = float(np.clip(1.0 - max((i.share for i in known), default=np.nan), 0.0, 1.0))
+    index = float(np.clip(1.0 - max((i.share for i in judged), default=np.nan), 0.0, 1.0))
     if missing and comparison is None and level == OK:
         level, index = STALE, math.nan
     reasons = [unseen, estimate.reason]
@@ -279,9 +279,9 @@ def _by_causes(health: Health, estimate: Estimate, limits: HealthLimits) -> Heal
 def _torque_by_causes(
     estimate: Estimate, limits: HealthLimits, *, is_unusual: bool
 ) -> tuple[FaultHealth, ...]:
-    """Return health with regard to a torque per ampere that a weaker motor or its magnets lower.
+    """Return health with regard to a torque per ampere that a weaker motor or magnets reduce.
 
-    As many turns of all phases may be lost as of one: a window may not separate both.
+    A window may not separate turns lost in all phases from turns lost in a single phase.
     """
     cause = torque_change(estimate)
     if cause is None or cause.value >= 0.0:
@@ -297,7 +297,7 @@ def _torque_by_causes(
 
 
 def why_not_shown(names: Sequence[str]) -> str:
-    """Return which faults no recent test has shown, and which motion would; "" without names."""
+    """Return which faults no recent test has shown, and which motion shows them; "" for none."""
     by_motion: dict[str, list[str]] = {}
     for name in names:
         fault = FAULT_BY_NAME[name]
@@ -318,7 +318,7 @@ def _joined(*texts: str) -> str:
 def _by_comparison(health: Health, comparison: Comparison, limits: HealthLimits) -> Health:
     """Return health with the level, index and confidence that a comparison justifies."""
     items = (*health.faults, *health.requirements)
-    share = max((one.share for one in items if one.level != STALE), default=math.nan)
+    share = max((item.share for item in items if item.level != STALE), default=math.nan)
     health = replace(
         health,
         health_index=float(np.clip(1.0 - share, 0.0, 1.0)),
@@ -334,7 +334,7 @@ def _by_comparison(health: Health, comparison: Comparison, limits: HealthLimits)
         level=STALE,
         health_index=math.nan,
         confidence=0.0,
-        reason=missing,  # the comparison itself says the rest
+        reason=missing,  # the comparison itself reports the rest
     )
 
 
@@ -345,7 +345,7 @@ def warned(health: Health) -> Health:
 
 
 def _limited_by_warning(health: Health) -> Health:
-    """Return health whose index is at most 0.99 beside a warning."""
+    """Return health whose index is at most 0.99 with a warning."""
     if health.level in (WARN, ERROR) and health.health_index > BEST_INDEX_WITH_WARNING:
         return replace(health, health_index=BEST_INDEX_WITH_WARNING)
     return health
@@ -364,8 +364,8 @@ def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> 
     if worst is None:
         return replace(health, requirements=requirements)
     if health.level == STALE and worst.level == OK:
-        # The faults that they follow from are not known.
-        stale = tuple(replace(one, level=STALE) for one in requirements)
+        # The requirements are computed from faults, which are unknown.
+        stale = tuple(replace(item, level=STALE) for item in requirements)
         return replace(health, requirements=stale)
     level = worst.level if health.level == STALE else max(health.level, worst.level)
     severity = max(health.severity, _grade(worst))
@@ -377,15 +377,15 @@ def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> 
 def _torque_per_ampere(
     comparison: Comparison, measured: Sequence[CauseEstimate], limits: HealthLimits
 ) -> tuple[FaultHealth, ...]:
-    """Return health with regard to the torque per ampere, where the drive is unknown.
+    """Return health with regard to the torque per ampere of an unknown drive.
 
-    As many turns of all phases may be lost as of one. Hot magnets are weaker too: what they lose
-    is no fault, and part of the sigma unless it was measured.
+    Turns may be lost in all phases as well as in a single phase. Hot magnets are weaker, which is
+    not a fault: unless their effect was measured, it is part of the sigma.
     """
     change, sigma = _torque_change(comparison)
     if math.isnan(change):
         return ()
-    is_measured = any(one.name == "torque_constant" for one in measured)
+    is_measured = any(cause.name == "torque_constant" for cause in measured)
     sigma = sigma if is_measured else math.hypot(sigma, USUAL_TORQUE_CHANGE)
     loss, limit = -change, limits.short_circuit
     share = max(0.0, loss) / limit
@@ -401,18 +401,18 @@ def _torque_per_ampere(
 def _torque_change(comparison: Comparison) -> tuple[float, float]:
     """Return relative change of the torque per ampere and its sigma; NaN if it is not known.
 
-    A change that is not told apart from another quantity is not known.
+    The change is unknown if the record does not separate it from a rival quantity.
     """
-    one = comparison[TORQUE]
-    if not one.is_judged or one.rivals:
+    torque = comparison[TORQUE]
+    if not torque.is_judged or torque.rivals:
         return math.nan, math.nan
-    return one.change, (one.high - one.low) / (2.0 * ONE_SIDED_95)
+    return torque.change, (torque.high - torque.low) / (2.0 * ONE_SIDED_95)
 
 
 def worst_of(items: tuple[FaultHealth, ...]) -> FaultHealth | None:
-    """Return the worst of those that are known."""
-    known = [item for item in items if item.level != STALE]
-    return max(known, key=lambda item: (item.level, item.share), default=None)
+    """Return the worst fault or requirement that is not STALE; None without any."""
+    judged = [item for item in items if item.level != STALE]
+    return max(judged, key=lambda item: (item.level, item.share), default=None)
 
 
 def _grade(worst: FaultHealth | None) -> int:
@@ -429,7 +429,7 @@ def _assess_fault(
     alone = _alone(number, estimate, limits)
     level, held = alone, math.nan
     if tracked is not None:
-        # Where both see the fault at healthy, it is known at least as well as by this test.
+        # If both see the fault at healthy, all tests together are at least as certain as this one.
         agree = value == fault.healthy and abs(tracked.value - value) < sigma
         sigma = min(sigma, tracked.sigma) if agree else tracked.sigma
         value = tracked.value
@@ -456,7 +456,7 @@ def _alone(number: int, estimate: Estimate, limits: HealthLimits) -> int:
 def _recurring(
     item: FaultHealth, alone: int, recurrence: Recurrence | None, limits: HealthLimits
 ) -> FaultHealth:
-    """Return the health of a fault with what is known of its coming and going."""
+    """Return the health of a fault, raised to a warning or failure if it is intermittent."""
     if recurrence is None:
         return item
     level = ERROR if ERROR in (item.level, alone) else WARN

@@ -1,4 +1,4 @@
-"""Reasons in words: the sentences of messages, tables and pages."""
+"""Texts of reasons: the sentences of messages, tables and pages."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -13,7 +13,7 @@ from ema_core.wording import counted
 from ema_monitor.reasons import Reason, mistake_of
 
 EQUAL_SHORTS: Final = tuple(FAULT_NAMES[phase] for phase in SHORT_CIRCUITS)
-"""Equal short circuits of all phases: the motor is as weak by a smaller torque constant."""
+"""Equal short circuits of all phases, which weaken a motor like a smaller torque constant."""
 
 EQUAL_SHORTS_LABEL: Final = "equal short circuits of all phases"
 AND: Final = " and "
@@ -28,8 +28,8 @@ _OPEN_CIRCUIT: Final = f"{LABELS['dead_switch']} or {LABELS['open_phase_a']}, B 
 
 def text_of(reason: Reason) -> str:
     """Return the sentence of a reason, without a final full stop."""
-    made = _TEXTS[type(reason)]
-    text = made.format(r=reason) if isinstance(made, str) else made(reason)
+    template = _TEXTS[type(reason)]
+    text = template.format(r=reason) if isinstance(template, str) else template(reason)
     if not reason.of_stretches or isinstance(reason, of.CauseFound):
         return text
     return f"{text} ({_stretches(reason)})"
@@ -41,7 +41,7 @@ def joined(reasons: Iterable[Reason]) -> str:
 
 
 def part_label(part: tuple[str, ...]) -> str:
-    """Return a part of an explanation, names of faults or of a hidden cause, in words."""
+    """Return the label of a part of an explanation: names of faults, or of a hidden cause."""
     return EQUAL_SHORTS_LABEL if part == EQUAL_SHORTS else AND.join(LABELS[name] for name in part)
 
 
@@ -71,12 +71,12 @@ def _not_measured(reason: of.NotMeasured) -> str:
 
 
 def _order_unknown(reason: of.OrderUnknown) -> str:
-    what = f"its stamp is {reason.before_s:.9g} s before the newest test's"
+    contradiction = f"its stamp is {reason.before_s:.9g} s before the newest test's"
     if reason.before_s <= 0.0:
-        what = "it differs from a test with the same stamp"
+        contradiction = "it differs from a test with the same stamp"
     return (
-        f"it is not known which test came first: {what}; set the clock of the actuator, or "
-        "has_clock = false if it has none"
+        f"it is not known which test came first: {contradiction}; set the clock of the actuator, "
+        "or has_clock = false if it has none"
     )
 
 

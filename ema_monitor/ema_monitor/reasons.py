@@ -1,7 +1,7 @@
-"""Why there is no estimate, or what qualifies it: values with figures.
+"""Reasons for a missing estimate, or reservations about an estimate: values with figures.
 
 A program decides by the kind of a reason, its ``code``. `ema_monitor.reason_texts` makes the
-sentence where a person reads it.
+sentence that a person reads.
 """
 
 import math
@@ -19,14 +19,14 @@ _COUNTS: Final = ("stretches", "of_stretches")
 
 @dataclass(frozen=True, kw_only=True)
 class Reason:
-    """Why there is no estimate, or what qualifies it; each kind is a subclass."""
+    """Reason for a missing estimate, or reservation about an estimate; each kind is a subclass."""
 
     code: ClassVar[str]
     """Name of the kind."""
     stretches: int = 0
     of_stretches: int = 0
-    """In how many of how many stretches of ordinary motion it holds; 0 where that is not
-    counted."""
+    """Stretches of ordinary motion in which the reason holds, and number of stretches; 0 if they
+    are not counted."""
 
     def __init_subclass__(cls, code: str) -> None:
         super().__init_subclass__()
@@ -42,7 +42,7 @@ class Reason:
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> "Reason":
-        """Return the reason of ``as_record``, or of the same read from JSON.
+        """Return the reason that ``as_record`` describes, also after a round trip through JSON.
 
         Raises
         ------
@@ -52,7 +52,7 @@ class Reason:
         values = dict(record)
         code = values.pop("code")
         if code not in KINDS:
-            raise ValueError(f"code = {code!r}: expected that of a reason: {', '.join(KINDS)}")
+            raise ValueError(f"code = {code!r}: expected one of {', '.join(KINDS)}")
         return KINDS[code]._read(values)
 
     @classmethod
@@ -69,7 +69,7 @@ def _as_tuple(value: Any) -> Any:
 
 
 def codes(reasons: Iterable[Reason]) -> tuple[str, ...]:
-    """Return the kinds of reasons, each once, in their order."""
+    """Return the codes of reasons without repetition, in their order."""
     return tuple(dict.fromkeys(reason.code for reason in reasons))
 
 
@@ -85,19 +85,19 @@ class WindowUnusable(Reason, code="window_unusable"):
 
 @dataclass(frozen=True)
 class OrderUnknown(Reason, code="order_unknown"):
-    """It is not known which test came first: the stamp is ``before_s`` before the newest one's.
-
-    At 0, or below, it differs from a test with the same stamp.
-    """
+    """The order of tests is unknown: a stamp is not later than the stamp of the newest test."""
 
     before_s: float
+    """Time from this stamp to the newest stamp [s]. At 0 or below, the test differs from a test
+    with the same stamp."""
 
 
 @dataclass(frozen=True)
 class StampsContradict(Reason, code="stamps_contradict"):
-    """The stamps of recordings do not show which test came first: which, in words."""
+    """The stamps of recordings do not show which test came first."""
 
     detail: str
+    """Text that names the recordings and the stamps."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class NotMeasured(Reason, code="not_measured"):
 
 @dataclass(frozen=True)
 class FitnessNeedsCurrent(Reason, code="fitness_needs_current"):
-    """The current is not measured, and ``fitness`` compares nothing else; ``usable`` does."""
+    """The current is not measured, and ``fitness`` compares currents only; ``usable`` does not."""
 
     fitness: str
     usable: str
@@ -157,12 +157,12 @@ class NoCalibration(Reason, code="no_calibration"):
 
 @dataclass(frozen=True)
 class DriveUnknown(Reason, code="drive_unknown"):
-    """The drive is unknown, and the calibration is of a drive that is known."""
+    """The drive is unknown, and the calibration belongs to a known drive."""
 
 
 @dataclass(frozen=True)
 class OtherUnit(Reason, code="other_unit"):
-    """The calibration does not fit the actuator; ``forced``: an estimate was made all the same."""
+    """The calibration does not fit the actuator; if ``forced``, an estimate was made anyway."""
 
     detail: str
     forced: bool = False
@@ -170,7 +170,7 @@ class OtherUnit(Reason, code="other_unit"):
 
 @dataclass(frozen=True)
 class OtherSamples(Reason, code="other_samples"):
-    """The samples of the window are not those calibrated."""
+    """The samples of the window differ from the calibrated samples."""
 
     detail: str
 
@@ -187,7 +187,7 @@ class Jam(Reason, code="jam"):
 
 @dataclass(frozen=True)
 class OpenCircuit(Reason, code="open_circuit"):
-    """A switch is dead or a phase open: of the current that is wanted, hardly any flows [A]."""
+    """A switch is dead or a phase open: hardly any of the wanted current flows [A]."""
 
     wanted: float
     current: float
@@ -210,7 +210,7 @@ class DeadSensor(Reason, code="dead_sensor"):
 
 
 MistakeRow = tuple[str, float, str, str]
-"""Kind, factor, unit and stated unit of a usual mistake, as of ``ema_core.column_errors``."""
+"""Kind, factor, unit and stated unit of a usual mistake, see ``ema_core.column_errors``."""
 
 
 def mistake_row(mistake: Mistake) -> MistakeRow:
@@ -226,9 +226,9 @@ def mistake_of(row: MistakeRow) -> Mistake:
 
 @dataclass(frozen=True)
 class WrongScale(Reason, code="wrong_scale"):
-    """Columns are off by a factor [-] from what ``reference`` asks for.
+    """Columns differ by a factor [-] from the values expected by ``reference``.
 
-    ``mistakes`` are the usual ones that together give the factor; empty if none does.
+    ``mistakes`` are the usual mistakes that together explain the factor; empty for an unusual one.
     """
 
     columns: tuple[str, ...]
@@ -339,24 +339,24 @@ class Unexplained(Reason, code="unexplained"):
 
 @dataclass(frozen=True)
 class MotionEnded(Reason, code="motion_ended"):
-    """The motion ended before every fault was known as well as wanted."""
+    """The motion ended before every fault reached the wanted accuracy."""
 
 
 @dataclass(frozen=True)
 class MotionDisagrees(Reason, code="motion_disagrees"):
-    """The motion that followed does not agree with the stretches."""
+    """The subsequent motion does not agree with the stretches."""
 
 
 @dataclass(frozen=True)
 class FaultsNotShown(Reason, code="faults_not_shown"):
-    """The motion does not show some faults as well as wanted."""
+    """The motion does not show some faults with the wanted accuracy."""
 
     faults: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class StretchesInsufficient(Reason, code="stretches_insufficient"):
-    """The stretches do not determine the faults as well as wanted."""
+    """The stretches do not determine the faults with the wanted accuracy."""
 
 
 # Comparison with the windows and records of the healthy unit.
@@ -371,22 +371,25 @@ class FiguresDeparted(Reason, code="figures_departed"):
     probability: float
     """Probability that a healthy test differs as much."""
     detail: str
-    """What departs, and the labelled state that is likely, in words."""
+    """Text on the departed figures and the likely labelled state."""
 
 
 @dataclass(frozen=True)
 class LabelledState(Reason, code="labelled_state"):
-    """The labelled states that the window resembles, in words, or why none is named."""
+    """The window resembles labelled states, or resembles none clearly enough."""
 
     detail: str
+    """Text that names the states, or the reason that none is named."""
 
 
 @dataclass(frozen=True)
 class WouldDepart(Reason, code="would_depart"):
-    """A figure differs, and would depart on a day with healthy tests: by how much, in words."""
+    """A figure differs, and would depart on a day with healthy tests."""
 
     figure: str
+    """Name of the figure."""
     detail: str
+    """Text on the size of the difference."""
 
 
 @dataclass(frozen=True)
@@ -415,7 +418,7 @@ class TooFewStrokes(Reason, code="too_few_strokes"):
 
 @dataclass(frozen=True)
 class SpeedOutside(Reason, code="speed_outside"):
-    """The speed is outside the range that can be compared with the healthy records [-]."""
+    """The ratio of the speed to the healthy records is outside the comparable range [-]."""
 
     ratio: float
     slowest: float
@@ -424,7 +427,7 @@ class SpeedOutside(Reason, code="speed_outside"):
 
 @dataclass(frozen=True)
 class SpeedScaled(Reason, code="speed_scaled"):
-    """A column changes ``factor`` times as fast as in the healthy records, by a usual mistake."""
+    """A column changes ``factor`` times as fast as in the healthy records, a usual mistake."""
 
     column: str
     factor: float
@@ -433,7 +436,7 @@ class SpeedScaled(Reason, code="speed_scaled"):
 
 @dataclass(frozen=True)
 class EffortScaled(Reason, code="effort_scaled"):
-    """The effort is a multiple of the healthy one [-]; without a ``mistake`` if it is unusual."""
+    """The effort is ``factor`` times the healthy effort [-]; ``mistake`` is () if unusual."""
 
     factor: float
     mistake: MistakeRow | tuple[()]
@@ -441,7 +444,7 @@ class EffortScaled(Reason, code="effort_scaled"):
 
 @dataclass(frozen=True)
 class NegativeQuantity(Reason, code="negative_quantity"):
-    """Friction or inertia of a record is below 0: ``ratio`` times the healthy one [-]."""
+    """Friction or inertia of a record is below 0: ``ratio`` times the healthy value [-]."""
 
     name: str
     ratio: float
@@ -449,7 +452,7 @@ class NegativeQuantity(Reason, code="negative_quantity"):
 
 @dataclass(frozen=True)
 class EffortReversed(Reason, code="effort_reversed"):
-    """The effort has the other sign than in the healthy records, or follows another joint."""
+    """The effort has the opposite sign of the healthy records, or belongs to another joint."""
 
 
 @dataclass(frozen=True)
@@ -457,35 +460,35 @@ class JointStill(Reason, code="joint_still"):
     """The joint of a record stands still although its command moves."""
 
     cause: str
-    """"no_effort": the effort is far below the friction; "short_command": the command travels less
-    than in healthy records; or "failure"."""
+    """Kind: "no_effort" if the effort is far below the friction, "short_command" if the command
+    travels less than in healthy records, else "failure"."""
     travel: float
     least_travel: float
-    """Travel of the command, and the least by which a failure is judged, in ``angle_unit``."""
+    """Travel of the command, and smallest travel that shows a failure, in ``angle_unit``."""
     angle_unit: str
     effort: float
     friction: float
-    """Effort that acts, and healthy friction, in ``effort_unit``."""
+    """Measured effort, and healthy friction, in ``effort_unit``."""
     effort_unit: str
 
 
 @dataclass(frozen=True)
 class OtherZero(Reason, code="other_zero"):
-    """The record agrees better if the position counts from another zero, ``shift`` away [rad]."""
+    """The record agrees better if the zero of the position is moved by ``shift`` [rad]."""
 
     shift: float
 
 
 @dataclass(frozen=True)
 class EffortShifted(Reason, code="effort_shifted"):
-    """The effort is later than in the healthy records [s], which is corrected."""
+    """The effort lags the healthy records by ``shift_s`` [s]; the lag is corrected."""
 
     shift_s: float
 
 
 @dataclass(frozen=True)
 class SpikesRemoved(Reason, code="spikes_removed"):
-    """Samples of the effort, of all ``samples``, were left out as spikes."""
+    """``spikes`` of ``samples`` samples of the effort were left out as spikes."""
 
     spikes: int
     samples: int
@@ -493,7 +496,7 @@ class SpikesRemoved(Reason, code="spikes_removed"):
 
 @dataclass(frozen=True)
 class SamplesInterpolated(Reason, code="samples_interpolated"):
-    """Lost samples, of all ``samples``, were interpolated."""
+    """``interpolated`` of ``samples`` samples were lost and interpolated."""
 
     interpolated: int
     samples: int

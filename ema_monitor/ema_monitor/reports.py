@@ -1,6 +1,6 @@
-"""What a monitor reports of a unit: plain values, by the fields of the messages that carry them.
+"""Reports of a monitor on a unit: plain values with the fields of the messages that carry them.
 
-The node publishes them, commands print them: neither computes anything more.
+The node publishes reports and commands print them: neither computes anything more.
 """
 
 import math
@@ -19,20 +19,20 @@ from ema_monitor.prognosis.sentences import cause_of_level, reason_of, removal_i
 
 @dataclass(frozen=True)
 class Stamp:
-    """As ``builtin_interfaces/msg/Time``."""
+    """Fields of ``builtin_interfaces/msg/Time``."""
 
     sec: int
     nanosec: int
 
     @classmethod
     def of(cls, stamp_ns: int) -> "Stamp":
-        """Return a stamp in nanoseconds."""
+        """Return the stamp of a time in nanoseconds."""
         return cls(*divmod(int(stamp_ns), 1_000_000_000))
 
 
 @dataclass(frozen=True)
 class Header:
-    """As ``std_msgs/msg/Header``."""
+    """Fields of ``std_msgs/msg/Header``."""
 
     stamp: Stamp
     frame_id: str = ""
@@ -40,7 +40,7 @@ class Header:
 
 @dataclass(frozen=True)
 class EventReport:
-    """As ``ema_interfaces/msg/UnitEvent``."""
+    """Fields of ``ema_interfaces/msg/UnitEvent``."""
 
     stamp: Stamp
     flight_hours: float
@@ -49,13 +49,13 @@ class EventReport:
 
     @classmethod
     def of(cls, event: UnitEvent) -> "EventReport":
-        """Return an event as it is reported."""
+        """Return the report of an event."""
         return cls(Stamp.of(event.stamp_ns), event.hours, event.kind, event.text)
 
 
 @dataclass(frozen=True)
 class LifeReport:
-    """As ``ema_interfaces/msg/RemainingUsefulLife``: in flight hours and in test cycles."""
+    """Fields of ``ema_interfaces/msg/RemainingUsefulLife``, in flight hours and test cycles."""
 
     known: bool
     hours_05: float
@@ -69,7 +69,7 @@ class LifeReport:
 
     @classmethod
     def of(cls, life: RemainingLife, hours_per_cycle: float) -> "LifeReport":
-        """Return a remaining life as it is reported."""
+        """Return the report of a remaining life."""
         return cls(
             **asdict(life),
             cycles_05=life.hours_05 / hours_per_cycle,
@@ -80,7 +80,7 @@ class LifeReport:
 
 @dataclass(frozen=True)
 class ItemReport:
-    """As ``ema_interfaces/msg/FaultHealth``: of a fault or of a requirement."""
+    """Fields of ``ema_interfaces/msg/FaultHealth``, for a fault or a requirement."""
 
     name: str
     level: int
@@ -98,7 +98,7 @@ class ItemReport:
 
 @dataclass(frozen=True)
 class HealthReport:
-    """As ``ema_interfaces/msg/Health``."""
+    """Fields of ``ema_interfaces/msg/Health``."""
 
     header: Header
     actuator_id: str
@@ -134,7 +134,7 @@ class HealthReport:
 
 @dataclass(frozen=True)
 class ScenarioReport:
-    """As ``ema_interfaces/msg/ScenarioLife``."""
+    """Fields of ``ema_interfaces/msg/ScenarioLife``."""
 
     name: str
     rul: LifeReport
@@ -149,7 +149,7 @@ class ScenarioReport:
 
 
 def health_report(outlook: Outlook, description: ActuatorDescription) -> HealthReport:
-    """Return health and remaining life of a unit after a test."""
+    """Return the report on health and remaining life of a unit after a test."""
     health, removal = outlook.health, outlook.removal
     lives = (outlook.rul_faults, outlook.rul_requirements, outlook.rul)
     rul_faults, rul_requirements, rul = (
@@ -210,10 +210,10 @@ def _item(item: FaultHealth, unit: str, outlook: Outlook) -> ItemReport:
 
 
 def scenario_report(scenario: Scenario, outlook: Outlook) -> ScenarioReport:
-    """Return the life of a unit under a scenario; ``outlook`` is that under it."""
+    """Return the report on the life of a unit under a scenario, from the outlook under it."""
     life, removal = outlook.rul, outlook.removal
-    hours = (life.hours_05, life.hours_50, life.hours_95)
-    days_05, days_50, days_95 = (one / removal.hours_a_day for one in hours)
+    quantiles = (life.hours_05, life.hours_50, life.hours_95)
+    days_05, days_50, days_95 = (hours / removal.hours_a_day for hours in quantiles)
     return ScenarioReport(
         name=scenario.name,
         rul=LifeReport.of(life, outlook.hours_per_cycle),

@@ -1,4 +1,4 @@
-"""One unit: estimates and counts of service in; health, remaining life and advice out."""
+"""State of a unit: from estimates and counts of service to health and remaining life."""
 
 import math
 import threading
@@ -60,45 +60,49 @@ from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.prognosis.shown import LastShown, recent_faults, recent_from_ns
 
 SHOWN_SHARE: Final = 0.05
-"""Share of its limit from which on a fault is named where the baseline changes [-]."""
-
+"""Share of its limit above which a fault is named when the baseline changes [-]."""
 
 KEPT_EVERY: Final = 50
-"""Tests after which the state of the tracker is kept anew: 0.8 MB, and as many to repeat."""
+"""Tests after which the state of the tracker, 0.8 MB, is stored again."""
 
 
 class KnownTest(NamedTuple):
-    """A valid test, its service hours [h], and what was found after it, if that is known."""
+    """A valid test with its results."""
 
     entry: Entry
     hours: float
+    """Service hours at the test [h]; NaN when unknown."""
     assessment: Assessment | None
+    """Assessment after the test; None when there is none."""
 
 
 class Unit:
-    """Follows one unit from test to test; any thread may call.
+    """Follows a unit from test to test; thread-safe.
 
-    The outlook depends on the tests in the history and on the settings alone: a replay of the same
-    tests, or of the history after a restart, gives the same. The newest test gives the level,
-    whether it is valid or refused. Tests are ordered by stamp, or by reception where stamps go back
-    (``place_of``). In a recording, a test that comes late takes its place in growth, which may move
-    the value of a fault within its sigma.
+    The outlook depends only on the tests in the history and on the settings: a replay of the same
+    tests, or of the history after a restart, gives the same outlook. The newest test gives the
+    level, whether it is valid or refused. Tests are ordered by stamp, or by reception where stamps
+    go back (``place_of``). In a recording, a late test is inserted into the growth at its stamp,
+    which may move the value of a fault within its sigma.
 
     Parameters
     ----------
     history
         Tests so far.
     settings
-        Those used first.
+        Initial settings.
     opened_ns
-        When a history with tests was opened, which is an event of its own [ns]; None for none.
+        Time at which a history with tests was opened, which becomes an event [ns]; None for no
+        such event.
     author
-        Node that says what follows from the tests; empty for a command.
+        Node that publishes the outlooks; empty for a command.
 
     Attributes
     ----------
+    history
+        Tests so far, with their assessments.
     growth
-        What is known of growth, and by which tests.
+        Growth of the faults by the tests so far.
     """
 
     def __init__(
@@ -110,9 +114,9 @@ class Unit:
     ) -> None:
         self.history = history
         self._author = author
-        # Stamp of the newest test that came while this runs, when it came [ns], and whether live.
+        # Stamp of the newest test received since the start, its reception [ns], and whether live.
         self._received = 0, 0, False
-        # What the valid tests say, unless settings or tests have changed since.
+        # Outlook by the valid tests; None once settings or tests have changed.
         self._by_valid: Outlook | None = None
         self._lock = threading.RLock()
         self._settings = settings = settings or PrognosisSettings()
@@ -120,12 +124,12 @@ class Unit:
         self._shown = self._shown_by_all()
         self._intermittent = self._intermittent_by_all()
         history.growth = b""
-        # Tests of the state of the tracker that was kept last.
+        # Number of tests in the stored state of the tracker.
         self._kept_tests = self.growth.kept_tests
         self._notes = Notes()
         self._findings = [Finding(HISTORY, history.problem)] if history.problem else []
         self._ignores_usage = False
-        # When it was opened, and how many tests it had.
+        # Time at which the history was opened, and its number of tests.
         self._restarted = None
         if opened_ns is not None and history.entries:
             self._restarted = opened_ns, len(history.entries)
@@ -142,31 +146,31 @@ class Unit:
     ) -> Outlook | None:
         """Record the estimate of a test and return the outlook after it.
 
-        None where nothing follows from it: the window was not looked at, or is refused and older
-        than the newest test. If it is not known which test came first, the test is refused.
+        The result is None if the window was skipped, or is refused and older than the newest test.
+        If the order of tests is unknown, the test is refused.
 
         Parameters
         ----------
         estimate
             Estimate of its window.
         parameters
-            Those of the unit; None when they are not known.
+            Parameters of the unit; None when unknown.
         settings
-            Those used from now on.
+            Settings used from this test on.
         count
             Latest count of service hours that was read before the test; None when there is none.
         flown
-            Duty since the test before, valid or not, as far as it is known.
+            Duty since the previous test, valid or not, as far as it is known.
         received_ns
-            When it was received, by the clock of the receiver [ns]; 0 for a recording.
+            Time of reception by the clock of the receiver [ns]; 0 for a recording.
         is_live
-            Whether it was received while it was measured: then it is the newest test.
+            Whether the test was received while it was measured: then it is the newest test.
 
         Notes
         -----
-        A test that is in the history already changes nothing, unless it had no valid estimate and
-        now has: then it is no further cycle. One whose service hours are unknown or not confirmed
-        yet is kept but does not enter the prognosis.
+        A repeated test changes nothing, unless it was refused before and has a valid estimate now:
+        then it does not count as a further cycle. A test whose service hours are unknown or not yet
+        confirmed is stored but does not enter the prognosis.
         """
         with self._lock:
             self._apply(settings)
@@ -206,7 +210,7 @@ class Unit:
                     findings += self.growth.add(entry)
                 except Exception:
                     # The test enters neither growth nor history.
-                    self._find_growth_anew()
+                    self._recompute_growth()
                     raise
                 self.history.append(entry)
                 self._shown.add(estimate)
@@ -218,15 +222,15 @@ class Unit:
             return self._outlook_with_events(parameters)
 
     def _place_of(self, estimate: Estimate, received_ns: int, is_live: bool) -> Place:
-        """Return the place of a test among those so far."""
-        newest, known_ns = self.history.newest, 0
+        """Return the place of a test among the tests so far."""
+        newest, newest_ns = self.history.newest, 0
         if newest is not None and self._received[0] == newest.stamp_ns:
-            known_ns = self._received[1]
+            newest_ns = self._received[1]
         by_clock = self._settings.has_clock
-        return place_of(estimate, self.history, received_ns, known_ns, by_clock, is_live)
+        return place_of(estimate, self.history, received_ns, newest_ns, by_clock, is_live)
 
     def _refuse(self, test: UnusedCycle, parameters: ActuatorParameters | None) -> Outlook | None:
-        """Record a test without a valid estimate; return the outlook if it is the newest one."""
+        """Record a test without a valid estimate; return the outlook if the test is the newest."""
         before = self.history.newest
         self.history.append(test)
         is_newest = self.history.newest is test
@@ -239,8 +243,8 @@ class Unit:
         if self._by_valid is None:
             self._by_valid = self._outlook(parameters)
         outlook = self._claimed(self._by_valid)
-        had_it = before is not None and before.verdict == test.verdict
-        if test.verdict not in (FAILED, DEPARTED) or had_it:
+        is_repeated = before is not None and before.verdict == test.verdict
+        if test.verdict not in (FAILED, DEPARTED) or is_repeated:
             return outlook
         kind = DEPARTURE if test.verdict == DEPARTED else FAULT
         event = UnitEvent(test.end_ns, outlook.hours, kind, test.reason)
@@ -260,12 +264,12 @@ class Unit:
             hours, count = min(begin, after.hours), None
         else:
             count = _later(count, before.count if before else None, estimate.end_ns)
-        known = len(entries)
+        entries_before = len(entries)
         self.history.append(Entry(estimate, hours, cycles, count, flown))
         self._shown.add(estimate)
         self._intermittent = self._intermittent_by_all()
-        if len(entries) > known:
-            self._find_growth_anew()
+        if len(entries) > entries_before:
+            self._recompute_growth()
         late_s = (latest.stamp_ns - estimate.end_ns) * 1e-9
         text = (
             f"a test came late, {late_s:g} s older than the latest one: it counts for growth; "
@@ -288,13 +292,15 @@ class Unit:
         Parameters
         ----------
         estimates, counts
-            Tests, and service life that was counted, each in order of time.
-        parameters, settings
-            As of ``update``.
+            Tests, and counts of service life, each in order of time.
+        parameters
+            Parameters of the unit; None when unknown.
+        settings
+            Settings to use.
         flown
             Duty up to the ends of windows, by their stamps [ns], in order of time.
         """
-        # Only counts before a test are logged before it, however many there are in all.
+        # The log is limited: at each test it has only the counts that precede the test.
         waiting, log, pieces = deque(counts), CountLog(), deque(flown)
         for estimate in estimates:
             while waiting and waiting[0].stamp_ns <= estimate.end_ns:
@@ -305,9 +311,9 @@ class Unit:
             yield estimate, self.update(estimate, parameters, settings, count, duty)
 
     def write(self) -> None:
-        """Write what is known of growth, once in a while."""
+        """Store the state of growth if it has changed by ``KEPT_EVERY`` tests."""
         with self._lock:
-            # Under the lock: the state must be that after all tests of the history.
+            # Under the lock: the state must include all tests of the history.
             if not 0 <= self.growth.tests - self._kept_tests < KEPT_EVERY:
                 self.history.keep_growth(self.growth.state())
                 self._kept_tests = self.growth.tests
@@ -321,7 +327,7 @@ class Unit:
             return self._outlook_with_events(parameters) if self.history.newest else None
 
     def rewind(self, time_ns: int) -> None:
-        """Forget what is later than a time to which simulated time has gone back [ns]."""
+        """Drop tests and assessments after a time [ns], to which simulated time has gone back."""
         with self._lock:
             tests, assessments = self.history.tests, self.history.assessments
             self.history.close()
@@ -329,30 +335,41 @@ class Unit:
             for test in tests:
                 if test.stamp_ns <= time_ns:
                     self.history.append(test)
-            for stamp_ns, one in assessments.items():
+            for stamp_ns, assessment in assessments.items():
                 if stamp_ns <= time_ns:
-                    self.history.assess(one)
+                    self.history.assess(assessment)
             self._received, self._by_valid = (0, 0, False), None
             self._shown = self._shown_by_all()
-            self._find_growth_anew()
+            self._recompute_growth()
 
     def note(self, person: str, text: str, stamp_ns: int = 0) -> None:
-        """Take a note of a person on an event, of the newest valid test without its stamp [ns].
+        """Add a person's note on the event of a test.
 
-        The next outlook has it as an event; ``resume`` gives one at once. ValueError when there is
-        no valid test that it could be kept with, or that has too many notes of the person.
+        The next outlook has the note as an event; ``resume`` returns an outlook at once.
+
+        Parameters
+        ----------
+        person, text
+            Author and text of the note.
+        stamp_ns
+            Stamp of the test [ns]; 0 for the newest valid test.
+
+        Raises
+        ------
+        ValueError
+            When there is no valid test yet, or the newest valid test has too many notes.
         """
         with self._lock:
             if not self.history.entries:
                 raise ValueError("there is no history yet: no valid test so far")
             newest_ns, assessments = self.history.entries[-1].stamp_ns, self.history.assessments
-            known, of = assessments.get(newest_ns), assessments.get(stamp_ns or newest_ns)
-            hours, published = of.hours if of else math.nan, known.events if known else ()
+            newest, noted = assessments.get(newest_ns), assessments.get(stamp_ns or newest_ns)
+            hours, published = noted.hours if noted else math.nan, newest.events if newest else ()
             self._notes.add_note(person, text, stamp_ns or newest_ns, hours, published)
             self._intermittent.acknowledge(self._time_of(stamp_ns) if stamp_ns else newest_ns)
 
     def alarm(self, parameters: ActuatorParameters | None, settings: PrognosisSettings) -> str:
-        """Return why the unit is in WARN or ERROR, or was before its level expired; "" if not."""
+        """Return the cause of a WARN or ERROR, also if the level has expired; "" without any."""
         with self._lock:
             self._apply(settings)
             if self.history.newest is None:
@@ -363,10 +380,10 @@ class Unit:
             return cause_of_level(outlook) or f"its level is {LEVEL_NAMES[outlook.known_level]}"
 
     def change_baseline(self, person: str, calibration_id: str) -> bool:
-        """Take note that a person gives the unit another calibration; return whether it is kept.
+        """Record that a person changes the unit's calibration; return whether it was recorded.
 
-        It is an event of the newest valid test, and none without a valid test. The next outlook has
-        it; ``resume`` gives one at once.
+        The change becomes an event of the newest valid test; without a valid test it is not
+        recorded. The next outlook has the event; ``resume`` returns an outlook at once.
         """
         with self._lock:
             if not self.history.entries:
@@ -380,15 +397,15 @@ class Unit:
                 f"{newest.estimate.calibration_id}, which showed {before}"
             )
             worn = calibration_id if seen else ""
-            known = self.history.assessments.get(newest.stamp_ns)
-            hours = known.hours if known else math.nan
+            assessment = self.history.assessments.get(newest.stamp_ns)
+            hours = assessment.hours if assessment else math.nan
             self._notes.add(UnitEvent(newest.stamp_ns, hours, CALIBRATION, text, person, worn))
             return True
 
     def outlook(
         self, parameters: ActuatorParameters | None, settings: PrognosisSettings
     ) -> Outlook:
-        """Return the outlook under other settings, a duty above all, and record nothing.
+        """Return the outlook under some settings, for example another duty; record nothing.
 
         Raises
         ------
@@ -406,7 +423,8 @@ class Unit:
     ) -> Outlook:
         """Return the outlook under a scenario, and record nothing.
 
-        It is unknown, with the reason, where the scenario cannot be compared with what was flown.
+        The outlook is unknown, with the reason, if the scenario cannot be compared with the duty
+        flown.
 
         Raises
         ------
@@ -422,28 +440,30 @@ class Unit:
                 self._settings = settings
 
     def latest_tests(self, most: int) -> tuple[list[KnownTest], int]:
-        """Return the latest valid tests with what was found, the oldest first, and how many more.
+        """Return the latest valid tests, oldest first, and the number of earlier ones left out.
 
         Parameters
         ----------
         most
-            The number of tests wanted.
+            Largest number of tests to return.
         """
         with self._lock:
             both = [*self.history.entries, *self.history.late]
             entries = sorted(both, key=lambda entry: entry.stamp_ns)
-            hours, found = self.growth.service.by_stamp(), self.history.assessments
+            hours, assessments = self.growth.service.by_stamp(), self.history.assessments
             left_out = max(0, len(entries) - most)
             tests = [
-                KnownTest(one, hours.get(one.stamp_ns, math.nan), found.get(one.stamp_ns))
-                for one in entries[left_out:]
+                KnownTest(
+                    entry, hours.get(entry.stamp_ns, math.nan), assessments.get(entry.stamp_ns)
+                )
+                for entry in entries[left_out:]
             ]
             return tests, left_out
 
     def forecaster(self, outlook: Outlook) -> Forecaster | None:
-        """Return what forecasts the faults from an outlook on, whatever tests come later.
+        """Return a forecaster of the faults after an outlook, independent of later tests.
 
-        None when the outlook is no longer that of the latest test.
+        The result is None if a later test has been added since the outlook.
         """
         with self._lock:
             latest, tracker = self.growth.service.latest, self.growth.tracker
@@ -454,7 +474,7 @@ class Unit:
             return Forecaster(outlook, frozen, self._settings.limits)
 
     def _apply(self, settings: PrognosisSettings) -> None:
-        """Use settings from now on; a tracker that assumes other things begins anew."""
+        """Use settings; if the tracker's assumptions change, recompute the growth."""
         old, self._settings = self._settings, settings
         if old != settings:
             self._by_valid = None
@@ -464,10 +484,10 @@ class Unit:
         is_other_fleet = old.fleet is not settings.fleet
         assumed = (settings.limits, settings.tracker, settings.damage)
         if is_other_fleet or (old.limits, old.tracker, old.damage) != assumed:
-            self._find_growth_anew()
+            self._recompute_growth()
 
     def _growth_of_all(self, kept: bytes = b"") -> GrowthRecord:
-        """Return what all tests so far say, those that are known in what was kept included."""
+        """Return the growth by all tests so far, continued from a stored state if it fits."""
         settings = self._settings
         tracker, self._fleet_in_words = settings.tracker, ""
         if settings.fleet is not None:
@@ -483,7 +503,7 @@ class Unit:
         return LastShown(self._settings.limits, (*self.history.entries, *self.history.late))
 
     def _intermittent_by_all(self) -> Intermittent:
-        """Return what comes and goes by all tests, and the notes of persons after each."""
+        """Return the intermittent faults by all tests, and by the notes after each."""
         result, assessments = Intermittent(self._settings.limits), self.history.assessments
         for test in sorted(self.history.tests, key=lambda test: test.stamp_ns):
             if isinstance(test, UnusedCycle):
@@ -498,11 +518,11 @@ class Unit:
         return result
 
     def _time_of(self, end_ns: int) -> int:
-        """Return the time of the valid test whose window ends at a stamp [ns]; else the stamp."""
+        """Return the time of the valid test whose window ends at a stamp [ns], or the stamp."""
         every = (*self.history.late, *reversed(self.history.entries))
-        return next((one.stamp_ns for one in every if one.end_ns == end_ns), end_ns)
+        return next((entry.stamp_ns for entry in every if entry.end_ns == end_ns), end_ns)
 
-    def _find_growth_anew(self) -> None:
+    def _recompute_growth(self) -> None:
         self.growth = self._growth_of_all()
         self._kept_tests = 0
 
@@ -510,12 +530,12 @@ class Unit:
         outlook = self._by_valid = self._outlook(parameters)
         if not self.history.entries:
             return self._claimed(outlook)
-        # Of the latest test, else of the one before.
-        known = self.history.assessments
+        # The latest test's assessment if it is assessed again, else the previous test's.
+        assessments = self.history.assessments
         stamps_ns = (entry.stamp_ns for entry in reversed(self.history.entries[-2:]))
-        before = next((known[one] for one in stamps_ns if one in known), None)
-        assessment = assessment_of(outlook, before, self._findings, self._own_events(outlook))
-        # Each is published once.
+        before = next((assessments[ns] for ns in stamps_ns if ns in assessments), None)
+        assessment = assessment_of(outlook, before, self._findings, self._further_events(outlook))
+        # Each finding is published once.
         self._findings = []
         self.history.assess(assessment)
         published = before.events if before else ()
@@ -530,7 +550,7 @@ class Unit:
         return replace(self._claimed(outlook), events=new)
 
     def _claimed(self, outlook: Outlook) -> Outlook:
-        """Return what the valid tests say as it holds after the newest test, with its claim."""
+        """Return the outlook by the valid tests, adapted to the newest test, with its claim."""
         newest = self.history.newest
         if newest is None:
             return outlook
@@ -551,7 +571,7 @@ class Unit:
         return replace(outlook, claim=claim)
 
     def _outlook(self, parameters: ActuatorParameters | None) -> Outlook:
-        """Return what the valid tests say."""
+        """Return the outlook by the valid tests."""
         if not self.history.entries:
             return unknown_outlook("no valid test so far")
         wanted, requirements = self._settings.requirements, None
@@ -566,7 +586,7 @@ class Unit:
             self.growth, self._settings, requirements, shown, recent, self._intermittent.faults
         )
         outlook = self._after_failures(self._confirmed(outlook))
-        # The probability that a test gives no valid estimate is that of Laplace's rule.
+        # Laplace's rule gives the probability that a test has no valid estimate.
         missing = max(entries[-1].cycles - entries[0].cycles + 1 - len(entries), 0)
         reason = "; ".join(filter(None, [outlook.health.reason, self._worn_baseline()]))
         return replace(
@@ -579,16 +599,17 @@ class Unit:
         )
 
     def _worn_baseline(self) -> str:
-        """Return who made a baseline of a worn state, on which the newest test rests; or ""."""
+        """Return who changed the newest test's baseline when the unit was worn; or ""."""
         newest = _baseline(self.history.entries[-1])
-        earlier = (one for one in reversed(self.history.entries) if _baseline(one) != newest)
+        earlier = (entry for entry in reversed(self.history.entries) if _baseline(entry) != newest)
         before = next(earlier, None)
-        found = self.history.assessments.get(before.stamp_ns) if before else None
-        texts = [one.text for one in found.events if one.worn_baseline == newest] if found else []
+        assessment = self.history.assessments.get(before.stamp_ns) if before else None
+        events = assessment.events if assessment else ()
+        texts = [event.text for event in events if event.worn_baseline == newest]
         return texts[-1] if texts else ""
 
     def _since_step_ns(self, from_ns: int) -> int:
-        """Return the time of the first test after the latest step of a clock, after a time [ns]."""
+        """Return the time of the first test after the latest clock step, at least ``from_ns``."""
         by_clock, after = self._settings.has_clock, None
         for test in reversed(self.history.tests):
             if test.verdict == SKIPPED:
@@ -601,30 +622,33 @@ class Unit:
         return from_ns
 
     def _confirmed(self, outlook: Outlook) -> Outlook:
-        """Return the outlook with levels, and a departure, that no later tests have ended.
+        """Return the outlook with earlier levels, and a departure, until tests confirm their end.
 
-        A test ends them together with those before it: ``level_confirmations`` in a row. A record
-        that judges nothing does not count.
+        The end is confirmed by ``level_confirmations`` tests in a row. A record that judges nothing
+        does not count.
         """
         newest = self.history.entries[-1].estimate
-        earlier = (one for one in reversed(self.history.entries[:-1]) if _counts(one.estimate))
-        assessments = (self.history.assessments.get(one.stamp_ns) for one in earlier)
+        earlier = (
+            entry for entry in reversed(self.history.entries[:-1]) if _counts(entry.estimate)
+        )
+        assessments = (self.history.assessments.get(entry.stamp_ns) for entry in earlier)
         needed = islice(filter(None, assessments), self._settings.level_confirmations - 1)
         outlook = confirmed(outlook, needed)
         if newest.comparison is None or outlook.health.level != OK:
             return outlook
-        judged = filter(_is_judged, (one.estimate for one in reversed(self.history.entries)))
+        judged = filter(_is_judged, (entry.estimate for entry in reversed(self.history.entries)))
         latest = islice(judged, self._settings.level_confirmations)
-        departure = next((one.departure for one in latest if one.departure), "")
+        departure = next((estimate.departure for estimate in latest if estimate.departure), "")
         if not departure:
             return outlook
         words = f"{departure}, in an earlier record: the next record must confirm that it has ended"
         return replace(outlook, health=warned(outlook.health), departure=words)
 
     def _after_failures(self, outlook: Outlook) -> Outlook:
-        """Return the outlook with a failure of an earlier test that no later tests have ended.
+        """Return the outlook with the failure of an earlier test until tests confirm its end.
 
-        As many tests end it as a level needs to fall; one that comes and goes, a person.
+        The end is confirmed by ``level_confirmations`` tests in a row. An intermittent failure must
+        be acknowledged by a person.
         """
         judged = (
             test for test in self.history.tests if isinstance(test, Entry) or test.verdict == FAILED
@@ -650,30 +674,30 @@ class Unit:
         return replace(outlook, health=warned(outlook.health), departure=departure)
 
     def _last_level(self, outlook: Outlook) -> int:
-        """Return the level before a test that leaves it open; STALE for any other test."""
+        """Return the last known level before a STALE outlook; STALE for any other outlook."""
         if outlook.health.level == STALE:
             for entry in reversed(self.history.entries):
-                found = self.history.assessments.get(entry.stamp_ns)
+                assessment = self.history.assessments.get(entry.stamp_ns)
                 is_earlier = entry.stamp_ns < outlook.stamp_ns
-                if is_earlier and found is not None and found.level != STALE:
-                    return found.level
+                if is_earlier and assessment is not None and assessment.level != STALE:
+                    return assessment.level
         return STALE
 
     def _failed_since(self, outlook: Outlook) -> float:
-        """Return the hour of the first of the latest tests that have all been ERROR [h]."""
+        """Return the service hour at which the present run of tests with ERROR began [h]."""
         if outlook.health.level != ERROR:
             return math.nan
         since = outlook.hours
         for entry in reversed(self.history.entries):
             if entry.stamp_ns != outlook.stamp_ns:
-                found = self.history.assessments.get(entry.stamp_ns)
-                if found is None or found.level != ERROR:
+                assessment = self.history.assessments.get(entry.stamp_ns)
+                if assessment is None or assessment.level != ERROR:
                     break
-                since = found.hours
+                since = assessment.hours
         return since
 
-    def _own_events(self, outlook: Outlook) -> list[UnitEvent]:
-        """Return the events that no test reveals: notes, a restart, and another calibration."""
+    def _further_events(self, outlook: Outlook) -> list[UnitEvent]:
+        """Return the events that no test reveals: notes, a restart, and a changed calibration."""
         events, entries = self._notes.take(), self.history.entries
         if self._restarted:
             opened_ns, tests = self._restarted
@@ -681,7 +705,7 @@ class Unit:
             text = f"the monitor started and read {counted(tests, 'valid test')}"
             events.append(UnitEvent(opened_ns, outlook.hours, RESTART, text))
         if len(entries) > 1 and outlook.stamp_ns not in self.history.assessments:
-            old, new = (one.estimate.calibration_id for one in entries[-2:])
+            old, new = (entry.estimate.calibration_id for entry in entries[-2:])
             if old != new:
                 text = f"{new} instead of {old}"
                 events.append(UnitEvent(outlook.stamp_ns, outlook.hours, CALIBRATION, text))
@@ -690,7 +714,7 @@ class Unit:
     def _entry(
         self, estimate: Estimate, new_cycles: int, count: Count | None, flown: FlownDuty
     ) -> tuple[Entry, list[Finding]]:
-        """Return a test as it is kept, and findings: the first count is ignored, tests missed."""
+        """Return the entry of a test, and findings on ignored counts and missed tests."""
         latest = self.growth.service.latest
         each = self._settings.service.hours_per_cycle
         cycles = new_cycles + (latest.cycles if latest else 0)
@@ -703,7 +727,7 @@ class Unit:
                 findings.append(Finding(SERVICE_HOURS, text))
         else:
             before = latest.count if latest else None
-            # After a restart, the latest count may be in the history alone.
+            # After a restart, the latest count may be found in the history only.
             newest = _later(count, before, estimate.end_ns)
             if newest is not None and newest != before:
                 cycles = newest.cycles or cycles
@@ -719,7 +743,7 @@ def _baseline(entry: Entry) -> str:
 
 
 def _counts(estimate: Estimate) -> bool:
-    """Return whether a test counts among those in a row that lower a level."""
+    """Return whether a test counts for the confirmation of a lower level."""
     return estimate.comparison is None or _is_judged(estimate)
 
 
@@ -729,7 +753,7 @@ def _is_judged(estimate: Estimate) -> bool:
     return compared is not None and (compared.has_departed or compared[FRICTION].is_judged)
 
 
-def _later(one: Count | None, other: Count | None, end_ns: int) -> Count | None:
-    """Return the later of two counts, of those that were read by the end of a test [ns]."""
-    read = [count for count in (one, other) if count and count.stamp_ns <= end_ns]
+def _later(first: Count | None, second: Count | None, end_ns: int) -> Count | None:
+    """Return the later of two counts, if it was read by the end of a test [ns]; else the other."""
+    read = [count for count in (first, second) if count and count.stamp_ns <= end_ns]
     return max(read, key=lambda count: count.stamp_ns, default=None)

@@ -92,7 +92,7 @@ def test_record_of_an_earlier_version_has_no_comparison():
 
 
 def test_record_with_an_unknown_reason_is_refused():
-    with pytest.raises(ValueError, match="code = 'rust': expected that of a reason"):
+    with pytest.raises(ValueError, match="code = 'rust': expected one of "):
         estimate_of(estimate_record(ESTIMATE) | {"reasons": [{"code": "rust"}]})
 
 
