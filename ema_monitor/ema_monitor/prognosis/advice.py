@@ -1,4 +1,4 @@
-"""What to do with a unit, and when, at the least expected cost (docs/prognosis.md, P18 to P20)."""
+"""Advice on the action with the least expected cost, and its time (docs/prognosis.md, P18-P20)."""
 
 import math
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.sentences import label_of, removal_in_words
 
 Action = Literal["unknown", "continue", "inspect", "remove"]
-"""What can be advised."""
+"""Actions that can be advised."""
 
 _GROUPS: Final = 10
 _MOST_MISSING: Final = 8
@@ -22,7 +22,7 @@ _MOST_MISSING: Final = 8
 
 @dataclass(frozen=True)
 class Costs(Checked):
-    """What removal, failure and inspection cost, in one unit of the user's own."""
+    """Costs of removal, failure and inspection, in a common unit chosen by the user."""
 
     inspection: float = quantity(
         0.0, "-", 0.0, 1e12, "cost of an inspection, in costs.unit; 0: none is offered"
@@ -38,7 +38,7 @@ class Costs(Checked):
 
     @property
     def defect(self) -> str:
-        """Why no advice follows from them; empty when it does."""
+        """Why the costs permit no advice; empty if they do."""
         if self.removal == 0.0:
             return "no costs are given: costs.removal and costs.failure are not set"
         if self.failure <= self.removal:
@@ -50,7 +50,7 @@ class Costs(Checked):
 
 
 class Choice(NamedTuple):
-    """A plan for a unit: cost of its life, hours of its life, and when it is removed."""
+    """A plan for a unit: cost and hours of its life, and the time of its removal."""
 
     cost: float
     hours: float
@@ -69,7 +69,7 @@ class Choice(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What is to be decided after a test."""
+    """A decision that is due after a test."""
 
     costs: Costs
     """Costs and lead time."""
@@ -78,14 +78,14 @@ class Decision:
     interval_hours: float
     """Hours to the next test [h]."""
     lives: Array
-    """Equally probable remaining lives [h], ``(n,)``; none is longer than is looked ahead."""
+    """Equally probable remaining lives, cut off at the horizon [h], ``(n,)``."""
     missing_share: float = 0.0
-    """Probability that a test gives no valid estimate, so that the one after is the next [-]."""
+    """Probability that a test gives no valid estimate [-]."""
     tests_tell: bool = True
     """Whether the next test shows the fault that ends life first."""
 
     def remove(self) -> Choice:
-        """Return the best removal that has to be decided on before the next test (P18)."""
+        """Return the best removal that must be decided before the next test (P18)."""
         lead = self.costs.lead_time
         between = self.lives[(self.lives > lead) & (self.lives < lead + self.interval_hours)]
         return self.removed_at(np.concatenate([[lead], np.sort(between)]))
@@ -121,31 +121,31 @@ class Decision:
         """
         order = np.argsort(levels, kind="stable")
         chosen = [
-            self._judged(half, other)
+            self._judged(training, held_out)
             for group in np.array_split(order, _GROUPS)
-            # What is chosen by one half is judged by the other: by its own it looks too good.
-            for half, other in ((group[::2], group[1::2]), (group[1::2], group[::2]))
+            # A choice looks too good on the lives by which it was made: judge it on other lives.
+            for training, held_out in ((group[::2], group[1::2]), (group[1::2], group[::2]))
         ]
         cost, hours, removal, risk = np.mean(np.array(chosen), axis=0).tolist()
         return Choice(cost + self.costs.inspection, hours, removal, risk)
 
-    def _judged(self, half: NDArray[np.intp], other: NDArray[np.intp]) -> Choice:
-        """Return the value for some lives of the choice that is best for the others."""
-        training, held_out = (replace(self, lives=self.lives[part]) for part in (half, other))
-        removal, waiting = training.remove(), training.wait()
+    def _judged(self, training: NDArray[np.intp], held_out: NDArray[np.intp]) -> Choice:
+        """Return the best choice for the training lives, evaluated on the held-out lives."""
+        planned, real = (replace(self, lives=self.lives[part]) for part in (training, held_out))
+        removal, waiting = planned.remove(), planned.wait()
         if waiting.rate < removal.rate:
-            return held_out.wait()
-        return held_out.removed_at(np.array([removal.removal_hours]))
+            return real.wait()
+        return real.removed_at(np.array([removal.removal_hours]))
 
     def removed_at(self, at_hours: Array) -> Choice:
-        """Return the best removal of those at some hours from now [h]: age replacement (P18)."""
+        """Return the best of removals at some hours from now [h]: age replacement (P18)."""
         lives = np.sort(self.lives)
         fail = np.searchsorted(lives, at_hours, "left")
         risk = fail / lives.size
         until = np.concatenate([[0.0], np.cumsum(lives)])[fail] / lives.size
         hours = self.hours + until + (1.0 - risk) * at_hours
         cost = self._cost(risk)
-        # Without any hours there is no rate.
+        # The rate is undefined at 0 hours.
         rate = np.divide(cost, hours, out=np.full_like(hours, np.inf), where=hours > 0.0)
         k = int(np.argmin(rate))
         return Choice(float(cost[k]), float(hours[k]), float(at_hours[k]), float(risk[k]))
@@ -156,22 +156,22 @@ class Decision:
 
 @dataclass(frozen=True)
 class Advice:
-    """What to do with a unit, and when."""
+    """Advised action for a unit, and its time."""
 
     action: Action
     """"unknown", "continue", "inspect" or "remove"."""
     reason: str
-    """Why, in words."""
+    """Reason as a sentence."""
     hours: float = math.nan
     from_now: float = math.nan
-    """Service hour of the action, or of the decision anew, and the same from the latest test on
-    [h]; NaN when unknown."""
+    """Service hour of the action or of the next decision, and hours from the latest test to it [h];
+    NaN when unknown."""
     probability: float = math.nan
-    """Of a failure before that hour [-]; NaN when unknown."""
+    """Probability of a failure before that hour [-]; NaN when unknown."""
     rate: float = math.nan
     rate_at_once: float = math.nan
-    """Expected cost per flight hour over the life with this advice, and with the earliest removal
-    that is possible; NaN when unknown."""
+    """Expected cost per flight hour over the life with this advice, and with the earliest possible
+    removal; NaN when unknown."""
 
 
 def advise(outlook: Outlook, costs: Costs) -> Advice:

@@ -1,4 +1,4 @@
-"""An outlook as the history keeps it, with the events that a test reveals."""
+"""Assessments: outlooks as the history stores them, with the events that a test reveals."""
 
 from collections.abc import Iterable
 
@@ -14,17 +14,26 @@ def assessment_of(
     findings: Iterable[Finding],
     events: Iterable[UnitEvent],
 ) -> Assessment:
-    """Return an outlook as it is kept, with an event for each fault whose level got worse.
+    """Return the assessment of an outlook, with an event for each fault whose level got worse.
 
-    ``before`` is the assessment of the previous test, or an earlier one of the same test.
-    ``findings`` belong to the test, ``events`` to other times.
+    Parameters
+    ----------
+    outlook
+        Outlook after a test.
+    before
+        Assessment of the previous test, or an earlier assessment of the same test; None for none.
+    findings
+        Findings of the test.
+    events
+        Further events, at any time.
     """
     health, rul = outlook.health, outlook.rul
-    items = [one for one in (*health.faults, *health.requirements) if one.level in (WARN, ERROR)]
-    known = before.alarms if before else {}
+    items = (*health.faults, *health.requirements)
+    alarms = [item for item in items if item.level in (WARN, ERROR)]
+    earlier = before.alarms if before else {}
     all_findings = list(findings)
     all_findings += [
-        Finding(FAULT, in_words(one)) for one in items if one.level > known.get(one.name, 0)
+        Finding(FAULT, in_words(item)) for item in alarms if item.level > earlier.get(item.name, 0)
     ]
     stamp_ns, hours = outlook.stamp_ns, outlook.hours
     # A test that is assessed again keeps its first events.
@@ -36,7 +45,7 @@ def assessment_of(
         health.health_index,
         outlook.dominant,
         (rul.hours_05, rul.hours_50, rul.hours_95) if rul.known else None,
-        {one.name: one.level for one in items},
-        (*kept, *events, *(UnitEvent(stamp_ns, hours, *one) for one in all_findings)),
-        {one.name: one.unconfirmed for one in items if one.unconfirmed is not None},
+        {item.name: item.level for item in alarms},
+        (*kept, *events, *(UnitEvent(stamp_ns, hours, *finding) for finding in all_findings)),
+        {item.name: item.unconfirmed for item in alarms if item.unconfirmed is not None},
     )

@@ -1,4 +1,4 @@
-"""When a level of health falls: once several tests in a row have shown the lower one."""
+"""Confirmation of levels: a level falls once several tests in a row have shown the lower level."""
 
 import math
 from collections.abc import Iterable
@@ -13,22 +13,23 @@ from ema_monitor.prognosis.outlook import Outlook
 def confirmed(outlook: Outlook, earlier: Iterable[Assessment]) -> Outlook:
     """Return an outlook in which no level is lower than at an earlier test.
 
-    A level rises at once. It falls with the last of as many tests in a row as there are earlier
-    ones here and the newest.
+    A level rises at once. It falls when the newest test and all ``earlier`` tests show the lower
+    level.
 
     Parameters
     ----------
     outlook
         Outlook by the tests so far.
     earlier
-        Assessments of the tests before the newest one that have to confirm a lower level.
+        Assessments of the tests before the newest test that must confirm a lower level.
     """
     if outlook.health.level == STALE:
         return outlook
     before: dict[str, int] = {}
-    for one in earlier:
-        for name, level in one.alarms.items():
-            before[name] = max(before.get(name, OK), one.unconfirmed.get(name, level))
+    for assessment in earlier:
+        for name, level in assessment.alarms.items():
+            shown = assessment.unconfirmed.get(name, level)
+            before[name] = max(before.get(name, OK), shown)
     health = outlook.health
     faults, requirements = (
         tuple(_confirmed(item, before.get(item.name, OK)) for item in items)
@@ -58,7 +59,7 @@ def _confirmed(item: FaultHealth, before: int) -> FaultHealth:
 
 
 def _level_of_test(item: FaultHealth) -> int:
-    """Return the level by the newest test: the value that it shows may be held."""
+    """Return the level by the newest test, whose value may be held back."""
     if not math.isfinite(item.held):
         return item.level
     sign = -1.0 if item.limit_is_lower else 1.0

@@ -12,7 +12,7 @@ from ema_monitor.prognosis.service import TimedTest
 
 
 class DutyRecord:
-    """Damage up to the tests of a unit, from which its course follows for those that are used."""
+    """Damage up to each test of a unit, from which the course of its duty is computed."""
 
     def __init__(self, settings: DamageSettings) -> None:
         self._settings = settings
@@ -26,7 +26,7 @@ class DutyRecord:
         self._until[entry.stamp_ns] = self._total
 
     def course(self, used: Sequence[TimedTest]) -> DutyCourse | None:
-        """Return the duty between tests in the order of their hours; None without any known."""
+        """Return the duty between the used tests, in the order of their hours; None if unknown."""
         if len(used) <= REFERENCE_TESTS or not self._total[0]:
             return None
         hours = np.array([test.hours for test in used])
@@ -35,7 +35,7 @@ class DutyRecord:
         elapsed = np.diff(hours)
         least = np.maximum(self._settings.least_coverage * elapsed, 1e-12)
         least = np.where(elapsed > 0.0, least, np.inf)
-        # Beyond the hours in service the unit moved on the ground; gaps are assumed alike.
+        # Telemetry beyond the service hours is motion on the ground; gaps are assumed alike.
         within = np.minimum(np.where(telemetry >= least, telemetry, np.nan), elapsed)
         ageing /= np.where(warm >= least, warm, np.nan)
         course = DutyCourse(

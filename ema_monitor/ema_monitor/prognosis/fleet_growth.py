@@ -24,30 +24,30 @@ from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 
 SUFFIX: Final = ".npz"
-"""How the name of a file of a fleet ends."""
+"""Suffix of the file of a fleet."""
 _FORMAT: Final = 1
 _MOST_BYTES: Final = 500_000_000
 
 
 class UnitGrowth(NamedTuple):
-    """Evidence of a unit."""
+    """Growth evidence of a unit."""
 
     tests: int
-    """Tests that it rests on."""
+    """Number of tests."""
     faults: tuple[GrownFault, ...]
-    """Faults that grow."""
+    """Evidence about each growing fault."""
 
 
 @dataclass(frozen=True, eq=False)
 class FleetGrowth:
-    """Growth evidence of units, each by the digest of its actuator and serial number."""
+    """Growth evidence of the units of a fleet."""
 
     grid: str
-    """Digest of the curves, rates and limits that it is about."""
+    """Digest of the curves, rates and limits to which the evidence refers."""
     units: Mapping[str, UnitGrowth] = field(default_factory=dict)
-    """The units."""
+    """Evidence by the digest of actuator and serial number."""
     names: frozenset[str] = frozenset()
-    """Names of the fleets that it was put together from."""
+    """Names of the fleets that were merged."""
 
     def together(self, other: "FleetGrowth") -> "FleetGrowth":
         """Return the union; for a unit in both fleets, the entry with more tests.
@@ -55,7 +55,7 @@ class FleetGrowth:
         Raises
         ------
         ValueError
-            When they are about other limits.
+            When the fleets have different limits.
         """
         if self.grid != other.grid:
             raise ValueError(
@@ -77,24 +77,24 @@ class FleetGrowth:
         limits
             Where the life of the next unit ends.
         without
-            Actuator and serial number of a unit that is left out: its own tests must not count
+            Actuator and serial number of a unit to leave out, because its tests must not count
             twice.
 
         Raises
         ------
         ValueError
-            When the fleet is about other limits.
+            When the fleet has different limits.
         """
         if self.grid != (expected := grid_digest(limits)):
             raise ValueError(
                 f"the fleet is about other limits, or by another version: grid {self.grid}, "
                 f"expected {expected}"
             )
-        own = unit_digest(*without) if without else ""
+        excluded = unit_digest(*without) if without else ""
         grown: dict[str, list[GrownFault]] = {}
         digest, count = hashlib.sha256(self.grid.encode()), 0
         for name, unit in sorted(self.units.items()):
-            if name == own or not unit.faults:
+            if name == excluded or not unit.faults:
                 continue
             count += 1
             for fault in unit.faults:
@@ -114,7 +114,7 @@ class FleetGrowth:
         )
 
     def write(self, path: Path) -> None:
-        """Write it to a file, whole or not at all.
+        """Write the fleet to a file, atomically.
 
         Raises
         ------
@@ -148,20 +148,20 @@ class FleetGrowth:
         Raises
         ------
         ValueError
-            When it is not such a file; the message names it.
+            When the file is not a fleet; the message names it.
         OSError
-            When it cannot be read.
+            When the file cannot be read.
         """
         try:
             with open_regular_file(path) as opened, np.load(opened, allow_pickle=False) as file:
-                # Sizes first: a small file may open to a large array.
+                # A small file may expand to large arrays: check sizes first.
                 size = sum(item.file_size for item in file.zip.infolist())
                 if size > _MOST_BYTES:
                     raise ValueError(f"it opens to {size} bytes, at most {_MOST_BYTES}")
                 return cls._of_arrays(dict(file))
         except OSError:
             raise
-        except Exception as error:  # of archives, numpy and zipfile raise whatever they come across
+        except Exception as error:  # numpy and zipfile raise many types for damaged archives
             raise ValueError(f"{path}: no file of a fleet: {error}") from error
 
     @classmethod
@@ -181,8 +181,8 @@ class FleetGrowth:
                 raise ValueError(f"{name} has the shape {log.shape}")
             if not np.all((log >= LEAST_LOG) & (log <= 0.0)) or not np.all(log.max((1, 2)) == 0.0):
                 raise ValueError(f"{name} has impossible values: expected {LEAST_LOG:g} to 0")
-            for number, one in zip(arrays[f"unit_of.{kind}"], log, strict=True):
-                faults[number].append(GrownFault(kind, one))
+            for number, log_likelihood in zip(arrays[f"unit_of.{kind}"], log, strict=True):
+                faults[number].append(GrownFault(kind, log_likelihood))
         units = {
             str(digest): UnitGrowth(int(tests), tuple(of_it))
             for digest, tests, of_it in zip(arrays["units"], arrays["tests"], faults, strict=True)
@@ -196,20 +196,20 @@ def _rank(unit: UnitGrowth) -> tuple[int, bytes]:
 
 
 def unit_digest(actuator_id: str, serial_number: str) -> str:
-    """Return the digest that represents a unit in a file that does not name it."""
+    """Return the digest of a unit, which keeps it anonymous in a file."""
     return hashlib.sha256(f"{actuator_id}\0{serial_number}".encode()).hexdigest()[:16]
 
 
 def fleet_of(histories: Iterable[History], limits: HealthLimits, name: str = "") -> FleetGrowth:
-    """Return the fleet of the units with these histories.
+    """Return the growth evidence of the units with some histories.
 
     Parameters
     ----------
     histories
-        Of a unit each. A fault that was repaired counts as it grew until then, and again if it
-        grows after it.
+        History of each unit. A repaired fault counts with its growth until the repair, and again
+        if it grows afterwards.
     limits
-        Where lives end.
+        Limits at which life ends.
     name
         Name of the fleet; may be empty.
     """

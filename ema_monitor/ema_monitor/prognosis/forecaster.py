@@ -1,4 +1,4 @@
-"""From the growth of a unit to its outlook, and to quantiles of its faults to come."""
+"""Outlook of a unit from the growth of its faults, and quantiles of its future faults."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -38,17 +38,17 @@ _QUANTILE: Final = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Forecaster:
-    """What is known of a unit after a test, and does not change with later ones."""
+    """State of a unit after a test, unaffected by later tests."""
 
     outlook: Outlook
     """Health and life after the test."""
     tracker: Tracker | None
-    """What is known of growth; None when the service hours are unknown."""
+    """Growth of the faults; None when the service hours are unknown."""
     limits: HealthLimits
-    """Where the life of each fault ends."""
+    """Limits at which life ends."""
 
     def fan(self) -> Fan | None:
-        """Return quantiles of the faults to come; None when the service hours are unknown."""
+        """Return quantiles of the future faults; None when the service hours are unknown."""
         if self.tracker is None:
             return None
         ahead = hours_ahead(self.outlook.rul, self.outlook.observed_hours)
@@ -57,9 +57,16 @@ class Forecaster:
 
 
 def hours_ahead(life: RemainingLife, observed_hours: float) -> float:
-    """Return how far ahead a life is shown: behind its likely end, if that is not far away [h].
+    """Return how many hours ahead a life is plotted [h]: beyond its likely end if that is near.
 
-    That depends on the hours over which the unit has been observed [h].
+    The longer the unit has been observed, the further ahead the plot may reach.
+
+    Parameters
+    ----------
+    life
+        Remaining life of the unit.
+    observed_hours
+        Hours over which the unit has been observed [h].
     """
     span = max(observed_hours, _LEAST_SPAN_HOURS)
     ahead = min(1.1 * life.hours_95, 2.5 * life.hours_50, 2.0 * span) if life.known else 0.0
@@ -79,18 +86,18 @@ def outlook_of(
     Parameters
     ----------
     growth
-        Of the unit; with at least one test.
+        Growth of the unit, with at least one test.
     settings
         Limits, horizon and duty.
     requirements
-        Those of the unit, or why they cannot be monitored; None for a joint without a drive
+        Requirements of the unit, or why they cannot be monitored; None for a joint without a drive
         model, which has no requirements.
     shown
         Estimate of the latest test that has shown a fault, by fault.
     recent
-        Faults for which that test is recent.
+        Faults that a recent test has shown.
     intermittent
-        Faults that come and go.
+        Recurrence of each intermittent fault.
 
     Raises
     ------
@@ -218,9 +225,9 @@ def _required(
 def _latest_faults(
     growth: GrowthRecord, estimate: Estimate, tracked: tuple[TrackedFault, ...]
 ) -> tuple[Array, Array]:
-    """Return faults, ``(8,)``, and covariance by all tests; without tracked ones, by the last.
+    """Return faults, ``(8,)``, and covariance by all tests; by the last test if none is tracked.
 
-    What is unknown is NaN.
+    Unknown values are NaN.
     """
     faults = np.array(estimate.faults)
     if not tracked:
@@ -234,24 +241,25 @@ def _latest_faults(
     return faults, np.diag(variance)
 
 
-def earlier(one: RemainingLife, other: RemainingLife, together: RemainingLife) -> RemainingLife:
-    """Return the life that ends with the first of two.
+def earlier(
+    by_faults: RemainingLife, by_requirements: RemainingLife, together: RemainingLife
+) -> RemainingLife:
+    """Return the life that ends with the first of two. The smaller median gives the criterion.
 
     Parameters
     ----------
-    one, other
+    by_faults, by_requirements
         Lives of the same actuator.
     together
-        Life that ends with the first of them, from samples that both share. It may rest on fewer
-        samples: the result is never longer than either life. The criterion with the smaller median
-        is reported.
+        Life that ends with the first of them, from shared samples. It may rest on fewer samples:
+        the result is never longer than either life.
     """
-    known = [life for life in (one, other) if life.known]
-    if not known:
-        reasons = dict.fromkeys(filter(None, [one.reason, other.reason]))
+    lives = [life for life in (by_faults, by_requirements) if life.known]
+    if not lives:
+        reasons = dict.fromkeys(filter(None, [by_faults.reason, by_requirements.reason]))
         return RemainingLife.unknown("the first fault limit or requirement", "; ".join(reasons))
-    first = min(known, key=lambda life: life.hours_50)
-    every = [*known, together] if together.known else known
+    first = min(lives, key=lambda life: life.hours_50)
+    every = [*lives, together] if together.known else lives
     return RemainingLife(
         True,
         min(life.hours_05 for life in every),
@@ -274,7 +282,7 @@ def lifetimes_of(by_faults: Array, by_requirements: Array) -> Array:
     Returns
     -------
     numpy.ndarray
-        As many as by faults and in their order, infinite where neither ends [h].
+        Lives in the order of ``by_faults``, infinite where neither ends [h], ``(n,)``.
     """
     if not by_requirements.size:
         return by_faults
@@ -288,23 +296,23 @@ def lifetimes_of(by_faults: Array, by_requirements: Array) -> Array:
 def removal_of(
     life: RemainingLife, lifetimes: Array, risk: float, hours_per_cycle: float, hours_a_day: float
 ) -> Removal:
-    """Return by when to remove a unit.
+    """Return the latest time for the removal of a unit.
 
     Parameters
     ----------
     life
-        Its remaining life.
+        Remaining life of the unit.
     lifetimes
         Equally probable remaining lives [h], ``(n,)``; empty when it is unknown.
     risk
-        Probability of a failure before that is accepted [-].
+        Accepted probability of a failure before the removal [-].
     hours_per_cycle, hours_a_day
         Flight hours of a test cycle [h] and of a day [h/d]; NaN when unknown.
     """
     if not life.known or not lifetimes.size:
         return Removal(risk, hours_a_day=hours_a_day)
     hours = float(np.quantile(lifetimes, risk, method="inverted_cdf"))
-    # The published quantiles may rest on fewer samples, and never contradict this.
+    # The published quantiles may rest on fewer samples: the removal must not contradict them.
     if risk <= _QUANTILE:
         hours = min(hours, life.hours_05)
     if risk >= _QUANTILE:

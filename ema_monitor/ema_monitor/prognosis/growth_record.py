@@ -1,4 +1,4 @@
-"""The tracker of a unit's growth, fed with the tests whose service hours are known."""
+"""Growth of a unit's faults, tracked over the tests with known service hours."""
 
 import hashlib
 import math
@@ -29,35 +29,35 @@ from ema_monitor.prognosis.service import ServiceHours
 class GrowthRecord:
     """Feeds a tracker with tests in the order of their service hours.
 
-    When hours that were used are left out, a new tracker is fed with the others, so that what it
-    knows depends on the tests alone.
+    If used hours are discarded later, a new tracker is fed with the remaining tests, so that its
+    state depends on the tests alone.
 
     Parameters
     ----------
     limits, settings
-        Those of the tracker.
+        Limits and settings of the tracker.
     entries
         Tests so far.
     kept
-        What ``state`` of an earlier record returned; used if it is by the same settings and code,
-        and by the first of these tests.
+        State of an earlier record, as ``state`` returned it. It is used if it has the same settings
+        and code, and was computed from the first of these tests.
     damage
-        How duty does damage.
+        Relation of damage to duty.
 
     Attributes
     ----------
     tracker
-        What is known of growth.
+        Tracker of the growth.
     service
         Service hours at the tests.
     duty
-        Duty between them; None when it is not known, and growth is by hours.
+        Duty between the tests; None if it is unknown and hours count as growth.
     tests
-        Number of tests that the tracker was updated by.
+        Number of tests by which the tracker was updated.
     kept_tests
-        Number of these that were known from ``kept``.
+        Number of tests that were included in ``kept``.
     doubtful
-        Components that the latest test shows to be where growth does not explain them.
+        Components whose value in the latest test is not explained by growth.
     phase
         Direction of eccentricity in the latest test, and its variance; NaN when unknown.
     """
@@ -96,7 +96,7 @@ class GrowthRecord:
         return findings + self._update()
 
     def state(self) -> bytes:
-        """Return the state, for a later record of the same and later tests."""
+        """Return the state, for a later record of these and further tests."""
         stamps_ns, hours = self._used()
         stream = BytesIO()
         np.savez(
@@ -117,11 +117,11 @@ class GrowthRecord:
         return self.service.add(entry)
 
     def _restore(self, kept: bytes) -> None:
-        """Continue from a stored state; without one, or with an unrelated one, start anew.
+        """Continue from a stored state, unless it belongs to other settings, code or tests.
 
-        A law defined by a user has no digest: it may have changed since.
+        With a law defined by a user the state is not used: its code may have changed.
         """
-        if not all(isinstance(one.law, str) for one in self._settings.laws.values()):
+        if not all(isinstance(law.law, str) for law in self._settings.laws.values()):
             return
         try:
             with np.load(BytesIO(kept), allow_pickle=False) as file:
@@ -134,11 +134,11 @@ class GrowthRecord:
             self.phase = float(phase), float(variance)
             self.doubtful = frozenset(compress(COMPONENTS, state["doubtful"]))
             self._fed, self.tests = fed, len(fed[0])
-        except Exception:  # of archives, numpy and zipfile raise whatever they come across
+        except Exception:  # numpy and zipfile raise many types for damaged archives
             self._restart()
 
     def _made_by(self) -> str:
-        """Return a digest of settings and code, for other ones know other things."""
+        """Return a digest of the settings and code on which a state depends."""
         text = repr((self._limits, self._settings)).encode()
         return hashlib.sha256(text + _code()).hexdigest()
 
@@ -147,11 +147,11 @@ class GrowthRecord:
         self.phase = (math.nan, math.nan)
         self.doubtful = frozenset[str]()
         self.tests = 0
-        # Stamps of the tests that the tracker was updated by, and their hours.
+        # Stamps and hours of the tests by which the tracker was updated.
         self._fed = np.empty(0, np.int64), np.empty((0, 1 + len(COMPONENTS)))
 
     def _used(self) -> tuple[NDArray[np.int64], Array]:
-        """Return stamps [ns] and hours of service and growth [h] of the tests that are used."""
+        """Return stamps [ns] and hours of service and growth [h] of the used tests."""
         used = self.service.used
         hours = np.array([test.hours for test in used], dtype=np.float64)[:, None]
         growth_hours = (
@@ -163,14 +163,15 @@ class GrowthRecord:
 
     def _begins_with(self, fed: tuple[NDArray[np.int64], Array]) -> bool:
         n = len(fed[0])
-        return all(np.array_equal(one, now[:n]) for one, now in zip(fed, self._used(), strict=True))
+        pairs = zip(fed, self._used(), strict=True)
+        return all(np.array_equal(before, present[:n]) for before, present in pairs)
 
     def _update(self) -> list[Finding]:
         """Feed the tracker with the new tests; return their events."""
-        known = set[int]()
-        # Once the reference duty is known, the growth before counts by damage, too.
+        reported = set[int]()
+        # Once the reference duty is known, damage counts as growth also for earlier tests.
         if not self._begins_with(self._fed):
-            known.update(self._fed[0].tolist())
+            reported.update(self._fed[0].tolist())
             self._restart()
         stamps_ns, hours = self._used()
         every = stamps_ns.tolist()
@@ -181,9 +182,9 @@ class GrowthRecord:
                 self._entries[every[number]],
                 hour,
                 np.array(growth_hours),
-                [self._entries[one] for one in every[max(0, number - PATIENCE) : number]],
+                [self._entries[ns] for ns in every[max(0, number - PATIENCE) : number]],
             )
-            if every[number] not in known
+            if every[number] not in reported
         ]
         self._fed, self.tests = (stamps_ns, hours), len(stamps_ns)
         if not self.latest_is_used:
@@ -201,12 +202,12 @@ class GrowthRecord:
             )
         events = self.tracker.update(Measurement.of(estimate, hours, own_hours))
         self.doubtful = frozenset(item.component for item in events if item.kind == OUTLIER)
-        made_by = {one.estimate.calibration_id for one in (*before, entry)}
-        return [_finding(item, is_new_baseline=len(made_by) > 1) for item in events]
+        baselines = {test.estimate.calibration_id for test in (*before, entry)}
+        return [_finding(item, is_new_baseline=len(baselines) > 1) for item in events]
 
 
 def _finding(event: Event, *, is_new_baseline: bool) -> Finding:
-    """Return an event as a finding; a level change due to a new baseline is no repair or step."""
+    """Return the finding of an event; a change due to a new baseline is no repair or step."""
     if is_new_baseline and event.kind in (REPAIR, STEP):
         words = f"the baseline changed, and with it what is healthy: {event.text}"
         return Finding(CALIBRATION, words)
@@ -215,6 +216,6 @@ def _finding(event: Event, *, is_new_baseline: bool) -> Finding:
 
 @cache
 def _code() -> bytes:
-    """Return a digest of the code that a tracker's state follows from."""
+    """Return a digest of the code on which a tracker's state depends."""
     files = [growth_laws.__file__, *sorted(Path(growth.__path__[0]).rglob("*.py"))]
     return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files)).digest()

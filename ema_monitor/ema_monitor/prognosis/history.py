@@ -46,35 +46,35 @@ _DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_
 class History:
     """Tests of a unit and their assessments, in memory and, with a path, in a file.
 
-    The file is an SQLite database with a write-ahead log, one transaction a test, locked for this
-    process alone; the checksum of a test covers its unit and place. A file that is damaged, of
-    another unit, kind or version, or in which tests were deleted, doubled or swapped, is set aside
-    under another name, and a new one begun with the tests that are intact; one that is deleted or
-    moved while in use is written anew. No method raises because of a file: ``problem`` reports the
-    error, and the history continues in memory.
+    The file is an SQLite database with a write-ahead log and a transaction for each test, locked
+    for this process alone. The checksum of a test covers its unit and place. A file is renamed, and
+    a new file begun with the intact tests, if the file is damaged, belongs to another unit, kind or
+    version, or had tests deleted, repeated or swapped. If the file is deleted or moved while in
+    use, it is written again. No method raises because of a file: ``problem`` reports the error, and
+    the history continues in memory.
 
     Parameters
     ----------
     actuator_id, serial_number
         The unit.
     path
-        The file; None for memory alone. It and its folder are made with the first entry.
+        The file; None for memory alone. The first entry creates the file and its folder.
 
     Attributes
     ----------
     unit
         Actuator and serial number.
     tests
-        All tests as they came.
+        All tests in the order of arrival.
     entries
         The valid tests in the order of their stamps.
     late
-        Valid tests that came late, before they are put in their places: more than a twentieth of
-        the others are, all at once, as all that follows from later ones is then found anew.
+        Valid tests that arrived late and are not in ``entries`` yet. They are inserted together
+        once they exceed 5 % of the entries, because all results after them are then recomputed.
     unused
-        Test cycles after the latest of them, which had no valid estimate, as they came.
+        Test cycles without a valid estimate after the latest entry, in the order of arrival.
     assessments
-        What was found after each valid test, by its stamp [ns].
+        Assessment after each valid test, by its stamp [ns].
     growth
         State stored by ``keep_growth``; empty without any.
     path
@@ -93,10 +93,10 @@ class History:
         self._db: sqlite3.Connection | None = None
         self._file_id = (0, 0)
         self.tests: list[Test] = []
-        # By stamp, whether a test is valid; and how many tests the file has.
+        # Whether a test is valid, by its stamp; and the number of tests in the file.
         self._is_valid: dict[int, bool] = {}
         self._written = 0
-        # Stamps of assessments that are not in the file as they are here.
+        # Stamps of assessments that differ from the file.
         self._changed: set[int] = set()
         self._mended = ""
         self._trouble = ""
@@ -127,7 +127,7 @@ class History:
         return stamp_ns in self._is_valid
 
     def holds_valid(self, stamp_ns: int) -> bool:
-        """Return whether a valid test of the window that ends at a stamp [ns] is."""
+        """Return whether a valid test of the window that ends at a stamp [ns] is in the history."""
         return self._is_valid.get(stamp_ns, False)
 
     def append(self, test: Test) -> None:
@@ -144,10 +144,10 @@ class History:
             self._write()
 
     def keep_growth(self, state: bytes) -> None:
-        """Write the state of growth after all tests so far, if these are in the file.
+        """Write the state of growth after all tests so far, if the file has all of them.
 
-        A later start then need not compute it again. It is not part of the history: losing it only
-        costs time.
+        A later start then need not compute the state again. If the state is lost, the history is
+        complete nevertheless.
         """
         with self._lock:
             if self._db is None or self._trouble:
@@ -185,7 +185,7 @@ class History:
                 insort(self.entries, late, key=lambda entry: entry.stamp_ns)
             self.late.clear()
         last_ns = self.entries[-1].stamp_ns
-        self.unused = [one for one in self.unused if one.stamp_ns > last_ns]
+        self.unused = [cycle for cycle in self.unused if cycle.stamp_ns > last_ns]
 
     def _write(self) -> None:
         """Write everything that is not in the file yet."""
@@ -207,7 +207,7 @@ class History:
             self.close()
 
     def _write_pending(self, path: Path) -> None:
-        """Write it in one transaction; ValueError for a file with tests that were not read."""
+        """Write everything pending in a transaction; ValueError if the file has unread tests."""
         if self._db is not None and _file_id(path) != self._file_id:
             self._mended = (
                 f"the history {path} was deleted or moved while it was in use; a new file with "
@@ -230,7 +230,7 @@ class History:
             )
             db.executemany(
                 "INSERT OR REPLACE INTO assessment VALUES (?, ?, ?)",
-                [self._row(one.stamp_ns, assessment_text(one)) for one in assessments],
+                [self._row(item.stamp_ns, assessment_text(item)) for item in assessments],
             )
         self._written = len(self.tests)
         self._changed.clear()
@@ -241,7 +241,7 @@ class History:
         return key, record, zlib.crc32(f"{self.unit} {key} {record}".encode())
 
     def _open(self, path: Path) -> None:
-        """Read a file; set it aside where it is damaged."""
+        """Read a file; set it aside if it is damaged."""
         try:
             self._read(self._connect(path))
         except (sqlite3.DatabaseError, ValueError) as error:
@@ -257,16 +257,16 @@ class History:
         Raises
         ------
         sqlite3.Error
-            When another process has it, or it cannot be written.
+            When another process uses the file, or it cannot be written.
         ValueError
-            When it is of another unit or kind.
+            When the file belongs to another unit, or is of another kind.
         """
         self._release()
         db = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
-        # Bytes that are not text have a wrong checksum: the row is reported and omitted.
+        # Invalid bytes lead to a wrong checksum: the row is reported and omitted.
         db.text_factory = lambda text: text.decode(errors="replace")
         try:
-            # Held until the connection is closed, or the process ends.
+            # The lock lasts until the connection is closed, or the process ends.
             db.execute("PRAGMA locking_mode = EXCLUSIVE")
             is_new = not db.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]
             if not is_new:
@@ -276,7 +276,7 @@ class History:
             # After each test: a copy or a move of the file alone has all tests.
             db.execute("PRAGMA wal_autocheckpoint = 1")
             with db:
-                # Also if no table is missing: it shows whether the file can be written.
+                # Needed also for an existing file: it shows whether the file can be written.
                 db.execute("BEGIN IMMEDIATE")
                 if is_new:
                     for statement in filter(str.strip, _TABLES.split(";")):
@@ -301,29 +301,32 @@ class History:
         """Add the intact records of the file; raise ValueError for the rest."""
         damage: list[str] = []
 
-        def read(what: str, key: int, record: str, crc32: int, add: Callable[[str], None]) -> None:
+        def read(label: str, key: int, record: str, crc32: int, add: Callable[[str], None]) -> None:
             try:
                 if (key, record, crc32) != self._row(key, record):
                     raise ValueError("its checksum is wrong")
                 add(record)
-            except Exception as error:  # a record of something else raises whatever it may
-                damage.append(f"{what} is damaged: {error}")
+            except Exception as error:  # an invalid record may raise any type
+                damage.append(f"{label} is damaged: {error}")
+
+        def add_test(record: str) -> None:
+            self._add(read_test(record))
 
         def add_assessment(record: str) -> None:
-            one = read_assessment(record)
-            self.assessments[one.stamp_ns] = one
+            assessment = read_assessment(record)
+            self.assessments[assessment.stamp_ns] = assessment
 
         try:
             tests = db.execute("SELECT number, record, crc32 FROM test ORDER BY number")
             for number, record, crc32 in tests:
                 damage += _missing(self._written, number - 1)
-                read(f"test {number}", number, record, crc32, lambda one: self._add(read_test(one)))
+                read(f"test {number}", number, record, crc32, add_test)
                 self._written = number
         finally:
             rows = db.execute("SELECT end_ns, record, crc32 FROM assessment")
             for end_ns, record, crc32 in rows:
-                what = f"the assessment of the test at {end_ns} ns"
-                read(what, end_ns, record, crc32, add_assessment)
+                label = f"the assessment of the test at {end_ns} ns"
+                read(label, end_ns, record, crc32, add_assessment)
         for (last,) in db.execute("SELECT seq FROM sqlite_sequence WHERE name = 'test'"):
             damage += _missing(self._written, last)
         if (result := db.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
@@ -335,7 +338,7 @@ class History:
             raise ValueError(f"{damage[0]}{more}")
 
     def _read_copy(self, path: Path, error: Exception) -> None:
-        """Read a file that cannot be opened for writing, as on read-only media; keep to memory."""
+        """Read a file that cannot be opened for writing, as on read-only media, into memory."""
         self.close()
         if _code_of(error) == sqlite3.SQLITE_BUSY:
             self._trouble = (
@@ -375,19 +378,19 @@ class History:
 
 
 def read_history(path: Path) -> History:
-    """Return the history in a file, which is neither changed nor kept from a monitor that has it.
+    """Return the history in a file without changing or locking it; a monitor may be using it.
 
     Parameters
     ----------
     path
-        The file, as ``history_path`` names it.
+        Path of the file, see ``history_path``.
 
     Raises
     ------
     ValueError
         When the file is not a history, or is damaged; the message names it.
     OSError
-        When it cannot be read.
+        When the file cannot be read.
     """
     history, damage = read_intact_history(path)
     if damage:
@@ -396,7 +399,15 @@ def read_history(path: Path) -> History:
 
 
 def read_intact_history(path: Path) -> tuple[History, str]:
-    """Return the intact records of a file, and its damage; errors are as in `read_history`."""
+    """Return the intact records of a file, and a message about its damage, or "".
+
+    Raises
+    ------
+    ValueError
+        When the file is not named as a history.
+    OSError
+        When the file cannot be read.
+    """
     actuator_id, plus, serial_number = path.name.removesuffix(".sqlite").partition("+")
     if not plus or path.suffix != ".sqlite":
         raise ValueError(f"{path}: expected a history named ACTUATOR+SERIAL.sqlite")
@@ -408,12 +419,12 @@ def read_intact_history(path: Path) -> tuple[History, str]:
 
 
 def history_path(folder: Path, actuator_id: str, serial_number: str) -> Path:
-    """Return where in a folder the history of a unit is."""
+    """Return the path of a unit's history in a folder."""
     return folder / f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}.sqlite"
 
 
 def _copied(path: Path, folder: str) -> Path:
-    """Return a copy of a file in a folder, with its log, if there is one."""
+    """Copy a file, with its log if it has one, to a folder; return the path of the copy."""
     copy = Path(folder) / path.name
     for suffix in ("", "-wal"):
         if (source := _with_suffix(path, suffix)).exists():
@@ -442,7 +453,7 @@ def _reason_of(error: Exception) -> str:
 
 
 def _with_suffix(path: Path, suffix: str) -> Path:
-    """Return a path whose name has a suffix behind all that it has."""
+    """Return a path with a suffix appended to its name."""
     return path.with_name(path.name + suffix)
 
 

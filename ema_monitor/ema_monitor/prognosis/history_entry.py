@@ -40,7 +40,7 @@ NOTE: Final = "note"
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """Service life of a unit as it was counted.
+    """Count of the service life of a unit.
 
     Raises
     ------
@@ -49,11 +49,11 @@ class Count:
     """
 
     stamp_ns: int
-    """When the counts were read [ns]."""
+    """Time at which the count was read [ns]."""
     hours: float
     """Hours in service since new [h], at most 1e7."""
     cycles: int
-    """Test cycles since new, at most 1e12; 0 when they are not counted."""
+    """Test cycles since new, at most 1e12; 0 when not counted."""
 
     def __post_init__(self) -> None:
         if not is_finite_number(self.hours) or not 0.0 <= self.hours <= _MOST_HOURS:
@@ -68,27 +68,27 @@ class Count:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One valid test.
+    """A valid test.
 
     Raises
     ------
     ValueError
-        When the estimate is not valid, or a figure of it is impossible.
+        When the estimate is not valid, or has an impossible figure.
     """
 
     estimate: Estimate
     """Estimate of its window."""
     hours: float
-    """Service hour of the test by ``hours_per_cycle`` [h]; NaN where it is counted or unknown."""
+    """Service hour of the test by ``hours_per_cycle`` [h]; NaN when counted or unknown."""
     cycles: int
-    """Test cycles up to it, itself included."""
+    """Test cycles up to and including the test."""
     count: Count | None = None
-    """The latest count of service hours before the test; None where there is none, or where
-    ``hours_per_cycle`` holds."""
+    """Latest count of service hours before the test; None without a count, or if
+    ``hours_per_cycle`` is set."""
     flown: FlownDuty = NOTHING_FLOWN
     """Duty since the previous valid test, as far as telemetry covers it."""
     shift_ns: int = 0
-    """What the stamps of its estimate were moved by, as they did not show its place [ns]."""
+    """Correction that was added to the stamps of its estimate to put the test in order [ns]."""
 
     def __post_init__(self) -> None:
         Measurement.of(self.estimate, 0.0 if math.isnan(self.hours) else self.hours)
@@ -122,16 +122,16 @@ class UnusedCycle:
     """Time of the window's end, by which tests are ordered [ns]."""
     verdict: str
     reasons: tuple[Reason, ...] = ()
-    """Of its estimate: why there is none."""
+    """Verdict of its estimate, and the reasons that it is not valid."""
     flown: FlownDuty = NOTHING_FLOWN
     """Duty since the previous test cycle, as far as telemetry covers it."""
     parts: tuple[WindowFigures, ...] = ()
     comparison: Comparison | None = None
-    """As of its estimate."""
+    """Figures and comparison of its estimate."""
     shift_ns: int = 0
-    """As of ``Entry``."""
+    """Correction that was added to its stamps to put the test in order [ns]."""
     is_ordered: bool = True
-    """Whether it is known which tests came before it."""
+    """Whether its place among the tests is known."""
 
     @classmethod
     def of(
@@ -155,7 +155,7 @@ class UnusedCycle:
 
     @property
     def reason(self) -> str:
-        """Why there is no estimate, in words."""
+        """Text of the reasons that there is no valid estimate."""
         return joined(self.reasons)
 
 
@@ -163,10 +163,12 @@ Test = Entry | UnusedCycle
 
 
 class Finding(NamedTuple):
-    """What a test reveals: its kind, as in ``ema_interfaces/msg/UnitEvent``, and words."""
+    """Result of a test that is worth an event."""
 
     kind: str
+    """Kind as in ``ema_interfaces/msg/UnitEvent``."""
     text: str
+    """Description of the result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,16 +176,17 @@ class UnitEvent:
     """Something that happened to a unit or to its monitoring."""
 
     stamp_ns: int
-    """Stamp of the test that showed it [ns]."""
+    """Stamp of the test that showed the event [ns]."""
     hours: float
-    """Service hours then [h]; NaN when unknown."""
+    """Service hours at the event [h]; NaN when unknown."""
     kind: str
+    """Kind as in ``ema_interfaces/msg/UnitEvent``."""
     text: str
-    """What kind of event, as in ``ema_interfaces/msg/UnitEvent``, and words."""
+    """Description of the event."""
     person: str = ""
-    """Who wrote the note, or changed the baseline; empty for other events."""
+    """Person who wrote the note or changed the baseline; empty for other events."""
     worn_baseline: str = ""
-    """Identity of a baseline that a person gave a worn unit; empty for other events."""
+    """Identity of a baseline that a person chose when the unit was worn; empty for other events."""
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.text}"
@@ -199,15 +202,15 @@ class Assessment:
     level: int
     health_index: float
     dominant_fault: str
-    """As of health."""
+    """Level, index and dominant fault of the unit's health."""
     life: tuple[float, float, float] | None
     """5, 50 and 95 % quantiles of the remaining life [h]; None when it is unknown."""
     alarms: Mapping[str, int] = field(default_factory=dict)
     """Levels of the faults and requirements in WARN or ERROR, by name."""
     events: tuple[UnitEvent, ...] = ()
-    """What happened since the test before."""
+    """Events since the previous test."""
     unconfirmed: Mapping[str, int] = field(default_factory=dict)
-    """Lower levels of these that the test shows, and later ones have to confirm, by name."""
+    """Lower levels that the test shows and later tests must confirm, by name."""
 
 
 def as_text(test: Test) -> str:
@@ -270,9 +273,9 @@ def read_test(text: str) -> Test:
     )
 
 
-def assessment_text(one: Assessment) -> str:
+def assessment_text(assessment: Assessment) -> str:
     """Return an assessment as JSON, with NaN and Infinity for numbers that are not finite."""
-    return json.dumps(asdict(one), ensure_ascii=False)
+    return json.dumps(asdict(assessment), ensure_ascii=False)
 
 
 def read_assessment(text: str) -> Assessment:
@@ -287,41 +290,47 @@ def read_assessment(text: str) -> Assessment:
 
 
 class StampedTest(NamedTuple):
-    """Stamps of the first and last sample of a test [ns], its bag, and the identity of its copies.
-
-    A refused test may overlap others: recordings that were cut have parts of a test.
-    """
+    """Time, origin and identity of a test in a recording."""
 
     start_ns: int
     end_ns: int
+    """Stamps of the first and last sample [ns]."""
     bag: str
+    """Name of the recording."""
     content: Any
+    """Identity of the test, which its copies share."""
     is_refused: bool = False
+    """Whether the test is refused. A refused test may overlap other tests: a cut recording has parts
+    of tests."""
 
 
 def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
-    """Return, by bag, why it is not known which test came first.
+    """Return why the order of tests is unknown, by bag.
 
-    Tests must not overlap in time, unless they are copies, and their stamps must not go back within
-    a bag, whose tests are given in the order in which they were recorded.
+    Tests must not overlap in time unless they are copies, and stamps must not go back within a bag.
+
+    Parameters
+    ----------
+    tests
+        Tests of all bags; the tests of a bag in the order of recording.
     """
     tests = list(tests)
     reasons = _stepped_back(tests)
-    begun: list[StampedTest] = []
+    earlier: list[StampedTest] = []
     whole = (test for test in tests if not test.is_refused)
-    for other in sorted(whole, key=lambda test: (test.start_ns, test.end_ns, test.bag)):
-        begun = [one for one in begun if one.end_ns > other.start_ns]
-        for one in begun:
-            if other.content != one.content:
-                bags = dict.fromkeys((one.bag, other.bag))
-                end_s = min(one.end_ns, other.end_ns) * 1e-9
-                what = f"{' and '.join(bags)}: different tests at the same time, {end_s:.4f} s"
+    for test in sorted(whole, key=lambda test: (test.start_ns, test.end_ns, test.bag)):
+        earlier = [overlapping for overlapping in earlier if overlapping.end_ns > test.start_ns]
+        for overlapping in earlier:
+            if test.content != overlapping.content:
+                bags = dict.fromkeys((overlapping.bag, test.bag))
+                end_s = min(overlapping.end_ns, test.end_ns) * 1e-9
+                clash = f"{' and '.join(bags)}: different tests at the same time, {end_s:.4f} s"
                 hint = "`ema simulate --start` dates simulated ones"
-                if not has_date(other.end_ns):
+                if not has_date(test.end_ns):
                     hint = f"give the time of records with its date; {hint}"
-                reason = f"{what}: their stamps must show which came first; {hint}"
+                reason = f"{clash}: their stamps must show which came first; {hint}"
                 reasons = dict.fromkeys(bags, reason) | reasons
-        begun.append(other)
+        earlier.append(test)
     return reasons
 
 
@@ -332,14 +341,14 @@ def _stepped_back(tests: Iterable[StampedTest]) -> dict[str, str]:
     """
     reasons: dict[str, str] = {}
     latest_ns: dict[str, int] = {}
-    known = set[tuple[str, int, int]]()
-    for one in tests:
-        times = one.bag, one.start_ns, one.end_ns
-        before_ns = latest_ns.get(one.bag, one.end_ns)
-        if one.end_ns < before_ns and times not in known:
-            back_s = (before_ns - one.end_ns) * 1e-9
-            reason = f"{one.bag}: the clock went back by {back_s:.4g} s between two tests"
-            reasons.setdefault(one.bag, f"{reason}: their stamps must show which came first")
-        known.add(times)
-        latest_ns[one.bag] = max(before_ns, one.end_ns)
+    visited = set[tuple[str, int, int]]()
+    for test in tests:
+        times = test.bag, test.start_ns, test.end_ns
+        before_ns = latest_ns.get(test.bag, test.end_ns)
+        if test.end_ns < before_ns and times not in visited:
+            back_s = (before_ns - test.end_ns) * 1e-9
+            reason = f"{test.bag}: the clock went back by {back_s:.4g} s between two tests"
+            reasons.setdefault(test.bag, f"{reason}: their stamps must show which came first")
+        visited.add(times)
+        latest_ns[test.bag] = max(before_ns, test.end_ns)
     return reasons

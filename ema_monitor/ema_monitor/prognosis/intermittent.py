@@ -1,4 +1,4 @@
-"""Faults and failures that come and go: there in some of the latest tests, gone in others."""
+"""Intermittent faults and failures: present in some of the latest tests, absent in others."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -9,40 +9,40 @@ from ema_monitor.health import ONE_SIDED_95, HealthLimits, Recurrence
 from ema_monitor.identification.estimate import Estimate
 
 LATEST_TESTS: Final = 20
-"""Tests in which a fault may come and go."""
+"""Number of latest tests in which an intermittent fault is searched."""
 
 GONE_SHARE: Final = 0.5
-"""Share of the limit below which a fault has gone [-]."""
+"""Share of the limit below which a fault is absent [-]."""
 
 OCCURRENCES: Final = 2
-"""Times that it must have come in them: one occurrence may be an error of the estimate."""
+"""Occurrences of an intermittent fault: a single one may be an error of the estimate."""
 
 
 class _Sign:
-    """A sign of damage in the latest tests that were conclusive about it.
+    """A sign of damage in the latest conclusive tests.
 
     Attributes
     ----------
     recurrence
-        How often it came, once it is intermittent; None before.
+        Occurrences of the sign, if it is intermittent; else None.
     """
 
     def __init__(self) -> None:
         self.recurrence: Recurrence | None = None
-        # Stamps [ns], and distances from healthy, 0 if it had gone.
+        # Stamps [ns], and distances from healthy, 0 if the sign was absent.
         self._latest = deque[tuple[int, float]](maxlen=LATEST_TESTS)
-        # Stamps of the tests in which it came while it was intermittent [ns].
+        # Stamps of the tests in which the sign was present while it was intermittent [ns].
         self._stamps_ns = set[int]()
 
     def add(self, stamp_ns: int, distance: float) -> bool:
-        """Add the next conclusive test; return whether it is intermittent from this test on."""
+        """Add the next conclusive test; return whether the sign becomes intermittent with it."""
         before = self.recurrence
         self._latest.append((stamp_ns, distance))
         self._judge(stamp_ns if distance else 0)
         return before is None and self.recurrence is not None
 
     def acknowledge(self, stamp_ns: int) -> None:
-        """End it if it came in the test of a stamp [ns]; later tests count."""
+        """Reset the sign if it was present in the test of a stamp [ns]; later tests count."""
         if stamp_ns not in self._stamps_ns:
             return
         later = [test for test in self._latest if test[0] > stamp_ns]
@@ -51,24 +51,24 @@ class _Sign:
         self.recurrence = None
         self._judge(0)
 
-    def _judge(self, came_ns: int) -> None:
-        """Note whether it is intermittent; it came in the test of a stamp [ns], 0: did not."""
+    def _judge(self, present_ns: int) -> None:
+        """Update the recurrence after a test; its stamp [ns] if the sign was present, else 0."""
         distances = [distance for _, distance in self._latest]
         if self.recurrence is None and _times(distances) < OCCURRENCES:
             return
         worst = max(max(distances), self.recurrence.worst if self.recurrence else 0.0)
         times = sum(distance > 0.0 for distance in distances)
         self.recurrence = Recurrence(times, len(distances), worst)
-        self._stamps_ns |= {came_ns} - {0}
+        self._stamps_ns |= {present_ns} - {0}
 
 
 class Intermittent:
-    """Follows which faults, and which failures, have come and gone, test by test.
+    """Detects intermittent faults and failures, test by test.
 
-    A fault has come if its lower 95 % bound is beyond its limit, and gone if its upper one is
-    within half of it; other tests leave it open, for example if the fault is near its limit. A
-    failure has come with a test that found the actuator or a sensor out of order, and gone with a
-    valid one. What comes again is intermittent from that test on, until a person acknowledges it.
+    A fault is present if its lower 95 % bound is beyond its limit, and absent if its upper 95 %
+    bound is below half the limit. Other tests are inconclusive, for example if the fault is near
+    its limit. A failure is present in a test that shows a failed actuator or sensor, and absent in
+    a valid test. A fault or failure that recurs is intermittent until a person acknowledges it.
 
     Parameters
     ----------
@@ -83,16 +83,16 @@ class Intermittent:
 
     @property
     def faults(self) -> dict[str, Recurrence]:
-        """Intermittent faults by name."""
+        """Recurrence of each intermittent fault by name."""
         return {name: sign.recurrence for name, sign in self._faults.items() if sign.recurrence}
 
     @property
     def failure(self) -> Recurrence | None:
-        """How often tests failed, if failures are intermittent; its distance says nothing."""
+        """Recurrence of failures if they are intermittent, else None; ignore its ``worst``."""
         return self._failure.recurrence
 
     def add(self, estimate: Estimate) -> list[str]:
-        """Add the next valid test; return the faults that are intermittent from it on."""
+        """Add the next valid test; return the faults that become intermittent with it."""
         self._failure.add(estimate.end_ns, 0.0)
         new = []
         for name, sign in self._faults.items():
@@ -102,17 +102,17 @@ class Intermittent:
         return new
 
     def add_failure(self, stamp_ns: int) -> None:
-        """Add the next test, at a stamp [ns], that found the actuator or a sensor out of order."""
+        """Add the next test, at a stamp [ns], which shows a failed actuator or sensor."""
         self._failure.add(stamp_ns, 1.0)
 
     def acknowledge(self, stamp_ns: int) -> None:
-        """End what is intermittent and came in the test of a stamp [ns]; later tests count."""
+        """Reset intermittent faults and failures that were present in the test of a stamp [ns]."""
         for sign in (*self._faults.values(), self._failure):
             sign.acknowledge(stamp_ns)
 
 
 def _times(distances: Iterable[float]) -> int:
-    """Return how often a fault came, after it had gone or at the start."""
+    """Return the number of times that a fault appeared, at the start or after an absence."""
     before, times = 0.0, 0
     for distance in distances:
         times += distance > 0.0 and before == 0.0
@@ -121,7 +121,7 @@ def _times(distances: Iterable[float]) -> int:
 
 
 def _distance(estimate: Estimate, name: str, limits: HealthLimits) -> float | None:
-    """Return a fault's distance from healthy if it is beyond its limit, 0 if gone, else None."""
+    """Return a fault's distance from healthy if present, 0 if absent, None if inconclusive."""
     number = FAULT_NAMES.index(name)
     if not estimate.valid or estimate.unobservable[number]:
         return None

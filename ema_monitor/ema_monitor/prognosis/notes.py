@@ -1,4 +1,4 @@
-"""Notes of persons that wait for the next outlook of a unit."""
+"""Notes of persons, queued for the next outlook of a unit."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -7,38 +7,46 @@ from typing import Final
 from ema_monitor.prognosis.history_entry import NOTE, UnitEvent
 
 MOST_NOTES: Final = 50
-"""Notes of one person between one valid test and the next."""
+"""Largest number of a person's notes between two valid tests."""
 
 MOST_PERSONS: Final = 20
-"""Persons with notes between one valid test and the next, which bounds the record of a test."""
+"""Largest number of persons with notes between two valid tests; limits the record of a test."""
 
 
 class Notes:
-    """Events by persons that no outlook has yet."""
+    """Queue of events by persons for the next outlook."""
 
     def __init__(self) -> None:
         self._waiting: list[UnitEvent] = []
 
     def add(self, event: UnitEvent) -> None:
-        """Keep an event for the next outlook."""
+        """Add an event for the next outlook."""
         self._waiting.append(event)
 
     def add_note(
         self, person: str, text: str, stamp_ns: int, hours: float, published: Iterable[UnitEvent]
     ) -> None:
-        """Keep a note of a person on a test of a stamp [ns], at service hours [h].
+        """Add a person's note on a test for the next outlook.
+
+        Parameters
+        ----------
+        person, text
+            Author and text of the note.
+        stamp_ns, hours
+            Stamp of the test [ns] and its service hours [h].
+        published
+            Events of the newest test that are published already.
 
         Raises
         ------
         ValueError
-            When the newest test, whose published events are given, takes no further note of the
-            person.
+            When the newest test has too many notes already.
         """
         self._check(person, [*self._waiting, *published])
         self.add(UnitEvent(stamp_ns, hours, NOTE, f"{person}, {text}", person))
 
     def take(self) -> list[UnitEvent]:
-        """Return the events that wait, and keep them no longer."""
+        """Remove and return the queued events."""
         waiting, self._waiting = self._waiting, []
         return waiting
 

@@ -12,19 +12,18 @@ from ema_monitor.prognosis.history_entry import Test, UnusedCycle
 from ema_monitor.reasons import OrderUnknown, codes
 
 SAME_TEST_SIGMAS: Final = 4.0
-"""Standard deviations by which a fault of the same test identified again never differs."""
-
+"""Largest difference of a fault between estimates of the same test, in standard deviations [-]."""
 
 _LEAST_AHEAD_NS: Final = 1_000_000_000
 
 
 class Place(NamedTuple):
-    """Where a test belongs."""
+    """Place of a test among the tests of its unit."""
 
     shift_ns: int = 0
-    """What its stamp is moved by to be behind all earlier tests [ns]."""
+    """Correction of its stamp that puts it after all earlier tests [ns]."""
     problem: OrderUnknown | None = None
-    """Why it is not known which test came first; None if it is known."""
+    """Reason that the order of the tests is unknown; None if it is known."""
     is_known: bool = False
     """Whether the test is in the history already."""
 
@@ -39,11 +38,11 @@ def place_of(
 ) -> Place:
     """Return the place of a test among the tests of its unit.
 
-    The stamp gives it. If the stamp is not later than the newest one, the order of reception gives
-    it where the clock went back: the clock of the receiver is behind the reception of the newest
-    test. So it does for a test that was received while it was measured. Otherwise the order is not
-    known. A test of a recording has the place of its stamp, unless
-    another test has the same stamp.
+    Tests are ordered by stamp. If the stamp is not later than the newest stamp, the order of
+    reception counts in two cases: the clock went back, so that the receiver's clock is behind the
+    reception of the newest test, or the test was received while it was measured. Otherwise the
+    order is unknown. A test of a recording has the place of its stamp, unless another test has the
+    same stamp.
 
     Parameters
     ----------
@@ -52,11 +51,11 @@ def place_of(
     history
         Tests so far.
     received_ns
-        When the test was received, by the clock of the receiver [ns]; 0 for a recording.
+        Time of reception of the test by the clock of the receiver [ns]; 0 for a recording.
     newest_received_ns
-        When the newest test so far was received [ns]; 0 if that is not known.
+        Time of reception of the newest test so far [ns]; 0 if unknown.
     by_clock
-        Whether stamps are of a clock; otherwise the order of reception always counts.
+        Whether a clock gives the stamps; otherwise the order of reception always counts.
     is_live
         Whether the test was received while it was measured.
     """
@@ -69,7 +68,7 @@ def place_of(
     if any(is_same(test, estimate) for test in reversed(history.tests)):
         return Place(is_known=True)
     if isinstance(newest, UnusedCycle) and newest.stamp_ns == end_ns and estimate.valid:
-        return Place()  # the same window, which has an estimate in the second attempt
+        return Place()  # the same window, with a valid estimate at the second attempt
     shift_ns = newest.stamp_ns + 1 - end_ns
     if not received_ns:
         is_other = estimate.valid and history.holds_valid(end_ns)
@@ -80,7 +79,7 @@ def place_of(
     has_gone_back = received_ns < (newest_received_ns or newest.end_ns)
     is_ahead = end_ns > received_ns + _LEAST_AHEAD_NS  # stamped before the clock went back
     if is_live or (has_gone_back and not is_ahead) or not estimate.valid:
-        # A failure is a failure, whenever it was.
+        # A failure is reported even if its order is unknown.
         return Place(shift_ns)
     return Place(shift_ns, _problem(end_ns, newest))
 
@@ -96,7 +95,7 @@ def is_after_step(test: Test, before: Test, by_clock: bool) -> bool:
 
 
 def moved(estimate: Estimate, shift_ns: int) -> Estimate:
-    """Return an estimate whose stamps are moved [ns]."""
+    """Return an estimate with its stamps moved by ``shift_ns`` [ns]."""
     if not shift_ns:
         return estimate
     return replace(
@@ -109,14 +108,14 @@ def is_same(test: Test, estimate: Estimate) -> bool:
     if test.end_ns != estimate.end_ns:
         return False
     if isinstance(test, UnusedCycle):
-        before, again = ((one.verdict, codes(one.reasons)) for one in (test, estimate))
+        before, again = ((item.verdict, codes(item.reasons)) for item in (test, estimate))
         return not estimate.valid and before == again
     if not estimate.valid:
         return False
-    known = test.estimate
-    far = np.subtract(estimate.faults, known.faults)
-    far[ECCENTRICITY_PHASE] -= np.round(far[ECCENTRICITY_PHASE])
-    return not np.any(np.abs(far) > SAME_TEST_SIGMAS * np.hypot(estimate.sigma, known.sigma))
+    stored = test.estimate
+    change = np.subtract(estimate.faults, stored.faults)
+    change[ECCENTRICITY_PHASE] -= np.round(change[ECCENTRICITY_PHASE])
+    return not np.any(np.abs(change) > SAME_TEST_SIGMAS * np.hypot(estimate.sigma, stored.sigma))
 
 
 def _problem(end_ns: int, newest: Test) -> OrderUnknown:

@@ -22,23 +22,22 @@ _LEAST_AHEAD_NS: Final = 1_000_000_000
 
 
 class Claim(NamedTuple):
-    """What gives a level its worth."""
+    """Origin and validity of a level."""
 
     measured_ns: int = 0
-    """Stamp of the newest test, valid or refused [ns]: the level holds for the unit at that
+    """Stamp of the newest test, valid or refused [ns]: the level describes the unit at that
     time."""
     received_ns: int = 0
-    """When the author had that test [ns]; 0 when it is not known, as after a restart."""
+    """Time at which the author received that test [ns]; 0 when unknown, as after a restart."""
     author: str = ""
-    """Node that published it; empty for a command."""
+    """Node that published the level; empty for a command."""
     good_for_s: float = 0.0
-    """How long it is good for from the test on [s]; 0 of a record, whose level is that at its
-    end."""
+    """Validity of the level after the test [s]; 0 for a record, whose level does not expire."""
     oldest_ns: int = 0
-    """Stamp since when tests have shown every fault [ns], on which an OK rests; 0 where only the
-    newest test counts."""
+    """Stamp since when tests have shown every fault [ns], which an OK needs; 0 if only the newest
+    test counts."""
     is_live: bool = False
-    """Whether the newest test was received while it was measured, whatever its stamp is."""
+    """Whether the newest test was received while it was measured, for any stamp."""
 
     @property
     def is_ahead(self) -> bool:
@@ -47,20 +46,20 @@ class Claim(NamedTuple):
 
     @property
     def is_dated(self) -> bool:
-        """Whether the stamp of the newest test is by the clock of its receiver: not years ago."""
+        """Whether the newest test is stamped by a clock like the receiver's: not years behind."""
         return self.received_ns - self.measured_ns <= _OTHER_CLOCK_NS
 
     @property
     def begin_ns(self) -> int:
-        """When the newest test was measured, by the clock of its receiver [ns]."""
-        # A stamp that is ahead, or years behind, is of another clock: the test is just received.
+        """Time at which the newest test was measured, by the clock of its receiver [ns]."""
+        # A stamp that is ahead, or years behind, comes from another clock: use the reception.
         if self.received_ns and not 0 <= self.received_ns - self.measured_ns <= _OTHER_CLOCK_NS:
             return self.received_ns
         return self.measured_ns
 
     @property
     def good_until_ns(self) -> int:
-        """When it ends [ns]; 0 where it does not."""
+        """Time at which the level expires [ns]; 0 if it does not expire."""
         if not self.good_for_s:
             return 0
         begin_ns = self.begin_ns
@@ -70,18 +69,20 @@ class Claim(NamedTuple):
 
 
 class Removal(NamedTuple):
-    """By when to remove a unit (P27)."""
+    """Latest time for the removal of a unit (P27)."""
 
     risk: float = 0.05
-    """Probability of a failure before that is accepted [-]."""
+    """Accepted probability of a failure before the removal [-]."""
     hours: float = math.nan
-    """Flight hours from the latest test on [h]; NaN when the remaining life is unknown."""
+    """Flight hours from the latest test to the removal [h]; NaN when the remaining life is
+    unknown."""
     cycles: float = math.nan
-    """The same in test cycles; NaN when hours per cycle are unknown too."""
+    """Test cycles to the removal; NaN when ``hours`` or the hours per cycle are unknown."""
     days: float = math.nan
-    """The same in days of the calendar, at the present usage; NaN when that is unknown too."""
+    """Calendar days to the removal at the present usage; NaN when ``hours`` or the usage is
+    unknown."""
     hours_a_day: float = math.nan
-    """The present usage [h/d]."""
+    """Present usage [h/d]; NaN when unknown."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -89,67 +90,68 @@ class Outlook(Displayed):
     """Health and remaining life of an actuator."""
 
     stamp_ns: int = 0
-    """Stamp of the valid test on which the figures rest [ns]."""
+    """Stamp of the latest valid test, which gives the figures [ns]."""
     hours: float = math.nan
     """Service hours at that test [h]; NaN when unknown."""
     cycles: int = 0
-    """Test cycles up to it."""
+    """Test cycles up to that test."""
     hours_per_cycle: float = math.nan
-    """Flight hours from a test cycle to the next [h]; NaN when unknown."""
+    """Flight hours of a test cycle [h]; NaN when unknown."""
     health: Health
     """Levels, index and grade."""
     trends: Mapping[str, float] = field(default_factory=dict)
     """Growth by fault and by requirement [its unit per flight hour]; missing names are unknown."""
     lives: Mapping[str, RemainingLife] = field(default_factory=dict)
-    """Remaining life until each fault, and each requirement, reaches its limit, by name; missing
-    names are as unknown as ``rul``."""
+    """Remaining life until each fault or requirement reaches its limit, by name; ``rul`` gives the
+    reason for missing names."""
     rul_faults: RemainingLife
+    """Remaining life until the first fault reaches its limit."""
     rul_requirements: RemainingLife
+    """Remaining life until the first requirement fails."""
     rul: RemainingLife
-    """Until the first fault does, the first requirement, and the earlier of both."""
+    """The shorter of ``rul_faults`` and ``rul_requirements``."""
     dominant: str = ""
-    """Fault or requirement that ends life first; the worst with a warning when none is known to end
-    it; else empty."""
+    """Fault or requirement that ends life first; if unknown, the worst with a warning; else
+    empty."""
     future: FutureDuty = STEADY
-    """What is assumed of the duty to come."""
+    """Assumed future duty."""
     assumption: str = AS_BEFORE
-    """The same, and further assumptions, in words."""
+    """Text on the assumed future duty and further assumptions."""
     observed_hours: float = 0.0
     """Hours over which the unit has been observed [h]."""
     horizon_hours: float = 0.0
-    """Longest life that is looked ahead [h]."""
+    """Horizon of the prognosis: longest life that is published [h]."""
     missing_share: float = 0.0
     """Probability that a test gives no valid estimate [-]."""
     failed_since: float = math.nan
-    """Service hour of the first of the latest tests that have all been ERROR [h]; NaN when it is
-    not known, or the latest is not."""
+    """Service hour at which the present run of tests with ERROR began [h]; NaN when unknown, or
+    if the level is not ERROR."""
     removal: Removal = field(default_factory=Removal)
-    """By when to remove it."""
+    """Latest time for the removal of the unit."""
     events: tuple[UnitEvent, ...] = field(default=(), repr=False, compare=False)
     """Events since the previous outlook: findings of the latest test, restarts, calibrations, and
     new faults."""
     lifetimes: Array = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
-    """Equally probable remaining lives until the earlier of both [h], ``(n,)``; empty when ``rul``
-    is not known."""
+    """Equally probable remaining lives [h], ``(n,)``; empty when ``rul`` is not known."""
     levels: Array = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
-    """Present level of the fault that ends life first in each of them [-], ``(n,)``; empty when a
-    requirement ends it."""
+    """Present distance of the dominant fault from healthy in each of ``lifetimes`` [-], ``(n,)``;
+    empty when a requirement is dominant."""
     tests_tell: bool = True
-    """Whether the test showed that fault."""
+    """Whether the latest test showed the dominant fault."""
     calibrations: Mapping[str, TrackRecord] = field(default_factory=dict)
     """Agreement of each fault's predictions with its tests; missing names are unknown."""
     failure: str = ""
-    """Which failure of drive or shaft the newest test shows, in words; empty for none."""
+    """Failure of drive or shaft that the newest test shows; empty for none."""
     departure: str = ""
     """Unexplained difference of the newest test from healthy ones; empty without any."""
     claim: Claim = field(default_factory=Claim)
-    """What gives its level its worth."""
+    """Origin and validity of the level."""
     last_level: int = STALE
-    """The level that was known last, where the level is STALE."""
+    """Last known level if the level is STALE."""
 
     @property
     def brief(self) -> str:
-        """Level, remaining life and service hours in a few words."""
+        """Summary of level, remaining life and service hours."""
         life, level = self.rul, LEVEL_NAMES[self.health.level]
         words = f"unknown ({life.reason})" if life.reason else "unknown"
         if life.known:
@@ -164,7 +166,7 @@ class Outlook(Displayed):
 
     @property
     def known_level(self) -> int:
-        """The level; where it is STALE, the one that was known last."""
+        """The level; if it is STALE, the last known level."""
         return self.last_level if self.health.level == STALE else self.health.level
 
     def stale(self, reason: str) -> "Outlook":
@@ -173,9 +175,9 @@ class Outlook(Displayed):
         return replace(self, health=health, last_level=self.known_level)
 
     def at(self, now_ns: int) -> "Outlook":
-        """Return the outlook at a time [ns]: STALE once its claim has ended.
+        """Return the outlook at a time [ns]: STALE once its level has expired.
 
-        It is STALE before its claim begins as well: then the clock has gone back.
+        It is also STALE before the newest test: then the clock has gone back.
         """
         claim = self.claim
         if self.health.level != STALE and claim.good_for_s and now_ns < claim.begin_ns:
@@ -196,7 +198,7 @@ class Outlook(Displayed):
         if test.verdict != FAILED:
             stale = self.stale(f"the newest test was refused: {test.reason}")
             if test.comparison is not None:
-                # The record is not judged: an earlier record's index does not describe the unit.
+                # The record was not judged: the index of an earlier record does not describe it.
                 stale = replace(stale, health=replace(stale.health, health_index=math.nan))
             if test.verdict != DEPARTED:
                 return stale

@@ -12,22 +12,22 @@ from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 
 TREND_HOURS: Final = 1000.0
-"""Over how long growth is shown [h]."""
+"""Hours over which growth is shown [h]."""
 
 SOON_HOURS: Final = 0.5
-"""What is to be removed in less than this is to be removed now [h]."""
+"""Time to a removal below which the unit is to be removed now [h]."""
 
 _NAMED_CAUSES: Final = 3
 
 
 def label_of(name: str) -> str:
-    """Return the name of a fault, a quantity of a joint or a required performance in words."""
+    """Return the label of a fault, a quantity of a joint or a required performance."""
     named = FAULT_BY_NAME.get(name) or QUANTITIES.get(name)
     return name.replace("_", " ") if named is None else named.label
 
 
 def shown_in(unit: str) -> tuple[str, float]:
-    """Return the unit in which a value is shown after a blank, none for "1", and its scale."""
+    """Return the unit to append to a shown value, empty for "1", and the factor of the value."""
     return {"rad": (" mrad", 1e3), "1": ("", 1.0)}.get(unit, (f" {unit}", 1.0))
 
 
@@ -39,7 +39,7 @@ def cause_of_level(outlook: Outlook) -> str:
     if health.level not in (WARN, ERROR):
         return "" if health.level == OK else health.reason or outlook.rul.reason
     every = (*health.faults, *health.requirements)
-    items = [one for one in every if one.level == health.level or math.isfinite(one.held)]
+    items = [item for item in every if item.level == health.level or math.isfinite(item.held)]
     if not items:
         return outlook.departure or health.reason
     items.sort(key=lambda item: (-item.level, item.name != outlook.dominant))
@@ -72,7 +72,7 @@ def in_words(item: FaultHealth) -> str:
 
 
 def recurrence_in_words(name: str, recurrence: Recurrence) -> str:
-    """Return that a fault comes and goes, and how to acknowledge it."""
+    """Return the sentence on an intermittent fault, with the way to acknowledge it."""
     return (
         f"{label_of(name)} is intermittent: beyond its limit in {recurrence.times} of the latest "
         f"{recurrence.tests} tests; a note of a person on its event acknowledges it"
@@ -80,12 +80,14 @@ def recurrence_in_words(name: str, recurrence: Recurrence) -> str:
 
 
 def failures_in_words(reason: str, recurrence: Recurrence) -> str:
-    """Return that a failure comes and goes, why the latest test failed, and how to acknowledge it.
+    """Return the sentence on an intermittent failure, with the way to acknowledge it.
 
     Parameters
     ----------
     reason
-        Of the latest test that failed; empty if it is not known any more.
+        Reason of the latest test that failed; empty if unknown.
+    recurrence
+        Recurrence of the failure.
     """
     words = (
         f"an intermittent failure: {recurrence.times} of the latest {recurrence.tests} tests failed"
@@ -100,7 +102,7 @@ def reason_of(outlook: Outlook) -> str:
 
 
 def removal_in_words(outlook: Outlook) -> str:
-    """Return by when the unit has to be removed, and why, in one sentence."""
+    """Return the latest time for the removal of a unit and its reason, as a sentence."""
     if outlook.failure:
         return f"Remove now: {outlook.failure}"
     life, hours = outlook.rul, outlook.hours

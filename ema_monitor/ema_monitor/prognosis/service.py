@@ -1,4 +1,4 @@
-"""Service life of a unit: counts as they come, and the service hours at its tests."""
+"""Service life of a unit: received counts, and the service hours at its tests."""
 
 import math
 import threading
@@ -20,7 +20,7 @@ UNKNOWN_HOURS: Final = (
 """Why a test without a count has no service hours."""
 
 MOST_TESTS: Final = 10
-"""Test cycles for which a count may go without a new one before the hours are unknown."""
+"""Test cycles after which a count is outdated and the service hours are unknown."""
 
 _STOPPED: Final = "service hours are unknown: the latest count of service hours"
 _LEAST_TESTS: Final = 3
@@ -35,7 +35,7 @@ _MOST_HOURS_A_DAY: Final = 24.0
 
 @dataclass(frozen=True)
 class Service(Checked):
-    """What a monitor assumes of use."""
+    """Assumptions of a monitor on use."""
 
     duty: float = quantity(
         1.0, "-", 1e-3, 1e3, "growth of the faults in a future flight hour, relative to a past one"
@@ -49,11 +49,11 @@ class Service(Checked):
 
 
 class CountLog:
-    """Counts by unit, the first of each second; any thread may call.
+    """Counts by unit, the first of each second; thread-safe.
 
-    A count without serial number that comes before the actuator is described belongs to the unit
-    that is described first. Of more than a thousand units, those without a count for longest are
-    dropped; of more than a thousand counts of a unit, those that came first.
+    A count without serial number that is received before the actuator is described belongs to the
+    unit that is described first. Beyond a thousand units, the unit with the oldest latest count is
+    dropped. Beyond a thousand counts of a unit, its first count is dropped.
     """
 
     def __init__(self) -> None:
@@ -62,9 +62,9 @@ class CountLog:
         self._counts: dict[UnitKey, dict[int, Count]] = {}
 
     def add(self, unit: UnitKey, count: Count) -> None:
-        """Keep a count of a unit, whose serial number is empty as long as that is not known.
+        """Add a count of a unit, with an empty serial number while it is unknown.
 
-        One of the very same stamp as an earlier one replaces it.
+        A count replaces an earlier count with the same stamp.
         """
         with self._lock:
             counts = self._counts[unit] = self._counts.pop(unit, {})
@@ -78,16 +78,16 @@ class CountLog:
                 del self._counts[next(iter(self._counts))]
 
     def assign(self, unit: UnitKey) -> None:
-        """Move counts of an actuator that was not described yet to the unit that it is."""
+        """Move counts without serial number of an actuator to its unit."""
         with self._lock:
             early = self._counts.pop((unit[0], ""), {})
             named = self._counts.pop(unit, {})
-        # Of counts of the same stamp, one that names the unit holds.
+        # For equal stamps, the count with the serial number replaces the count without.
         for count in (*early.values(), *named.values()):
             self.add(unit, count)
 
     def latest(self, unit: UnitKey, stamp_ns: int) -> Count | None:
-        """Return the latest count of a unit by a stamp [ns]; None when there is none."""
+        """Return the latest count of a unit up to a stamp [ns]; None when there is none."""
         with self._lock:
             counts = self._counts.get(unit, {}).values()
             read = [count for count in counts if count.stamp_ns <= stamp_ns]
@@ -95,22 +95,16 @@ class CountLog:
 
 
 class TimedTest(NamedTuple):
-    """A test at its service hour.
-
-    Attributes
-    ----------
-    stamp_ns, cycles
-        As of ``Entry``.
-    hours
-        Service hour [h].
-    is_counted
-        Whether the hours rest on a count.
-    """
+    """A test with its service hour."""
 
     stamp_ns: int
+    """Time of the window's end, by which tests are ordered [ns]."""
     hours: float
+    """Service hour [h]."""
     cycles: int
+    """Test cycles up to and including the test."""
     is_counted: bool
+    """Whether the hours are based on a count."""
 
     @classmethod
     def of(cls, entry: Entry, hours: float) -> Self:
@@ -121,23 +115,23 @@ class TimedTest(NamedTuple):
 class ServiceHours:
     """Service hours of one unit at its tests, which never go back.
 
-    A test with a new count is at the hours of that count. One without waits for the next count and
-    is then at hours interpolated by stamps, so that nothing grows in zero time. A count that goes
-    back, or by more than ten times the most hours a test cycle so far, is held until the next one:
-    if that goes on from it, both are used; else it is dropped, and the test is at interpolated
-    hours.
+    A test with a new count has the hours of that count. A test without a new count is deferred
+    until the next count and has hours interpolated by stamps, so that no fault grows in zero time.
+    A count is held back if it is lower than the previous count, or if its hours per test cycle
+    exceed ten times the largest so far. If the next count continues from it, both are used.
+    Otherwise it is dropped, and its test has interpolated hours.
 
-    The result depends on the tests and their order alone, not on when they are added.
+    The result depends only on the tests and their order, not on the time of the additions.
 
     Attributes
     ----------
     used
-        Tests whose service hours are known, in ascending order of these.
+        Tests whose service hours are known, in the order of these hours.
     latest
         Latest test, used or not; None before any.
     unknown
-        Why the service hours at the latest test are not known; empty when they are, or when the
-        test merely waits for the next count.
+        Why the service hours at the latest test are unknown; empty when they are known, or when
+        the test is deferred until the next count.
     """
 
     def __init__(self) -> None:
@@ -149,29 +143,28 @@ class ServiceHours:
         self._held: TimedTest | None = None
         # The first test with the latest count.
         self._counted: Entry | None = None
-        # Of those used: how many are not counted, how many hours a test cycle there are, and the
-        # most.
+        # Used tests without a count, number of rates in hours per test cycle, and largest rate.
         self._uncounted = 0
         self._rates = 0
         self._most_rate = 0.0
 
     @property
     def hours(self) -> float:
-        """Service hours at the latest test [h], or the latest known before it; else NaN."""
+        """Latest known service hours up to the latest test [h]; NaN when unknown."""
         return math.nan if self.unknown or not self.used else self.used[-1].hours
 
     @property
     def mean_hours_per_cycle(self) -> float:
-        """Flight hours from a test cycle to the next [h]; 0 when not known."""
+        """Mean flight hours of a test cycle [h]; 0 when unknown."""
         cycles = self.used[-1].cycles - self.used[0].cycles if self.used else 0
         return max((self.used[-1].hours - self.used[0].hours) / cycles, 0.0) if cycles > 0 else 0.0
 
     @property
     def usage(self) -> float:
-        """The present usage [h/d], over the last 90 days as far as there are tests.
+        """Present usage [h/d], over the tests of the last 90 days.
 
-        NaN when the tests do not span a day, or when more hours than a day has would be flown in
-        one: on a test bench, or in a simulation, stamps and service hours are not of one clock.
+        NaN when the tests span less than a day, or when the usage exceeds 24 h/d: on a test bench
+        or in a simulation, stamps and service hours come from different clocks.
         """
         if not self.used:
             return math.nan
@@ -185,22 +178,24 @@ class ServiceHours:
         return rate if 0.0 < rate <= _MOST_HOURS_A_DAY else math.nan
 
     def by_stamp(self) -> dict[int, float]:
-        """Return the service hours of those used [h] by their stamps [ns]."""
+        """Return the service hours of the used tests [h] by their stamps [ns]."""
         return {test.stamp_ns: test.hours for test in self.used}
 
     def after(self, cycles: int, hours_per_cycle: float) -> float:
-        """Return the service hours at a further test by the cycles since the latest known [h].
+        """Return the service hours at a further test, extrapolated by its test cycles [h].
 
         Parameters
         ----------
-        cycles, hours_per_cycle
-            Test cycles up to it, and flight hours that a test cycle stands for [h].
+        cycles
+            Test cycles up to the test.
+        hours_per_cycle
+            Flight hours of a test cycle [h].
         """
         if not self.used:
-            # A unit whose service hours were never known counts as new.
+            # A unit without known service hours counts as new.
             return hours_per_cycle * cycles
-        known = self.used[-1]
-        return known.hours + hours_per_cycle * max(cycles - known.cycles, 0)
+        latest = self.used[-1]
+        return latest.hours + hours_per_cycle * max(cycles - latest.cycles, 0)
 
     def add(self, entry: Entry) -> list[Finding]:
         """Add the next test; return the findings about its hours."""
@@ -223,7 +218,7 @@ class ServiceHours:
         return self._drop_uncounted() + self._check(TimedTest.of(entry, entry.count.hours))
 
     def _drop_uncounted(self) -> list[Finding]:
-        """Leave out tests at hours by test cycles: they do not mix with counted ones."""
+        """Drop tests whose hours were derived from test cycles: they do not mix with counts."""
         if not (dropped := self._uncounted):
             return []
         self.used = [test for test in self.used if test.is_counted]
@@ -263,8 +258,8 @@ class ServiceHours:
         if dropped := len(self.used) - len(kept):
             text += f": {_tests(dropped)} at more than {held.hours:g} h left out"
             self.used = kept
-            # There are no hours between those before the held test and its own.
-            since = dropwhile(lambda one: one.stamp_ns != held.stamp_ns, self._waiting)
+            # No hours can be interpolated for tests before the held test.
+            since = dropwhile(lambda waiting: waiting.stamp_ns != held.stamp_ns, self._waiting)
             self._waiting = list(since)
         self._use(held)
         self._accept(test)
@@ -277,7 +272,7 @@ class ServiceHours:
         return 0.0 <= elapsed <= _IMPLAUSIBLE * most * _cycles(before, after)
 
     def _accept(self, test: TimedTest) -> None:
-        """Use a test, and its hours a test cycle to judge later ones by."""
+        """Use a test, and its hours per test cycle to judge later tests."""
         rate = 0.0
         if self.used:
             rate = (test.hours - self.used[-1].hours) / _cycles(self.used[-1], test)
@@ -286,17 +281,17 @@ class ServiceHours:
         self._use(test)
 
     def _use(self, test: TimedTest) -> None:
-        """Use a test, and before it those that waited, at interpolated hours."""
-        waiting = self._waiting
-        earlier = list(takewhile(lambda one: one.stamp_ns != test.stamp_ns, waiting))
-        self._waiting = waiting[len(earlier) + 1 :]
+        """Use a test, and before it the deferred tests at interpolated hours."""
+        deferred = self._waiting
+        earlier = list(takewhile(lambda waiting: waiting.stamp_ns != test.stamp_ns, deferred))
+        self._waiting = deferred[len(earlier) + 1 :]
         if self.used:
             last = self.used[-1]
             span = max(test.stamp_ns - last.stamp_ns, 1)
-            for one in earlier:
-                share = min(max((one.stamp_ns - last.stamp_ns) / span, 0.0), 1.0)
+            for waiting in earlier:
+                share = min(max((waiting.stamp_ns - last.stamp_ns) / span, 0.0), 1.0)
                 hours = last.hours + share * (test.hours - last.hours)
-                self.used.append(one._replace(hours=max(hours, self.used[-1].hours)))
+                self.used.append(waiting._replace(hours=max(hours, self.used[-1].hours)))
         self.used.append(test)
         self._uncounted += not test.is_counted
         self._held, self.unknown = None, ""

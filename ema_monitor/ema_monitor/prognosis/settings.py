@@ -1,4 +1,4 @@
-"""What a prognosis rests on."""
+"""Settings of a prognosis."""
 
 from dataclasses import dataclass, field
 
@@ -13,25 +13,25 @@ from ema_monitor.prognosis.service import Service
 
 @dataclass(frozen=True)
 class PrognosisSettings:
-    """What a prognosis rests on."""
+    """Settings of a prognosis."""
 
     limits: HealthLimits = field(default_factory=HealthLimits)
-    """Where the life of a fault ends."""
+    """Limits of the faults, at which life ends."""
     requirements: RequirementLimits = field(default_factory=RequirementLimits)
-    """What must still be performed."""
+    """Limits of the required performance."""
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
-    """What is assumed of growth."""
+    """Assumptions on growth."""
     service: Service = field(default_factory=Service)
-    """What is assumed of use."""
+    """Assumptions on use."""
     fleet: FleetGrowth | None = None
     """Growth evidence of other units; None without any."""
     damage: DamageSettings = field(default_factory=DamageSettings)
-    """How duty does damage."""
+    """Relation of damage to duty."""
     scenario: Scenario = AS_FLOWN
     """Future duty; as in the past by default."""
     good_for_s: float = 0.0
-    """How long a level holds after its test [s]; 0 of a record, whose level is that at its end."""
+    """Validity of a level after its test [s]; 0 for a record, whose level does not expire."""
     level_confirmations: int = 2
-    """Tests in a row that lower a level."""
+    """Number of tests in a row that lower a level."""
     has_clock: bool = True
-    """Whether stamps are of a clock; otherwise tests are ordered and dated by their reception."""
+    """Whether a clock gives the stamps; otherwise tests are ordered and dated by reception."""

@@ -1,4 +1,4 @@
-"""Which test showed each fault last, and whether that is recent enough for a level."""
+"""Latest test that showed each fault, and whether it is recent enough for a level."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
@@ -9,11 +9,11 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history_entry import Entry
 
 RECENT_TESTS: Final = 3
-"""Tests for which a fault that one of them has shown is known, where levels do not expire."""
+"""Number of latest tests that count as recent, if levels do not expire."""
 
 
 class LastShown:
-    """The latest single test that has shown each fault.
+    """Latest single test that has shown each fault.
 
     Parameters
     ----------
@@ -25,7 +25,8 @@ class LastShown:
     Attributes
     ----------
     estimates
-        Estimate of the latest such test, by fault; without the faults that no test has shown.
+        Estimate of the latest test that has shown a fault, by fault; faults that no test has shown
+        are missing.
     """
 
     def __init__(self, limits: HealthLimits, entries: Iterable[Entry] = ()) -> None:
@@ -35,10 +36,10 @@ class LastShown:
             self.add(entry.estimate)
 
     def add(self, estimate: Estimate) -> None:
-        """Add a test, which may be older than others."""
+        """Add a test, which may be older than earlier additions."""
         for name in COMPONENTS:
-            known = self.estimates.get(name)
-            is_later = known is None or estimate.end_ns >= known.end_ns
+            latest = self.estimates.get(name)
+            is_later = latest is None or estimate.end_ns >= latest.end_ns
             if is_later and shows(estimate, name, self._limits):
                 self.estimates[name] = estimate
 
@@ -46,19 +47,19 @@ class LastShown:
         """Return the stamp since when every fault has been shown [ns]; 0 if one never was."""
         if len(self.estimates) < len(COMPONENTS):
             return 0
-        return min(one.end_ns for one in self.estimates.values())
+        return min(estimate.end_ns for estimate in self.estimates.values())
 
 
 def recent_from_ns(entries: Sequence[Entry], good_for_s: float) -> int:
-    """Return from which stamp on tests are recent [ns].
+    """Return the stamp of the oldest test that is recent [ns].
 
     Parameters
     ----------
     entries
         Valid tests in the order of their stamps, at least one.
     good_for_s
-        How long a level holds after its test [s]; 0 where it does not expire: then the latest
-        tests are recent.
+        Validity of a level after its test [s]; 0 if it does not expire: then the latest
+        ``RECENT_TESTS`` tests are recent.
     """
     if good_for_s:
         return entries[-1].stamp_ns - round(good_for_s * 1e9)
@@ -66,5 +67,5 @@ def recent_from_ns(entries: Sequence[Entry], good_for_s: float) -> int:
 
 
 def recent_faults(shown: Mapping[str, Estimate], from_ns: int) -> frozenset[str]:
-    """Return the faults that a test from a stamp [ns] on has shown."""
-    return frozenset(name for name, one in shown.items() if one.end_ns >= from_ns)
+    """Return the faults that a test at or after a stamp [ns] has shown."""
+    return frozenset(name for name, estimate in shown.items() if estimate.end_ns >= from_ns)

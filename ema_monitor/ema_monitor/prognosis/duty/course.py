@@ -12,7 +12,7 @@ from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.duty.damage import MEASURE, DamageSettings
 
 REFERENCE_TESTS: Final = 10
-"""Intervals of known duty whose mean is the reference; with fewer, growth is by hours."""
+"""Intervals of known duty whose mean is the reference; with fewer, hours count as growth."""
 
 AS_BEFORE: Final = "future use as in the past"
 
@@ -28,7 +28,7 @@ _BY_HOURS: Final = np.ones((len(COMPONENTS), 1))
 
 @dataclass(frozen=True, eq=False)
 class FutureDuty:
-    """Hours of growth in an hour of service to come; a steady use as in the past by default.
+    """Hours of growth in a future hour of service; by default a steady use as in the past.
 
     Raises
     ------
@@ -40,16 +40,17 @@ class FutureDuty:
     """Factor of growth in addition to the paths [-]."""
     present: Array = field(default_factory=lambda: _BY_HOURS)
     later: Array = field(default_factory=lambda: _BY_HOURS)
-    """Hours of growth of each component in an hour at first, and once the present duty has ended,
-    on one or several paths, ``(7, p)`` [-]."""
+    """Hours of growth of each component in an hour, during the present duty and after its end, on
+    one or several paths, ``(7, p)`` [-]."""
     lasting: Array = field(default_factory=lambda: np.full(1, np.inf))
     """Hours of service that the present duty lasts on each path, ``(p,)`` [h]."""
     since_hours: float = np.nan
-    """Service hours from which on the duty flown is repeated [h]; NaN where it is not known."""
+    """Service hours since which the duty flown is repeated [h]; NaN when unknown."""
     changes: int = 0
-    """Number of changes of duty so far, which are to come as often; 0 for less than two."""
+    """Number of changes of duty so far, expected at the same rate in future; 0 for less than
+    two."""
     planned: Mapping[str, object] = field(default_factory=dict)
-    """Figures of a scenario that replace those flown, by name."""
+    """Figures of a scenario that replace the flown figures, by name."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.factor < np.inf:
@@ -73,19 +74,19 @@ class FutureDuty:
             words += f", and changing as often as it did ({self.changes} times)"
         return words
 
-    def hours_of(self, own: Array) -> Array:
+    def hours_of(self, growth_hours: Array) -> Array:
         """Return the hours of service in which some hours of growth pass [h], ``(7, n)``.
 
         Parameters
         ----------
-        own
-            Hours of growth [h], ``(7, n)``; a column is the same path for all components.
+        growth_hours
+            Hours of growth [h], ``(7, n)``; a column has the same path for all components.
         """
-        path = np.arange(own.shape[1]) % self.lasting.size
-        own, lasting = own / self.factor, self.lasting[path]
+        path = np.arange(growth_hours.shape[1]) % self.lasting.size
+        growth_hours, lasting = growth_hours / self.factor, self.lasting[path]
         with np.errstate(divide="ignore", invalid="ignore"):
-            at_first = np.where(own > 0.0, own / self.present[:, path], 0.0)
-            more = own - lasting * self.present[:, path]
+            at_first = np.where(growth_hours > 0.0, growth_hours / self.present[:, path], 0.0)
+            more = growth_hours - lasting * self.present[:, path]
             after = lasting + more / self.later[:, path]
         return np.where(at_first <= lasting, at_first, after)
 
@@ -102,7 +103,7 @@ class FutureDuty:
         Returns
         -------
         numpy.ndarray
-            In a form that broadcasts to ``(m, 7, n)``.
+            Hours of growth [h], in a form that broadcasts to ``(m, 7, n)``.
         """
         path = np.arange(n) % self.lasting.size
         at_first = np.minimum(hours[:, None, None], self.lasting[path])
@@ -131,11 +132,11 @@ class DutyCourse:
     elapsed
         Service hours of the intervals [h], ``(n - 1,)``.
     reference
-        Wear and ageing in an hour at the reference duty, ``(2,)``; NaN where there is none.
+        Wear and ageing in an hour at the reference duty, ``(2,)``; NaN without a reference.
     relative
         Hours of growth in an hour of each interval, by wear, ageing and hours, ``(3, n - 1)``.
     changes
-        Numbers of the first intervals after changes of the duty, by the measure with the latest.
+        Numbers of the first intervals after changes of duty, for the measure that changed last.
     """
 
     def __init__(self, settings: DamageSettings, hours: Array, hourly: Array) -> None:
@@ -149,12 +150,12 @@ class DutyCourse:
             if first.size < REFERENCE_TESTS or not np.any(rate[first] > 0.0):
                 continue
             self.reference[number] = np.average(rate[first], weights=self.elapsed[first])
-            own = np.minimum(rate / self.reference[number], _FASTEST)
-            # An interval without known duty is as the one before; the first ones as the reference.
-            latest = np.maximum.accumulate(np.where(np.isfinite(own), np.arange(own.size), -1))
-            self.relative[number] = np.where(latest < 0, 1.0, own[latest])
+            ratio = np.minimum(rate / self.reference[number], _FASTEST)
+            # An interval of unknown duty repeats its predecessor, or the reference at the start.
+            latest = np.maximum.accumulate(np.where(np.isfinite(ratio), np.arange(ratio.size), -1))
+            self.relative[number] = np.where(latest < 0, 1.0, ratio[latest])
             changes.append(duty_changes(self.relative[number]))
-        self.changes = max(changes, key=lambda one: (one[-1:].sum(), one.size))
+        self.changes = max(changes, key=lambda firsts: (firsts[-1:].sum(), firsts.size))
         self.since = int(self.changes[-1:].sum())
 
     @property
@@ -178,16 +179,16 @@ class DutyCourse:
         return np.nansum(recent * elapsed, axis=1) / np.where(hours > 0.0, hours, np.nan)
 
     def as_flown(self, factor: float) -> FutureDuty:
-        """Return the duty to come, drawn from that flown (P24).
+        """Return the future duty, drawn from the duty flown (P24).
 
-        Each path begins as since the latest change. Where there were k > 1 changes in T hours, it
-        goes on as in all of the past after a time that is exponentially distributed with the mean
-        T / (k - 1): one change may last.
+        Each path begins with the duty since the latest change. With k > 1 changes in T hours, it
+        continues with the duty of the whole past, after an exponentially distributed time of mean
+        T / (k - 1). A single change may last.
 
         Parameters
         ----------
         factor
-            Growth beside it [-].
+            Factor of growth in addition to the duty [-].
         """
         rng = np.random.default_rng([1, self.hours.size])
         present, later = self._drawn_since(self.since, rng), self._drawn_since(0, rng)
@@ -201,11 +202,12 @@ class DutyCourse:
 
     def _drawn_since(self, since: int, rng: np.random.Generator) -> Array:
         """Return mean hours of growth in an hour of each path, ``(7, p)``: a block bootstrap."""
-        known = since + np.flatnonzero(self.elapsed[since:] > 0.0)
-        # Whole stretches of the past: successive intervals are alike.
-        length = max(round(np.sqrt(known.size)), 1)
-        start = rng.integers(known.size - length + 1, size=(_PATHS, -(-known.size // length)))
-        drawn = known[start[..., None] + np.arange(length)].reshape(_PATHS, -1)
+        intervals = since + np.flatnonzero(self.elapsed[since:] > 0.0)
+        # Successive intervals are correlated: draw blocks of them.
+        n = intervals.size
+        length = max(round(np.sqrt(n)), 1)
+        start = rng.integers(n - length + 1, size=(_PATHS, -(-n // length)))
+        drawn = intervals[start[..., None] + np.arange(length)].reshape(_PATHS, -1)
         elapsed = self.elapsed[drawn]
         growth = np.sum(self.relative[:, drawn] * elapsed, axis=-1)
         return (growth / elapsed.sum(axis=-1))[MEASURE]
@@ -221,7 +223,7 @@ def duty_changes(relative: Array) -> NDArray[np.intp]:
     Parameters
     ----------
     relative
-        Duty of the intervals, ``(n,)`` [-]; the latest thousand are looked at.
+        Duty of the intervals, ``(n,)`` [-]; only the latest thousand are searched.
     """
     before = max(relative.size - _MOST_CUT, 0)
     value = np.log(np.maximum(relative[before:], 1.0 / _FASTEST))
@@ -230,7 +232,7 @@ def duty_changes(relative: Array) -> NDArray[np.intp]:
         return np.empty(0, np.intp)
     scatter = np.median(np.abs(np.diff(value))) * _SIGMA_OF_MEDIAN
     value /= max(float(scatter), _LEAST_SPREAD)
-    sums, squares = (np.concatenate([[0.0], np.cumsum(one)]) for one in (value, value**2))
+    sums, squares = (np.concatenate([[0.0], np.cumsum(power)]) for power in (value, value**2))
     cost, cut = np.full(size + 1, np.inf), np.zeros(size + 1, np.intp)
     cost[0] = 0.0
     for end in range(_LEAST_SINCE, size + 1):

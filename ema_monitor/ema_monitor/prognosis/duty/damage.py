@@ -1,4 +1,4 @@
-"""What was flown, and the damage it does: wear by load and travel, ageing by the temperature."""
+"""Duty flown and the damage it causes: wear by load and travel, ageing by temperature."""
 
 from dataclasses import dataclass, field
 from typing import Final
@@ -36,7 +36,7 @@ MEASURE: Final = np.array([_MEASURES.get(name, HOURS) for name in COMPONENTS])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlownDuty:
-    """Use of a unit over some time, from telemetry and topics; nothing by default."""
+    """Use of a unit over some time, from telemetry and topics; zero by default."""
 
     hours: float = 0.0
     """Time that telemetry covers [h]."""
@@ -59,7 +59,7 @@ NOTHING_FLOWN: Final = FlownDuty()
 
 @dataclass(frozen=True)
 class DamageSettings(Checked):
-    """How duty does damage (P23)."""
+    """Relation of damage to duty (P23)."""
 
     growth_per: str = text(
         "damage",
@@ -86,15 +86,15 @@ class DamageSettings(Checked):
     def wear(self, travel: ArrayLike, load: ArrayLike) -> float:
         """Return the wear by travels [rad] at loads: the sum of load^p times travel [rad].
 
-        Archard (1953) has the power 1 for sliding contacts; the life of rolling contacts goes by
-        the power 3 of their load (ISO 281, ISO 3408-5).
+        The power is 1 for sliding contacts (Archard 1953), and 3 for the life of rolling contacts
+        (ISO 281, ISO 3408-5).
         """
         return float(np.sum(np.asarray(travel) * np.asarray(load) ** self.wear_exponent))
 
     def ageing(self, hours: ArrayLike, celsius: ArrayLike) -> float:
-        """Return the ageing in hours at temperatures of the winding: those at 100 degC as bad [h].
+        """Return the ageing in hours at winding temperatures, as equivalent hours at 100 degC [h].
 
-        By Arrhenius: exp(-E/kT), T in kelvin (Dakin 1948).
+        Arrhenius law exp(-E/kT), T in kelvin (Dakin 1948).
         """
         kelvin = np.maximum(np.asarray(celsius) + _ZERO_CELSIUS, 1.0)
         away = self.activation_energy / BOLTZMANN * (1.0 / _REFERENCE_K - 1.0 / kelvin)

@@ -23,7 +23,7 @@ _S_PER_HOUR: Final = 3600.0
 def count_travel(
     position: Array, current: Array, limit: float, last: float, amount: Array, moment: Array
 ) -> float:
-    """Count the travel of a shaft by load, in place; return from where to count on.
+    """Count the travel of a shaft by load, in place; return the angle up to which it is counted.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def count_travel(
     limit
         Current at which the load is 1 [A].
     last
-        Angle up to which travel is counted [rad]; NaN when there was none before.
+        Angle up to which travel was counted before [rad]; NaN at the start.
     amount, moment
         Travel [rad], and the sum of travel times load [rad], by class, ``(k,)``.
     """
@@ -56,15 +56,15 @@ def count_travel(
 class DutyMeter:
     """Sums up the duty in the telemetry of one unit.
 
-    Blocks that follow one another without a gap are one motion. Where the current is not measured
-    the load counts as 1, so that travel alone counts.
+    Successive blocks without a gap form one motion. If the current is not measured, the load is
+    assumed to be 1.
 
     Parameters
     ----------
     pieces
-        To which the duty up to the end of each window is added, by its stamp [ns].
+        Queue of duty by the stamp of its window [ns], to which ``cut`` appends.
     most_pieces
-        How many are kept apart; the oldest beyond are one.
+        Largest length of the queue; beyond it, the two oldest pieces are merged.
     """
 
     def __init__(
@@ -102,14 +102,14 @@ class DutyMeter:
         """Assign the duty since the last cut to a window by the stamp of its end [ns]."""
         self.pieces.append((end_ns, replace(self._flown, hours=self._hours)))
         if self._most_pieces and len(self.pieces) > self._most_pieces:
-            (_, one), (stamp_ns, other) = self.pieces.popleft(), self.pieces.popleft()
-            self.pieces.appendleft((stamp_ns, one + other))
+            (_, oldest), (stamp_ns, second) = self.pieces.popleft(), self.pieces.popleft()
+            self.pieces.appendleft((stamp_ns, oldest + second))
         self._hours = 0.0
         self._flown = FlownDuty()
 
     def take(self, end_ns: int) -> FlownDuty:
-        """Return the duty of the windows by a stamp [ns], once."""
-        # Of any order: one whose stamp is wrong holds back no other.
+        """Remove and return the duty of all windows up to a stamp [ns]."""
+        # The queue may be out of order: a wrong stamp must not block other windows.
         taken = [piece for piece in self.pieces if piece[0] <= end_ns]
         for piece in taken:
             self.pieces.remove(piece)

@@ -1,4 +1,4 @@
-"""Scenarios: duties to come as a planner gives them, checked, and the growth that they lead to."""
+"""Scenarios: future duties defined by a planner, their checks, and the resulting growth."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -14,7 +14,7 @@ from ema_monitor.prognosis.duty.course import DutyCourse, FutureDuty
 from ema_monitor.prognosis.duty.damage import AGEING, MEASURE, WEAR
 
 MOST_SCENARIOS: Final = 20
-"""Scenarios that are answered at once."""
+"""Largest number of scenarios in a request."""
 
 _LONGEST_NAME: Final = 64
 _MOST_CLASSES: Final = 50
@@ -28,11 +28,11 @@ class Scenario(Checked):
     Raises
     ------
     ValueError
-        When a value is impossible; the message names its key, the value and what is expected.
+        When a value is impossible; the message names its key, the value and the expected values.
     """
 
-    name: str = text("", "how the answer names it")
-    duty: float = quantity(1.0, "-", 1e-3, 1e3, "growth beside what the other figures say of it")
+    name: str = text("", "name of the scenario in the answer")
+    duty: float = quantity(1.0, "-", 1e-3, 1e3, "factor of growth in addition to other figures")
     travel_per_hour: float = quantity(
         0.0, "rad/h", 0.0, 1e7, "travel of the user shaft in a flight hour; 0: as in the past"
     )
@@ -58,14 +58,14 @@ class Scenario(Checked):
         _check_shares("winding", self.winding, -60.0, 300.0, "degC")
 
     def future(self, course: DutyCourse | None, factor: float) -> FutureDuty:
-        """Return the duty to come.
+        """Return the future duty.
 
         Parameters
         ----------
         course
             Duty of the unit so far; None when it is not known.
         factor
-            Factor of growth in addition to the scenario's [-].
+            Factor of growth in addition to the scenario's factor [-].
 
         Raises
         ------
@@ -74,9 +74,9 @@ class Scenario(Checked):
         """
         factor = factor * self.duty
         names = ("travel_per_hour", "loads", "winding")
-        given = {name: getattr(self, name) for name in names if getattr(self, name)}
+        planned = {name: getattr(self, name) for name in names if getattr(self, name)}
         past = FutureDuty(factor) if course is None else course.as_flown(factor)
-        if not given:
+        if not planned:
             return past
         if course is None:
             raise NotComparableError("its duty so far")
@@ -96,15 +96,16 @@ class Scenario(Checked):
                 names = ("its travel and load so far", "the temperature of its winding so far")
                 raise NotComparableError(names[measure])
             present[measure == MEASURE] = later[measure == MEASURE] = rate
-        return replace(past, present=present, later=later, planned=given)
+        return replace(past, present=present, later=later, planned=planned)
 
 
 class NotComparableError(ValueError):
     """The unit has no data for a figure of a scenario."""
 
-    def __init__(self, what: str) -> None:
+    def __init__(self, figure: str) -> None:
         super().__init__(
-            f"{what} is not known, with which the scenario is compared: growth is counted by hours"
+            f"{figure} is not known, with which the scenario is compared: growth is counted by "
+            "hours"
         )
 
 
@@ -134,19 +135,20 @@ def scenarios_of(rows: Sequence[Any]) -> tuple[Scenario, ...]:
     Raises
     ------
     ValueError
-        When there are too many, two of one name, or one is impossible; the message names it.
+        When there are too many scenarios, a name is repeated, or a scenario is impossible; the
+        message names it.
     """
     if len(rows) > MOST_SCENARIOS:
         raise ValueError(f"{len(rows)} scenarios: expected at most {MOST_SCENARIOS}")
     scenarios: dict[str, Scenario] = {}
-    known = [item.name for item in fields(Scenario)]
+    keys = [item.name for item in fields(Scenario)]
     for number, row in enumerate(rows, 1):
         try:
             if not isinstance(row, dict):
                 raise ValueError(f"{str(row)[:80]}: expected keys with values")
             for key in row:
-                if key not in known:
-                    raise ValueError(unknown_name("key", key, known))
+                if key not in keys:
+                    raise ValueError(unknown_name("key", key, keys))
             scenario = Scenario(**row)
             if scenario.name in scenarios:
                 raise ValueError(f"name = {scenario.name!r}: expected once")
@@ -162,9 +164,9 @@ def read_scenarios(path: Path) -> tuple[Scenario, ...]:
     Raises
     ------
     ValueError
-        When it is not a scenario file; the message names file, scenario, key and value.
+        When the file is not a scenario file; the message names file, scenario, key and value.
     OSError
-        When it cannot be read.
+        When the file cannot be read.
     """
     content = load_yaml(path)
     try:
