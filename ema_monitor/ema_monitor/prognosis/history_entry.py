@@ -300,8 +300,8 @@ class StampedTest(NamedTuple):
     content: Any
     """Identity of the test, which its copies share."""
     is_refused: bool = False
-    """Whether the test is refused. A refused test may overlap other tests: a cut recording has parts
-    of tests."""
+    """Whether the test is refused. A refused test may overlap other tests: a cut recording has
+    parts of tests."""
 
 
 def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:

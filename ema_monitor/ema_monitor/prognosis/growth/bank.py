@@ -1,8 +1,9 @@
-"""A bank of Gaussian filters, one to each cell of the grid (P5).
+"""A bank of Gaussian filters, with a filter for each cell of the grid (P5).
 
-Within a cell law, shape and rate are fixed: the only state is the distance from healthy, which a
-Gaussian describes. This is the multiple-model estimator, with the merging of the interacting one
-for onset, changes and wandering rates (Bar-Shalom, Li and Kirubarajan 2001, section 11.6).
+Within a cell, law, shape and rate are fixed: the only state is the distance from healthy, described
+by a Gaussian. This is the multiple-model estimator, with the merging of the interacting
+multiple-model estimator for onset, changes and wandering rates (Bar-Shalom, Li and Kirubarajan
+2001, section 11.6).
 """
 
 import numpy as np
@@ -30,7 +31,7 @@ class Bank(Kept):
     two_sided
         Components that can leave their healthy value to either side, ``(7,)``.
     kind
-        0 for cells without growth, 1 for cells with a law for life, 2 for cells that wander.
+        0 for cells without growth, 1 for cells with a permanent law, 2 for cells that wander.
     """
 
     kept = ("mean", "variance")
@@ -47,8 +48,8 @@ class Bank(Kept):
         self._laws = [
             (cells.laws[name], at, cells.figures(at)) for name, at in cells.slices.items()
         ]
-        # A change leads to growth of any kind, and seldom to none: a component seen to grow that
-        # never did must find back, but not by the few tests that its growth does not show in.
+        # A change leads to any kind of growth, and rarely to none: wrongly detected growth must be
+        # reversible, but not by a few tests in which real growth does not show.
         arriving = cells.prior * np.where(self._is_constant, _STANDSTILL, 1.0)
         self._arriving = arriving / self._sums(arriving)[cells.component]
         self._leaving = np.where(
@@ -64,7 +65,7 @@ class Bank(Kept):
         return rates
 
     def advance(self, weight: Array, hours: Array) -> None:
-        """Let the cells grow over hours of their component, ``(7,)`` [h]; their paces change."""
+        """Advance the cells over hours of growth of their component, ``(7,)`` [h]; mix paces."""
         cell_hours = hours[self.cells.component]
         if cell_hours.any():
             mix_paces(
@@ -75,7 +76,7 @@ class Bank(Kept):
             law.advance(levels, figures, cell_hours[part], self._settings.noise_hours)
 
     def change(self, weight: Array) -> None:
-        """Let growth begin, or become another, with the probabilities of the settings."""
+        """Apply the probabilities that growth begins or changes, as set in the settings."""
         owner = self.cells.component
         out = self._leaving * weight
         mass = np.maximum(self._sums(out), LEAST_PROBABILITY)
@@ -92,10 +93,20 @@ class Bank(Kept):
         weight[:] = total
 
     def measure(self, test: Measurement, plain: Flags, near: Flags) -> tuple[Array, Array]:
-        """Update the levels by a test, by components that it measures and that it finds healthy.
+        """Update the levels by a test.
 
-        Returns logarithms of the likelihoods of the cells and the probabilities of a smaller value
-        by them, ``(n,)`` each; 0 of components not shown.
+        Parameters
+        ----------
+        test
+            The test.
+        plain, near
+            Components with a measured value, and components set to healthy, ``(7,)``.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Logarithms of the likelihoods of the cells, and their predicted probabilities of a
+            smaller value, ``(n,)`` each; 0 for components not shown.
         """
         owner = self.cells.component
         log_likelihood, below = np.zeros_like(self.mean), np.zeros_like(self.mean)
@@ -114,6 +125,6 @@ class Bank(Kept):
         return log_likelihood, below
 
     def restart(self, number: int, value: float, variance: float) -> None:
-        """Start the level of a component anew at a signed distance from healthy [-]."""
+        """Reset the level of a component to a signed distance from healthy [-]."""
         at = self.cells.component == number
         self.mean[at], self.variance[at] = value, variance

@@ -60,11 +60,11 @@ class Cells:
     def figures(self, at: slice | NDArray[np.intp]) -> Figures:
         """Return the figures of some cells of a law."""
         every = self.side, self.rate, self.shape, self.third, self.limit
-        return Figures(*(one[at] for one in every))
+        return Figures(*(column[at] for column in every))
 
 
 class Owners:
-    """The components of cells, by which values are summed; cells of one lie in few runs."""
+    """Sums of cell values by component, fast because the cells of a component form few runs."""
 
     def __init__(self, component: NDArray[np.intp]) -> None:
         self._starts = np.flatnonzero(np.diff(component, prepend=-1))
@@ -79,9 +79,9 @@ class Owners:
 _KINDS: Final = {"component": np.intp, "place": np.intp, "wanders": bool, "is_random": bool}
 _ROW: Final = np.dtype(
     [
-        (one.name, _KINDS.get(one.name, np.float64))
-        for one in fields(Cells)
-        if one.name not in ("laws", "slices")
+        (item.name, _KINDS.get(item.name, np.float64))
+        for item in fields(Cells)
+        if item.name not in ("laws", "slices")
     ]
 )
 
@@ -91,7 +91,7 @@ def grid(
 ) -> Cells:
     """Return the cells for all components, by limits, known laws and mechanisms of growth.
 
-    Units with the same limits and laws share them: the columns are read-only.
+    Units with the same limits and laws share the cells: the columns are read-only.
     """
     return _grid(limits, tuple(settings.laws.items()), mechanisms)
 
@@ -102,26 +102,26 @@ def _grid(
 ) -> Cells:
     known_laws = dict(laws)
     every = dict(LAWS)
-    every |= {name: External(one.law) for name, one in laws if not isinstance(one.law, str)}
+    every |= {name: External(law.law) for name, law in laws if not isinstance(law.law, str)}
     by_law = {law: [np.zeros(0, _ROW)] for law in every}
     for number, name in enumerate(COMPONENTS):
-        limit, known = limits.of(name), known_laws.get(name)
+        limit, known_law = limits.of(name), known_laws.get(name)
         two_sided = FAULTS[FAULT_NAMES.index(name)].is_two_sided
         still = np.zeros(1, _ROW)
         still["side"], still["prior"], still["place"] = 1.0, CONSTANT_PRIOR, -1
-        if known:
-            grown = _known(name, known, every, limit)
+        if known_law:
+            grown = _known_blocks(name, known_law, every, limit)
         else:
-            grown = _unknown(limit, mechanisms, two_sided=two_sided)
+            grown = _unknown_blocks(limit, mechanisms, two_sided=two_sided)
         for curve_number, (law, rows) in enumerate([("constant", still), *grown], -1):
             rows["component"], rows["limit"] = number, limit
             if law != "constant":
                 rows["place"] += N_RATES * curve_number
             if two_sided and law != "constant":
                 rows["prior"] /= 2.0
-                other = rows.copy()
-                other["side"] = -1.0
-                by_law[law].append(other)
+                mirrored = rows.copy()
+                mirrored["side"] = -1.0
+                by_law[law].append(mirrored)
             by_law[law].append(rows)
     figures = {law: np.concatenate(rows) for law, rows in by_law.items()}
     stops = np.cumsum([0, *(rows.size for rows in figures.values())]).tolist()
@@ -137,18 +137,18 @@ def _grid(
 Block = tuple[str, NDArray[np.void]]  # the law of a curve, and its cells on the upper side
 
 
-def _known(
-    component: str, known: KnownLaw, laws: Mapping[str, Law], limit: float
+def _known_blocks(
+    component: str, prior: KnownLaw, laws: Mapping[str, Law], limit: float
 ) -> Iterator[Block]:
-    """Return the cells of a component whose law is known."""
-    name = known.law if isinstance(known.law, str) else component
+    """Yield the cells of a component with a known law."""
+    name = prior.law if isinstance(prior.law, str) else component
     law = laws[name]
     if isinstance(law, External):
-        _check(component, law, known.shape, limit)
-    third = known.diffusion if law.is_random else 0.0
-    rows = _rows(law, Curve(known.shape, 1.0, third), limit, LIFE_HOURS)
-    away = (np.log(rows["rate"] / known.rate) / known.rate_sigma) ** 2
-    # Of a rate far off the grid, the nearest is left.
+        _check(component, law, prior.shape, limit)
+    third = prior.diffusion if law.is_random else 0.0
+    rows = _rows(law, Curve(prior.shape, 1.0, third), limit, LIFE_HOURS)
+    away = (np.log(rows["rate"] / prior.rate) / prior.rate_sigma) ** 2
+    # For a rate far outside the grid, the nearest rate gets all probability.
     peak = np.exp(0.5 * (away.min() - away))
     rows["prior"] = 0.5 * rows["prior"] + 0.5 * (1.0 - CONSTANT_PRIOR) * peak / peak.sum()
     yield name, rows
@@ -162,7 +162,7 @@ def _check(component: str, law: External, shape: float, limit: float) -> None:
     if not (np.all(np.isfinite(hours)) and np.all(hours > 0.0)):
         words = f"hours_until gives {hours} h from 0 to {limit:g} at rate 1: expected more than 0"
     elif not np.allclose(law.hours_until(start, twice), 0.5 * hours, rtol=_CONSISTENT):
-        words = "hours_until at rate 2 is not half of that at rate 1"
+        words = "hours_until at rate 2 is not half of hours_until at rate 1"
     elif not np.allclose(law.increment(start, once, hours), limit, rtol=_CONSISTENT):
         words = f"increment from 0 within the hours until {limit:g} is not {limit:g}"
     else:
@@ -170,8 +170,8 @@ def _check(component: str, law: External, shape: float, limit: float) -> None:
     raise ValueError(f"law {law} of {component}, shape {shape:g}: {words}")
 
 
-def _unknown(limit: float, mechanisms: Mechanisms, *, two_sided: bool) -> Iterator[Block]:
-    """Return the cells of a component of unknown law."""
+def _unknown_blocks(limit: float, mechanisms: Mechanisms, *, two_sided: bool) -> Iterator[Block]:
+    """Yield the cells of a component of unknown law."""
     laws = [LAWS[name] for name in mechanisms.laws]
     laws = [law for law in laws if two_sided or not law.either_side]
     steady = 1.0 - mechanisms.wandering

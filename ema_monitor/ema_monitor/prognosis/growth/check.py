@@ -1,8 +1,9 @@
 """Calibration check: a unit's predictions against its later tests (P13a).
 
-The probability integral transform of a test is the predicted probability of a value below the one
-that it showed: uniform where predictions are honest (Dawid 1984; Diebold, Gunther and Tay 1998). It
-is kept of predictions one test and twenty tests ahead; the latter widen intervals, never narrow.
+The probability integral transform (PIT) of a test is the predicted probability of a value below the
+measured value. It is uniform if predictions are calibrated (Dawid 1984; Diebold, Gunther and Tay
+1998). It is recorded for predictions one test and twenty tests ahead; the latter widen intervals,
+but never narrow them.
 """
 
 import math
@@ -20,22 +21,22 @@ from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 AHEAD: Final = 20
-"""Tests from a prediction to the one that it is held against."""
+"""Number of tests from a prediction to the test by which it is judged."""
 
 EVERY: Final = 5
-"""Tests from one such prediction to the next."""
+"""Number of tests from one such prediction to the next."""
 
 WIDTHS: Final = np.array([0.4, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8])
 """Factors of the width of a prediction on the grid [-]."""
 
 SAMPLES: Final = 256
-"""Samples of a prediction that is kept for the check."""
+"""Samples of a prediction that is stored for the check."""
 
 _WIDTH_SIGMA: Final = 0.35
 """Standard deviation of the logarithm of such a factor before any test [-]."""
 
 _KEPT: Final = 0.98
-"""Weight that earlier tests keep at each new test."""
+"""Factor of the weight of earlier tests at each new test [-]."""
 
 _LEAST: Final = 5.0
 """Fewest tests for a statement about calibration."""
@@ -53,19 +54,18 @@ LOG_PRIOR: Final = -0.5 * (np.log(WIDTHS) / _WIDTH_SIGMA) ** 2
 
 @dataclass(frozen=True)
 class TrackRecord:
-    """How the predictions of a fault held against its tests."""
+    """Agreement of a fault's predictions with its tests."""
 
     one_step: float = math.nan
     ahead: float = math.nan
-    """Root mean square of the normal scores of the PIT of predictions of the next test, and of that
-    twenty tests ahead: 1 when their intervals are right, above 1 when they are too narrow; NaN
-    while too few tests are known [-]."""
+    """Root mean square of the normal scores of the PIT, for predictions one test and twenty tests
+    ahead [-]: 1 when intervals are right, above 1 when too narrow; NaN with too few tests."""
     widening: float = math.nan
-    """Factor by which its intervals are widened, 1 or more; NaN while it is unknown [-]."""
+    """Factor by which intervals are widened, 1 or more [-]; NaN when unknown."""
 
 
 class PredictionCheck(Kept):
-    """Keeps the scores of predictions, and those predictions whose tests are still to come."""
+    """Scores of past predictions, and the predictions that wait for their tests."""
 
     kept = (
         *("_scores", "_log_widths", "_since", "_ahead", "_quantiles", "_made", "_open", "_grows"),
@@ -79,7 +79,7 @@ class PredictionCheck(Kept):
         # Number of scores and sum of their squares, the next test and ahead.
         self._scores = np.zeros((2, n, 2))
         self._log_widths = np.tile(LOG_PRIOR, (n, 1))
-        # Of each prediction: hours of growth when it was made, and for how many more it was.
+        # Hours of growth at which each prediction was made, and the hours that it looks ahead.
         self._since = np.full((_SLOTS, n), np.nan)
         self._ahead = np.full((_SLOTS, _LADDER.size), np.nan)
         self._quantiles = np.zeros((_SLOTS, _LADDER.size, n, _QUANTILES.size))
@@ -93,7 +93,7 @@ class PredictionCheck(Kept):
     def restart(self, number: int, *, is_new: bool) -> None:
         """Drop the predictions of a component whose level has changed.
 
-        If it was repaired (``is_new``) its scores are of another part, and go as well.
+        After a repair (``is_new``) its scores are dropped as well: they belong to another part.
         """
         self._open[:, number] = False
         if is_new:
@@ -101,7 +101,7 @@ class PredictionCheck(Kept):
             self._log_widths[number] = LOG_PRIOR
 
     def one_step(self, pit: Array, plain: Flags) -> None:
-        """Add the PIT of a test by the one before, ``(7,)``, of the components that it shows."""
+        """Add the PIT of a test by the previous prediction, for the plain components, ``(7,)``."""
         for number in np.flatnonzero(plain):
             self._add(0, int(number), float(pit[number]))
 
@@ -110,9 +110,9 @@ class PredictionCheck(Kept):
         self._scores[which, number] = _KEPT * self._scores[which, number] + [1.0, score**2]
 
     def observe(self, measurement: Measurement, used: Flags) -> None:
-        """Hold the predictions that are due against the used components of a test, ``(7,)``.
+        """Judge the predictions that are due by the used components of a test, ``(7,)``.
 
-        What misses the test that is due is judged by the next that shows it.
+        A component that the due test does not show is judged by the next test that shows it.
         """
         if math.isnan(self._first_hours):
             self._first_hours = measurement.hours
@@ -126,7 +126,7 @@ class PredictionCheck(Kept):
         hours, table = self._ahead[slot], self._quantiles[slot, :, number]
         passed = float(measurement.own_hours[number] - self._since[slot, number])
         if passed > hours[-1]:
-            return  # further ahead than was predicted, as after a gap
+            return  # beyond the predicted hours, as after a gap
         quantiles = np.array([np.interp(passed, hours, column) for column in table.T])
         value = float(measurement.value[number])
         usual = float(measurement.noise[number])
@@ -139,24 +139,24 @@ class PredictionCheck(Kept):
         middle = np.median(quantiles)
         away = value - middle - WIDTHS[:, None] * (quantiles - middle)
         of_sizes = np.mean(np.exp(-0.5 * (away / sizes[..., None]) ** 2), axis=2) / sizes
-        # Predictions overlap: of each hour of growth there are four.
+        # Predictions overlap: four cover each hour of growth.
         gain = np.log(np.maximum(shares @ of_sizes, LEAST_PROBABILITY)) / _PENDING
-        known = self._log_widths[number] - LOG_PRIOR
-        known = LOG_PRIOR + _KEPT * known + gain
-        self._log_widths[number] = known - known.max()
+        evidence = self._log_widths[number] - LOG_PRIOR
+        log_widths = LOG_PRIOR + _KEPT * evidence + gain
+        self._log_widths[number] = log_widths - log_widths.max()
 
     @property
     def is_due(self) -> bool:
-        """Whether a prediction is to be kept after this test."""
+        """Whether a prediction is to be stored after this test."""
         return self._tests % EVERY == 0 and self._tests >= EVERY
 
     def hours_ahead(self, hours: float) -> Array:
-        """Return for how many hours of growth it is to be made at a service hour [h], ``(m,)``."""
+        """Return the hours ahead of a prediction at a service hour [h], ``(m,)``."""
         interval = (hours - self._first_hours) / max(self._tests - 1, 1)
         return max(interval, 1e-3) * AHEAD * _LADDER
 
     def keep(self, since: Array, ahead: Array, samples: Array, shown: Flags, grows: Flags) -> None:
-        """Keep a prediction until its test.
+        """Store a prediction until its test.
 
         Parameters
         ----------
@@ -190,9 +190,14 @@ class PredictionCheck(Kept):
 
 
 def widened_lives(hours: Array, factor: Array) -> Array:
-    """Return remaining lives, ``(7, n)`` [h], spread about the median of each component.
+    """Return remaining lives with a wider spread about the median of each component [h].
 
-    Their logarithms are, by a factor of 1 or more, ``(7,)`` [-].
+    Parameters
+    ----------
+    hours
+        Samples of the remaining lives, ``(7, n)`` [h].
+    factor
+        Factor of the spread of their logarithms, 1 or more, ``(7,)`` [-].
     """
     middle = np.quantile(hours, 0.5, axis=1, keepdims=True, method="inverted_cdf")
     result = hours.copy()
@@ -202,7 +207,7 @@ def widened_lives(hours: Array, factor: Array) -> Array:
 
 
 def widened(values: Array, factor: Array) -> Array:
-    """Return futures, ``(m, 7, n)``, spread about their median by a factor of 1 or more [-]."""
+    """Return samples, ``(m, 7, n)``, with their distance from the median scaled, ``(7,)`` [-]."""
     within = np.clip(values, -_FARTHEST, _FARTHEST)
     middle = np.median(within, axis=2, keepdims=True)
     return middle + factor[:, None] * (within - middle)

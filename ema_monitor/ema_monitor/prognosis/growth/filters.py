@@ -1,4 +1,4 @@
-"""Updates of Gaussian filters by tests with occasional larger errors."""
+"""Updates of Gaussian filters by tests with occasional large errors."""
 
 import math
 from typing import Final, NamedTuple
@@ -27,7 +27,7 @@ class Correction(NamedTuple):
 
 
 def corrected(innovation: Array, usual: Array, settings: TrackerSettings) -> Correction:
-    """Return the updates by innovations, whose errors are occasionally larger."""
+    """Return the updates by innovations with occasional large errors."""
     rare, squared = settings.occasional_probability, innovation**2
     wide = usual + settings.occasional_error**2
     log_usual = math.log1p(-rare) - 0.5 * (squared / usual + np.log(usual))

@@ -2,7 +2,7 @@
 
 Each unit gives, for each fault that grows, the likelihood of its tests under every curve and rate
 of the grid. The distribution over the units is fitted to these by empirical Bayes (Laird 1978),
-smoothed over the rates (Silverman et al. 1990). Likelihoods are all that leaves a site.
+smoothed over the rates (Silverman et al. 1990). Only the likelihoods leave a site.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 LEAST_LOG: Final = -30.0
 """Logarithm below the highest at which a likelihood is cut off [-]."""
 _KEPT: Final = 0.8
-"""Share of the prior without a fleet that is kept: the unit may be of another kind [-]."""
+"""Weight of the prior without a fleet, because the unit may differ from the fleet [-]."""
 _UNITS_OF_CURVES: Final = 4.0
 _UNITS_OF_RATES: Final = 2.0
 """Weight of the distribution without a fleet in the fleet's distribution [units]."""
@@ -32,12 +32,13 @@ _STEPS: Final = 60
 
 
 class GrownFault(NamedTuple):
-    """Evidence of a unit's tests about the growth of one of its faults."""
+    """Evidence of a unit's tests on the growth of a fault."""
 
     kind: str
     """Kind of the fault."""
     log_likelihood: NDArray[np.float16]
-    """Of each curve and rate, 0 for the likeliest, at least ``LEAST_LOG``, ``(curves, rates)``."""
+    """Log-likelihood of each curve and rate, 0 for the likeliest, at least ``LEAST_LOG``,
+    ``(curves, rates)``."""
 
 
 def _table(cells: Cells, number: int, values: Array) -> Array:
@@ -48,12 +49,12 @@ def _table(cells: Cells, number: int, values: Array) -> Array:
 
 
 def grown_faults(cells: Cells, weight: Array, growing: Flags) -> dict[str, GrownFault]:
-    """Return a tracker's evidence about the faults with visible growth, by component.
+    """Return a tracker's evidence on the growing faults, by component.
 
     Parameters
     ----------
     cells, weight
-        Its grid, and the probability of each cell [-].
+        Grid of the tracker, and the probability of each cell [-].
     growing
         Which components are judged to grow, ``(7,)``.
     """
@@ -98,8 +99,8 @@ def grid_digest(limits: HealthLimits) -> str:
     cells = grid(limits, TrackerSettings())
     digest = hashlib.sha256(repr(cells.slices).encode())
     columns = cells.side, cells.base, cells.shape, cells.third
-    for one in (cells.component, *columns, cells.place):
-        digest.update(np.round(np.asarray(one, dtype=np.float64), 12).tobytes())
+    for column in (cells.component, *columns, cells.place):
+        digest.update(np.round(np.asarray(column, dtype=np.float64), 12).tobytes())
     return digest.hexdigest()[:16]
 
 
@@ -111,14 +112,14 @@ def distribution(likelihoods: Sequence[NDArray[np.float16]], prior: Array) -> Ar
     likelihoods
         Log-likelihoods of each unit, ``(curves, rates)``.
     prior
-        The distribution without any unit, ``(curves, rates)``.
+        Distribution without any unit, ``(curves, rates)``.
     """
     units = np.exp(np.stack(likelihoods), dtype=np.float64) * prior
     of_curves, of_rates = prior.sum(axis=1), prior.sum(axis=0)
     steps = np.arange(of_rates.size)
-    # Neighbouring rates are taken together.
+    # Smoothing over neighbouring rates.
     kernel = np.exp(-0.5 * ((steps[:, None] - steps) * RATE_SPACING / _SMOOTHING) ** 2)
-    # How much likelier each curve, and each rate, is in the fleet than without one.
+    # Ratio of the probability of each curve, and of each rate, with and without the fleet.
     curves, rates = np.ones_like(of_curves), np.ones_like(of_rates)
     for _ in range(_STEPS):
         on_curves = np.einsum("ucr,r->uc", units, rates) * curves

@@ -1,8 +1,8 @@
 """Samples of the estimated growth, continued into the future.
 
-A fault grows as its law says, in a time of its own whose increments are random with mean 1 (P7): to
-first order a Wiener process with drift, whose first passage is inverse Gaussian (P10). Growth of
-unknown law may change for good, at an hour that nothing announces: more often it speeds up.
+A fault grows by its law in an effective time with random increments of mean 1 (P7): to first order
+a Wiener process with drift, whose first passage is inverse Gaussian (P10). Growth of unknown law
+may change its rate permanently at a random hour; an increase is more probable than a decrease.
 """
 
 from collections.abc import Iterator
@@ -49,9 +49,19 @@ class Draw:
 
 
 def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) -> Draw:
-    """Return n samples of a unit: of each component by its cells and filters.
+    """Return samples of the state and growth of a unit.
 
-    Those that grow have been seen for hours of growth, healthy ones included, ``(7,)`` [h]; else 0.
+    Parameters
+    ----------
+    mixture
+        Probabilities of cells and waves.
+    n
+        Number of samples.
+    observed
+        Hours of growth over which each growing component was observed, 0 for other components,
+        ``(7,)`` [h].
+    rng
+        Random numbers.
     """
     bank, cells = mixture.bank, mixture.bank.cells
     chosen = np.empty((len(mixture.members), n), dtype=np.intp)
@@ -87,7 +97,7 @@ def lives(sample: Draw, rng: np.random.Generator) -> Array:
     hours, scale = np.empty(sample.cell.shape), np.empty(sample.cell.shape)
     for law, at, of in sample.by_law():
         hours[at], scale[at] = law.passage(sample.x[at], of, sample.noise_hours, rng)
-    # Growth that slows down may never get there.
+    # Growth that slows down may never reach the limit.
     hours[np.isnan(hours)] = np.inf
     passing = np.isfinite(hours) & (hours > 0.0) & (scale > 0.0)
     hours[passing] = rng.wald(hours[passing], scale[passing])
@@ -122,7 +132,7 @@ def futures(sample: Draw, hours: Array, rng: np.random.Generator) -> Array:
     ahead = Future(hours, paced, np.sqrt(sample.noise_hours) * wiener, wiener)
     values = np.empty(shape)
     for law, at, of in sample.by_law():
-        own = Future(*(one[:, at] for one in ahead))
-        values[:, at] = of.side * law.future(sample.x[at], of, own, rng)
+        followed_by = Future(*(column[:, at] for column in ahead))
+        values[:, at] = of.side * law.future(sample.x[at], of, followed_by, rng)
     values[:, sample.is_wave] = sample.waves.values(hours[:, sample.is_wave])
     return values

@@ -1,4 +1,4 @@
-"""What is learnt of growth, by name: copied, written, and taken up again."""
+"""Learnt state of the growth models: copied, stored and restored by name."""
 
 from collections.abc import Mapping
 from copy import copy
@@ -9,25 +9,19 @@ from numpy.typing import NDArray
 
 
 class Kept:
-    """Base of classes that learn from tests and keep their state in some of their attributes.
-
-    Attributes
-    ----------
-    kept
-        Names of the attributes that tests change, arrays and numbers.
-    parts
-        Names of the attributes that are of this class themselves.
-    """
+    """Base of classes that learn from tests, with their state in some of their attributes."""
 
     kept: ClassVar[tuple[str, ...]] = ()
+    """Names of the attributes that tests change: arrays and numbers."""
     parts: ClassVar[tuple[str, ...]] = ()
+    """Names of the attributes that are ``Kept`` objects."""
 
     def state(self, at: str = "") -> dict[str, NDArray[Any]]:
-        """Return all that is known, for ``restore``; names begin with where it is."""
-        known = {f"{at}{name}": np.asarray(getattr(self, name)) for name in self.kept}
+        """Return the learnt state for ``restore``, by names with the prefix ``at``."""
+        state = {f"{at}{name}": np.asarray(getattr(self, name)) for name in self.kept}
         for part in self.parts:
-            known |= getattr(self, part).state(f"{at}{part}.")
-        return known
+            state |= getattr(self, part).state(f"{at}{part}.")
+        return state
 
     def restore(self, state: Mapping[str, NDArray[Any]], at: str = "") -> None:
         """Restore the ``state`` of an object with the same limits and settings.
@@ -44,7 +38,7 @@ class Kept:
             getattr(self, part).restore(state, f"{at}{part}.")
 
     def frozen(self) -> Self:
-        """Return a copy that does not change with this one."""
+        """Return a copy that is independent of further tests."""
         twin = copy(self)
         for name in self.kept:
             setattr(twin, name, copy(getattr(self, name)))

@@ -1,4 +1,4 @@
-"""What one valid test measures of the faults, and at which service hour."""
+"""Measurement of the faults by a valid test at a service hour."""
 
 import math
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ _AS_SERVICE: Final = np.empty(0)
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Fault vector that one valid test measured.
+    """Fault vector measured by a valid test.
 
     Raises
     ------
@@ -35,12 +35,12 @@ class Measurement:
     faults: Array
     """Fault vector, ``(8,)``."""
     covariance: Array
-    """Its covariance, ``(8, 8)``; rows and columns of unobservable components are not read."""
+    """Covariance of the fault vector, ``(8, 8)``; unobservable rows and columns are ignored."""
     unobservable: Flags
     """Components that the test does not show, ``(8,)``."""
     own_hours: Array = field(default_factory=lambda: _AS_SERVICE)
-    """Hours of growth of each tracked component, ``(7,)`` [h]: those at a reference duty that do
-    the same damage (P23); the service hour by default."""
+    """Hours of growth of each tracked component, ``(7,)`` [h]: hours at the reference duty with the
+    same damage (P23); the service hour by default."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.hours < math.inf:
@@ -65,7 +65,7 @@ class Measurement:
 
     @classmethod
     def of(cls, estimate: Estimate, hours: float, own_hours: Array = _AS_SERVICE) -> Self:
-        """Return the measurement that an estimate makes.
+        """Return the measurement of a valid estimate.
 
         Raises
         ------
@@ -78,13 +78,13 @@ class Measurement:
         return cls(float(hours), faults, covariance, estimate.unobservable, own_hours)
 
     def as_row(self) -> Array:
-        """Return all figures in one array, from which ``of_row`` makes the same measurement."""
+        """Return all figures in an array, from which ``of_row`` restores the measurement."""
         figures = (self.faults, self.unobservable, self.own_hours, self.covariance.ravel())
         return np.concatenate([[self.hours], *figures])
 
     @classmethod
     def of_row(cls, row: Array) -> Self:
-        """Return the measurement that ``as_row`` was made of."""
+        """Return the measurement that ``as_row`` describes."""
         ends = np.cumsum([1, N_FAULTS, N_FAULTS, len(INDICES)])
         (hours,), faults, unobservable, growth_hours, covariance = np.split(row, ends)
         square, hidden = covariance.reshape(N_FAULTS, N_FAULTS), unobservable.astype(np.bool_)
@@ -97,7 +97,7 @@ class Measurement:
 
     @cached_property
     def near_healthy(self) -> Flags:
-        """Tracked components that were set to healthy: they lie somewhere near it, ``(7,)``."""
+        """Tracked components that the estimate set to healthy, ``(7,)``."""
         return self.seen & (self.faults[INDICES] == HEALTHY)
 
     @cached_property
@@ -107,11 +107,11 @@ class Measurement:
 
     @cached_property
     def noise(self) -> Array:
-        """Variances of the error of ``value``, 1 where there is none, ``(7,)``."""
+        """Variances of the error of ``value``, 1 for components not shown, ``(7,)``."""
         return np.where(self.seen, np.diag(self.covariance)[INDICES], 1.0)
 
     def normalized_innovation(self, mean: Array, variance: Array) -> Array:
-        """Return how many standard deviations each value is from its prediction, ``(7,)``."""
+        """Return the distance of each value from its prediction, ``(7,)`` [standard deviations]."""
         away = np.abs(self.value - mean)
         reach = np.where(self.near_healthy, REACH * np.sqrt(self.noise), 0.0)
         total = np.sqrt(self.noise + variance)

@@ -1,4 +1,4 @@
-"""What growth of unknown law may do beside following a steady law, and how probable that is."""
+"""Mechanisms of growth of unknown law, with their prior probabilities."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -17,8 +17,7 @@ class Mechanisms:
     wave: float = 0.1
     """Probability of a wave (P6c) [-]."""
     changed: tuple[float, float] = (0.4, 15.0)
-    """Range of the factor by which the rate changes for good in the future (P10), log-uniform
-    [-]."""
+    """Range of the factor of a permanent change of rate in the future (P10), log-uniform [-]."""
 
 
 MECHANISMS: Final = Mechanisms()

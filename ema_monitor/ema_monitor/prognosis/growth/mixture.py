@@ -1,7 +1,7 @@
-"""Mixture of all hypotheses of how the components of a unit grow: cells and waves.
+"""Mixture of all hypotheses on the growth of a unit's components: cells and waves.
 
-Probabilities of cells and filters are exact marginal likelihoods, but for those that are forgotten
-(P6b): wandering rates, waves, and the kind of growth.
+Probabilities of cells and filters are exact marginal likelihoods, except for wandering rates, waves
+and the kind of growth, which are forgotten gradually (P6b).
 """
 
 import numpy as np
@@ -32,7 +32,7 @@ class Mixture(Kept):
         Probability of each cell, followed by each filter of a wave, ``(n,)``; sums to 1 for each
         component.
     component, members
-        Component of each, and the indices of each component's members.
+        Component of each cell and filter, and their indices by component.
     is_known
         Components whose law is known, ``(7,)``.
     """
@@ -50,12 +50,12 @@ class Mixture(Kept):
         number = np.arange(_N)
         self.component = np.concatenate([cells.component, np.repeat(number, waves.omega.size)])
         self._sums = Owners(self.component).sums
-        self.members = [np.flatnonzero(self.component == one) for one in number]
-        # With waves, growth is as probable as without.
+        self.members = [np.flatnonzero(self.component == i) for i in number]
+        # Waves must not change the prior probability of growth.
         of_cells = cells.prior * (1.0 - waves.prior.sum(axis=1))[cells.component]
         self._prior = np.concatenate([of_cells, waves.prior.ravel()])
         self.weight = self._prior.copy()
-        # No growth, a law for life, a rate that wanders, a wave under growth: of each component.
+        # Kinds for each component: no growth, permanent law, wandering rate, growth with a wave.
         kind = np.concatenate([self.bank.kind, np.tile(np.where(waves.grows, _WAVE, 0), _N)])
         self._is_constant = kind == 0
         self._is_random = np.append(cells.is_random, np.zeros(waves.prior.size))
@@ -96,16 +96,16 @@ class Mixture(Kept):
         return self._sums(self.weight * self._is_random)
 
     def advance(self, hours: Array) -> None:
-        """Let each component grow over hours of its own, at least 0, ``(7,)`` [h]."""
+        """Advance each component over its hours of growth, at least 0, ``(7,)`` [h]."""
         of_cells, of_waves = self._split(self.weight)
         self.bank.advance(of_cells, hours)
         self.waves.advance(of_waves, hours)
 
     def _forget(self, used: Flags) -> None:
-        """Draw the probabilities of growth of some components towards their prior, by kind."""
+        """Move the probabilities of the used components towards their prior, by kind of growth."""
         power = np.where(used, self._power, 1.0)
         before, at = self._of_kinds(self.weight), self._forgets
-        # What wanders forgets; a law is one for life, or it is found to be none.
+        # Wandering rates and waves forget; a law is permanent, so its evidence accumulates.
         self.weight[at] = _tempered(self.weight[at], self._prior[at], power[self.component[at]])
         wanted = before.copy()
         wanted[1:] = _tempered(before[1:], self._kinds_prior[1:], power)
@@ -114,10 +114,10 @@ class Mixture(Kept):
         self.weight *= factor.ravel()[self._kind]
 
     def measure(self, test: Measurement, used: Flags) -> Array:
-        """Update by the components of a test that are used, ``(7,)``.
+        """Update by the used components of a test, ``(7,)``.
 
-        Returns the probability of smaller values than its own, as it was before it, ``(7,)``; of no
-        meaning where a component is not used or was set to healthy.
+        Returns the probability, predicted before the test, of smaller values than measured,
+        ``(7,)``; meaningless for components that are not used or were set to healthy.
         """
         self._forget(used)
         self.bank.change(self._split(self.weight)[0])
@@ -136,11 +136,17 @@ class Mixture(Kept):
         return pit
 
     def restart(self, number: int, value: float, noise: float, *, keep: float) -> None:
-        """Start a component's level anew from one test, which may have an occasional error.
+        """Reset a component's level to the value of a test, which may have an occasional error.
 
-        Its probabilities are kept to a power relative to the prior: 0 reopens the prior, 1 keeps
-        all that is known of the growth. Value and noise are a signed distance from healthy and the
-        variance of its error [-].
+        Parameters
+        ----------
+        number
+            Number of the component.
+        value, noise
+            Signed distance from healthy, and the variance of its error [-].
+        keep
+            Power of the learnt probabilities relative to the prior: 0 returns to the prior, 1 keeps
+            everything learnt about the growth.
         """
         for part in (self.bank, self.waves):
             part.restart(number, value, noise + self.settings.occasional_error**2)
@@ -150,6 +156,6 @@ class Mixture(Kept):
 
 
 def _tempered(weight: Array, prior: Array, power: Array | np.float64) -> Array:
-    """Return probabilities, drawn by a power towards their prior; they are not normalised."""
+    """Return probabilities moved towards their prior by a power, without normalisation."""
     kept = np.maximum(weight, LEAST_PROBABILITY) ** power * prior ** (1.0 - power)
     return np.where(prior > 0.0, kept, 0.0)

@@ -19,49 +19,48 @@ OUTLIER: Final = "outlier"
 _AGREEMENT: Final = 4.0
 _JUMP_SHARE: Final = 0.1
 PATIENCE: Final = 4
-"""Tests in a row after which whatever is off has changed."""
+"""Number of tests in a row after which the level of an odd component counts as changed."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that growth does not explain."""
+    """A value that growth does not explain."""
 
     kind: str
-    """``"outlier"``: a value that no growth explains, held back until the next test. When that test
-    agrees with it, a ``"repair"`` (the fault became smaller) or a ``"step"`` (it became larger)
-    follows; else it stays an outlier and is never used."""
+    """``"outlier"``: a value held back until the next test. If that test agrees, a ``"repair"``
+    (smaller fault) or a ``"step"`` (larger fault) follows; else the value is never used."""
     component: str
     """Component of the fault vector."""
     hours: float
-    """Service hour at which it was first seen [h]."""
+    """Service hour of the first test with the value [h]."""
     text: str
-    """What was seen, in words."""
+    """Description of the event."""
 
 
 class OutlierDetector(Kept):
     """Classifies tests whose values growth does not explain.
 
-    The first two tests that agree begin a life, for either of two that do not may be wrong. Later
-    a test with an odd value is held back as a whole, because a wrong estimate of one component
-    falsifies the others. If the next test agrees with it in all components that were off, and is
-    off in no other, their level has changed; if it is as expected, the test held back is never
-    used. A jump that two errors of the occasional size can feign must show in three tests, and
-    before that is no event, for such errors are frequent. Whatever is off in four tests in a row
-    has changed as well.
+    The first two tests that agree begin a life: if two tests disagree, either may be wrong. Later,
+    a test with an odd value is held back as a whole, because a wrong estimate of a component
+    corrupts the remaining components. If the next test agrees with it in all odd components, and no
+    further component is odd, their level has changed. If the next test is as expected, the test
+    held back is never used. A jump that two occasional errors could cause must show in three tests; until
+    then it is no event, because such errors are frequent. A component that is odd in four tests in
+    a row has also changed.
     """
 
     kept = ("_held", "_odd", "_agreed", "_patience")
 
     def __init__(self, settings: TrackerSettings) -> None:
         self._settings = settings
-        # Rows of the tests held back: before a life has begun all of them, then the latest.
+        # Rows of the tests held back: all before a life has begun, then the latest only.
         self._held = np.empty((0, 0))
         self._odd = np.zeros(len(COMPONENTS), dtype=bool)
         self._agreed = 0
         self._patience = 0
 
     def begin(self, measurement: Measurement) -> tuple[Measurement | None, list[Event]]:
-        """Return the earlier test with which this one begins a life, if one does, and events."""
+        """Return the earlier test that begins a life with this test, or None; and events."""
         name, events = COMPONENTS, list[Event]()
         for earlier in map(Measurement.of_row, self._held):
             variance = earlier.noise + 2.0 * self._settings.occasional_error**2
@@ -89,8 +88,14 @@ class OutlierDetector(Kept):
     ) -> tuple[list[Event], Flags, Flags]:
         """Return events, components whose level has changed, and components held back, ``(7,)``.
 
-        Mean and variance belong to the test's prediction; ``tests`` counts the tests used so
-        far, by component: one alone is too few for an outlier.
+        Parameters
+        ----------
+        measurement
+            The test.
+        mean, variance
+            Prediction of the test's signed distances from healthy, ``(7,)``.
+        tests
+            Number of tests used so far by component, ``(7,)``; an outlier needs two.
         """
         innovation = measurement.normalized_innovation(mean, variance)
         odd = (innovation > self._settings.event_sigmas) & (tests >= 2)
@@ -99,7 +104,7 @@ class OutlierDetector(Kept):
         large = np.abs(measurement.value - mean) > _AGREEMENT * reach
         for held in map(Measurement.of_row, self._held):
             since = held.hours
-            # Growth is less and less certain: a value that was odd before may be within its bounds.
+            # Uncertainty of growth increases with time: an odd value may be within bounds later.
             agrees = self._agrees(measurement, held, mean)[self._odd].all()
             self._agreed = self._agreed + 1 if agrees and not (odd & ~self._odd).any() else 0
             is_long = self._patience >= PATIENCE - 1
@@ -114,16 +119,16 @@ class OutlierDetector(Kept):
             self._patience += 1
         else:
             self._held, self._patience, self._agreed = self._held[:0], 0, 0
-        # A test is used but for its odd values if it confirms one before.
+        # A test that confirms an earlier change is used, except for its remaining odd values.
         held_back = left if changed.any() else np.full_like(odd, left.any())
         return events, changed, held_back
 
-    def _agrees(self, one: Measurement, other: Measurement, mean: Array) -> Flags:
+    def _agrees(self, measurement: Measurement, held: Measurement, mean: Array) -> Flags:
         occasional = self._settings.occasional_error**2
-        tolerance = _AGREEMENT * np.sqrt(one.noise + other.noise + occasional)
-        jump = np.abs(other.value - mean)
-        same_way = np.sign(one.value - mean) == np.sign(other.value - mean)
-        apart = np.abs(one.value - other.value)
+        tolerance = _AGREEMENT * np.sqrt(measurement.noise + held.noise + occasional)
+        jump = np.abs(held.value - mean)
+        same_way = np.sign(measurement.value - mean) == np.sign(held.value - mean)
+        apart = np.abs(measurement.value - held.value)
         return same_way & (apart < np.maximum(tolerance, _JUMP_SHARE * jump))
 
 

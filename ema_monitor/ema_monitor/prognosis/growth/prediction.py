@@ -1,4 +1,4 @@
-"""Estimates of each component, its remaining useful life, and the evidence still missing."""
+"""Estimate and remaining useful life of each component, and the reasons for unknown lives."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,19 +17,19 @@ from ema_monitor.prognosis.growth.check import TrackRecord
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 NOT_SHOWN: Final = "fewer than two tests that agree so far"
-"""Why a fault that no test has shown has no life."""
+"""Reason for the unknown life of a fault that no test has shown."""
 
 LEAST_TESTS: Final = 5
-"""Tests of a level below which no component newly counts as growing, and tests after a repair
-before which no life is given."""
+"""Number of tests of a level that a component needs to count as growing, and number of tests after
+a repair that a life needs."""
 BEGINS_BELOW: Final = 1e-4
 """Probability of no growth below which a component counts as growing [-].
 
-Of a component that does not grow, the probability that this ever happens is of the same size,
-however long it is monitored (Ville's inequality for likelihood ratios).
+The probability that a component without growth ever counts as growing is of the same size, for any
+length of monitoring (Ville's inequality for likelihood ratios).
 """
 ENDS_ABOVE: Final = 0.2
-"""Probability of no growth above which it no longer is [-]."""
+"""Probability of no growth above which a growing component stops counting as growing [-]."""
 
 FAN_LEVELS: Final = (0.05, 0.5, 0.95)
 """Probabilities of the quantiles of a ``Fan`` [-]."""
@@ -47,14 +47,14 @@ class TrackedFault:
     name: str
     """Component of the fault vector."""
     tests: int
-    """Number of tests that showed it."""
+    """Number of tests that showed the component."""
     value: float
     sigma: float
     """Mean and standard deviation, in the units of the fault vector [-]; NaN before any test."""
     trend: float
     """Growth of the value [1/h]."""
     calibration: TrackRecord
-    """How its predictions held against the tests so far."""
+    """Agreement of its predictions with the tests so far."""
 
 
 @dataclass(frozen=True)
@@ -62,19 +62,19 @@ class RemainingLife:
     """Quantiles of the remaining useful life under one criterion."""
 
     known: bool
-    """Whether a figure can be given."""
+    """Whether the life is known."""
     hours_05: float
     hours_50: float
     hours_95: float
-    """5 %, 50 % and 95 % quantiles from the latest test on [h]; NaN when not known."""
+    """5 %, 50 % and 95 % quantiles from the latest test on [h]; NaN when unknown."""
     criterion: str
-    """What ends life."""
+    """Criterion that ends life, as a text."""
     reason: str = ""
-    """Why no figure can be given; empty when known."""
+    """Why the life is unknown; empty when known."""
 
     @classmethod
     def unknown(cls, criterion: str, reason: str) -> "RemainingLife":
-        """Return an unknown life, with the reason."""
+        """Return an unknown life with a reason."""
         return cls(False, math.nan, math.nan, math.nan, criterion, reason)
 
     @classmethod
@@ -93,20 +93,20 @@ class Prognosis:
     components: Mapping[str, RemainingLife]
     """Life until each component reaches its limit, by name."""
     overall: RemainingLife
-    """Life until the first of them does."""
+    """Life until the first component reaches its limit."""
     dominant_fault: str
-    """Component that does so first most often; empty when none is known to grow."""
+    """Component that reaches its limit first in most samples; empty when none is known to grow."""
     samples: Array
-    """Samples of the overall life [h], ``(n,)``; infinite when it is not known."""
+    """Samples of the overall life [h], ``(n,)``; infinite when it is unknown."""
     future: FutureDuty
-    """What is assumed of the duty to come."""
+    """Assumed future duty."""
     levels: Array = field(default_factory=lambda: np.empty(0))
-    """Present distance of the dominant fault from healthy in each sample [-], ``(n,)``; empty when
-    there is no dominant one."""
+    """Present distance of the dominant fault from healthy in each sample [-], ``(n,)``; empty
+    without a dominant fault."""
 
     @classmethod
     def unknown(cls, reason: str, limits: HealthLimits, duty: FutureDuty) -> "Prognosis":
-        """Return a prognosis without figures, with the reason."""
+        """Return an unknown prognosis with a reason."""
         components = {
             name: RemainingLife.unknown(_criterion(name, limits.of(name)), reason)
             for name in COMPONENTS
@@ -115,7 +115,7 @@ class Prognosis:
         return cls(math.nan, components, overall, "", np.empty(0), duty)
 
     def as_rows(self) -> list[dict[str, Any]]:
-        """Return a table of plain values: a row a component, and one for the first of them."""
+        """Return a table of plain values: a row for each component, and a row for their first."""
         return [asdict(life) for life in (*self.components.values(), self.overall)]
 
     def __str__(self) -> str:
@@ -152,11 +152,27 @@ def prognosis_of(
     duty: FutureDuty,
     levels: Array,
 ) -> Prognosis:
-    """Return the prognosis by samples of lives, with quantiles where they can be given.
+    """Return the prognosis from samples of lives.
 
-    Once the life of one component is known, the overall one counts all that a test has shown, each
-    as probable as its growth is: growth that is nearly certain must not come as a surprise. Samples
-    and present levels are ``(7, n)``; a reason is empty where a life can be given.
+    Once the life of a component is known, the overall life includes all components that a test has
+    shown, with the probability of their growth: growth that is nearly certain must not be ignored.
+
+    Parameters
+    ----------
+    at_hours
+        Service hour of the latest test [h].
+    samples
+        Samples of the life of each component, ``(7, n)`` [h].
+    is_shown
+        Components that a test has shown, ``(7,)``.
+    reasons
+        Why the life of each component is unknown; empty if it is known.
+    limits
+        Limits at which life ends.
+    duty
+        Assumed future duty.
+    levels
+        Present distances from healthy in the samples, ``(7, n)`` [-].
     """
     components = {
         name: RemainingLife.unknown(criterion, reason)
@@ -178,7 +194,7 @@ def prognosis_of(
 
 
 def _criterion(name: str, limit: float) -> str:
-    """Return in words when a fault ends life."""
+    """Return the text of the criterion by which a fault ends life."""
     fault = FAULTS[FAULT_NAMES.index(name)]
     if fault.is_two_sided:
         return f"{fault.label} differs from {fault.healthy:g} by more than {limit:g}"
@@ -186,10 +202,16 @@ def _criterion(name: str, limit: float) -> str:
 
 
 def growth_not_certain(constant: float, tests: int) -> str:
-    """Return why a fault is not judged to grow.
+    """Return why a fault does not count as growing, with an estimate of the missing tests.
 
-    Evidence grows faster the longer growth lasts, so that fewer tests than it names may do.
-    ``constant`` is the probability that it does not grow, after some tests of its level.
+    Fewer tests may suffice, because evidence accumulates faster the longer growth lasts.
+
+    Parameters
+    ----------
+    constant
+        Probability that the fault does not grow [-].
+    tests
+        Number of tests of its level.
     """
     if constant >= _LIKELY:
         return "no significant growth"
@@ -201,9 +223,14 @@ def growth_not_certain(constant: float, tests: int) -> str:
 
 
 def too_soon_after(repair_hours: float, missing: int) -> str:
-    """Return why no life is given after a fault fell at a service hour [h]; tests are missing.
+    """Return why no life is given after a fault decreased, by a repair or a new baseline.
 
-    A new baseline makes a fault fall as a repair does.
+    Parameters
+    ----------
+    repair_hours
+        Service hour at which the fault decreased [h].
+    missing
+        Number of tests still needed.
     """
     since = f"fewer than {LEAST_TESTS} tests since the repair or new baseline"
     since += f" at {repair_hours:,.0f} h"
@@ -213,9 +240,16 @@ def too_soon_after(repair_hours: float, missing: int) -> str:
 def beyond_horizon(
     median_hours: float, observed_hours: float, tests: int, settings: TrackerSettings
 ) -> str:
-    """Return why a life that ends late is not given; empty when it is.
+    """Return why a life beyond the horizon is not given; empty within the horizon.
 
-    The fault has been observed over some hours [h], in some tests.
+    Parameters
+    ----------
+    median_hours
+        Median of the life [h].
+    observed_hours, tests
+        Hours over which the fault has been observed [h], and number of tests.
+    settings
+        Settings with the horizon.
     """
     horizon = min(settings.horizon_hours, settings.horizon_factor * observed_hours)
     if median_hours <= horizon:
@@ -223,7 +257,7 @@ def beyond_horizon(
     reason = f"limit not within the horizon of {horizon:.0f} h"
     if tests < 2 or observed_hours <= 0.0 or not median_hours <= settings.horizon_hours:
         return reason
-    # What is observed grows as life goes by: u + d = (median - d) / factor.
+    # After d further hours the horizon reaches the end of life: u + d = (median - d) / factor.
     until = (median_hours / settings.horizon_factor - observed_hours) / (
         1.0 + 1.0 / settings.horizon_factor
     )
@@ -231,5 +265,5 @@ def beyond_horizon(
 
 
 def _after(tests: int) -> str:
-    """Return after how many more tests this is likely to have changed; empty for very many."""
+    """Return the text on the number of missing tests; empty above ``_MOST_TESTS``."""
     return "" if tests > _MOST_TESTS else f" (about {counted(tests, 'more test')})"

@@ -1,9 +1,9 @@
-"""Bayesian tracker of how an actuator's faults grow (P5 to P9).
+"""Bayesian tracker of the growth of an actuator's faults (P5 to P9).
 
 Each component has a bank of Gaussian filters on a grid of laws, shapes and rates (``bank``), and
-Kalman filters of faults under a wave (``waves``). A grid was chosen rather than particles: given
-law, shape and rate one smooth scalar is left, which a Gaussian holds; static parameters make
-particles degenerate; and nothing is random before a prediction draws from it.
+Kalman filters of faults under a wave (``waves``). A grid has advantages over particles: given law,
+shape and rate, the state is a smooth scalar, well described by a Gaussian; static parameters make
+particles degenerate; and the update is deterministic.
 """
 
 import math
@@ -50,23 +50,23 @@ from ema_monitor.prognosis.growth.prediction import (
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 KEPT_AFTER_STEP: Final = 0.5
-"""Power to which the probabilities of laws and rates are kept after a step fault [-]."""
+"""Power of the learnt probabilities of laws and rates after a step fault [-]."""
 
 MOST_RANDOM: Final = 0.5
-"""Probability of growth by jumps or drift from which a step is a part of the growth [-]."""
+"""Probability of growth by jumps or drift above which a step is part of the growth [-]."""
 
 
 class Tracker(Kept):
-    """Tracks one actuator from test to test.
+    """Tracks an actuator from test to test.
 
     Parameters
     ----------
     limits
-        Where life ends.
+        Limits at which life ends.
     settings
-        What is assumed of growth; by default that no law is known.
+        Assumptions on growth; by default no law is known.
     mechanisms
-        What growth of unknown law may do.
+        Mechanisms of growth of unknown law.
     outliers
         Detector of tests that growth does not explain; a new ``OutlierDetector`` by default.
     check
@@ -116,7 +116,7 @@ class Tracker(Kept):
         self._growing = np.zeros(len(COMPONENTS), dtype=bool)
         self._own_hours = np.full(len(COMPONENTS), np.nan)
         self._phase = float(FAULTS[ECCENTRICITY_PHASE].healthy)
-        # Hour at which a fault fell last, and tests since then; NaN for none.
+        # Hour of the latest decrease of a fault, NaN for none; and number of tests since then.
         self._fell_at, self._tests_since_fall = math.nan, 0
         self.updates = 0
         self.hours = math.nan
@@ -132,12 +132,12 @@ class Tracker(Kept):
         Returns
         -------
         list of Event
-            What growth does not explain.
+            Values that growth does not explain.
 
         Raises
         ------
         ValueError
-            When the test was before the latest one.
+            When the service hour is before the latest test.
         """
         if measurement.hours < self.hours:
             raise ValueError(
@@ -177,7 +177,7 @@ class Tracker(Kept):
     def _use(
         self, measurement: Measurement, changed: Flags | bool = False, held: Flags | bool = False
     ) -> None:
-        """Update by a test, but for components whose level it has set and those held back."""
+        """Update by a test, except for components that are reset (``changed``) or held back."""
         used = measurement.seen & ~np.logical_or(changed, held)
         first = used & (self._tests == 0)
         for number in np.flatnonzero(first):
@@ -212,7 +212,7 @@ class Tracker(Kept):
             self._growing[number] = False
 
     def grown_faults(self) -> dict[str, GrownFault]:
-        """Return the evidence about the growing components, for the prior of a fleet."""
+        """Return the evidence on the growing components, for the prior of a fleet."""
         return grown_faults(self._mixture.bank.cells, self._mixture.weight, self._growing)
 
     def components(self) -> tuple[TrackedFault, ...]:
@@ -233,7 +233,7 @@ class Tracker(Kept):
         Parameters
         ----------
         duty
-            The duty to come: with a factor of 2 all lives are half as long.
+            Assumed future duty; a factor of 2 halves all lives.
         """
         rng = np.random.default_rng([0, self.updates])
         sample = draw(self._mixture, self._settings.samples, self._observed(), rng)
@@ -245,17 +245,17 @@ class Tracker(Kept):
         is_over = is_shown & (np.abs(mean) - ONE_SIDED_95 * np.sqrt(variance) > limits)
         hours[is_over] = 0.0
         reasons = [
-            "" if is_over[number] else self.unsupported or self._reason_unknown(number, one)
-            for number, one in enumerate(fault_lives)
+            "" if is_over[number] else self.unsupported or self._reason_unknown(number, samples)
+            for number, samples in enumerate(fault_lives)
         ]
         return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty, sample.x)
 
     @property
     def unsupported(self) -> str:
-        """Why no life is given so soon after a repair; "" where tests support one.
+        """Why no life is given so soon after a repair; "" if enough tests support a life.
 
-        A repair may have changed more than the faults that were seen to fall: what earlier tests
-        showed of the growth of any fault is of another unit until tests of this one agree.
+        A repair may have changed more than the faults that decreased: earlier tests are no evidence
+        on the growth of any fault of the repaired unit.
         """
         missing = LEAST_TESTS - self._tests_since_fall
         if math.isnan(self._fell_at) or missing <= 0:
@@ -263,7 +263,7 @@ class Tracker(Kept):
         return too_soon_after(self._fell_at, missing)
 
     def _reason_unknown(self, number: int, own_hours: Array) -> str:
-        """Return why no life of a component can be given; empty when one can."""
+        """Return why the life of a component is unknown; empty if it is known."""
         tests = int(self._tests[number])
         if not tests:
             return NOT_SHOWN
@@ -274,7 +274,7 @@ class Tracker(Kept):
         return beyond_horizon(float(np.median(own_hours)), observed, tests, self._settings)
 
     def _observed(self) -> Array:
-        """Return over how many hours each component was seen that grows, else 0, ``(7,)`` [h]."""
+        """Return the hours over which each growing component was observed, else 0, ``(7,)`` [h]."""
         return np.where(self._growing, self._own_hours - self._first_hours, 0.0)
 
     def futures(self, hours: ArrayLike, n: int = 500, duty: FutureDuty = STEADY) -> Array:
@@ -287,13 +287,13 @@ class Tracker(Kept):
         n
             Number of samples.
         duty
-            As of ``predict``.
+            Assumed future duty; a factor of 2 doubles the growth.
 
         Returns
         -------
         numpy.ndarray
-            Fault vectors within their range, ``(m, n, 8)``; the direction of eccentricity stays as
-            in the latest test.
+            Fault vectors within their range, ``(m, n, 8)``, with the direction of eccentricity of
+            the latest test.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What a tracker assumes of growth: laws that are known, how other units grew, and noise."""
+"""Assumptions of a tracker on growth: known laws, the growth of other units, and noise."""
 
 import math
 from collections.abc import Hashable, Mapping
@@ -16,10 +16,10 @@ from ema_core.wording import unknown_name
 from ema_monitor.health import HealthLimits
 
 FORM: Final = "LAW[:RATE[:SHAPE]]"
-"""How users write a law."""
+"""Form in which users write a law."""
 
 LIFE_HOURS: Final = np.geomspace(50.0, 30_000.0, 97)
-"""Hours from healthy to the limit on the grid [h]; every other one where no law is known."""
+"""Hours from healthy to the limit on the grid [h]; every second value if the law is unknown."""
 
 
 @runtime_checkable
@@ -58,27 +58,31 @@ class GrowthLaw(Protocol):
 
         Parameters
         ----------
-        x, rate, shape
-            As of ``increment``.
+        x
+            Distances from healthy [-]; all arguments are arrays that broadcast.
+        rate
+            Rate of the law [1/h].
+        shape
+            Second figure of the law, ``KnownLaw.shape`` [-].
         limit
             Distance from healthy at which life ends [-].
 
         Returns
         -------
         numpy.ndarray
-            Hours [h], in the common shape: at most 0 from the limit on, infinite if growth never
-            reaches it.
+            Hours [h], in the common shape: at most 0 at or beyond the limit, infinite if growth
+            never reaches it.
         """
         ...
 
 
 @dataclass(frozen=True)
 class KnownLaw(Checked):
-    """Law by which a component is known to grow, with the prior of its rate.
+    """Known law of growth of a component, with the prior of its rate.
 
     The prior of the rate is half a lognormal of these figures and half log-uniform over all rates
-    of the tracker, which reach the limit within 50 h to 30,000 h: an actuator may grow slower or
-    faster than its type does.
+    of the tracker, which reach the limit within 50 h to 30,000 h: faults of an actuator may grow
+    slower or faster than usual for its type.
 
     Raises
     ------
@@ -96,13 +100,13 @@ class KnownLaw(Checked):
     """``"linear"``, ``"exponential"``, ``"archard"``, ``"self_heating"``, ``"power"``, ``"drift"``
     (P3), or a ``GrowthLaw``."""
     rate: float = quantity(1e-3, "1/h", 1e-9, 1e6, "median of the rate, of law power of c in h")
-    """Median of the rate a [1/h], of ``power`` of the time scale c [h]."""
+    """Median of the rate a [1/h]; for law ``power``, median of the time scale c [h]."""
     rate_sigma: float = quantity(0.5, "-", 0.05, 3.0, "sigma of the rate's logarithm")
     """Standard deviation of the rate's logarithm [-]."""
     shape: float = quantity(0.0, "-", 0.0, 100.0, "second parameter of the law: x_0, b or p")
     """Second figure of the law [-]: b, x_0 or p."""
     diffusion: float = quantity(1e-3, "1/sqrt(h)", 1e-9, 1.0, "s of law drift")
-    """Of ``drift`` its s [1/sqrt(h)]."""
+    """Diffusion s of law ``drift`` [1/sqrt(h)]."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -123,7 +127,7 @@ class KnownLaw(Checked):
 
     @classmethod
     def of(cls, law: str, rate: float, second: float, rate_sigma: float = 0.5) -> "KnownLaw":
-        """Return a law with its second figure, of ``drift`` the diffusion."""
+        """Return a law with its second figure: the diffusion of ``drift``, else the shape."""
         if law == "drift":
             return cls(law, rate, rate_sigma, diffusion=second)
         return cls(law, rate, rate_sigma, shape=second)
@@ -131,25 +135,26 @@ class KnownLaw(Checked):
 
 NOMINAL_LAWS: Final[Mapping[str, KnownLaw]] = MappingProxyType(
     {
-        name: KnownLaw.of(one.law, one.rate, one.diffusion or one.shape, one.rate_sigma)
+        name: KnownLaw.of(usual.law, usual.rate, usual.diffusion or usual.shape, usual.rate_sigma)
         for name in COMPONENTS
-        for one in [TYPICAL[kind_of(name)]]
+        for usual in [TYPICAL[kind_of(name)]]
     }
 )
 """Laws and median rates of the simulated lives, for a tracker that knows the law."""
 
 
 def known_law(fault: str, written: str) -> KnownLaw:
-    """Return a law from how users write it.
+    """Return the law that a user has written.
 
     Parameters
     ----------
     fault
         Component of the fault vector.
     written
-        ``LAW[:RATE[:SHAPE]]``: the law, its median rate a [1/h] (of ``power`` its c [h]) and its
-        second figure, x_0, b or p [-], of ``drift`` its s [1/sqrt(h)]; ``linear`` has none.
-        Without figures the law must be the one of ``NOMINAL_LAWS``, whose figures are used then.
+        ``LAW[:RATE[:SHAPE]]``: the law, its median rate a [1/h] (time scale c [h] for ``power``)
+        and its second figure: x_0, b or p [-], or s [1/sqrt(h)] for ``drift``; ``linear`` has no
+        second figure. Without figures, the law must be the law of the fault in ``NOMINAL_LAWS``,
+        whose figures are then used.
 
     Raises
     ------
@@ -176,9 +181,9 @@ def known_law(fault: str, written: str) -> KnownLaw:
         rate, *second = [float(figure) for figure in figures]
         if not second and law != "linear":
             raise ValueError(f"law {law} needs a second figure")
-        known = KnownLaw.of(law, rate, second[0] if second else 0.0)
+        prior = KnownLaw.of(law, rate, second[0] if second else 0.0)
         limit = HealthLimits().of(fault)
-        hours = float(hours_until(law, 0.0, rate, known.shape, limit))
+        hours = float(hours_until(law, 0.0, rate, prior.shape, limit))
         if not LIFE_HOURS[0] <= hours <= LIFE_HOURS[-1]:
             raise ValueError(
                 f"from healthy to the default limit {limit:g} it takes {hours:.3g} h: expected "
@@ -186,7 +191,7 @@ def known_law(fault: str, written: str) -> KnownLaw:
             )
     except ValueError as error:
         raise ValueError(f"law {written!r} of {fault}: {error}; expected {FORM}") from error
-    return known
+    return prior
 
 
 def _law_of(kind: str) -> Any:
@@ -196,7 +201,7 @@ def _law_of(kind: str) -> Any:
 
 @dataclass(frozen=True)
 class KnownLawTexts(settings_by_kind("_LawByKind", str, _law_of)):
-    """Law of each kind of fault, ``LAW[:RATE[:SHAPE]]`` or empty where it is not known.
+    """Law of each kind of fault, ``LAW[:RATE[:SHAPE]]``, or empty if unknown.
 
     Raises
     ------
@@ -225,33 +230,33 @@ class KnownLawTexts(settings_by_kind("_LawByKind", str, _law_of)):
 
 @dataclass(frozen=True)
 class FleetPrior:
-    """The distribution of curves and rates over the units of a fleet."""
+    """Distribution of curves and rates over the units of a fleet."""
 
     digest: str
     """Digest of the evidence of all units."""
     units: int
-    """Number of units any of whose faults was seen to grow."""
+    """Number of units with a growing fault."""
     names: str = ""
-    """The fleet in words; empty when it has no name."""
+    """Name of the fleet; may be empty."""
     counts: Mapping[str, int] = field(default_factory=dict, compare=False, repr=False)
-    """Number of faults that it rests on, by kind."""
+    """Number of growing faults by kind."""
     shares: Mapping[str, Array] = field(default_factory=dict, compare=False, repr=False)
     """Probability of each curve and rate of faults that grow, by kind of the fault, ``(curves,
-    rates)``; sums to 1. Kinds that no unit was seen to have are missing."""
+    rates)``; sums to 1. Kinds without a growing fault are missing."""
 
     def in_words(self) -> str:
-        """Return whose growth is assumed."""
-        others = f"{self.units} other{'' if self.units == 1 else 's'}"
-        return f"growth prior from {others}" + (f" ({self.names})" if self.names else "")
+        """Return the text on the origin of the prior."""
+        origin = f"{self.units} other{'' if self.units == 1 else 's'}"
+        return f"growth prior from {origin}" + (f" ({self.names})" if self.names else "")
 
 
 @dataclass(frozen=True)
 class TrackerSettings(Checked):
     """Assumptions of a tracker; each field has its unit, range and meaning.
 
-    Of components that ``laws`` does not name the law is unknown, and all are averaged. ``fleet``
-    is the growth of other units; a known law takes precedence. ``forgetting`` is a power applied
-    to the learnt probabilities of wandering rates, of waves, and of the kinds of growth.
+    A component that ``laws`` does not name has an unknown law: all laws are averaged. ``fleet`` is
+    the growth of other units; a known law takes precedence. ``forgetting`` is a power applied to
+    the learnt probabilities of wandering rates, of waves, and of the kinds of growth.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A pace that wanders: a factor of the rate of growth that forgets itself in some hundred hours.
+"""A wandering pace: a random factor of the rate of growth, correlated over some hundred hours.
 
 Its logarithm z is an Ornstein-Uhlenbeck process of mean 0 and standard deviation ``SIGMA``, on a
 grid of paces: a birth and death process between neighbours with the same stationary distribution
@@ -19,20 +19,20 @@ SIGMA: Final = 0.5
 """Standard deviation of the logarithm of the pace [-]."""
 
 WANDER_HOURS: Final = 500.0
-"""Hours within which a pace forgets itself [h]; from 200 to 2,000 it matters little."""
+"""Correlation time of a pace [h]; values from 200 h to 2,000 h make little difference."""
 
 PACES: Final = SIGMA * np.linspace(-2.4, 2.4, 7)
 """Logarithms of the paces of the grid [-]."""
 
 SHARES: Final = np.exp(-0.5 * (PACES / SIGMA) ** 2) / np.sum(np.exp(-0.5 * (PACES / SIGMA) ** 2))
-"""Their stationary probabilities [-]."""
+"""Stationary probabilities of ``PACES`` [-]."""
 
 LOG_MEAN: Final = float(np.log(np.sum(SHARES * np.exp(PACES))))
 FACTORS: Final = np.exp(PACES - LOG_MEAN)
-"""The paces: factors of the rate, of mean 1 [-]."""
+"""Factors of the rate by pace, with mean 1 [-]."""
 
 STEPS: Final = 24
-"""Steps in which a time of growth is followed into the future."""
+"""Number of steps in which a future time of growth is simulated."""
 
 _STEP_SHARE: Final = 1.0 / 12.0
 _LEAST_WEIGHT: Final = 1e-270
@@ -44,8 +44,8 @@ def _generator() -> tuple[Array, Array, Array]:
     root = np.sqrt(SHARES)
     diffusion = SIGMA**2 / WANDER_HOURS / (PACES[1] - PACES[0]) ** 2
     # In detailed balance with the stationary probabilities, so symmetric when scaled.
-    beside = np.full(PACES.size - 1, diffusion)
-    scaled = np.diag(beside, 1) + np.diag(beside, -1)
+    neighbours = np.full(PACES.size - 1, diffusion)
+    scaled = np.diag(neighbours, 1) + np.diag(neighbours, -1)
     scaled -= np.diag((scaled @ root) / root)
     values, vectors = np.linalg.eigh(scaled)
     return values, vectors / root[:, None], vectors.T * root
@@ -64,9 +64,16 @@ def transition(hours: ArrayLike) -> Array:
 def mix_paces(
     weight: Array, mean: Array, variance: Array, blocks: NDArray[np.intp], hours: Array
 ) -> None:
-    """Let the paces of cells change over hours of each curve, in place, and merge arriving states.
+    """Change the paces of cells in place, and merge the states that arrive at each pace.
 
-    ``blocks`` has the cells of each curve by pace and rate, ``(b, p, r)``.
+    Parameters
+    ----------
+    weight, mean, variance
+        Probability, mean and variance of the level of each cell.
+    blocks
+        Indices of the cells of each curve by pace and rate, ``(b, p, r)``.
+    hours
+        Hours of growth of each curve, ``(b,)`` [h].
     """
     moved = np.swapaxes(transition(hours), 1, 2)
     w, m = weight[blocks], mean[blocks]
@@ -81,10 +88,10 @@ def mix_paces(
 
 @kernel()
 def followed(pace: Array, steps: Array, normal: Array) -> Array:
-    """Return the time of growth that passes in each of some steps, ``(m, n)`` [h].
+    """Return the time of growth that passes in each step, ``(m, n)`` [h].
 
-    ``pace`` is the logarithm of the pace now [-], ``(n,)``; the standard normal numbers are
-    ``(m, n)``.
+    ``pace`` is the logarithm of the present pace [-], ``(n,)``; ``steps`` are lengths of steps [h],
+    ``normal`` standard normal numbers, ``(m, n)`` each.
     """
     passed = np.empty(steps.shape)
     for i in range(pace.size):
@@ -100,18 +107,18 @@ def followed(pace: Array, steps: Array, normal: Array) -> Array:
     return passed
 
 
-def hours_of(own: Array, pace: Array, rng: np.random.Generator) -> Array:
-    """Return the hours in which a wandering pace makes growth pass its own hours, ``(n,)`` [h].
+def hours_of(paced_hours: Array, pace: Array, rng: np.random.Generator) -> Array:
+    """Return the hours in which a time of growth passes at a wandering pace, ``(n,)`` [h].
 
-    ``own`` are the hours at pace 1, ``pace`` is the logarithm of the pace now [-]. After ``STEPS``
-    steps the rest passes at the mean pace: a pace that stays slow for so long returns to it.
+    ``paced_hours`` is this time at pace 1, ``pace`` the logarithm of the present pace [-]. After
+    ``STEPS`` steps the rest passes at the mean pace, to which a slow pace has returned by then.
     """
-    step = own * _STEP_SHARE
-    normal = rng.standard_normal((STEPS, own.size))
+    step = paced_hours * _STEP_SHARE
+    normal = rng.standard_normal((STEPS, paced_hours.size))
     passed = followed(pace, np.tile(step, (STEPS, 1)), normal)
     after = np.cumsum(passed, axis=0)
-    over = np.count_nonzero(after < own, axis=0)
-    last, each = np.minimum(over, STEPS - 1), np.arange(own.size)
-    left = own - (after[last, each] - passed[last, each])
+    over = np.count_nonzero(after < paced_hours, axis=0)
+    last, each = np.minimum(over, STEPS - 1), np.arange(paced_hours.size)
+    left = paced_hours - (after[last, each] - passed[last, each])
     into = step * (last + left / passed[last, each])
-    return np.where(over < STEPS, into, STEPS * step + own - after[-1])
+    return np.where(over < STEPS, into, STEPS * step + paced_hours - after[-1])

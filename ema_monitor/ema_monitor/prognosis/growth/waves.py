@@ -1,7 +1,8 @@
 """Filters for faults under a wave: periodic effects of season, temperature or load (P6c).
 
-The state of each is level x, rate v, and a wave of known period and unknown amplitude and phase:
-w turns by 2 pi hours / period and slowly becomes another. A test measures x + w.
+The state of a filter is level x, rate v, and a wave w of known period and unknown amplitude and
+phase: it turns by 2 pi hours / period, and amplitude and phase change slowly. A test measures
+x + w.
 """
 
 import math
@@ -21,13 +22,13 @@ from ema_monitor.prognosis.growth.measurement import REACH, Measurement
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 PERIODS: Final = np.asarray(200.0 * 1.15 ** np.arange(13), dtype=np.float64)
-"""Hours of a wave on the grid [h]."""
+"""Periods of the waves on the grid [h]."""
 
 AMPLITUDE: Final = 0.025
 """Standard deviation of each of the two parts of a wave, as a share of the limit [-]."""
 
 LASTING: Final = 20.0
-"""Periods within which a wave forgets its amplitude and phase."""
+"""Correlation time of amplitude and phase of a wave [periods]."""
 
 RATE_SPREAD: Final = 0.15
 """Standard deviation of the logarithm of the future mean rate over the present rate [-]."""
@@ -51,13 +52,14 @@ class Waves(Kept):
     Attributes
     ----------
     prior
-        Probabilities before any test, ``(7, k)``; in all ``prior``, or 0 where a law is known.
+        Probabilities before any test, ``(7, k)``; their sum for a component is ``prior``, or 0 if
+        its law is known.
     grows
         Filters whose level grows, ``(k,)``.
     mean, covariance
-        Of the states, ``(7, k, 4)`` and ``(7, k, 4, 4)``.
+        Mean and covariance of the states, ``(7, k, 4)`` and ``(7, k, 4, 4)``.
     omega
-        Turn of the wave [rad/h], ``(k,)``.
+        Angular frequency of the wave [rad/h], ``(k,)``.
     """
 
     kept = ("mean", "covariance")
@@ -80,23 +82,23 @@ class Waves(Kept):
             self.restart(number, 0.0, 1.0)
 
     def moments(self) -> tuple[Array, Array]:
-        """Return mean and variance of a test's value, by each filter, ``(7, k)`` each."""
+        """Return mean and variance of a test's value as each filter predicts it, ``(7, k)``."""
         return self.mean @ _SEEN, self.covariance @ _SEEN @ _SEEN
 
     def restart(self, number: int, value: float, variance: float) -> None:
-        """Start a component anew at a signed distance from healthy, its wave and rate unknown."""
+        """Reset a component to a signed distance from healthy, with unknown wave and rate."""
         wave = self._wave_variance[number]
         self.mean[number] = [value, 0.0, 0.0, 0.0]
-        one = np.zeros_like(self.covariance[number])
+        covariance = np.zeros_like(self.covariance[number])
         # The level is the value without the wave.
-        one[:, 0, 0] = variance + wave
-        one[:, 0, 2] = one[:, 2, 0] = -wave
-        one[:, 1, 1] = self._rate_variance[number]
-        one[:, 2, 2] = one[:, 3, 3] = wave
-        self.covariance[number] = one
+        covariance[:, 0, 0] = variance + wave
+        covariance[:, 0, 2] = covariance[:, 2, 0] = -wave
+        covariance[:, 1, 1] = self._rate_variance[number]
+        covariance[:, 2, 2] = covariance[:, 3, 3] = wave
+        self.covariance[number] = covariance
 
     def rates(self) -> Array:
-        """Return the growth of each filter, without its wave [1/h], ``(7, k)``."""
+        """Return the rate of growth of each filter without its wave [1/h], ``(7, k)``."""
         return np.where(self.grows, self.mean[..., 1], 0.0)
 
     def advance(self, weight: Array, hours: Array) -> None:
@@ -120,7 +122,7 @@ class Waves(Kept):
         self.covariance = step @ self.covariance @ np.swapaxes(step, -1, -2) + noise
 
     def _begin(self, weight: Array) -> None:
-        """Let growth begin in filters without, with the probability of the settings."""
+        """Apply the probability that growth begins in filters without growth."""
         n, groups = PERIODS.size, _LIVES.size - 1
         out = self._settings.onset_probability * weight[:, :n]
         weight[:, :n] -= out
@@ -138,10 +140,20 @@ class Waves(Kept):
             weight[:, at] = total * (self.prior[:, at] > 0.0)
 
     def measure(self, test: Measurement, plain: Flags, near: Flags) -> tuple[Array, Array]:
-        """Update the filters by a test, by components that it measures and that it finds healthy.
+        """Update the filters by a test.
 
-        Returns logarithms of their likelihoods and the probabilities of a smaller value by them,
-        ``(7, k)`` each; 0 of components not shown.
+        Parameters
+        ----------
+        test
+            The test.
+        plain, near
+            Components with a measured value, and components set to healthy, ``(7,)``.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Logarithms of the likelihoods of the filters, and their predicted probabilities of a
+            smaller value, ``(7, k)`` each; 0 for components not shown.
         """
         log_likelihood, below = np.zeros_like(self.prior), np.zeros_like(self.prior)
         at, (mean, variance) = plain, self.moments()
@@ -166,7 +178,7 @@ class Waves(Kept):
     def drawn(
         self, number: NDArray[np.intp], of_it: NDArray[np.intp], rng: np.random.Generator
     ) -> "WaveDraw":
-        """Return a sample of each filter that is named by numbers of component and filter."""
+        """Return a sample for each pair of numbers of a component and of its filter."""
         pairs, which = np.unique(number * self.omega.size + of_it, return_inverse=True)
         covariance = self.covariance.reshape(-1, 4, 4)[pairs]
         values, vectors = np.linalg.eigh(covariance)
@@ -175,7 +187,7 @@ class Waves(Kept):
         state = self.mean[number, of_it] + np.einsum("mij,mj->mi", root[which], normal)
         spread = np.exp(RATE_SPREAD * rng.standard_normal(number.size))
         state[:, 1] *= np.where(self.grows[of_it], spread, 0.0)
-        # Towards the side to which it grows; a component of one side does not shrink to its limit.
+        # Growth may go to either side only for two-sided components.
         side = np.where(self.two_sided[number] & (state[:, 1] < 0.0), -1.0, 1.0)
         return WaveDraw(state, self.omega[of_it], side / self._limit[number])
 
@@ -211,7 +223,7 @@ def _first_passages(state: Array, omega: Array) -> Array:
         result[i] = np.inf
         if rate < _LEAST_RATE:
             continue
-        # Before the level is within the wave of the limit nothing can happen.
+        # The limit is out of reach until its distance from the level is below the wave's size.
         size = math.hypot(c, s)
         first = max((1.0 - size - x) / rate, 0.0)
         last = max((1.0 + size - x) / rate, first)

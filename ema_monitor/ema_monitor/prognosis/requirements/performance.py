@@ -1,6 +1,6 @@
-"""What an actuator with given faults performs: tracking, bandwidth, free play, torque in reserve.
+"""Performance of an actuator with faults: tracking error, bandwidth, free play, torque margin.
 
-Computed by the fast form of the monitor model (M10), many actuators at a time.
+Computed by the fast form of the monitor model (M10), for many actuators at a time.
 """
 
 import math
@@ -43,7 +43,7 @@ HALF_POWER: Final = math.sqrt(0.5)
 """Amplitude ratio at -3 dB [-]."""
 
 _STEP_OF_SPEED_LOOP = 0.1
-_ARRAYS = 8  # of a command and its phase, at a time
+_ARRAYS = 8  # arrays of a command and its phase in memory at a time
 _SWEEP_PERIODS = 20
 _SWEEP_RANGE = (1.0 / 3.0, 4.0)
 
@@ -67,10 +67,10 @@ def run_test(
 ):
     """Run `LANES` actuators from row ``first`` on, from rest in the middle of their backlash.
 
-    ``command`` is the command at the end of each step, ``delayed_command`` that half a step before
-    its start, both ``(n,)`` [rad]. The results cover the steps between two ``edges``, ``(b + 1,)``,
-    and have shape ``(n_lanes, b)``: ``error_peak`` is the largest error of the user shaft [rad],
-    ``used_peak`` the largest ratio of the current to the available current [-], ``real`` and
+    ``command`` is the command at the end of each step, ``delayed_command`` the command half a step
+    before its start, both ``(n,)`` [rad]. The results cover the steps between two ``edges``,
+    ``(b + 1,)``, and have shape ``(n_lanes, b)``: ``error_peak`` is the largest error of the user
+    shaft [rad], ``used_peak`` the largest ratio of the current to the available current [-], ``real`` and
     ``imaginary`` are the sums of the user shaft's angle times ``cos_phase`` and ``sin_phase``,
     both ``(n,)`` [rad].
     """
@@ -99,28 +99,28 @@ def run_test(
 
 
 class Performance(NamedTuple):
-    """Performance of ``m`` actuators, ``(m,)`` each.
-
-    ``tracking_error`` [rad] and ``free_play`` [rad] at the user shaft, ``bandwidth`` [Hz],
-    ``torque_margin`` [-].
-    """
+    """Performance of ``m`` actuators, ``(m,)`` each; see ``PerformanceModel`` for definitions."""
 
     tracking_error: Array
+    """Largest tracking error at the user shaft [rad]."""
     bandwidth: Array
+    """Bandwidth at -3 dB [Hz]."""
     free_play: Array
+    """Free play at the user shaft [rad]."""
     torque_margin: Array
+    """Least unused share of the available torque [-]."""
 
 
 class PerformanceModel:
-    """Performance of an actuator as the fast monitor model sees it.
+    """Performance of an actuator, computed by the fast monitor model.
 
     Parameters
     ----------
     parameters
-        Those of the unit: ``Calibration.unit_parameters`` where there is a calibration;
-        `FieldOrientedParameters` of such a drive.
+        Parameters of the unit, `FieldOrientedParameters` for a field-oriented drive;
+        ``Calibration.unit_parameters`` if there is a calibration.
     bandwidth_sought
-        Bandwidth about which to look [Hz]: the sweep goes from a third of it to four times it.
+        Expected bandwidth [Hz]: the sweep covers a third to four times this frequency.
 
     Attributes
     ----------
@@ -132,8 +132,8 @@ class PerformanceModel:
     Raises
     ------
     ValueError
-        When the bandwidth is not positive, or the speed loop so fast that its simulation has too
-        many steps.
+        When the bandwidth is not positive, or the speed loop is so fast that its simulation has
+        too many steps.
 
     Notes
     -----
@@ -141,23 +141,23 @@ class PerformanceModel:
     0 to 15 Hz in 0.5 s, from rest in the middle of the play.
 
     *Bandwidth*: the loop limits speed, current and voltage and has dry friction and play, so it
-    has no transfer function; its sinusoidal describing function at the amplitude of the test
-    takes its place (Gelb and Vander Velde, Multiple-Input Describing Functions and Nonlinear
-    System Design, McGraw-Hill 1968): the ratio of the fundamental of the user shaft to the
-    command. The bandwidth is the lowest frequency at which that is 1/sqrt(2). All frequencies are
-    tried in one slow sweep of constant amplitude, the fundamental taken from each of its periods,
-    which differs from the answer to steady sines by up to 5 %.
-    At the ends of the sweep the value stops there.
+    has no transfer function. Its sinusoidal describing function at the amplitude of the test is
+    used instead (Gelb and Vander Velde, Multiple-Input Describing Functions and Nonlinear System
+    Design, McGraw-Hill 1968): the ratio of the fundamental of the user shaft to the command. The
+    bandwidth is the lowest frequency at which this ratio is 1/sqrt(2). A single slow sweep of
+    constant amplitude covers all frequencies; the fundamental is taken from each of its periods,
+    which differs from the response to steady sines by up to 5 %. The bandwidth is limited to the
+    range of the sweep.
 
-    *Free play*: backlash, full width, at the user shaft; BLK (1 + 99 k_2) tau.
+    *Free play*: full width of the backlash at the user shaft, BLK (1 + 99 k_2) tau.
 
-    *Torque margin*: 1 less the largest share of the available torque that the chirp takes, at
-    any instant. Available is, at that speed and angle of the rotor, the least of the torque limit
-    and the driven pair's torque at the current limit and at the current for which the voltage
-    left by the back-EMF suffices, (V_max - K omega) / R; of a field-oriented drive, V_max / sqrt(3)
-    and the axis q take the place of supply and pair. Of the pair's torque constant only the
-    ratio of the two currents remains. Half of it unused is the motorisation factor of 2 that space
-    mechanisms must have (ECSS-E-ST-33-01C, Mechanisms; as a margin of at least 1 in
+    *Torque margin*: 1 minus the largest share of the available torque that the chirp uses at any
+    instant. At the present speed and angle of the rotor, the available torque is the least of the
+    torque limit, the torque of the driven pair at the current limit, and its torque at the current
+    for which the voltage left by the back-EMF suffices, (V_max - K omega) / R. For a field-oriented
+    drive, V_max / sqrt(3) and the q axis replace supply and pair. The torque constant of the pair
+    cancels: the ratio of the two currents remains. A margin of 0.5 is the motorisation factor of 2
+    required for space mechanisms (ECSS-E-ST-33-01C, Mechanisms; as a margin of at least 1 in
     NASA-STD-5017).
     """
 
@@ -196,8 +196,8 @@ class PerformanceModel:
         Parameters
         ----------
         faults
-            Fault vectors, ``(m, 8)`` or one, ``(8,)``. What lies beyond a component's range
-            counts as at its end; where one is NaN, so is the performance.
+            Fault vectors, ``(m, 8)``, or a vector, ``(8,)``. Values are clipped to the range of
+            their component. The performance is NaN for a vector with a NaN.
         """
         faults = as_faults(faults)
         tracking_error, torque_margin = self.chirp(faults)
@@ -234,12 +234,12 @@ class PerformanceModel:
     def _run(
         self, figures: "_Figures", faults: Array
     ) -> tuple[Array, Array, NDArray[np.complex128]]:
-        known = np.flatnonzero(np.isfinite(faults).all(axis=1))
+        rows = np.flatnonzero(np.isfinite(faults).all(axis=1))
         results = np.full((4, len(faults), len(figures.frequencies)), np.nan)
-        if known.size:
-            groups = -(-known.size // LANES)
+        if rows.size:
+            groups = -(-rows.size // LANES)
             # Copies of the last actuator fill the last group.
-            lane_of = known[np.minimum(np.arange(groups * LANES), known.size - 1)]
+            lane_of = rows[np.minimum(np.arange(groups * LANES), rows.size - 1)]
             control, motor, mechanics = degrade(self._plant, faults[lane_of])
             if self._loop is None:
                 drive = fast_constants(motor, self.dt)
@@ -252,7 +252,7 @@ class PerformanceModel:
                 run_test(control, drive, mechanics, first, *figures.signals, self.dt, *of_lanes)
 
             run_in_threads(run, groups)
-            results[:, known] = of_lanes[:, : known.size]
+            results[:, rows] = of_lanes[:, : rows.size]
         error, used, real, imaginary = results
         return error, used, 2.0 * (real + 1j * imaginary) / np.diff(figures.signals[-1])
 
@@ -275,7 +275,7 @@ class _Figures:
         whole = np.arange(math.ceil(turns(t)[-1] - 0.01))
         edges = np.append(np.searchsorted(turns(t), whole), n)
         self.frequencies = f0 + rate * dt * (edges[1:] + edges[:-1]) / 2.0
-        # As `run_test` reads them, from the delayed command to the edges.
+        # Arguments of `run_test`, from the delayed command to the edges.
         self.signals = (
             command.amplitude * np.sin(delayed),
             command.amplitude * np.sin(phase),

@@ -1,4 +1,4 @@
-"""How long an actuator will perform as required, by samples of the faults to come."""
+"""Remaining life of an actuator until it misses a requirement, by samples of future faults."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -28,44 +28,44 @@ from ema_monitor.prognosis.requirements.requirements import (
 from ema_monitor.prognosis.requirements.surrogate import Surrogate
 
 OVERALL: Final = "any requirement"
-"""Criterion of the earliest of the requirements, as long as none is known to fail."""
+"""Criterion of the life by all requirements, while no requirement is known to fail."""
 
 NODES: Final = 9
 """Times at which every trajectory is evaluated before the crossing is bisected."""
 
 FIRST: Final = 4
-"""Trajectories along which the model is run at first, in addition to their median."""
+"""Number of trajectories along which the model is run at first, in addition to their median."""
 
 POINTS: Final = 32
-"""Crossings of a requirement that the model checks then."""
+"""Number of crossings of a requirement that the model checks next."""
 
 DOUBT: Final = 0.3
-"""Reserve above which a requirement is not checked any more [-]."""
+"""Reserve above which a requirement is not checked [-]."""
 
 _SAMPLES: Final = 200
 _TIMES: Final = 33
-# How far to look beyond the life that the fault limits leave.
+# Horizon as a multiple of the life by fault limits.
 _BEYOND: Final = 2.0
 
 
 @dataclass(frozen=True)
 class RequiredLife:
-    """Health, growth and remaining life as to the requirements."""
+    """Health, growth and remaining life with regard to the requirements."""
 
     healths: tuple[FaultHealth, ...]
-    """As to each requirement; empty when none can be monitored."""
+    """Health with regard to each requirement; empty when none can be monitored."""
     trends: Mapping[str, float]
     """Growth of each performance by name [its unit per flight hour]."""
     lives: Mapping[str, RemainingLife]
     """Remaining life under each requirement, by name."""
     overall: RemainingLife
-    """Until the first of them fails."""
+    """Remaining life until the first requirement fails."""
     dominant: str
-    """Requirement that fails first most often; empty when none is known to fail."""
+    """Requirement that fails first in most samples; empty when none is known to fail."""
     with_limits: RemainingLife
-    """Until the first of them fails or the first fault reaches its limit, in the same samples."""
+    """Remaining life until the first requirement fails or the first fault reaches its limit."""
     samples: Array = field(default_factory=lambda: np.empty(0))
-    """Those samples [h], ``(m,)``; empty when no life is known."""
+    """Samples of ``with_limits`` [h], ``(m,)``; empty when no life is known."""
 
     @classmethod
     def unknown(
@@ -74,7 +74,7 @@ class RequiredLife:
         required: Requirements | RequirementLimits,
         healths: tuple[FaultHealth, ...] = (),
     ) -> "RequiredLife":
-        """Return an unknown life, with the reason."""
+        """Return an unknown life with a reason."""
         lives = {
             name: RemainingLife.unknown(required.criterion(name), reason) for name in REQUIREMENTS
         }
@@ -92,25 +92,24 @@ def required_life(
     limits: HealthLimits,
     horizon_hours: float,
 ) -> RequiredLife:
-    """Return how long the requirements are met.
+    """Return the remaining life by the requirements.
 
     Each component grows in the share of the samples given by its probability of growth. If no
-    component is known to grow, all keep their possible present values, and a life is
-    given only if a requirement fails now at 95 % certainty. As long as no test has shown a
-    component, no life is given: it might be anything.
+    component is known to grow, all keep their possible present values, and a life is given only if
+    a requirement fails now at 95 % certainty. If no test has shown a component, no life is given.
 
     Parameters
     ----------
     requirements, compliance
-        What is required, and how far it is met now.
+        Requirements, and the present compliance with them.
     faults
-        Fault vector now, ``(8,)``.
+        Present fault vector, ``(8,)``.
     tracker, tracked, prognosis
-        The growth, each component that a test has shown, and the life by fault limits.
+        Growth, estimate of each component that a test has shown, and life by fault limits.
     limits
         Limits of the faults.
     horizon_hours
-        How far to look ahead [h].
+        Horizon of the prognosis [h].
     """
     healths = compliance.healths
     grows = any(life.known for life in prognosis.components.values())
@@ -127,7 +126,7 @@ def required_life(
     longest = prognosis.overall.hours_95
     if 0.0 < longest < np.inf:
         horizon_hours = min(horizon_hours, _BEYOND * longest)
-    # More times near now, where they count most.
+    # The times are denser near the present, where they matter most.
     hours = max(horizon_hours, 1.0) * np.linspace(0.0, 1.0, _TIMES) ** 2
     paths = np.swapaxes(tracker.futures(hours, _SAMPLES, duty), 0, 1)
     if not grows:
@@ -148,16 +147,16 @@ def required_life(
 def lives_by_requirements(
     failures: Mapping[str, Array], required: Requirements | RequirementLimits, horizon_hours: float
 ) -> tuple[dict[str, RemainingLife], RemainingLife, str]:
-    """Return the life under each requirement, that until the first fails, and which that is.
+    """Return the life by each requirement, the life until the first fails, and its name.
 
     Parameters
     ----------
     failures
-        As of ``failure_hours``.
+        Samples of the hours to the failure of each requirement, as ``failure_hours`` returns them.
     required
-        What the actuator must perform.
+        Requirements of the actuator.
     horizon_hours
-        Hours looked ahead [h]: a life is known when at least half of the samples end within them.
+        Horizon [h]: a life is known if at least half of the samples end within it.
     """
 
     def life(samples: Array, criterion: str) -> RemainingLife:
@@ -178,32 +177,32 @@ def lives_by_requirements(
 
 
 def failure_hours(requirements: Requirements, paths: Array, hours: Array) -> dict[str, Array]:
-    """Return when each sample of the faults to come first fails each requirement.
+    """Return the hours at which samples of the future faults first fail each requirement.
 
     Parameters
     ----------
     requirements
-        What the actuator must perform.
+        Requirements of the actuator.
     paths
-        Fault vectors within their range, ``(n, t, 8)``; between the hours they grow linearly.
+        Fault vectors within their range, ``(n, t, 8)``; linear between the hours.
     hours
-        Their hours from the latest test on, rising, ``(t,)`` [h].
+        Ascending hours of the fault vectors from the latest test on, ``(t,)`` [h].
 
     Returns
     -------
     dict
-        Hours by requirement [h], infinite where it does not fail within those given, ``(n,)``.
+        Hours by requirement, infinite if it does not fail within ``hours``, ``(n,)`` [h].
 
     Notes
     -----
-    The first of ``NODES`` times at which a sample fails is found, then the crossing before it is
-    bisected: a failure between two nodes that mends itself again is not found. Free play has a
-    closed form at all times. The others are judged by a surrogate: the model is run along a few of
-    the trajectories, then at crossings so found, spread over the samples, and the crossings are
-    sought anew, as in active learning of limit states (Echard, Gayton and Lemaire 2011, AK-MCS,
-    Structural Safety 33). That runs the model some 80 times for each requirement in question,
-    where a bisection of each sample would take thousands. The resulting hours differ from the full
-    model's by 1 % rms in most cases, by 2.5 % where a reserve falls slowly.
+    For each sample, the first of ``NODES`` times with a failure is searched, then the crossing
+    before it is bisected. A temporary failure between two nodes is missed. Free play has a closed
+    form at all times. The remaining requirements are judged by a surrogate: the model is run along
+    a few trajectories, then at the predicted crossings of samples spread over the range, and the
+    crossings are searched again, as in active learning of limit states (Echard, Gayton and Lemaire
+    2011, AK-MCS, Structural Safety 33). This takes some 80 runs of the model for each requirement
+    in question; bisecting each sample would take thousands. The resulting hours differ from the
+    full model's by 1 % rms in most cases, by 2.5 % if a reserve falls slowly.
     """
     play = requirements.reserve("free_play", requirements.model.free_play(paths))
     index = {name: _modelled_crossings(requirements, name, paths) for name in MODELLED}
@@ -212,7 +211,7 @@ def failure_hours(requirements: Requirements, paths: Array, hours: Array) -> dic
 
 
 def _hours_at(index: Array, hours: Array) -> Array:
-    """Return the hours at indices of times, infinite as these are."""
+    """Return the hours at fractional indices of times; infinite for infinite indices."""
     return np.where(np.isinf(index), np.inf, np.interp(index, np.arange(len(hours)), hours))
 
 
@@ -237,7 +236,7 @@ def _modelled_crossings(requirements: Requirements, name: str, paths: Array) -> 
 
 
 def _doubtful(crossing: Array, coarse: Array, nodes: NDArray[np.intp], paths: Array) -> Array:
-    """Return where to run the model: faults at crossings, or at the least reserve if in doubt."""
+    """Return fault vectors to check by the model: at crossings, or at a doubtful least reserve."""
     lowest = nodes[coarse.argmin(axis=1)].astype(float)
     place = np.where(np.isinf(crossing), lowest, crossing)
     order = np.lexsort((place, np.isinf(crossing)))
@@ -279,12 +278,24 @@ def _first_crossing(
 
 
 def limit_passage(paths: Array, hours: Array, limits: HealthLimits) -> Array:
-    """Return when samples of the faults to come first reach a fault limit, ``(n,)`` [h].
+    """Return the hours at which samples of the future faults first reach a fault limit.
 
-    Paths and hours are as in ``failure_hours``; it is infinite where no limit is reached.
+    Parameters
+    ----------
+    paths
+        Fault vectors within their range, ``(n, t, 8)``; linear between the hours.
+    hours
+        Ascending hours of the fault vectors from the latest test on, ``(t,)`` [h].
+    limits
+        Limits of the faults.
+
+    Returns
+    -------
+    numpy.ndarray
+        Hours, infinite if no limit is reached, ``(n,)`` [h].
     """
     reach = [limits.of(name) if name in COMPONENTS else np.inf for name in FAULT_NAMES]
-    # The component nearest its limit counts; at the limit itself, where a range may end, 0 is left.
+    # The component nearest its limit counts. A range may end at the limit, which must count as 0.
     left = np.nextafter(1.0, 0.0) - np.max(np.abs(paths - healthy_faults()) / reach, axis=2)
     return _hours_at(_crossing_of(left), hours)
 
@@ -295,7 +306,7 @@ def _surely_fails(item: FaultHealth) -> bool:
 
 
 def _trends(compliance: Compliance, tracked: tuple[TrackedFault, ...]) -> dict[str, float]:
-    """Return how fast each performance changes with the growth of the faults."""
+    """Return the rate of change of each performance due to the growth of the faults."""
     trend = {item.name: item.trend for item in tracked}
     slope = np.array([trend.get(name, 0.0) for name in FAULT_NAMES])
     return {name: float(gradient @ slope) for name, gradient in compliance.gradients.items()}

@@ -1,4 +1,4 @@
-"""Required performance: its limits, and how far an actuator with given faults is from them."""
+"""Required performance: its limits, and the distance of an actuator with faults from them."""
 
 from dataclasses import dataclass, fields
 from functools import lru_cache
@@ -19,10 +19,10 @@ REQUIREMENTS: Final = Performance._fields
 """Names of the requirements, in the order of `Performance`."""
 
 MODELLED: Final = ("tracking_error", "bandwidth", "torque_margin")
-"""Those for which the model must run; free play has a closed form."""
+"""Requirements for which the model must run; free play has a closed form."""
 
 BELOW: Final = frozenset({"bandwidth", "torque_margin"})
-"""Those that fail below their limit."""
+"""Requirements that fail below their limit."""
 
 SEEN: Final = (-0.5, 1.5)
 """Reserves to which the surrogate is clipped [-]."""
@@ -35,7 +35,7 @@ _MOST_UNITS = 256
 
 @dataclass(frozen=True)
 class RequirementLimits(Checked):
-    """What an actuator must still perform.
+    """Limits of the required performance.
 
     A healthy built-in actuator has a tracking error of 2.14 mrad, a bandwidth of 32.9 Hz, a free
     play of 0.01 mrad and a torque margin of 0.653.
@@ -55,7 +55,7 @@ class RequirementLimits(Checked):
         return units.get(name, "-").replace("-", "1")
 
     def criterion(self, name: str) -> str:
-        """Return in words when a requirement fails, of an actuator that is not known."""
+        """Return the text of the criterion of a requirement, for an unspecified actuator."""
         if name == "tracking_error":
             more = f"{self.tracking_error:.4g} {self.unit(name)}"
             return f"tracking error exceeds the healthy actuator's by more than {more}"
@@ -63,29 +63,29 @@ class RequirementLimits(Checked):
 
 
 WITHOUT_MODEL: Final = "requirements cannot be monitored without a calibration of a known drive"
-"""Why no requirement is monitored where there is no model of the drive."""
+"""Reason that no requirement is monitored without a model of the drive."""
 
 
 @dataclass(frozen=True)
 class Compliance:
-    """How an actuator with given faults meets the requirements."""
+    """Compliance of an actuator with its requirements."""
 
     healths: tuple[FaultHealth, ...]
-    """Health as to each requirement, in the units of ``RequirementLimits.unit``."""
+    """Health with regard to each requirement, in the units of ``RequirementLimits.unit``."""
     gradients: dict[str, Array]
-    """How each performance changes with the faults, ``(8,)``, by name [its unit]; 0 if it is not
-    observable."""
+    """Gradient of each performance with respect to the faults, ``(8,)``, by name [its unit]; 0 for
+    unobservable components."""
 
 
 class Requirements:
-    """The requirements of one actuator.
+    """The requirements of an actuator.
 
     Parameters
     ----------
     parameters
-        Those of the unit: of ``Calibration.model()`` where there is a calibration.
+        Parameters of the unit: from ``Calibration.model()`` if there is a calibration.
     limits
-        What is required.
+        Limits of the required performance.
 
     Attributes
     ----------
@@ -118,14 +118,19 @@ class Requirements:
                 )
 
     def reserve(self, name: str, values: Array) -> Array:
-        """Return how much is left of the way from healthy to the limit: 1 when healthy, 0 there.
+        """Return the reserve of a performance [-]: 1 when healthy, 0 at the limit.
 
-        The values of the performance are in its unit, of any shape.
+        Parameters
+        ----------
+        name
+            Name of the requirement.
+        values
+            Values of the performance in its unit, of any shape.
         """
         return (self.limit[name] - values) / self._scale[name]
 
     def criterion(self, name: str) -> str:
-        """Return in words when a requirement fails."""
+        """Return the text of the criterion by which a requirement fails."""
         return _criterion(name, self.limit[name])
 
     def exact_reserves(self, names: tuple[str, ...], faults: ArrayLike) -> Array:
@@ -149,24 +154,24 @@ class Requirements:
         covariance: ArrayLike,
         warn_share: float = HealthLimits().warn_share,
     ) -> Compliance:
-        """Return how far each requirement is met, and how that changes with the faults.
+        """Return the compliance with each requirement, and its gradients by the faults.
 
         Parameters
         ----------
         faults
             Estimated fault vector, ``(8,)``.
         covariance
-            Its covariance, ``(8, 8)``; NaN rows and columns count as unobservable.
+            Covariance of the faults, ``(8, 8)``; NaN rows and columns count as unobservable.
         warn_share
-            Share of the way to a limit that the lower 95 % bound passes at a warning [-].
+            Share of the way to a limit above which the lower 95 % bound gives a warning [-].
 
         Notes
         -----
-        Standard deviations by the delta method, from differences over one standard deviation of
-        each component, at least 0.01. Where an unobservable component over its whole range would
-        change a performance by more than 5 % of the way to the limit, sigma is NaN and the level
-        ``STALE``, unless the value is beyond the limit. A direction of eccentricity does not
-        count below 0.02.
+        Standard deviations follow from the delta method, with differences over one standard
+        deviation of each component, at least 0.01. If an unobservable component over its whole
+        range would change a performance by more than 5 % of the way to the limit, sigma is NaN and
+        the level ``STALE``, unless the value is beyond the limit. The direction of an eccentricity
+        below 0.02 is ignored.
         """
         k = as_faults(faults)[0]
         P = np.array(covariance, dtype=np.float64)
@@ -176,7 +181,7 @@ class Requirements:
         up = np.where(hidden, HIGHEST, np.minimum(k + step, HIGHEST))
         down = np.where(hidden, 0.0, np.maximum(k - step, 0.0))
         if hidden[ECCENTRICITY_PHASE]:
-            # Both ends of its range are one direction: compare with the opposite one.
+            # Both ends of its range are the same direction: compare opposite directions.
             down[ECCENTRICITY_PHASE] = k[ECCENTRICITY_PHASE]
             up[ECCENTRICITY_PHASE] = (k[ECCENTRICITY_PHASE] + 0.5) % 1.0
         points = np.tile(k, (1 + 2 * N_FAULTS, 1))
@@ -184,9 +189,9 @@ class Requirements:
         np.fill_diagonal(points[1 + N_FAULTS :], down)
         if k[ECCENTRICITY] < _ROUNDED_ZETA:
             points[1 + ECCENTRICITY_PHASE] = points[1 + N_FAULTS + ECCENTRICITY_PHASE] = k
-        # The points around a vector with NaN are as unknown as itself.
+        # If the vector has a NaN, all points around it are unknown.
         points[1:][np.isnan(k).any() | np.isnan(points[1:]).any(axis=1)] = np.nan
-        # A component at the end of its range goes one way only: half of its points are no others.
+        # A component at the end of its range varies one way only, which repeats points.
         distinct, which = np.unique(points, axis=0, return_inverse=True)
         performance = self.model.performance(distinct)
         healths, gradients = [], {}
@@ -218,7 +223,7 @@ class Requirements:
 def requirements_of(
     parameters: ActuatorParameters, limits: RequirementLimits
 ) -> Requirements | str:
-    """Return the requirements of a unit, made once for each, or why they cannot be monitored."""
+    """Return the requirements of a unit, cached, or the reason that they cannot be monitored."""
     try:
         return Requirements(parameters, limits)
     except ValueError as error:

@@ -1,7 +1,7 @@
-"""Surrogate of a slow function of the faults, by its exact values at a few points.
+"""Surrogate of a slow function of the faults, fitted to its exact values at a few points.
 
-A linear trend, and kriging of its residuals (universal kriging; Santner, Williams and Notz, The
-Design and Analysis of Computer Experiments, Springer 2018, chapter 3).
+The surrogate is a linear trend with kriging of its residuals (universal kriging; Santner, Williams
+and Notz, The Design and Analysis of Computer Experiments, Springer 2018, chapter 3).
 """
 
 from typing import Final
@@ -20,10 +20,10 @@ from ema_core.faults import (
 )
 
 CORRELATION_LENGTH: Final = 0.5
-"""Distance in ``coordinates`` over which the error of the trend is alike [-]."""
+"""Correlation length of the error of the trend in ``coordinates`` [-]."""
 
 NUGGET: Final = 1e-3
-"""Share of that error's variance that is not smooth [-]."""
+"""Share of the variance of this error that is not smooth [-]."""
 
 _SMALLEST_BACKLASH = 0.005
 _WIDEST_SHORT_CIRCUIT = 0.5
@@ -33,8 +33,9 @@ _RIDGE = 1e-3
 def coordinates(faults: Array) -> Array:
     """Return coordinates of fault vectors, ``(n, 8)``, in which performance is smooth.
 
-    Eccentricity becomes ``zeta cos(phi)`` and ``zeta sin(phi)``, the backlash its root, since the
-    torque needed to cross a play grows with that; a short circuit counts to half the turns.
+    Eccentricity becomes ``zeta cos(phi)`` and ``zeta sin(phi)``. Backlash becomes its root, because
+    the torque needed to cross a play grows with the root. A short circuit counts up to half the
+    turns.
     """
     x = np.clip(faults, 0.0, HIGHEST)
     x[:, ECCENTRICITY], x[:, ECCENTRICITY_PHASE] = eccentricity_vector(x)
@@ -50,29 +51,30 @@ class Surrogate:
     Parameters
     ----------
     faults
-        Fault vectors where the value is known, ``(k, 8)``.
+        Fault vectors with known values, ``(k, 8)``.
     exact
-        The value there, ``(k,)``.
+        Exact values at these vectors, ``(k,)``.
     """
 
     def __init__(self, faults: Array, exact: Array) -> None:
-        self._known = coordinates(faults)
-        self._center, self._mean = self._known.mean(axis=0), float(exact.mean())
-        away, k = self._known - self._center, len(exact)
+        self._points = coordinates(faults)
+        self._center, self._mean = self._points.mean(axis=0), float(exact.mean())
+        away, k = self._points - self._center, len(exact)
         normal = away.T @ away + _RIDGE * k * np.eye(away.shape[1])
         self._slope = np.linalg.solve(normal, away.T @ (exact - self._mean))
         missed = exact - self._mean - away @ self._slope
-        alike = _alike(self._known, self._known) + NUGGET * np.eye(k)
-        self._weights = np.linalg.solve(alike, missed)
+        correlation = _correlation(self._points, self._points) + NUGGET * np.eye(k)
+        self._weights = np.linalg.solve(correlation, missed)
 
     def at(self, faults: Array) -> Array:
         """Return the values, ``(m,)``, at fault vectors, ``(m, 8)``."""
         x = coordinates(faults)
         trend = self._mean + (x - self._center) @ self._slope
-        return trend + _alike(x, self._known) @ self._weights
+        return trend + _correlation(x, self._points) @ self._weights
 
 
-def _alike(one: Array, other: Array) -> Array:
+def _correlation(rows: Array, columns: Array) -> Array:
     """Return the correlation between points, ``(m, k)``: rational quadratic, of power 4."""
-    squares = np.sum(one**2, axis=1)[:, None] + np.sum(other**2, axis=1) - 2.0 * one @ other.T
+    squares = np.sum(rows**2, axis=1)[:, None] + np.sum(columns**2, axis=1)
+    squares -= 2.0 * rows @ columns.T
     return (1.0 + 0.125 * np.maximum(squares, 0.0) / CORRELATION_LENGTH**2) ** -4

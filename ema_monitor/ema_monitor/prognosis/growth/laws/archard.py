@@ -7,11 +7,11 @@ from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Law, bent
 
 _STEEP: Final = 4.0
 _SETTLING: Final = 0.7
-"""Share of its first speed that growth which slows down has lost at the limit [-]."""
+"""Relative loss of speed between healthy and the limit for growth that slows down [-]."""
 
 
 class Archard(Law):
-    """Exponential growth; with b below 0 growth that slows down."""
+    """Exponential growth; growth that slows down if b is below 0."""
 
     name = "archard"
 

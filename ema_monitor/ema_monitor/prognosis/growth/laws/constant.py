@@ -7,7 +7,7 @@ from ema_monitor.prognosis.growth.laws.interface import Figures, Future, Law, Le
 
 
 class Constant(Law):
-    """A level that stays as it is."""
+    """A constant level."""
 
     name = "constant"
 

@@ -13,7 +13,7 @@ _DIFFUSIONS: Final = (0.05, 0.1, 0.2)
 
 
 class Drift(Law):
-    """A Wiener process, as probable as a law with all its bends."""
+    """A Wiener process with drift, as probable as a law with all its bends."""
 
     name = "drift"
     is_random = True

@@ -4,6 +4,6 @@ from ema_monitor.prognosis.growth.laws.interface import Law
 
 
 class Exponential(Law):
-    """A law that may be known; it has the curves of ``archard``, with x_0 = 1 / b."""
+    """A law for ``KnownLaw`` only: it has the curves of ``archard``, with x_0 = 1 / b."""
 
     name = "exponential"

@@ -8,7 +8,7 @@ from ema_monitor.prognosis.growth.tracker_settings import GrowthLaw
 
 
 class External(Law):
-    """A ``GrowthLaw`` with process noise; only a fault whose law is known follows it."""
+    """A ``GrowthLaw`` with process noise, for faults with a known law only."""
 
     name = "external"
 

@@ -12,9 +12,9 @@ from ema_core.growth_laws import hours_until, increment
 BENDS: Final = tuple(np.geomspace(1.15, 6.0, 12).tolist())
 """Bends of curves of unknown law [-].
 
-The weakest hardly differs from a line; along the strongest half of the way is made in the last
-fifth to tenth of life. Neighbours are so close that where a fault's own bend lies between them
-does not show in a prediction.
+The weakest bend hardly differs from a line. With the strongest bends, half of the growth happens in
+the last fifth to tenth of life. Neighbours are so close that predictions do not depend on where
+between them the real bend lies.
 """
 
 
@@ -37,7 +37,7 @@ class Figures(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """What is known of the levels of cells, ``(n,)`` each, changed in place."""
+    """Probability, mean and variance of the levels of cells, ``(n,)`` each, changed in place."""
 
     weight: Array  # probabilities of the cells [-]
     mean: Array  # of the signed distance from healthy [-]
@@ -45,59 +45,60 @@ class Levels(NamedTuple):
 
 
 class Future(NamedTuple):
-    """Continuation of growth at some hours of samples, ``(m, n)`` each."""
+    """Future times of growth of samples, ``(m, n)`` each."""
 
     hours: Array  # of growth from now on, ascending [h]
     paced: Array  # the same at a pace that may wander [h]
     noise: Array  # contribution of process noise [h]
     wiener: Array  # standard Wiener process [sqrt(h)]
 
-    def time(self, own: Array) -> Array:
-        """Return times of growth with their noise, which do not run backwards [h]."""
-        return np.maximum.accumulate(np.maximum(own + self.noise, 0.0), axis=0)
+    def time(self, hours: Array) -> Array:
+        """Return hours of growth with process noise, limited to be ascending [h]."""
+        return np.maximum.accumulate(np.maximum(hours + self.noise, 0.0), axis=0)
 
 
 class Law:
-    """A law that grows by an exact solution of ``ema_core.growth_laws``, with process noise.
-
-    Attributes
-    ----------
-    name
-        Its name.
-    solution
-        The name of its exact solution, where that is another.
-    is_random
-        Whether growth itself is random: then a step, or another rate, is a part of it.
-    copies
-        Cells of each rate.
-    either_side
-        Whether only faults that can leave their healthy value to either side follow it.
-    """
+    """A law that grows by an exact solution of ``ema_core.growth_laws``, with process noise."""
 
     name: ClassVar[str]
+    """Name of the law."""
     solution: ClassVar[str] = ""
+    """Name of the exact solution; empty if it is the name of the law."""
     is_random: ClassVar[bool] = False
+    """Whether growth itself is random, so that steps and changes of rate are part of it."""
     copies: ClassVar[int] = 1
+    """Number of cells for each rate."""
     either_side: ClassVar[bool] = False
+    """Whether the law is only for faults that can leave their healthy value to either side."""
 
     def curves(self, limit: float) -> list[Curve]:
-        """Return the curves that a fault of unknown law and some limit [-] may follow."""
+        """Return the curves that a fault of unknown law may follow to a limit [-]."""
         return []
 
     def wandering(self, limit: float) -> list[float]:
-        """Return the shapes of the curves about which a rate may wander."""
+        """Return the shapes of the curves with a wandering rate, for a limit [-]."""
         return []
 
     def increment(self, x: Array, of: Figures, hours: Array) -> Array:
-        """Return the growth from distances over hours without noise [-]."""
+        """Return the growth over some hours from distances ``x``, without noise [-]."""
         return increment(self.solution or self.name, x, of.rate, of.shape, hours)
 
     def hours_until(self, x: Array, of: Figures) -> Array:
-        """Return the hours from distances to the limit without noise [h]."""
+        """Return the hours of growth from distances ``x`` to the limit, without noise [h]."""
         return hours_until(self.solution or self.name, x, of.rate, of.shape, of.limit)
 
     def advance(self, levels: Levels, of: Figures, hours: Array, noise_hours: float) -> None:
-        """Let levels grow over hours of each, of a variance of the time per hour, ``(n,)`` [h]."""
+        """Advance the levels in place.
+
+        Parameters
+        ----------
+        levels, of
+            Levels of the cells, and their figures.
+        hours
+            Hours of growth of each cell, ``(n,)`` [h].
+        noise_hours
+            Variance of the effective time of growth per hour [h].
+        """
         sd = np.sqrt(levels.variance)
         x = np.maximum(of.side * levels.mean + np.stack([-sd, sd]), 0.0)
         step = np.minimum(self.increment(x, of, hours), 1.0)
@@ -124,7 +125,7 @@ class Law:
 
 
 def bent(bend_of: Callable[[float], float], bend: float) -> float:
-    """Return where an ascending function reaches a bend, by bisection."""
+    """Return the argument at which an ascending function reaches a bend, by bisection."""
     low, high = 1e-3, 500.0
     while high > low * (1.0 + 1e-12):
         middle = math.sqrt(low * high)

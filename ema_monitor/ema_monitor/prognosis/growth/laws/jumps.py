@@ -1,7 +1,7 @@
 """Growth by jumps: a compound Poisson process, dx/du = a (1 + b x) on average.
 
-Of each rate there are cells without a jump since the latest test, and cells with one. Jumps come
-more often the larger the damage is (Lawless and Crowder 2004, without b).
+Each rate has cells without a jump since the latest test, and cells with a jump. The rate of jumps
+increases with the damage (Lawless and Crowder 2004, without b).
 """
 
 from typing import Final
@@ -14,11 +14,10 @@ from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Figures, F
 from ema_monitor.prognosis.growth.tracker_settings import LIFE_HOURS
 
 JUMPS: Final = (12.0, 35.0, 100.0)
-"""Jumps of a mean size from healthy to the limit [-]."""
-
+"""Number of jumps of mean size from healthy to the limit [-]."""
 
 _GROWING: Final = (0.0, 2.0)
-"""Growth of their rate up to the limit, relative to that at healthy [-]."""
+"""Increase of the rate of jumps from healthy to the limit, relative to the healthy rate [-]."""
 
 
 class Jumps(Law):
@@ -42,7 +41,8 @@ class Jumps(Law):
         mean[:] = middle
         side, jump = _paired(of.side)[1], _paired(of.third)[1]
         x = np.clip(_paired(of.side * levels.mean)[1], 0.0, 1.0)
-        count = self._count(x, Figures(*(_paired(one)[1] for one in of)), _paired(hours)[1])
+        figures = Figures(*(_paired(column)[1] for column in of))
+        count = self._count(x, figures, _paired(hours)[1])
         some = -np.expm1(-count)
         weight[:] = np.maximum(total * np.stack([1.0 - some, some]), LEAST_PROBABILITY)
         # Moments of a sum of one or more exponential jumps.
@@ -57,7 +57,7 @@ class Jumps(Law):
     def passage(
         self, x: Array, of: Figures, noise_hours: float, rng: np.random.Generator
     ) -> tuple[Array, Array]:
-        """Return the hours of as many jumps as lie below the limit, and the one beyond it.
+        """Return the hours of all jumps up to the first beyond the limit, and a shape of 0.
 
         The levels between jumps are a Poisson process.
         """

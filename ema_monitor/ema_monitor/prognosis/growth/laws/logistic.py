@@ -1,4 +1,4 @@
-"""dx/du = a (x + x_0) (1 - x / K): growth that feeds on itself, and settles beyond the limit."""
+"""dx/du = a (x + x_0) (1 - x / K): self-reinforcing growth that settles beyond the limit."""
 
 from typing import Final
 
@@ -10,11 +10,11 @@ from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Figures, L
 _TOPS: Final = (1.1, 1.3, 1.7)
 """Levels K at which growth settles, as multiples of the limit [-]."""
 _SEEDS: Final = (0.03, 0.12)
-"""Levels x_0, the same [-]."""
+"""Levels x_0, as multiples of the limit [-]."""
 
 
 class Logistic(Law):
-    """Growth along an S whose end lies beyond the limit, twice as probable as a law with bends."""
+    """S-shaped growth that settles beyond the limit, twice as probable as a law with bends."""
 
     name = "logistic"
 

@@ -17,7 +17,7 @@ class SelfHeating(Law):
         return [Curve(bent(_bend, bend) / limit) for bend in BENDS]
 
     def wandering(self, limit: float) -> list[float]:
-        # Growth that will accelerate must be thought of before it does.
+        # Accelerating growth needs prior probability before its acceleration shows.
         return [bent(_bend, bend) / limit for bend in _STEEP]
 
 
