@@ -44,9 +44,9 @@ class OutlierDetector(Kept):
     a test with an odd value is held back as a whole, because a wrong estimate of a component
     corrupts the remaining components. If the next test agrees with it in all odd components, and no
     further component is odd, their level has changed. If the next test is as expected, the test
-    held back is never used. A jump that two occasional errors could cause must show in three tests; until
-    then it is no event, because such errors are frequent. A component that is odd in four tests in
-    a row has also changed.
+    held back is never used. A jump that two occasional errors could cause must show in three tests;
+    until then it is no event, because such errors are frequent. A component that is odd in four
+    tests in a row has also changed.
     """
 
     kept = ("_held", "_odd", "_agreed", "_patience")
