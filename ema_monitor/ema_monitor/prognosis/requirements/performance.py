@@ -68,11 +68,11 @@ def run_test(
     """Run `LANES` actuators from row ``first`` on, from rest in the middle of their backlash.
 
     ``command`` is the command at the end of each step, ``delayed_command`` the command half a step
-    before its start, both ``(n,)`` [rad]. The results cover the steps between two ``edges``, ``(b +
-    1,)``, and have shape ``(n_lanes, b)``: ``error_peak`` is the largest error of the user shaft
-    [rad], ``used_peak`` the largest ratio of the current to the available current [-], ``real`` and
-    ``imaginary`` are the sums of the user shaft's angle times ``cos_phase`` and ``sin_phase``, both
-    ``(n,)`` [rad].
+    before its start, both ``(n,)`` [rad]. The results cover the steps between two ``edges``,
+    ``(b + 1,)``, and have shape ``(n_lanes, b)``: ``error_peak`` is the largest error of the user
+    shaft [rad], ``used_peak`` the largest ratio of the current to the available current [-],
+    ``real`` and ``imaginary`` are the sums of the user shaft's angle times ``cos_phase`` and
+    ``sin_phase``, both ``(n,)`` [rad].
     """
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     zero = broadcast(0.0)
