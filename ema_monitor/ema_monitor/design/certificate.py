@@ -38,44 +38,37 @@ _WIDTH: Final = 100
 
 
 class Naming(StrEnum):
-    """What an estimate makes of a hidden cause."""
+    """Attribution of a hidden cause by an estimate."""
 
     NAMED = "named"
     """The cause is part of the explanation."""
     NOT_SEPARATED = "not separated"
-    """The cause is not part of it, but not separated from what is."""
+    """The cause is not part of the explanation, but not separated from a part of it."""
     MISTAKEN = "mistaken"
-    """Something else is the explanation."""
+    """The explanation does not include the cause."""
     HIDDEN = "hidden"
-    """The estimate is that of a healthy actuator."""
+    """The estimate shows a healthy actuator."""
     REFUSED = "refused"
     """There is no valid estimate."""
 
 
 class CauseProspect(NamedTuple):
-    """Result for a healthy actuator with one hidden cause of a usual size.
-
-    Attributes
-    ----------
-    name, size
-        The cause, and its size in its unit.
-    naming
-        What the estimate makes of it.
-    not_told_from
-        Names of what it is not separated from, a tuple for each part of an explanation.
-    beside
-        Names of the other causes, and of the faults, that the estimate names.
-    """
+    """Result for a healthy actuator with a hidden cause of a usual size."""
 
     name: str
+    """Name of the cause."""
     size: float
+    """Size of the cause in its unit."""
     naming: Naming
+    """Attribution of the cause by the estimate."""
     not_told_from: tuple[Part, ...] = ()
+    """Parts of an explanation that are not separated from the cause, a tuple of names each."""
     beside: tuple[str, ...] = ()
+    """Names of further causes, and of the faults, that the estimate names."""
 
     @property
     def meaning(self) -> str:
-        """What the estimate makes of the cause, in words."""
+        """Text on the attribution of the cause."""
         confused = ", ".join(map(part_label, self.not_told_from))
         faults = [name for name in self.beside if name in FAULT_NAMES]
         match self.naming:
@@ -255,7 +248,7 @@ def certify(
 
 
 def _cause(cause: Prior, estimate: Estimate) -> CauseProspect:
-    named = [found.name for found in estimate.causes]
+    named = [item.name for item in estimate.causes]
     confused = tuple(fewest(confused_with(estimate, cause.name)))
     beside = tuple(name for name in named if name != cause.name)
     beside += tuple(FAULT_NAMES[number] for number in claimed(estimate))
