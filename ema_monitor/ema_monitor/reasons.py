@@ -85,7 +85,7 @@ class WindowUnusable(Reason, code="window_unusable"):
 
 @dataclass(frozen=True)
 class OrderUnknown(Reason, code="order_unknown"):
-    """The order of tests is unknown: a stamp is not later than the stamp of the newest test."""
+    """The order of tests is unknown: the stamp is ``before_s`` before the newest stamp [s]."""
 
     before_s: float
     """Time from this stamp to the newest stamp [s]. At 0 or below, the test differs from a test
