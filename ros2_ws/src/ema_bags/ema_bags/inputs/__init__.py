@@ -1,1 +1,1 @@
-"""Telemetry from files, bags and topics of other makes."""
+"""Telemetry from third-party files, bags and topics."""

@@ -1,4 +1,4 @@
-"""Stamps of samples that carry none, from when they arrived."""
+"""Stamps of samples without stamps, from their times of arrival."""
 
 from typing import Final
 
@@ -17,21 +17,20 @@ _REWEIGHTS: Final = 8
 class ArrivalClock:
     """Rebuilds the stamps of regular samples by regression of their arrival on their number.
 
-    Delays of arrival are noise and are regressed out, by a robust line over the last 5 s. It is
-    assumed that samples arrive in their order, and that a queue that stood still is emptied within
-    0.2 s of its first late sample: these samples are counted. Samples that stay late for longer
-    follow a loss. Hence a sample is only settled when the samples of the next 0.2 s, and at least
-    eight, have arrived.
+    Delays of arrival are noise and are regressed out, by a robust line over the last 5 s. Samples
+    are assumed to arrive in order, and a stalled queue to be emptied within 0.2 s of its first
+    late sample: its samples are counted. Samples that stay late for longer follow a loss.
+    A sample is therefore settled when the samples of the next 0.2 s, at least eight, have arrived.
 
     Parameters
     ----------
     period
-        Sample period [s], known within 1 per mil.
+        Sample period [s], within 0.1 % of the true period.
 
     Attributes
     ----------
     rebuilt
-        How many stamps have been rebuilt.
+        Number of rebuilt stamps.
     """
 
     def __init__(self, period: float) -> None:
@@ -43,22 +42,21 @@ class ArrivalClock:
         self._waiting = np.empty(0, dtype=np.int64)
 
     def push(self, arrivals_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Take samples as they arrived, ``(n,)``, and return the stamps of the settled ones [ns].
+        """Add times of arrival, ``(n,)`` [ns]; return the stamps of the settled samples [ns].
 
-        Samples are settled in the order of their arrival. Where some were lost in between, the
-        stamps leave room for them.
+        Samples are settled in the order of their arrival. The stamps leave room for lost samples.
         """
         self._waiting = np.concatenate([self._waiting, arrivals_ns])
         count = self._count()
-        # The line is worth its computing once there are some.
+        # The line is computed for several samples at once, to save time.
         return self._settled(count if count >= self._settle // 2 else 0)
 
     def flush(self) -> NDArray[np.int64]:
-        """Return the stamps of the samples that still wait [ns]."""
+        """Return the stamps of the remaining samples [ns]."""
         return self._settled(len(self._waiting))
 
     def _count(self) -> int:
-        """Return how many samples are followed by 0.2 s of samples, and by at least eight."""
+        """Return the number of samples with at least 0.2 s and eight samples after them."""
         elapsed = _elapsed(self._waiting)
         count = int(np.searchsorted(elapsed, elapsed[-1] - _SETTLE_NS)) if len(elapsed) else 0
         return min(count, len(elapsed) - _SETTLE_LEAST)
@@ -71,7 +69,7 @@ class ArrivalClock:
         self._line_before: tuple[float, float] | None = None
 
     def _settled(self, count: int) -> NDArray[np.int64]:
-        """Settle in parts, as the line follows the clock only between these."""
+        """Settle the samples in parts, as the line follows the clock only between parts."""
         parts = [np.empty(0, dtype=np.int64)]
         while count > 0:
             part = min(count, self._settle * 4)
@@ -92,7 +90,7 @@ class ArrivalClock:
             self._restart()
             breaks = breaks[1:]
         if len(breaks):
-            # What comes after a pause is regressed on its own.
+            # Samples after a pause get a separate line.
             count = int(breaks[0])
             ahead = ahead[:count]
         if not len(self._numbers):
@@ -101,7 +99,7 @@ class ArrivalClock:
         numbers = self._with_losses(self._next + np.arange(len(ahead), dtype=float), arrivals)
         self._numbers = np.concatenate([self._numbers, numbers[:count]])[-self._span :]
         self._arrivals = np.concatenate([self._arrivals, arrivals[:count]])[-self._span :]
-        # With those ahead: at the start all before may have waited in one queue.
+        # With the samples ahead: at the start all earlier samples may come from a stalled queue.
         offset, slope = self._line(
             np.concatenate([self._numbers, numbers[count:]]),
             np.concatenate([self._arrivals, arrivals[count:]]),
@@ -110,7 +108,7 @@ class ArrivalClock:
         self._waiting = self._waiting[count:]
         stamps = offset + slope * numbers[:count]
         if self._line_before is not None:
-            # A line that moves must not look like a gap: its move is spread over the part.
+            # A step of the line would look like a gap: it is distributed over the part.
             before, slope_before = self._line_before
             move = stamps[0] - (before + slope_before * numbers[0])
             stamps -= move * np.linspace(1.0, 0.0, count + 1)[1:]
@@ -120,7 +118,7 @@ class ArrivalClock:
     def _with_losses(
         self, numbers: NDArray[np.float64], arrivals: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the numbers of samples with room for those that were lost before them."""
+        """Return the numbers of samples, which skip the numbers of lost samples."""
         is_known = len(self._numbers) >= self._settle
         x, y = (self._numbers, self._arrivals) if is_known else (numbers, arrivals)
         offset, slope = self._line(x, y)
@@ -139,10 +137,10 @@ class ArrivalClock:
     def _line(
         self, numbers: NDArray[np.float64], arrivals: NDArray[np.float64]
     ) -> tuple[float, float]:
-        """Return offset and slope of a line that outliers do not move [ns].
+        """Return offset and slope of a line that is robust against outliers [ns].
 
-        By Huber's weights, and then Tukey's. The prior of the slope is the period, within 1 per
-        mil: while few arrivals are known, most of them may have waited in two queues.
+        It uses the weights of Huber, then of Tukey. The prior of the slope is the period within
+        0.1 %: at the start, most samples may come from two stalled queues.
         """
         middle = numbers.mean()
         x, y = numbers - middle, arrivals - self._period * numbers
@@ -153,7 +151,7 @@ class ArrivalClock:
             far = np.maximum(np.abs(left) / scale, 1e-9)
             weights = np.minimum(1.0, 1.345 / far)
             if number >= _REWEIGHTS // 2:
-                # Near the line by now: a queue that stood still has no weight at all.
+                # The line is close by now: samples of a stalled queue get no weight.
                 weights = np.maximum(1.0 - (far / 4.685) ** 2, 0.0) ** 2
             mean_x = np.average(x, weights=weights)
             mean_y = np.average(y, weights=weights)
@@ -165,5 +163,5 @@ class ArrivalClock:
 
 
 def _elapsed(arrivals_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the time since the first arrival, in which a clock that jumps back stands still."""
+    """Return the time since the first arrival; backward steps of the clock count as 0."""
     return np.cumsum(np.maximum(np.diff(arrivals_ns, prepend=arrivals_ns[:1]), 0))

@@ -1,4 +1,4 @@
-"""Bags of any make as series: MCAP by our own reader, sqlite3 by rosbags."""
+"""Series from bags: MCAP through ``ema_bags.reader``, sqlite3 through rosbags."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path looks like a bag: a folder, or a file of a storage of rosbag2."""
+    """Return whether a path may be a bag: a folder, or a file with a suffix of rosbag2."""
     name = path.name.removesuffix(PACKED_SUFFIX)
     return path.is_dir() or path.suffix == ".db3" or name.endswith(".mcap")
 
@@ -36,14 +36,14 @@ class SqliteBag:
     Attributes
     ----------
     topics
-        What was recorded, by topic.
+        Recorded topics by name.
 
     Raises
     ------
     ValueError
-        When it cannot be read.
+        If the bag cannot be read.
     OSError
-        When it cannot be opened.
+        If the bag cannot be opened.
     """
 
     def __init__(self, path: Path) -> None:
@@ -59,15 +59,15 @@ class SqliteBag:
 
     @property
     def remarks(self) -> list[str]:
-        """What is wrong with its messages, as far as they were read."""
+        """Texts on the malformed messages read so far."""
         return self._malformed.remarks()
 
     def messages(self, topics: Iterable[str]) -> Iterator[Recorded]:
-        """Read and decode messages, as a ``Bag`` does; when they were sent is not known, and 0."""
+        """Read and decode messages in the order of reception; their publish time is 0."""
         wanted = list(topics)
         with self._opened() as reader:
             chosen = [item for item in reader.connections if item.topic in wanted]
-            # A message has the same place in each read, whatever other topics are read.
+            # The place of a message must not depend on the selected topics.
             numbers = Counter[str]()
             for connection, received_ns, data in reader.messages(chosen):
                 topic, kind = connection.topic, connection.msgtype
@@ -76,7 +76,7 @@ class SqliteBag:
                 item = Recorded(place, topic, kind, data, 0)
                 try:
                     item = item._replace(message=reader.deserialize(data, kind))
-                except Exception as error:  # whatever the generated code comes upon
+                except Exception as error:  # the generated code raises various errors
                     self._malformed.note(item, f"no {kind}: {error}")
                     continue
                 yield item
@@ -99,8 +99,8 @@ AnyBag: TypeAlias = "Bag | SqliteBag"
 
 
 def open_bag(path: Path) -> AnyBag:
-    """Open a bag of rosbag2, of either storage."""
-    from ema_bags.reader import Bag  # rosbags and mcap only for bags
+    """Open a rosbag2 bag in MCAP or sqlite3 storage."""
+    from ema_bags.reader import Bag  # imports rosbags and mcap
 
     is_whole = (path / METADATA_FILE).exists()
     is_sqlite = path.suffix == ".db3" or (
@@ -115,7 +115,7 @@ def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
     Raises
     ------
     ValueError
-        When a topic is missing, its type differs from the mapping, or no message has the mapped
+        If a topic is missing, its type differs from the mapping, or no message has the mapped
         fields.
     """
     collector = Collector(mapping)
@@ -128,7 +128,7 @@ def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
             raise ValueError(
                 f"{bag.path}: topic {name} holds {there}, the mapping says {type_name}"
             )
-    # Names may have been recorded after the first values that they are of.
+    # Names may have been recorded after their first values.
     for part in (collector.names_topics, collector.topics):
         for item in bag.messages(part) if part else ():
             collector.add(item.topic, item.message, item.publish_time_ns, item.log_time_ns)
@@ -141,7 +141,7 @@ def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
 
 
 def joints_by_travel(bag: AnyBag, topic: str) -> list[str]:
-    """Return the joints of a topic of joint states, the one that moves most first."""
+    """Return the joints of a topic of joint states, by decreasing travel."""
     reach: dict[str, tuple[float, float]] = {}
     for item in bag.messages([topic]):
         for name, position in zip(item.message.name, item.message.position, strict=False):

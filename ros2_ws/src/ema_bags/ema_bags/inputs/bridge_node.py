@@ -1,4 +1,4 @@
-"""The bridge: topics of other makes in, telemetry of actuators out."""
+"""The bridge node: publishes telemetry of actuators from third-party topics."""
 
 import time
 from collections.abc import Mapping
@@ -27,17 +27,17 @@ from ema_ros.status import Task, hardware_name
 
 _DISCOVERY_S: Final = 0.2
 _DEPTH: Final = 5000
-# Least time between the blocks of several joints: a block costs as much as many samples.
+# Shortest time between the blocks of several joints: a block costs as much as many samples.
 _JOINTS_BLOCK_S: Final = 0.2
 
 
 class BridgeNode(ManagedNode):
     """Publishes telemetry and descriptions of actuators from third-party topics.
 
-    With ``joints`` in the mapping, each joint is an actuator of its own; otherwise there is one.
+    With ``joints`` in the mapping, each joint is a separate actuator; otherwise there is one.
 
     Parameters of the node are the fields of ``BridgeSettings``; ``docs/inputs.md`` describes the
-    mapping file. Types of messages are looked up by name, in the mapping or in the graph: only the
+    mapping file. Message types are resolved by name, from the mapping or the graph: only the
     message packages of the mapped topics are needed.
     """
 
@@ -48,7 +48,7 @@ class BridgeNode(ManagedNode):
 
     @property
     def hardware_id(self) -> str:
-        """Namespace, name and serial number of its only actuator; else the node itself."""
+        """Name of the only actuator; with several actuators, the name of the node."""
         if len(self._descriptions) == 1:
             return self._hardware_of(self._descriptions[0])
         return super().hardware_id
@@ -82,7 +82,7 @@ class BridgeNode(ManagedNode):
             if name == topics.TELEMETRY
         }
         kind, qos = topics.ACTUATOR_TOPICS[topics.DESCRIPTION]
-        # One for each actuator, so that each description is latched.
+        # A separate publisher for each actuator, so that each description is latched.
         self._descriptors = {
             unit.actuator_id: self.add_publisher(kind, topics.DESCRIPTION, qos)
             for unit in self._descriptions
@@ -93,13 +93,13 @@ class BridgeNode(ManagedNode):
             self._outputs[topics.MEASURED_CAUSES] = measured
 
     def activate(self) -> None:
-        """Listen to the topics of the mapping as they come up."""
+        """Subscribe to the topics of the mapping as they appear."""
         self._begin()
         self.add_timer(_DISCOVERY_S, self._discover)
         self._timer = self.add_timer(self._settings.block_s, self._advance)
 
     def deactivate(self) -> None:
-        """Listen no more."""
+        """Mark all topics as not subscribed."""
         self._inputs.clear()
 
     def tasks(self) -> list[Task]:
@@ -128,7 +128,7 @@ class BridgeNode(ManagedNode):
         return BridgedActuator(bridge, self._hardware_of(unit), prefix, _DISCOVERY_S, SILENT_S)
 
     def counts(self) -> NodeStatus:
-        """Return how many samples are missing at the input."""
+        """Return the number of samples lost at the input."""
         lost = sum(unit.bridge.losses.lost for unit in self._actuators.values())
         return NodeStatus(kind=NodeStatus.BRIDGE, samples_lost=lost)
 
@@ -139,7 +139,7 @@ class BridgeNode(ManagedNode):
         return topic in self._inputs and bool(count)
 
     def _discover(self) -> None:
-        """Subscribe to topics that have a publisher, as it offers them."""
+        """Subscribe to topics with a publisher, with the offered quality of service."""
         for unit in self._actuators.values():
             unit.note()
         for topic in self._types:
@@ -159,12 +159,12 @@ class BridgeNode(ManagedNode):
             receive: Any = partial(self._receive, topic)
             self.create_subscription(kind, topic, receive, request)
             self._inputs.add(topic)
-            self.get_logger().info(f"listening to {name}")
+            self.get_logger().info(f"subscribed to {name}")
 
     def _type_of(self, topic: str, there: set[str]) -> Any:
-        given = self._types.get(topic)
-        if len(there) > 1 or (given and there != {given}):
-            expected = given or "one type"
+        mapped = self._types.get(topic)
+        if len(there) > 1 or (mapped and there != {mapped}):
+            expected = mapped or "one type"
             raise ValueError(
                 f"topic {topic} is published as {', '.join(sorted(there))}: expected {expected}"
             )
@@ -206,7 +206,7 @@ class BridgeNode(ManagedNode):
             self._report_withheld(name, bridge)
 
     def _describe(self, name: str, unit: BridgedActuator) -> None:
-        """Publish the description of an actuator, whose rate has been learned."""
+        """Publish the description of an actuator after its rate was measured."""
         description, rate = unit.bridge.description, unit.bridge.rate
         assert description is not None
         assert rate is not None
@@ -222,7 +222,7 @@ class BridgeNode(ManagedNode):
         )
 
     def _report_withheld(self, name: str, bridge: Bridge) -> None:
-        """Log a defect that withholds telemetry when it comes and when it has gone."""
+        """Log the begin and the end of a defect that withholds telemetry."""
         refused = {item.name: item for item in bridge.refused}
         reported = self._withheld.get(name, set())
         for defect in refused.keys() - reported:
@@ -236,7 +236,7 @@ class BridgeNode(ManagedNode):
 
 
 def _class_of(topic: str, kind: str) -> Any:
-    """Return the class of a type; the error names the package to install."""
+    """Return the class of a message type; the error names the package to install."""
     try:
         return message_class(kind)
     except ValueError as error:
@@ -248,5 +248,5 @@ def _class_of(topic: str, kind: str) -> Any:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node."""
+    """Run the bridge."""
     return run(BridgeNode, args)

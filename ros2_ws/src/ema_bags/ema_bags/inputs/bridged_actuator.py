@@ -1,4 +1,4 @@
-"""An actuator that a bridge publishes: its samples, their rates, and its status."""
+"""An actuator of a bridge: its samples, rates and status."""
 
 import time
 from collections import deque
@@ -19,31 +19,36 @@ _LEFT_OUT: Final = "left out [Hz]"
 
 
 class Reception(NamedTuple):
-    """What the node knows of the topics."""
+    """State of the node and of its topics."""
 
     state: str
     """State of the node's lifecycle."""
     missing: Mapping[str, str]
     """Why a topic cannot be subscribed to, by topic."""
     has_source: Callable[[str], bool]
-    """Whether somebody publishes a topic."""
+    """Returns whether a topic has a publisher."""
 
 
 class BridgedActuator:
-    """Publishes what becomes complete of one actuator, and reports how that goes.
+    """Collects the complete telemetry of one actuator, and reports its status.
 
     Parameters
     ----------
     bridge
-        What turns its messages into telemetry.
+        Converts its messages into telemetry.
     hardware_id
         Namespace, name and serial number of the actuator.
     prefix
-        What its tasks are named by, if the node has several actuators.
+        Prefix of the names of its tasks; "" if the node has a single actuator.
     step_s
         Time between two calls of `note` [s].
     silent_s
         Time without messages after which a topic is silent [s].
+
+    Attributes
+    ----------
+    problem
+        Why the rate of the samples cannot be measured; empty if it can.
     """
 
     def __init__(
@@ -54,14 +59,14 @@ class BridgedActuator:
         self._hardware_id = hardware_id
         self._prefix = f"{prefix} " if prefix else ""
         self._silent_s = silent_s
-        # Messages by topic, and samples, so far: now, and at times of the last seconds.
+        # Counts of messages by topic and of samples: now, and at times of the last seconds.
         rates = (_PUBLISHED, _CHECKED, _LEFT_OUT)
         self._counts = dict.fromkeys([*bridge.collector.topics, *rates], 0)
         times = round(silent_s / step_s) + 1
         self._past = deque([(time.monotonic(), self._counts.copy())], maxlen=times)
 
     def note(self) -> None:
-        """Note the counts, for the rates."""
+        """Save the counts, from which rates are computed."""
         self._past.append((time.monotonic(), self._counts.copy()))
 
     def count(self, topic: str, *, is_left_out: bool = False) -> None:
@@ -70,12 +75,12 @@ class BridgedActuator:
         self._counts[_LEFT_OUT] += is_left_out
 
     def advance(self) -> list[Telemetry]:
-        """Return the telemetry that has become complete, in blocks.
+        """Return the telemetry completed since the previous call, in blocks.
 
         Raises
         ------
         ValueError
-            When the rate of the samples cannot be learned; it becomes the problem.
+            If the rate of the samples cannot be measured; ``problem`` then states the reason.
         """
         try:
             blocks = self.bridge.advance()
@@ -95,7 +100,7 @@ class BridgedActuator:
         return [self._input_task(reception), self._mapping_task()]
 
     def _recent(self) -> dict[str, float]:
-        """Return the rates of the last seconds [Hz]: of messages by topic, and of samples."""
+        """Return the rates of messages by topic and of samples in the last seconds [Hz]."""
         first_s, first = self._past[0]
         span_s = max(time.monotonic() - first_s, 1e-3)
         return {key: (count - first[key]) / span_s for key, count in self._counts.items()}
@@ -132,13 +137,13 @@ class BridgedActuator:
         if reception.missing:
             return ERROR, "; ".join(reception.missing.values())
         if waits := [topic for topic in bridge.collector.topics if not reception.has_source(topic)]:
-            return WARN, f"nobody publishes {', '.join(waits)}"
+            return WARN, f"no publisher of {', '.join(waits)}"
         is_long = len(self._past) == self._past.maxlen
         silent = self._silent(recent) if is_long else {}
         if source in silent:
             return STALE, silent[source]
-        # A command or a temperature may be sent on change only; another sensor that is silent is
-        # out of order.
+        # A command or a temperature may be sent on change only; any further silent sensor has
+        # failed.
         needed = {
             item.topic
             for _, _, item in self.bridge.mapping.wanted()

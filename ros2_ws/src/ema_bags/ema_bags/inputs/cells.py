@@ -1,4 +1,4 @@
-"""Numbers of cells as people write them: decimal commas, thousands, other minus signs."""
+"""Numbers in cells of tables, with decimal commas, thousands separators and any minus sign."""
 
 import re
 from dataclasses import dataclass
@@ -20,42 +20,38 @@ _MOSTLY: Final = 0.5
 
 @dataclass(frozen=True, eq=False)
 class WrittenNumbers:
-    """Numbers of a column of cells.
-
-    Attributes
-    ----------
-    values
-        ``(n,)``; not a number where a cell holds none.
-    problem
-        Row and cell that cannot be read; empty if all cells can be.
-    decimal
-        Mark that a cell shows to be the decimal sign; empty if none does.
-    thousands
-        Mark that is read as the separator of thousands, and may be the decimal sign in
-        another country; empty if none is.
-    example
-        Row and cell with that mark.
-    unclear
-        Row and cell whose decimal sign may separate thousands; empty if a cell shows that it does
-        not: 0.5, 12.75 or 1234.500 do.
-    """
+    """Numbers of a column of cells."""
 
     values: NDArray[np.float64]
+    """Numbers, ``(n,)``; NaN for cells without a number."""
+
     problem: str = ""
+    """Row and cell that cannot be read; empty if all cells can be read."""
+
     decimal: str = ""
+    """Decimal sign proved by a cell; empty without proof."""
+
     thousands: str = ""
+    """Mark read as the thousands separator, which may be a decimal sign; empty if unused."""
+
     example: str = ""
+    """Row and cell with the mark in ``thousands``."""
+
     unclear: str = ""
+    """Row and cell whose decimal sign may separate thousands.
+
+    It is empty if a cell such as 0.5, 12.75 or 1234.500 excludes that.
+    """
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Return whether a cell is a number with a decimal sign, and certainly with this one."""
+    """Return whether a cell is a number with this decimal sign, without thousands separators."""
     text = _plain(cell)
     return bool(re.match(_number(decimal), text)) or text.lower() in _LITERAL
 
 
 def may_be_number(cell: str) -> bool:
-    """Return whether a cell is a number with either decimal sign, or with thousands."""
+    """Return whether a cell is a number, with any decimal sign and thousands separator."""
     text = _plain(cell)
     return any(is_number(cell, mark) or re.match(_grouped(mark), text) for mark in ".,")
 
@@ -63,13 +59,15 @@ def may_be_number(cell: str) -> bool:
 def read_numbers(column: "pd.Series[Any]", decimal: str) -> WrittenNumbers | None:
     """Return the numbers of a column of texts; None if most cells are not numbers.
 
-    A cell with digits that is not a number makes a ``problem``; a word becomes NaN.
+    A cell with digits that is not a number is reported in ``problem``; a word becomes NaN.
 
     Parameters
     ----------
+    column
+        The texts.
     decimal
-        Decimal sign of the table, "." or ",". A column whose cells contradict it is read with
-        the other sign if that one fits all cells.
+        Decimal sign of the table, "." or ",". If cells of the column contradict it and the
+        alternative sign fits all cells, the column is read with the alternative.
     """
     texts = _texts(column)
     missing = (column.isna() | texts.str.lower().isin(_MISSING)).to_numpy(bool)
@@ -80,9 +78,9 @@ def read_numbers(column: "pd.Series[Any]", decimal: str) -> WrittenNumbers | Non
         swapped = _read(texts, missing, "," if decimal == "." else ".")
         if not swapped.problem and swapped.decimal:
             numbers = swapped
-    is_known = np.isfinite(numbers.values) | texts.str.contains(r"\d", regex=True).to_numpy(bool)
+    is_read = np.isfinite(numbers.values) | texts.str.contains(r"\d", regex=True).to_numpy(bool)
     share = np.isfinite(numbers.values).sum() / (~missing).sum()
-    if share > _MOSTLY or (numbers.problem and is_known.all() and share > 0.0):
+    if share > _MOSTLY or (numbers.problem and is_read.all() and share > 0.0):
         return numbers
     return None
 
@@ -92,9 +90,9 @@ def shows_decimals(values: NDArray[Any]) -> bool:
     parts = np.abs(values[np.isfinite(values)])
     parts = parts[parts % 1.0 != 0.0]
     thousands = parts * 1e3
-    is_other = np.abs(thousands - np.rint(thousands)) > 1e-6 * parts
-    # Before a separator of thousands there are one to three digits.
-    return bool(np.any((parts < 1.0) | (parts >= 1e3) | is_other))
+    is_finer = np.abs(thousands - np.rint(thousands)) > 1e-6 * parts
+    # One to three digits precede a thousands separator.
+    return bool(np.any((parts < 1.0) | (parts >= 1e3) | is_finer))
 
 
 def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> WrittenNumbers:
@@ -114,7 +112,7 @@ def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> 
         problem = f"{_place(texts, int(np.argmax(bad)))} is no number"
     elif np.any(marked):
         example = _place(texts, int(np.argmax(marked)))
-        # A program that separates thousands does so in all numbers with that many digits.
+        # A program separates thousands in all numbers with at least that many digits.
         least = np.min(np.abs(values[marked]))
         bare = ~grouped & np.isfinite(values) & (np.abs(values) >= least)
         bare &= ~texts.str.contains("e", case=False, regex=False).to_numpy(bool)
@@ -125,16 +123,16 @@ def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> 
             )
     cells = texts[~missing]
     shown = cells[cells.str.contains(decimal, regex=False)]
-    # Two groups, or both marks, leave no doubt.
+    # Two groups, or both marks, are unambiguous.
     doubtful = cells[marked[~missing]]
     is_sure = bool(
         (doubtful.str.count(re.escape(mark)) > 1).any()
         or doubtful.str.contains(decimal, regex=False).any()
     )
     is_decimal = len(shown) and not shown.str.match(_grouped(mark)).all()
-    others = cells.drop(shown.index)
-    is_unclear = len(shown) and len(others) and not is_decimal
-    is_unclear = is_unclear and bool(others.str.match(r"^[+-]?\d{1,3}$").all())
+    integers = cells.drop(shown.index)
+    is_unclear = len(shown) and len(integers) and not is_decimal
+    is_unclear = is_unclear and bool(integers.str.match(r"^[+-]?\d{1,3}$").all())
     unclear = _place(texts, int(np.argmax(texts.index == shown.index[0]))) if is_unclear else ""
     return WrittenNumbers(
         values,
@@ -147,7 +145,7 @@ def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> 
 
 
 def _texts(column: "pd.Series[Any]") -> "pd.Series[Any]":
-    # As objects: the expressions of Arrow know no references back.
+    # As objects: regular expressions of Arrow lack back references.
     return pd.Series([_plain(str(cell)) for cell in column], column.index, dtype=object)
 
 
@@ -166,7 +164,7 @@ def _number(decimal: str) -> str:
 
 
 def _grouped(decimal: str) -> str:
-    """Return the pattern of a number whose thousands are separated."""
+    """Return the pattern of a number with thousands separators."""
     mark = re.escape("," if decimal == "." else ".")
     return rf"^[+-]?[1-9]\d{{0,2}}([{mark} '])\d{{3}}(?:\1\d{{3}})*(?:{re.escape(decimal)}\d*)?$"
 

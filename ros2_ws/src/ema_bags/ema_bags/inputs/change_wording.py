@@ -1,4 +1,4 @@
-"""Words for changes of a mapping."""
+"""Texts on changes of a mapping."""
 
 from typing import Any
 
@@ -6,12 +6,12 @@ from ema_bags.inputs.factors import MappingChange, Relations
 
 
 def change_remedy(change: MappingChange) -> str:
-    """Return what to write in the mapping."""
+    """Return the corrected entry of the mapping."""
     return f"{change.quantity}: {{{change.entry}: {_words(change.value)}}}"
 
 
 def change_reason(change: MappingChange) -> str:
-    """Return the probable mistake of a mapping, and the evidence."""
+    """Return a text on the probable mistake in a mapping, with the evidence."""
     return (
         f"{change.quantity} has {change.entry} {_words(change.stated)}, {_words(change.value)} was "
         f"probably meant ({', '.join(_facts(change.relations))})"

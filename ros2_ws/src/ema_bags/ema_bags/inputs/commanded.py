@@ -18,7 +18,7 @@ _CLEARLY: Final = 5.0
 
 
 def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Iterator[InputDefect]:
-    """Yield the columns that follow the command or a law of control exactly.
+    """Yield a defect for each column that follows the command or a control law exactly.
 
     Parameters
     ----------
@@ -27,17 +27,17 @@ def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Itera
     tau
         Gear ratio, user over motor speed [-].
     """
-    given = {name: values for name, values in columns.items() if len(values)}
-    if "command" not in given:
+    present = {name: values for name, values in columns.items() if len(values)}
+    if "command" not in present:
         return
-    finite = np.all([np.isfinite(values) for values in given.values()], axis=0)
-    moving = np.flatnonzero(finite[1:] & (np.diff(given["command"]) != 0.0))
+    finite = np.all([np.isfinite(values) for values in present.values()], axis=0)
+    moving = np.flatnonzero(finite[1:] & (np.diff(present["command"]) != 0.0))
     if not len(moving):
         return
     first = max(0, int(moving[len(moving) // 2]) - _MOST_SAMPLES // 2)
     part = slice(first, first + _MOST_SAMPLES)
-    given = {name: values[part][finite[part]] for name, values in given.items()}
-    command, position = given["command"], given["position"]
+    present = {name: values[part][finite[part]] for name, values in present.items()}
+    command, position = present["command"], present["position"]
     if len(command) < _LEAST_SAMPLES or not np.ptp(command) > 0.0 or not np.ptp(position) > 0.0:
         return
     if (lag := _lag_of_copy(command, position)) is not None:
@@ -46,29 +46,29 @@ def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Itera
         remedy = "position: choose the source of the encoder"
         yield InputDefect("position_commanded", text, remedy, False)
         return
-    speed = given.get("speed")
+    speed = present.get("speed")
     if speed is not None and _follows(speed, np.gradient(command), np.gradient(position)):
         text = "the speed is the derivative of the command: it is a set point, not a measurement"
         remedy = "speed: choose the measured source, or leave speed out"
         yield InputDefect("speed_commanded", text, remedy, False)
-    current = given.get("current")
+    current = present.get("current")
     if current is None:
         return
     rate = np.gradient(position) if speed is None else speed * tau
     ones = np.ones(len(command))
-    for words, terms in (
+    for source, terms in (
         ("the command", (command, ones)),
         ("position error and speed", (command - position, rate, ones)),
     ):
         if _residual(current, terms) < _EXACT:
-            text = f"the current follows {words} exactly: it is a set point, not a measurement"
+            text = f"the current follows {source} exactly: it is a set point, not a measurement"
             remedy = "a change of the torque per unit of effort does not show in it"
             yield InputDefect("current_commanded", text, remedy, False)
             return
 
 
 def _lag_of_copy(command: NDArray[np.float64], position: NDArray[np.float64]) -> int | None:
-    """Return the delay in samples with which a position repeats the command, or None."""
+    """Return the delay with which a position repeats the command [samples]; None if it does not."""
     moving = np.abs(np.diff(command, prepend=command[0])) > 0.0
     if np.count_nonzero(moving) < _LEAST_SAMPLES // 2:
         return None
@@ -90,7 +90,7 @@ def _follows(
 
 
 def _residual(values: NDArray[np.float64], terms: tuple[NDArray[np.float64], ...]) -> float:
-    """Return the share of values that a sum of terms does not explain [-]."""
+    """Return the share of values that a weighted sum of terms does not explain [-]."""
     size = float(np.std(values))
     sizes = [float(np.max(np.abs(term))) for term in terms]
     if size <= 0.0 or min(sizes) <= 0.0:

@@ -1,4 +1,4 @@
-"""Columns of telemetry in SI units from the values of the sources."""
+"""Conversion of source values to columns of telemetry in SI units."""
 
 import math
 from collections.abc import Mapping as Columns
@@ -23,14 +23,14 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.units import CURRENTS, LINEAR, UNITS
 
 _PEAK: Final = {"": 1.0, "peak": 1.0, "rms": math.sqrt(2.0), "power": math.sqrt(2.0 / 3.0)}
-"""Amplitude of the phase currents over i_q, by its convention."""
+"""Ratio of the phase current amplitude to i_q, by the convention of i_q [-]."""
 
 _PHASE_TO_PHASE: Final = math.sqrt(3.0) / 2.0
-"""Current of a torque constant phase to phase over the amplitude of the phase currents, by the same
-torque: T = 3/2 (k_t / sqrt(3)) i_q (M33)."""
+"""Ratio of the current of a phase-to-phase torque constant to the phase current amplitude, at equal
+torque T = 3/2 (k_t / sqrt(3)) i_q (M33) [-]."""
 
 _NEUTRAL_LEAD: Final = 1.0
-"""Lead [m] of an axis along a line that has no screw: results are in m and N, whatever it is."""
+"""Lead [m] of a linear axis without a screw; results in m and N do not depend on it."""
 
 _SMOOTHED: Final = 3
 _NOISES: Final = 5.0
@@ -39,9 +39,9 @@ _SLOW: Final = 0.3
 
 
 def with_lead(description: ActuatorDescription, mapping: Mapping) -> ActuatorDescription:
-    """Return the description of an unknown drive with the lead by which a mapping converts lengths.
+    """Return the description of an unknown drive with the lead that converts lengths.
 
-    It comes from the description or the mapping. A drive that is not modelled needs none: a
+    The lead comes from the description or the mapping. Without one, an arbitrary lead is used: a
     linear motor or a prismatic joint has no screw.
     """
     parameters, position = description.parameters, mapping.position
@@ -62,12 +62,20 @@ def convert(
     Parameters
     ----------
     raw
-        Values of the sources, by the keys of ``Mapping.wanted``, ``(n,)``. A temperature is not a
-        column of telemetry, and is not needed.
+        Values of the sources, by the keys of ``Mapping.wanted``, ``(n,)``. The temperature is
+        ignored: it is not a column of telemetry.
+    mapping
+        Sources of the columns.
     description
-        Gives torque constant, gear ratio, lead and drive.
+        Description with torque constant, gear ratio, lead and drive.
     breaks
-        Places before which the motion breaks off: no direction is taken across them.
+        Indices of samples before which the motion is interrupted: directions of motion are not
+        interpolated across them.
+
+    Raises
+    ------
+    ValueError
+        If a unit does not fit the drive, or a lead is missing or contradicts the description.
     """
     p = description.parameters
     raw = {
@@ -107,7 +115,7 @@ def degrees_celsius(raw: NDArray[np.float64], source: TemperatureSource) -> NDAr
 def _turned(
     raw: NDArray[np.float64], source: AngleSource | SpeedSource, p: ActuatorParameters
 ) -> NDArray[np.float64]:
-    """Return an angle of the user shaft [rad], or a speed of the motor shaft [rad/s]."""
+    """Return the angle of the user shaft [rad], or the speed of the motor shaft [rad/s]."""
     to_user = p.tau if source.shaft == "motor" else 1.0
     shaft = to_user if isinstance(source, AngleSource) else to_user / p.tau
     turn = 1.0
@@ -124,7 +132,7 @@ def _turned(
 
 
 def _current_factor(source: CurrentSource, description: ActuatorDescription, lead: float) -> float:
-    """Return the equivalent current per unit of the source, or of the phases' magnitude [A]."""
+    """Return the equivalent current per unit of the source or of the phase magnitude [A]."""
     p = description.parameters
     is_effort = source.kind in ("equivalent", "magnitude") and source.unit not in CURRENTS
     if is_effort and description.drive != "unknown":
@@ -135,7 +143,7 @@ def _current_factor(source: CurrentSource, description: ActuatorDescription, lea
         )
     factor = source.sign * source.scale * UNITS[source.unit]
     kind = source.kind
-    if is_effort:  # of a joint, as JointState has it
+    if is_effort:  # of a joint, as in JointState
         kind = "joint_torque" if source.unit.endswith("N.m") else "force"
     if kind == "motor_torque":
         return factor / p.k_t
@@ -156,7 +164,7 @@ def _current_factor(source: CurrentSource, description: ActuatorDescription, lea
 
 
 def _of_phases(raw: Columns[str, NDArray[np.float64]], is_sinusoidal: bool) -> NDArray[np.float64]:
-    """Return the equivalent current of phases; the third of two closes their sum to zero."""
+    """Return the equivalent current of two or three phases, whose sum is zero."""
     a, b = raw["phase_a"], raw["phase_b"]
     c = raw["phase_c"] if "phase_c" in raw else -a - b
     if is_sinusoidal:
@@ -168,7 +176,7 @@ def _of_phases(raw: Columns[str, NDArray[np.float64]], is_sinusoidal: bool) -> N
 
 
 def _decoded(raw: NDArray[np.float64], encoding: str) -> NDArray[np.float64]:
-    """Return the numbers of registers that are read as if they had no sign."""
+    """Return the signed numbers of registers that were read as unsigned."""
     bit, times = ENCODINGS[encoding]
     if not bit:
         return raw
@@ -191,6 +199,6 @@ def _way(motion: NDArray[np.float64], *, is_speed: bool) -> NDArray[np.float64]:
 
 
 def _scaled(raw: NDArray[np.float64], factor: float, offset: float) -> NDArray[np.float64]:
-    # As it is, to the last bit, where there is nothing to convert.
+    # Without a conversion, values stay equal to the last bit.
     values = raw if factor == 1.0 else raw * factor
     return values if offset == 0.0 else values + offset

@@ -1,4 +1,4 @@
-"""Dates and times of day of cells as people write them."""
+"""Dates and times of day in cells of tables, in common notations."""
 
 import re
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ema_bags.inputs.on_demand import pd
 
 ORDERS: Final = ("d/m/y", "m/d/y")
-"""Units of a column of dates whose day and month may be exchanged."""
+"""Units of a column of dates with an ambiguous order of day and month."""
 
 _NO_TIME: Final = -(2**63)
 _SECOND: Final = 1_000_000_000
@@ -39,28 +39,25 @@ _MONTHS: Final = (
 
 @dataclass(frozen=True, eq=False)
 class WrittenTimes:
-    """Times of a column of cells.
-
-    Attributes
-    ----------
-    values
-        Since 1970, or since midnight or the start where ``is_of_day``, ``(n,)`` [ns]; the least
-        integer where a cell holds no time.
-    is_of_day
-        Whether the cells hold no date.
-    exchanged
-        The values with day and month exchanged, if the cells allow both; else None.
-    problem
-        Row and cell that are not a time; empty if all are times.
-    example
-        The first row and cell with a date.
-    """
+    """Times of a column of cells."""
 
     values: NDArray[np.int64]
+    """Times since 1970, or since midnight or the start if ``is_of_day``, ``(n,)`` [ns].
+
+    Cells without a time have the smallest integer.
+    """
+
     is_of_day: bool = False
+    """Whether the cells have no date."""
+
     exchanged: NDArray[np.int64] | None = None
+    """The values with day and month exchanged if the cells allow both orders, else None."""
+
     problem: str = ""
+    """Row and cell without a valid time; empty if all cells are times."""
+
     example: str = ""
+    """The first row and cell with a date."""
 
 
 def read_times(column: "pd.Series[Any]") -> WrittenTimes | None:
@@ -69,8 +66,8 @@ def read_times(column: "pd.Series[Any]") -> WrittenTimes | None:
         return WrittenTimes(_stamps(column))
     if pd.api.types.is_numeric_dtype(column.dtype):
         return None
-    there = column.dropna()
-    first = str(there.iloc[0]) if len(there) else ""
+    filled = column.dropna()
+    first = str(filled.iloc[0]) if len(filled) else ""
     if _ISO.match(first):
         stamps = _stamps(pd.to_datetime(column, utc=True, format="ISO8601", errors="coerce"))
         missing = column.isna().to_numpy(bool)
@@ -80,7 +77,7 @@ def read_times(column: "pd.Series[Any]") -> WrittenTimes | None:
         if pattern.match(first):
             times = _read(column, pattern)
             read = np.count_nonzero(times.values != _NO_TIME)
-            return times if read > 0.5 * len(there) else None
+            return times if read > 0.5 * len(filled) else None
     return None
 
 
@@ -142,7 +139,7 @@ def _of_day(parts: "pd.DataFrame") -> NDArray[np.int64]:
 
 
 def _zone_s(parts: "pd.DataFrame") -> NDArray[np.int64]:
-    """Return how far the zones of the times are ahead of UTC [s]."""
+    """Return the offsets of the time zones from UTC [s]."""
     if "zone" not in parts:
         return np.zeros(len(parts), dtype=np.int64)
     zone = parts["zone"].str.extract(r"(?P<sign>[+-])(?P<h>\d\d):?(?P<m>\d\d)")

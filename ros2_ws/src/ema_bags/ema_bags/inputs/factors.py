@@ -1,12 +1,12 @@
-"""Units, signs and shafts that explain how position, command and speed relate.
+"""Units, signs and shafts that explain the relations of position, command and speed.
 
-Right factors are those with which the position follows the command, its derivative is the speed
-times the gear ratio, and nothing moves beyond what the actuator can. Of all combinations the one
-with the fewest changes of the mapping is taken.
+With the right factors the position follows the command, its derivative is the speed times the gear
+ratio, and no motion exceeds the limits of the actuator. Of all such combinations, the combination
+with the fewest changes of the mapping is chosen.
 
-A drive whose controller is unknown may have an elastic gear, a sensor that lags or few samples in
-a stroke. There a relation within a factor of 2 is accepted, and only a factor near a mistaken unit,
-sign or shaft is a mistake.
+A drive whose controller is unknown may have an elastic gear, a sensor with lag, or few samples per
+stroke. Its relations are accepted within a factor of 2, and only a factor near the factor of a
+mistaken unit, sign or shaft is a mistake.
 """
 
 import itertools
@@ -37,47 +37,39 @@ _OVER_SPEED: Final = 3.0
 
 @dataclass(frozen=True)
 class Relations:
-    """How columns of a mapping relate as they are.
-
-    Attributes
-    ----------
-    gain
-        Motion of the position over that of the command [-]; None if it is unknown.
-    speed_ratio
-        Derivative of the position over the speed times the gear ratio [-]; None if it is unknown.
-    reach
-        Largest angle of the position [rad].
-    end_stop
-        Angle of the end stop [rad]; None if it is unknown or not exceeded.
-    """
+    """Relations of the columns of an unchanged mapping."""
 
     gain: float | None
+    """Travel of the position over travel of the command [-]; None if unknown."""
+
     speed_ratio: float | None
+    """Derivative of the position over speed times gear ratio [-]; None if unknown."""
+
     reach: float
+    """Largest angle of the position [rad]."""
+
     end_stop: float | None
+    """Angle of the end stop [rad]; None if unknown or not exceeded."""
 
 
 @dataclass(frozen=True)
 class MappingChange:
-    """A change of an entry of a mapped quantity, and the evidence for it.
-
-    Attributes
-    ----------
-    quantity
-        The column that is wrong.
-    mistake
-        The mistake in it.
-    stated, value
-        Value of the entry in the mapping, and the value that was probably meant.
-    relations
-        The relations that it explains.
-    """
+    """A change of an entry of a mapped quantity, with its evidence."""
 
     quantity: str
+    """Name of the wrong column."""
+
     mistake: Mistake
+    """The mistake in the mapping of the column."""
+
     stated: Any
+    """Value of the entry in the mapping."""
+
     value: Any
+    """Value that was probably meant."""
+
     relations: Relations
+    """Relations that the change explains."""
 
     @property
     def entry(self) -> str:
@@ -86,7 +78,7 @@ class MappingChange:
 
 
 class _Option(NamedTuple):
-    """One interpretation of a quantity; ``factor`` multiplies the mapping's factor."""
+    """An interpretation of a quantity; ``factor`` multiplies the factor of the mapping."""
 
     factor: float
     changes: tuple[tuple[Mistake, Any], ...]
@@ -96,9 +88,10 @@ class _Option(NamedTuple):
 def explain(
     motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
 ) -> list[MappingChange] | None:
-    """Return the fewest changes of a mapping with which its columns agree with each other.
+    """Return the fewest changes of a mapping that make its columns agree with each other.
 
-    Empty where they agree as they are; None where no change explains them.
+    The list is empty if the columns agree without a change. Return None if no changes explain the
+    columns.
     """
     p = description.parameters
     # The limits of an unknown drive are unknown as well.
@@ -107,8 +100,8 @@ def explain(
     ratio = motion.speed_ratio if is_known else motion.stroke_ratio
     reach = float(np.max(np.abs(motion.position)))
     fastest = motion.fastest / p.tau
-    given = {"position": mapping.position, "command": mapping.command, "speed": mapping.speed}
-    sources = {name: source for name, source in given.items() if source is not None}
+    mapped = {"position": mapping.position, "command": mapping.command, "speed": mapping.speed}
+    sources = {name: source for name, source in mapped.items() if source is not None}
 
     def agrees(factors: dict[str, float], changes: int = 0) -> bool:
         position = factors["position"]
@@ -133,14 +126,14 @@ def explain(
         is_slow = fastest * abs(speed) <= _OVER_SPEED * p.top_speed
         return abs(ratio * position / speed - 1.0) <= _RATIO_WITHIN and is_slow
 
-    as_they_are = dict.fromkeys(sources, 1.0)
-    if agrees(as_they_are):
+    unchanged = dict.fromkeys(sources, 1.0)
+    if agrees(unchanged):
         return []
     best: dict[str, _Option] | None = None
     least = np.inf
     if ratio is not None and _NEAR_RATIO[0] < ratio < _NEAR_RATIO[1]:
-        # Another gear ratio is likelier than two mistakes that happen to give this factor.
-        least = _WEIGHT_OF_RATIO if agrees(as_they_are | {"speed": ratio}) else np.inf
+        # A wrong gear ratio is likelier than two mistakes whose product is this factor.
+        least = _WEIGHT_OF_RATIO if agrees(unchanged | {"speed": ratio}) else np.inf
     for combination in itertools.product(*(_options(source, p.tau) for source in sources.values())):
         weight = sum(item.weight for item in combination)
         if weight >= least or sum(bool(item.changes) for item in combination) > _MOST_CHANGES:
@@ -165,48 +158,48 @@ def explain(
 def _scales_both(chosen: dict[str, _Option]) -> bool:
     """Return whether both position and speed change by more than a sign.
 
-    Such products come near any factor by chance.
+    The product of two such changes is close to any factor by chance.
     """
     both = [chosen[name].factor for name in ("position", "speed") if name in chosen]
     return len(both) == 2 and all(abs(abs(factor) - 1.0) > 1e-9 for factor in both)
 
 
 def _is_explained(value: float, change: float, changes: int) -> bool:
-    """Return whether the ratio of two columns is right after a change of their factors."""
+    """Return whether the ratio of two columns is plausible after a change of their factors."""
     left = value * change
     if left <= 0.0:
         return False
     if abs(abs(change) - 1.0) < 1e-9:
         within = _PLAUSIBLE
     else:
-        # Two changes together come near more factors by chance.
+        # Products of two changes are close to more factors by chance.
         within = _NEAR_UNIT if changes == 1 else _NEAR_UNITS
     return 1.0 / within < left < within
 
 
 def _options(source: AngleSource | SpeedSource, tau: float) -> Iterator[_Option]:
-    """Yield ways to read a quantity, each with its weight: the more unusual, the heavier."""
+    """Yield interpretations of a quantity; unusual interpretations have larger weights."""
     is_angle = isinstance(source, AngleSource)
     units = ANGLES if is_angle else SPEEDS
-    if source.unit not in units:  # a length: its lead is known, or a guess
+    if source.unit not in units:  # a length, whose lead is stated or guessed
         units = {source.unit: 1.0}
-    # From the mapped shaft to the other one; angles go to the user shaft, speeds to the motor.
-    to_other = tau if is_angle else 1.0 / tau
+    # From the mapped shaft to the second; angles refer to the user shaft, speeds to the motor.
+    to_second = tau if is_angle else 1.0 / tau
     if source.shaft != SHAFTS[0 if is_angle else 1]:
-        to_other = 1.0 / to_other
+        to_second = 1.0 / to_second
     shaft = next(item for item in SHAFTS if item != source.shaft)
-    for sign, (unit, size), is_other in itertools.product((1, -1), units.items(), (False, True)):
+    for sign, (unit, size), is_second in itertools.product((1, -1), units.items(), (False, True)):
         changes: list[tuple[Mistake, Any]] = []
         factor = float(sign) * size / units[source.unit]
         if unit != source.unit:
             changes.append((mistaken_unit(units, unit, source.unit), unit))
-        if is_other:
-            changes.append((Mistake(Kind.SHAFT, 1.0 / to_other), shaft))
-            factor *= to_other
+        if is_second:
+            changes.append((Mistake(Kind.SHAFT, 1.0 / to_second), shaft))
+            factor *= to_second
         if sign < 0:
             changes.append((Mistake(Kind.SIGN, -1.0), -source.sign))
-        # Units unusual for a whole angle are considered only if nothing else explains it.
-        rare = 0.5 * (unit in ("arcmin", "mrad/s", "mrad")) + 0.2 * is_other
+        # Units unusual for a whole angle are a last resort.
+        rare = 0.5 * (unit in ("arcmin", "mrad/s", "mrad")) + 0.2 * is_second
         yield _Option(factor, tuple(changes), len(changes) + rare)
     for scale in (1e3, 1e-3):
         mistake = Mistake(Kind.SCALE, 1.0 / scale)

@@ -10,25 +10,25 @@ _JOINT_NAMES: Final = ("name", "joint_names")
 
 
 class FieldPath:
-    """Where a number stands in a message.
+    """Path of a number in a message.
 
-    Names of fields are separated by dots. An element of an array is chosen by its number,
-    ``data[0]``, or by a name, ``position[name=flap_joint]``: its number is the index of
-    ``flap_joint`` in the array ``name``, which is in the same message or in one that contains it.
-    Names published on a separate topic are looked up in their latest message. If the path leads to
-    an array of numbers and a joint is given, the joint's element is chosen.
+    Names of fields are separated by dots. An element of an array is selected by its number,
+    ``data[0]``, or by a name, ``position[name=flap_joint]``: its number is then the index of
+    ``flap_joint`` in the array ``name``, which is in the same message or in a containing message.
+    For names on a separate topic, their latest message is used. If the path leads to an array of
+    numbers and a joint is given, the element of the joint is selected.
 
     Parameters
     ----------
     text
         The path.
     joint
-        Name of a joint, as in the arrays ``name`` or ``joint_names``; empty: none.
+        Name of a joint in the arrays ``name`` or ``joint_names``; empty for none.
 
     Raises
     ------
     ValueError
-        When it is not a path.
+        If the text is not a path.
     """
 
     def __init__(self, text: str, joint: str = "") -> None:
@@ -47,13 +47,15 @@ class FieldPath:
 
         Parameters
         ----------
+        message
+            The message.
         names
-            Message in which the arrays of names stand that the message itself does not have.
+            Message of a separate topic with the arrays of names; None if the message has them.
 
         Raises
         ------
         ValueError
-            When there is no number at the path; the message names the value found there.
+            If there is no number at the path; the message names the value there.
         """
         value: Any = message
         outer: list[Any] = [] if names is None else [names]

@@ -1,4 +1,4 @@
-"""A file or bag of any make, and its content."""
+"""A third-party file or bag, and its content."""
 
 from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as ByTopic
@@ -32,9 +32,9 @@ class InputFile:
     Raises
     ------
     ValueError
-        When it cannot be read.
+        If the file cannot be read.
     OSError
-        When it cannot be opened.
+        If the file cannot be opened.
     """
 
     def __init__(self, path: Path, mapping: Mapping | None = None) -> None:
@@ -50,7 +50,7 @@ class InputFile:
 
     @property
     def remarks(self) -> list[str]:
-        """What was found wrong while reading."""
+        """Remarks on problems while reading."""
         damage = [] if isinstance(self._held, TableColumns) else self._held.remarks
         return [remark for remark in ("; ".join(damage), self._problem) if remark]
 
@@ -60,7 +60,7 @@ class InputFile:
         Raises
         ------
         ValueError
-            When it is not there.
+            If a mapped column or topic is missing, or the mapping is for the wrong kind of file.
         """
         if isinstance(self._held, TableColumns):
             if mapping.is_table:
@@ -85,12 +85,12 @@ class InputFile:
         return series
 
     def parts(self, columns: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
-        """Yield the runs of rows in which some columns are constant, and these columns' values.
+        """Yield the runs of rows with constant values in some columns, after these values.
 
         Raises
         ------
         ValueError
-            When it is not a table, or has no such column.
+            If the file is not a table, or lacks a column.
         """
         if not isinstance(self._held, TableColumns):
             raise ValueError(f"{self.path} is a bag: a table has columns")
@@ -104,13 +104,15 @@ class InputFile:
 
         Parameters
         ----------
+        description
+            Description of the actuator.
         clock
-            The clock of a table, if it is known.
+            The clock of a table; None to guess it.
 
         Raises
         ------
         ValueError
-            When nothing in it seems to be a position, or the command that its drive needs.
+            If no column or topic seems to be the position, or the command that the drive needs.
         """
         held, needs_command = self._held, description.drive != "unknown"
         if isinstance(held, TableColumns):

@@ -1,4 +1,4 @@
-"""Short gaps between samples, filled where the motion continues in one direction."""
+"""Interpolation in short gaps during which the motion does not reverse."""
 
 from typing import Final
 
@@ -8,52 +8,52 @@ from numpy.typing import NDArray
 from ema_core.telemetry import PAUSE_S
 
 NEAR: Final = 0.3
-"""Samples that are nearer than this share of a period are the same one."""
+"""Share of the period within which two samples count as the same sample [-]."""
 
 _STILL: Final = 0.1
 _SCATTERS: Final = 2.0
 
 
 class GapFiller:
-    """Puts lost samples on the line between their neighbours, but not where the motion reverses.
+    """Interpolates lost samples linearly, except where the motion reverses.
 
-    It reverses where command or position go both ways in the three steps around a gap, each faster
-    than a tenth of the mean speed so far and than twice the mean change from step to step, which is
-    noise. What is longer than 1 s is a pause, and no gap.
+    The motion reverses if command or position move in both directions in the three steps around a
+    gap, each faster than a tenth of the mean speed so far and than twice the mean change between
+    steps, which is noise. A gap longer than 1 s is a pause, and is not filled.
 
     Parameters
     ----------
     period_ns, widest_ns
         Period of the samples, and the longest step that is not a gap [ns].
     most
-        How many lost samples in a row are filled.
+        Largest number of consecutive lost samples that are filled.
     columns
-        Those of the command and of the position.
+        Indices of the columns of command and position.
 
     Attributes
     ----------
     filled
-        Number of samples put in so far.
+        Number of samples added so far.
     """
 
     def __init__(self, period_ns: float, widest_ns: float, most: int, columns: list[int]) -> None:
         self.filled = 0
         self._period_ns, self._widest_ns = period_ns, widest_ns
         self._most, self._columns = most, columns
-        # The latest samples, and how many of them were passed on.
+        # The latest samples, and the number of them that were returned.
         self._stamps_ns, self._values = np.empty(0, dtype=np.int64), np.empty((0, 0))
         self._passed = 0
-        # Sums over the steps so far, of their speeds and of the changes between them.
+        # Sums of the speeds of the steps so far, and of the changes between steps.
         self._travelled = self._changed = np.zeros(len(columns))
         self._steps = 0
 
     def push(
         self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64], *, is_last: bool
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return samples, ``(n,)`` [ns] and ``(n, m)``, with those that were lost.
+        """Return samples, ``(n,)`` [ns] and ``(n, m)``, with interpolated lost samples.
 
-        A sample after a gap waits for the next, which shows whether the motion reverses, unless
-        these are the last samples.
+        A sample after a gap is returned together with the next sample, which shows whether the
+        motion reverses, unless ``is_last`` is set.
         """
         begun = max(len(self._stamps_ns) - 1, 0)
         if len(self._stamps_ns):
@@ -84,11 +84,11 @@ class GapFiller:
     def _reversals(
         self, steps: NDArray[np.float64], motion: NDArray[np.float64], begun: int
     ) -> NDArray[np.bool_]:
-        """Return where the motion goes both ways, for each step but the first and the last."""
+        """Return whether the motion reverses, for each step except the first and the last."""
         is_step = (steps > NEAR)[:, None]
         speeds = np.where(is_step, np.diff(motion, axis=0), 0.0)
         speeds /= np.where(is_step, steps[:, None], 1.0)
-        # Steps of before, and the changes between them, are in the sums already.
+        # The sums include the earlier steps, and the changes between them.
         new = np.arange(len(speeds)) >= begun
         travelled = self._travelled + np.cumsum(np.abs(speeds) * new[:, None], axis=0)
         changes = np.abs(np.diff(speeds, axis=0, prepend=speeds[:1]))
@@ -100,5 +100,5 @@ class GapFiller:
         sums = np.maximum(_STILL * travelled, _SCATTERS * changed)
         least = sums[2:] / counts[2:, None]
         around = np.array([speeds[:-2], speeds[1:-1], speeds[2:]])
-        goes_back, goes_on = np.min(around, axis=0) < -least, np.max(around, axis=0) > least
-        return np.any(goes_back & goes_on, axis=1)
+        moves_back, moves_forth = np.min(around, axis=0) < -least, np.max(around, axis=0) > least
+        return np.any(moves_back & moves_forth, axis=1)

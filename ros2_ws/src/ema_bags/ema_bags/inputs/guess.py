@@ -1,4 +1,4 @@
-"""A mapping guessed from names, magnitudes and relations, to be confirmed by the user."""
+"""Guess of a mapping from names, magnitudes and relations, which the user has to confirm."""
 
 import re
 from collections.abc import Mapping as ByName
@@ -48,34 +48,39 @@ _UNLIKE: Final[dict[str, set[str]]] = {
     "current": {"command", "error", "temperature"},
     "temperature": {"command", "error"},
 }
-"""What a column of each quantity must not seem to be, in the order in which columns are taken."""
+"""Roles that exclude a column from each quantity, in the order in which columns are assigned."""
 
 
 @dataclass(frozen=True)
 class Guess:
-    """A guessed mapping and its reasons, one remark per line."""
+    """A guessed mapping and its reasons."""
 
     mapping: Mapping
+    """The mapping."""
+
     remarks: list[str]
+    """One text for each reason."""
 
 
 def guess_columns(
     columns: TableColumns, clock: Clock | None = None, *, needs_command: bool = True
 ) -> Guess:
-    """Return a mapping of the columns of a table by their names and units.
+    """Return a guessed mapping of the columns of a table.
 
     Parameters
     ----------
+    columns
+        The table.
     clock
-        The clock, if it is known.
+        The clock; None to guess it.
     needs_command
-        Whether the drive is one that a position command is needed for.
+        Whether the drive needs a position command.
 
     Raises
     ------
     ValueError
-        When no column seems to be the position, or a command or position error that is needed, or
-        a column looks like the time and is not a clock.
+        If no column seems to be the position or the needed command, or if a column seems to be
+        the time but is not a clock.
     """
     remarks = [f"column {name!r} holds no numbers" for name in columns.texts]
     if clock is None:
@@ -135,7 +140,7 @@ def guess_columns(
 def _chosen(
     columns: TableColumns, clock: Clock, kinds: ByName[str, set[str]], remarks: list[str]
 ) -> dict[str, str]:
-    """Return the columns by quantity: by physics where the motion shows it, else by their names."""
+    """Return the columns by quantity, from the motion if it identifies them, else by name."""
     joints = _joints(columns, clock, list(kinds))
     physical = dict(joints[0].columns) if joints else {}
     if not joints:
@@ -151,7 +156,7 @@ def _chosen(
             if quantity in quantities and not quantities & without and name not in taken.values()
         ]
         if able and quantity not in taken:
-            # In a table with several joints, columns with the position's words belong to its joint.
+            # With several joints, columns that share words with the position belong to its joint.
             position = words_of(taken.get("position", ""))
             taken[quantity] = max(able, key=lambda name: len(words_of(name) & position))
             able.remove(taken[quantity])
@@ -174,7 +179,7 @@ def _chosen(
 
 
 def _joints(columns: TableColumns, clock: Clock, names: list[str]) -> list[JointColumns]:
-    """Return the joints that the motion in some columns shows."""
+    """Return the joints identified by the motion in some columns."""
     if clock.source:
         stamps = columns.stamps(clock)
         steps = np.abs(np.diff(stamps[stamps != NO_STAMP]))
@@ -192,22 +197,22 @@ def _joints(columns: TableColumns, clock: Clock, names: list[str]) -> list[Joint
 def guess_topics(
     topics: ByName[str, str], joints: ByName[str, list[str]], *, needs_command: bool = True
 ) -> Guess:
-    """Return a mapping of the topics of a bag by their types and names.
+    """Return a guessed mapping of the topics of a bag, by their types and names.
 
     Parameters
     ----------
     topics
         Types by topic.
     joints
-        Names of the joints by topic of type ``sensor_msgs/msg/JointState``, the one that moves
-        most first.
+        Names of the joints, by decreasing travel, by topic of type
+        ``sensor_msgs/msg/JointState``.
     needs_command
-        Whether the drive is one that a position command is needed for.
+        Whether the drive needs a position command.
 
     Raises
     ------
     ValueError
-        When there is no joint state, or no topic that seems to be the required command.
+        If there is no joint state, or no topic seems to be the needed command.
     """
     remarks: list[str] = []
     states = [name for name, names in joints.items() if names]
@@ -220,11 +225,10 @@ def guess_topics(
             f"{lacking}; topics: {listed}: write a mapping by hand, the examples show how"
         )
     topic = states[0]
-    joint, *others = [*joints[topic], *states[1:]]
-    if others:
-        remarks.append(
-            f"joint {joint!r} on {topic} is a guess, it moves most; others: {', '.join(others)}"
-        )
+    joint, *alternatives = [*joints[topic], *states[1:]]
+    if alternatives:
+        listed = ", ".join(alternatives)
+        remarks.append(f"joint {joint!r} on {topic} is a guess, it moves most; others: {listed}")
     if command is None:
         remarks.append(_NO_COMMAND)
     elif command.source.endswith("[0]"):
@@ -247,7 +251,7 @@ def refine(
     stamps_ns: NDArray[np.int64],
     description: ActuatorDescription,
 ) -> Guess:
-    """Return a guess with units, signs and shafts by which its columns agree with each other."""
+    """Return a guess with the units, signs and shafts that make its columns agree."""
     mapping, remarks = guess.mapping, list(guess.remarks)
     for name in ("position", "command", "error", "speed"):
         source = getattr(mapping, name)
@@ -287,7 +291,7 @@ def refine(
     motion = moving(mapping)
     if mapping.current is not None and motion is not None:
         if description.drive == "unknown":
-            # Inertia and friction of such a drive are not known: only the sign can be found.
+            # Inertia and friction of such a drive are unknown: only the sign can be determined.
             dissipation = motion.dissipation
             relation = None if dissipation is None else (1.0, dissipation)
         else:
@@ -298,7 +302,10 @@ def refine(
 
 
 def _encoding(values: NDArray[np.float64]) -> str:
-    """Return how a register has the sign of its values: the negative ones are far above others."""
+    """Return the encoding of a signed register read as unsigned; empty if there is none.
+
+    Negative values of such a register are far above its positive values.
+    """
     values = values[np.isfinite(values)]
     for bits in (16, 32):
         half = 2.0 ** (bits - 1)
@@ -319,7 +326,7 @@ def _refined(
     description: ActuatorDescription,
     remarks: list[str],
 ) -> CurrentSource:
-    """Return a current with the sign, and the torque's shaft, that inertia and friction need."""
+    """Return a current with the sign and shaft that inertia and friction require."""
     if relation is None or abs(relation[1]) < 0.4:
         remarks.append("sign and unit of the current cannot be checked")
         return current
@@ -359,7 +366,7 @@ def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
 def _command_topic(topics: ByName[str, str]) -> AngleSource | None:
     for name in sorted(topics, key=lambda name: "command" not in roles_of(name)):
         if path := _COMMANDS.get(topics[name]):
-            # A set point of a type without a stamp is held until the next one.
+            # A set point of a type without a stamp is held until the next message.
             between = "hold" if topics[name].startswith("std_msgs") else "linear"
             return AngleSource(path, name, between=between)
     return None

@@ -1,4 +1,4 @@
-"""The clock of a table, guessed from names, units and values."""
+"""Guess of the clock of a table from names, units and values."""
 
 import re
 from typing import Any, Final
@@ -14,7 +14,7 @@ from ema_core.wording import counted
 
 _EPOCHS: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s"))
 _LEAST_STEP_S: Final = 9.5e-5
-"""Steps of a time without a unit that is taken for seconds: faster logs state their unit [s]."""
+"""Smallest step of a time without a unit that is read as seconds; faster logs state a unit [s]."""
 
 _FASTEST_NS: Final = 1e4
 _SLOWEST_NS: Final = 1e9
@@ -23,12 +23,12 @@ _STEPS: Final = ((5e4, "ns"), (50.0, "us"), (0.2, "ms"))
 
 
 def guess_clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[str]]:
-    """Return the clock and the names of the other columns.
+    """Return the clock and the names of the remaining columns.
 
     Raises
     ------
     ValueError
-        When a column looks like the time, and none is a clock.
+        If a column seems to be the time, but no column is a clock.
     """
     names = list(columns.values)
     named = [name for name in names if name in columns.dates or _is_time(columns, name)]
@@ -69,19 +69,19 @@ def guess_clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[
 
 
 def _is_time(columns: TableColumns, name: str) -> bool:
-    """Return whether a column is a time by its name, and by its unit if it has one."""
+    """Return whether name and unit, if any, of a column denote a time."""
     unit = unit_of(columns.units.get(name, "")) or unit_in_name(name)
     return "time" in roles_of(name) and (not unit or unit in TIMES_NS)
 
 
 def _may_be_time(columns: TableColumns, name: str) -> bool:
-    """Return whether a column may be a time: it has no unit of another quantity."""
+    """Return whether a column may be a time: it has no unit of a different quantity."""
     unit = columns.units.get(name, "")
     return not unit or unit.lower() in _NO_UNITS or unit_of(unit) in TIMES_NS
 
 
 def _dated(columns: TableColumns, named: list[str]) -> list[str]:
-    """Return the sum of a column of days and one of times of day, if there are both."""
+    """Return the sum of a column of days and a column of times of day, if both exist."""
     of_day = [name for name in named if name in columns.of_day]
     days = [
         name
@@ -94,7 +94,7 @@ def _dated(columns: TableColumns, named: list[str]) -> list[str]:
 
 
 def _clock_of(columns: TableColumns, name: str) -> Clock:
-    """Return the clock of a column: with the unit of its name, or by the size of its values."""
+    """Return the clock of a column, with the unit from its name or from the size of its values."""
     if name not in columns.values or name in columns.dates:
         return Clock(name, "ns")
     is_named = _is_time(columns, name)
@@ -116,12 +116,12 @@ def _clock_of(columns: TableColumns, name: str) -> Clock:
 
 
 def _time_unit(columns: TableColumns, name: str) -> str:
-    """Return the unit of a time that its heading gives; empty without one.
+    """Return the unit of a time in its heading; empty without a unit.
 
     Raises
     ------
     ValueError
-        When it is none that is known.
+        If the unit is unknown.
     """
     text = columns.units.get(name, "")
     first = re.split(r"[\s,;]", text.strip())[0].strip(".")
@@ -135,20 +135,20 @@ def _time_unit(columns: TableColumns, name: str) -> str:
 
 
 def _is_clock(columns: TableColumns, clock: Clock) -> bool:
-    """Return whether times grow from row to row, or go back: the newest row is the first."""
+    """Return whether times ascend from row to row, or descend (newest row first)."""
     stamps = columns.stamps(clock)
     steps = np.diff(stamps[stamps != NO_STAMP])
     return len(steps) > 0 and bool(np.mean(steps > 0) > 0.9 or np.mean(steps < 0) > 0.9)
 
 
 def _counts(values: NDArray[Any]) -> bool:
-    """Return whether values number the rows."""
+    """Return whether values are numbers of rows."""
     steps = np.diff(values[np.isfinite(values)])
     return len(steps) > 0 and bool(np.mean(steps == 1) > 0.9)
 
 
 def _disorder(columns: TableColumns, name: str) -> str:
-    """Return why times that do not grow are not a clock."""
+    """Return why a column of times is not a clock."""
     if name in columns.texts:
         cells = columns.texts[name]
         return f"its cells are no times: {next((cell for cell in cells if cell == cell), '')!r}"
@@ -167,9 +167,9 @@ def _disorder(columns: TableColumns, name: str) -> str:
 
 
 def _epoch_of(values: NDArray[Any]) -> str:
-    """Return the unit of times that count from another year than 1970; empty if they do not.
+    """Return the unit of times with an epoch other than 1970; empty if there is none.
 
-    They are of the years 2000 to 2060, at a rate that somebody samples with.
+    Such times lie in the years 2000 to 2060, at a plausible sample rate.
     """
     finite = values[np.isfinite(values)].astype(float)
     if len(finite) < 2:
@@ -185,7 +185,7 @@ def _epoch_of(values: NDArray[Any]) -> str:
 
 
 def _step_of(values: NDArray[Any]) -> float:
-    """Return the usual size of the steps of a column; 0 without two values."""
+    """Return the median step of a column; 0 with fewer than two values."""
     finite = values[np.isfinite(values)].astype(float)
     return abs(float(np.median(np.diff(finite)))) if len(finite) > 1 else 0.0
 
@@ -208,7 +208,7 @@ def _unit_of_times(values: NDArray[Any]) -> str:
     finite = values[np.isfinite(values)].astype(float)
     step = abs(float(np.median(np.diff(finite)))) if len(finite) > 1 else 0.0
     for least, unit in _EPOCHS:
-        # Since 1970, and at a rate that somebody samples with.
+        # Since 1970, and at a plausible sample rate.
         if abs(finite[-1]) > least and _FASTEST_NS < step * TIMES_NS[unit] < _SLOWEST_NS:
             return unit
     return next((unit for least, unit in _STEPS if step > least), "s")

@@ -5,30 +5,25 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class InputDefect:
-    """Something wrong.
-
-    Attributes
-    ----------
-    name
-        Its stable name, by which a mapping can accept it.
-    text
-        What is wrong, with values.
-    remedy
-        What to write in the mapping, or where else to look.
-    is_error
-        Whether estimates would be wrong; else it costs some data, or is worth knowing.
-    is_certain
-        Whether more motion cannot refute it: only then live telemetry is withheld.
-    needs_action
-        Whether the user should change or check something; else it is worth knowing only.
-    """
+    """A defect of a mapping or of its data."""
 
     name: str
+    """Stable name, by which a mapping can accept the defect."""
+
     text: str
+    """Description, with values."""
+
     remedy: str
+    """Correction of the mapping, or the next thing to check."""
+
     is_error: bool = True
+    """Whether estimates would be wrong; else some data are lost, or it is a remark."""
+
     is_certain: bool = True
+    """Whether more motion cannot refute the defect; only then live telemetry is withheld."""
+
     needs_action: bool = True
+    """Whether the user should change or check something; else the defect is a remark."""
 
     def __str__(self) -> str:
         return f"{self.name}: {self.text}: {self.remedy}"

@@ -1,4 +1,4 @@
-"""Joint states of a robot, read once for all of its joints."""
+"""Joint states of a robot, read once for all joints."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -11,13 +11,13 @@ from ema_bags.inputs.series import NO_STAMP, Series
 from ema_core.wording import counted
 
 FIELDS: Final = ("position", "velocity", "effort")
-"""Arrays of ``sensor_msgs/msg/JointState``, with a value for each joint."""
+"""Arrays of ``sensor_msgs/msg/JointState`` with a value for each joint."""
 
 _MOST_ORDERS: Final = 100
 
 
 def reads_joint_states(mapping: Mapping) -> bool:
-    """Return whether all that a mapping reads of a joint stands in one topic of joint states."""
+    """Return whether a mapping reads all quantities of a joint from one topic of joint states."""
     return mapping.clock.source in ("", *CLOCKS) and all(
         item.topic == mapping.position.topic
         and text in FIELDS
@@ -29,8 +29,8 @@ def reads_joint_states(mapping: Mapping) -> bool:
 class JointStates:
     """Reads messages of joint states for several joints.
 
-    Two publishers may share the topic, each with joints of its own. The order of the joints may
-    change from message to message.
+    Two publishers may share the topic, with different joints. The order of the joints may change
+    from message to message.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class JointStates:
         self._columns = {
             joint: JointColumns(self, joint, mapping.position.type) for joint in mapping.joints
         }
-        # By the names in a message: where each joint stands in it, -1 where it does not.
+        # Index of each joint in a message by the names in the message, -1 if absent.
         self._orders: dict[tuple[str, ...], NDArray[np.intp]] = {}
         self._rows: list[tuple[int, int, NDArray[np.intp], list[Any]]] = []
 
@@ -61,7 +61,15 @@ class JointStates:
         return self._columns[joint]
 
     def add(self, message: Any, sent_ns: int, received_ns: int) -> None:
-        """Add a message; arguments as of `Collector.add`."""
+        """Add a message.
+
+        Parameters
+        ----------
+        message
+            The message.
+        sent_ns, received_ns
+            Times of publication, 0 if unknown, and of reception [ns].
+        """
         names = tuple(message.name)
         order = self._orders.get(names)
         if order is None:
@@ -80,7 +88,7 @@ class JointStates:
         )
 
     def share(self) -> None:
-        """Give each joint what was added since the last call."""
+        """Distribute the messages since the previous call to the joints."""
         rows, self._rows = self._rows, []
         first = 0
         for last in range(1, len(rows) + 1):
@@ -112,17 +120,17 @@ class JointStates:
 
 
 def _form(row: tuple[int, int, NDArray[np.intp], list[Any]]) -> tuple[int, ...]:
-    """Return what rows have in common that are converted at once."""
+    """Return a key that is equal for rows that can be converted at once."""
     return (id(row[2]), *map(len, row[3]))
 
 
 class JointColumns:
-    """Series of one of the joints; to a bridge, a `Collector`.
+    """Series of one joint, with the methods of a `Collector` that a bridge needs.
 
     Attributes
     ----------
     missed
-        Messages without the joint: another publisher's, or since it has gone.
+        Number of messages without the joint.
     """
 
     def __init__(self, states: JointStates, joint: str, kind: str) -> None:
@@ -145,12 +153,12 @@ class JointColumns:
 
     @property
     def types(self) -> dict[str, str]:
-        """Type of the topic, if the mapping gives it, else empty."""
+        """Type of the topic; empty if the mapping does not state it."""
         return {self._states.topic: self._kind}
 
     @property
     def names_topics(self) -> list[str]:
-        """No topics: joint states have the names."""
+        """Empty: joint states have the names."""
         return []
 
     def give(self, series: Series) -> None:
@@ -159,12 +167,12 @@ class JointColumns:
         self._series.append(series)
 
     def take(self) -> dict[str, Series]:
-        """Return the series since the last call, by topic."""
+        """Return the series since the previous call, by topic."""
         series, self._series = self._series, []
         return {self._states.topic: sum(series, start=self._empty)}
 
     def problem(self) -> str:
-        """Return how many messages were without the joint, where all were; empty otherwise."""
+        """Return a text if all messages lack the joint, with their number; else empty."""
         if self.received or not self.missed:
             return ""
         return f"joint {self._joint!r} is in none of {counted(self.missed, 'message')}"

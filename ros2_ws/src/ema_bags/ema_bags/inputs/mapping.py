@@ -1,4 +1,4 @@
-"""What each column of telemetry is made of, in files, bags and topics of other makes."""
+"""Mapping from third-party files, bags and topics to the columns of telemetry."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -28,10 +28,10 @@ EPOCHS: Final = {
     **{"excel_day": 25_569, "matlab_day": 719_529, "s_1904": 2_082_844_800},
     **{"filetime": 116_444_736_000_000_000, "dotnet_ticks": 621_355_968_000_000_000},
 }
-"""The beginning of 1970 in the units that do not count from it."""
+"""The beginning of 1970 in units with a different epoch."""
 
 SHAFTS: Final = ("user", "motor")
-"""Where an angle or speed is measured."""
+"""Shafts at which an angle or speed is measured."""
 
 ENCODINGS: Final = {
     "": (0, 0),
@@ -40,11 +40,11 @@ ENCODINGS: Final = {
     "twos_complement_16": (1 << 15, 2),
     "twos_complement_32": (1 << 31, 2),
 }
-"""Registers that are read as if they had no sign: the sign's bit, and how often it is taken off
-(or, with the number's sign, once)."""
+"""Signed registers read as unsigned: the sign bit, and how often it is subtracted (once for a sign
+bit, twice for a two's complement)."""
 
 CLOCKS: Final = ("header", "sent", "arrival")
-"""Clocks of topics: the stamp in the message, when it was sent, when it was received."""
+"""Clocks of topics: stamp in the message, time of publication, time of reception."""
 
 DEFECTS: Final = (
     *("current_zero", "command_frozen", "position_frozen", "speed_frozen", "current_frozen"),
@@ -56,7 +56,7 @@ DEFECTS: Final = (
     *("position_jumps", "impossible_samples", "temperature_range"),
     *("two_publishers", "values_repeat"),
 )
-"""Names of the defects that are errors, which a mapping can accept."""
+"""Names of defects that are errors and that a mapping can accept."""
 
 _ANY_JOINT: Final = "{joint}"
 _QUANTITIES: Final = ("position", "command", "error", "speed", "current")
@@ -64,21 +64,21 @@ _KINDS: Final = (
     *("equivalent", "i_q", "phase_currents", "motor_torque", "joint_torque", "magnitude"),
     "force",
 )
-# i_q as the peak of a phase current, its root mean square, or the peak times sqrt(3/2) by the
+# Conventions of i_q: peak or root mean square of a phase current, or peak times sqrt(3/2) in the
 # power-invariant transformation.
 _AMPLITUDES: Final = ("", "peak", "rms", "power")
-# Shown in the text of a mapping even if they have their default.
+# Written to the text of a mapping even with their default values.
 _ALWAYS_SHOWN: Final = ("unit", "shaft", "sampling", "kind")
 
 
 @dataclass(frozen=True)
 class Source(Checked):
-    """Where a number comes from; its value in SI units is ``sign scale unit raw + offset``.
+    """Source of a quantity; its value in SI units is ``sign scale unit raw + offset``.
 
     Raises
     ------
     ValueError
-        When a value is impossible; the message names it, its value and what is expected.
+        If a value is impossible; the message names the entry, its value and the expectation.
     """
 
     source: str = text("", "column of a table, or path of a field in a message")
@@ -103,8 +103,8 @@ class Source(Checked):
             for path in filter(None, self.numbers().values()):
                 FieldPath(path)
         elif self.type or self.names_topic:
-            given = "type" if self.type else "names_topic"
-            raise ValueError(f"{given} = {getattr(self, given)!r} without topic: expected both")
+            entry = "type" if self.type else "names_topic"
+            raise ValueError(f"{entry} = {getattr(self, entry)!r} without topic: expected both")
 
     def numbers(self, name: str = "") -> dict[str, str]:
         """Return the columns, or paths of fields, that are read for a quantity, by key."""
@@ -113,7 +113,7 @@ class Source(Checked):
 
 @dataclass(frozen=True)
 class _ShaftSource(Source):
-    """Source of an angle or speed; of a length the lead makes an angle."""
+    """Source of an angle or speed; a lead converts a length to an angle."""
 
     shaft: str = text("user", "shaft of the angle or speed", SHAFTS)
     lead: float = quantity(0.0, "m", 0.0, 10.0, "of a length, if the description has none")
@@ -141,12 +141,12 @@ class SpeedSource(_ShaftSource):
 
 @dataclass(frozen=True)
 class CurrentSource(Source):
-    """Source of the current, what it is, and how it was sampled.
+    """Source of the current, with its kind and sampling.
 
     Raises
     ------
     ValueError
-        When the unit does not fit the kind, or an entry of the kind is missing or does not apply.
+        If the unit does not fit the kind, or an entry of the kind is missing or does not apply.
     """
 
     unit: str = text("A", "unit of the source", (*CURRENTS, *TORQUES, *FORCES))
@@ -164,7 +164,7 @@ class CurrentSource(Source):
         if self.kind == "force":
             units = FORCES
         elif self.kind in ("equivalent", "magnitude"):
-            # An effort in any unit: only a drive whose controller is known needs amperes.
+            # An effort in any unit: only drives with a modelled controller need amperes.
             units = CURRENTS | TORQUES | FORCES
         if self.unit not in units:
             raise ValueError(
@@ -203,7 +203,7 @@ class TemperatureSource(Source):
 
 @dataclass(frozen=True)
 class Clock(Checked):
-    """When samples were taken; ValueError where a value is impossible."""
+    """Clock of the samples; an impossible value raises ValueError."""
 
     source: str = text("", "column of a table; header, sent, arrival or a field path of a message")
     unit: str = text("s", "unit of a column or field", (*TIMES_NS, *ORDERS))
@@ -212,7 +212,7 @@ class Clock(Checked):
 
 @dataclass(frozen=True)
 class Table(Checked):
-    """How a table is written, empty: as it looks; ValueError where a value is impossible."""
+    """Format of a table; empty entries are detected, and an impossible value raises ValueError."""
 
     separator: str = text("", "character between the columns", ("", ",", ";", "\t", "|", " "))
     decimal: str = text("", "decimal sign", ("", ".", ","))
@@ -221,25 +221,25 @@ class Table(Checked):
 
 @dataclass(frozen=True)
 class Mapping(Checked):
-    """What the columns of telemetry are made of.
+    """Sources of the columns of telemetry.
 
     Attributes
     ----------
     position
-        Angle of the user shaft, or of the motor.
+        Angle of the user shaft or of the motor shaft.
     command, error
-        The command, or instead of it the position error, command less position. A drive whose
+        The command, or instead the position error (command minus position). A drive whose
         controller is unknown may have neither.
     speed, current, temperature
-        None where they are not measured.
+        None if not measured.
     joints
-        Instead of one joint several, each an actuator of its own.
+        Several joints instead of one, each a separate actuator.
 
     Raises
     ------
     ValueError
-        When command and error are both given, sources are partly columns and partly topics, or a
-        name to accept is not a defect's name.
+        If both command and error are given, if sources are partly columns and partly topics, or
+        if a name in ``accept`` is not the name of a defect.
     """
 
     position: AngleSource
@@ -266,9 +266,9 @@ class Mapping(Checked):
                 "position error"
             )
         if self.joints and (self.joint or len(set(self.joints)) < len(self.joints)):
-            given = f"joint = {self.joint!r} and " if self.joint else ""
+            joint = f"joint = {self.joint!r} and " if self.joint else ""
             raise ValueError(
-                f"{given}joints = {list(self.joints)}: expected one joint, or different ones"
+                f"{joint}joints = {list(self.joints)}: expected one joint, or different ones"
             )
         sources = dict(self.sources())
         for name, item in sources.items():
@@ -300,9 +300,12 @@ class Mapping(Checked):
         return not self.position.topic
 
     def of_joint(self, name: str) -> Self:
-        """Return the mapping of one of its joints; ValueError where it has others.
+        """Return the mapping of one joint; without ``joints``, the unchanged mapping.
 
-        It is the mapping itself where it has no joints.
+        Raises
+        ------
+        ValueError
+            If ``joints`` does not contain the name.
         """
         if not self.joints:
             return self
@@ -312,7 +315,7 @@ class Mapping(Checked):
 
     @property
     def acquisition(self) -> Acquisition:
-        """How the telemetry is acquired."""
+        """Acquisition of the telemetry."""
         current, speed = self.measured_current, self.speed is not None
         if current is None:
             return Acquisition("none", 0.0, speed, self.has_command)
@@ -321,7 +324,7 @@ class Mapping(Checked):
 
     @property
     def has_command(self) -> bool:
-        """Whether the command, or the position error, is mapped."""
+        """Whether the command or the position error is mapped."""
         return self.command is not None or self.error is not None
 
     @property
@@ -345,7 +348,7 @@ class Mapping(Checked):
             yield "temperature", self.temperature
 
     def wanted(self) -> Iterator[tuple[str, str, Source]]:
-        """Yield a key, the source as a text and its section for every number that is read."""
+        """Yield key, source text and section of every number to read."""
         for name, item in self.sources():
             for key, path in item.numbers(name).items():
                 yield key, path.replace(_ANY_JOINT, item.joint or self.joint), item
@@ -357,23 +360,23 @@ def load_mapping(path: Path) -> Mapping:
     Raises
     ------
     ValueError
-        When the file cannot be read or is not a mapping; the message names the file.
+        If the file cannot be read or is not a mapping; the message names the file.
     """
     return load_settings(path, "mapping file", Mapping)
 
 
 def mapping_text(mapping: Mapping) -> str:
-    """Return a mapping as the text of a file, without default values except units."""
+    """Return a mapping as the text of a YAML file, without default values except units."""
     return yaml.safe_dump(_shown(mapping), sort_keys=False, allow_unicode=True)
 
 
 def _shown(part: Any) -> dict[str, Any]:
-    words: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     for item in fields(part):
         value = getattr(part, item.name)
         if is_dataclass(value):
             value = _shown(value)
         always = item.name in _ALWAYS_SHOWN and isinstance(part, Source)
         if always or (value != item.default and value not in (None, {}, "")):
-            words[item.name] = list(value) if isinstance(value, tuple) else value
-    return words
+            entries[item.name] = list(value) if isinstance(value, tuple) else value
+    return entries

@@ -23,42 +23,37 @@ _SURE_S: Final = 5.0
 
 @dataclass(frozen=True, eq=False)
 class ThinnedMotion:
-    """Columns thinned to steps of about 10 ms, within which nothing is missing.
-
-    Attributes
-    ----------
-    command, position
-        At the ends of the steps, ``(m, 2)`` [rad]; the command is empty, ``(0, 2)``, if there is
-        none.
-    angle
-        What the motor turned within each step by the speed, on the user shaft, ``(m,)`` [rad];
-        empty without speed.
-    current
-        Mean current of each step, ``(m,)`` [A]; None without current.
-    seconds
-        Length of each step, ``(m,)`` [s].
-    joins
-        Whether a step begins where the one before ends, ``(m,)``.
-    tau
-        Gear ratio of the description.
-    """
+    """Columns thinned to steps of about 10 ms without missing samples."""
 
     command: NDArray[np.float64]
+    """Command at start and end of each step, ``(m, 2)`` [rad]; ``(0, 2)`` without a command."""
+
     position: NDArray[np.float64]
+    """Position at start and end of each step, ``(m, 2)`` [rad]."""
+
     angle: NDArray[np.float64]
+    """Integral of the speed over each step, on the user shaft, ``(m,)`` [rad]; empty without."""
+
     current: NDArray[np.float64] | None
+    """Mean current of each step, ``(m,)`` [A]; None without a current."""
+
     seconds: NDArray[np.float64]
+    """Length of each step, ``(m,)`` [s]."""
+
     joins: NDArray[np.bool_]
+    """Whether a step begins at the end of the previous step, ``(m,)``."""
+
     tau: float
+    """Gear ratio of the description [-]."""
 
     @classmethod
     def of(
         cls, columns: dict[str, NDArray[np.float64]], stamps_ns: NDArray[np.int64], tau: float
     ) -> "ThinnedMotion | None":
-        """Return the motion in columns in SI units; None where there are too few samples."""
+        """Return the motion in columns in SI units; None with too few samples."""
         names = [name for name, values in columns.items() if len(values)]
         finite = np.all([np.isfinite(columns[name]) for name in names], axis=0)
-        given = {name: columns[name][finite] for name in names}
+        present = {name: columns[name][finite] for name in names}
         times = (stamps_ns[finite] - stamps_ns[0]).astype(float) * 1e-9
         if len(times) < _LEAST_POINTS:
             return None
@@ -79,19 +74,19 @@ class ThinnedMotion:
             return (sums[ends + 1] - sums[starts + 1]) / stride
 
         angle = np.empty(0)
-        if "speed" in given:
-            # Trapezoids: the speed is that at the end of each sample.
-            speed = given["speed"]
+        if "speed" in present:
+            # Trapezoidal rule: each speed is the speed at the end of its sample.
+            speed = present["speed"]
             halves = np.concatenate([[speed[0]], (speed[1:] + speed[:-1]) / 2.0])
             angle = means(halves) * seconds * tau
         joins = np.concatenate([[False], starts[1:] == ends[:-1]])
         return cls(
-            np.column_stack([given["command"][starts], given["command"][ends]])
-            if "command" in given
+            np.column_stack([present["command"][starts], present["command"][ends]])
+            if "command" in present
             else np.empty((0, 2)),
-            np.column_stack([given["position"][starts], given["position"][ends]]),
+            np.column_stack([present["position"][starts], present["position"][ends]]),
             angle,
-            means(given["current"]) if "current" in given else None,
+            means(present["current"]) if "current" in present else None,
             seconds,
             joins,
             tau,
@@ -104,24 +99,25 @@ class ThinnedMotion:
 
     @property
     def turned(self) -> float:
-        """What the user shaft turns in all by the speed [rad]."""
+        """Total rotation of the user shaft by the speed [rad]."""
         return float(np.sum(np.abs(self.angle)))
 
     @property
     def fastest(self) -> float:
-        """Largest speed of the user shaft, from the motor's [rad/s]; 0 without a speed."""
+        """Largest speed of the user shaft, from the motor speed [rad/s]; 0 without a speed."""
         return float(np.max(np.abs(self.angle) / self.seconds)) if self.has_speed else 0.0
 
     def travel(self, name: str) -> float:
-        """Return the range of the command or position [rad]; 0 without one."""
+        """Return the range of the command or position [rad]; 0 if it is missing."""
         values = getattr(self, name)
         return float(np.ptp(values)) if len(values) else 0.0
 
     @property
     def gain(self) -> float | None:
-        """How far the position moves over how far the command moves; None without motion.
+        """Ratio of the range of the position to the range of the command [-].
 
-        Negative where they move in opposite directions; None where one does not follow the other.
+        It is negative if they move in opposite directions. It is None without motion, or if the
+        position does not follow the command.
         """
         command, position = self.command[:, 1], self.position[:, 1]
         if not len(command) or np.ptp(command) <= 0.0 or np.ptp(position) <= 0.0:
@@ -135,9 +131,10 @@ class ThinnedMotion:
 
     @property
     def speed_ratio(self) -> float | None:
-        """Motion of the position divided by the motor's motion from its speed; ideally 1.
+        """Ratio of the position change to the integral of the motor speed, ideally 1 [-].
 
-        None without speed or fast motion. In fast motion the gear rests on one flank.
+        Only fast motion is used, in which the gear rests on one flank. It is None without speed or
+        fast motion.
         """
         if not self.has_speed:
             return None
@@ -157,8 +154,8 @@ class ThinnedMotion:
         """Travel of each stroke by the position, and by the speed, ``(k, 2)`` [rad].
 
         A stroke is a motion between two reversals of the position. Reversals below 5 % of the
-        range, and strokes below 20 % of the longest, do not count. Without speed the second column
-        is 0. A lag, an elastic gear and the play hardly change the travel of a whole stroke.
+        range and strokes below 20 % of the longest stroke are ignored. Without speed the second
+        column is 0. Lag, an elastic gear and backlash hardly change the travel of a whole stroke.
         """
         ends = _reversals(self.position[:, 1])
         steps = self.position[:, 1] - self.position[:, 0]
@@ -170,9 +167,9 @@ class ThinnedMotion:
 
     @cached_property
     def stroke_ratio(self) -> float | None:
-        """Travel by the position over travel by the speed, of all strokes; 1 if all is right.
+        """Median ratio of travel by the position to travel by the speed, ideally 1 [-].
 
-        None without speed or without strokes.
+        It is None without speed or strokes.
         """
         strokes = self.strokes
         moved = strokes[np.abs(strokes[:, 1]) > 0.0]
@@ -187,8 +184,8 @@ class ThinnedMotion:
     def dissipation(self) -> float | None:
         """Correlation of the current with the speed, without inertia, gravity and constant load.
 
-        Friction dissipates, so that it is above 0 if the sign of the current is right. None
-        without current, or without fast motion in both directions.
+        Friction dissipates energy: the correlation is positive if the sign of the current is
+        right. It is None without current, or without fast motion in both directions.
         """
         if self.current is None:
             return None
@@ -203,9 +200,9 @@ class ThinnedMotion:
         acceleration = np.gradient(speed)[chosen]
         angle = self.position[chosen, 0]
         terms = [np.ones(len(angle)), angle, np.sin(angle), np.cos(angle), acceleration]
-        others = np.column_stack([term / max(np.max(np.abs(term)), 1e-300) for term in terms])
+        matrix = np.column_stack([term / max(np.max(np.abs(term)), 1e-300) for term in terms])
         both = np.column_stack([speed[chosen], self.current[chosen]])
-        left = both - others @ np.linalg.lstsq(others, both, rcond=None)[0]
+        left = both - matrix @ np.linalg.lstsq(matrix, both, rcond=None)[0]
         sizes = np.sqrt(np.sum(left**2, axis=0))
         if np.any(sizes <= 1e-9 * np.sqrt(np.sum(both**2, axis=0))):
             return None
@@ -213,10 +210,11 @@ class ThinnedMotion:
 
     @property
     def work_share(self) -> float:
-        """Net work of the effort over the work of its magnitude, -1 to 1; 0 without current.
+        """Net work of the effort over the work of its magnitude, -1 to 1 [-]; 0 without current.
 
-        Kinetic energy and the energy of gravity return to where they were, friction takes energy:
-        below 0 the effort would gain energy from the motion. A constant load is left out.
+        Kinetic and potential energy return to their initial values, and friction dissipates
+        energy: a negative value would mean that the effort gains energy from the motion. A
+        constant load is subtracted.
         """
         if self.current is None:
             return 0.0
@@ -226,9 +224,10 @@ class ThinnedMotion:
         return float(np.sum(work)) / size if size > 0.0 else 0.0
 
     def current_against_torque(self, p: ActuatorParameters) -> tuple[float, float] | None:
-        """Return the current divided by the need of inertia and friction, and their correlation.
+        """Compare the current with the current that inertia and friction require.
 
-        None without current or motion.
+        Return the ratio of their root mean squares and their correlation [-]; None without current
+        or motion.
         """
         if self.current is None:
             return None
@@ -236,7 +235,7 @@ class ThinnedMotion:
         omega = steps / self.seconds / self.tau
         acceleration = np.zeros(len(omega))
         middles = (self.seconds[1:] + self.seconds[:-1]) / 2.0
-        # Of this step and the next: the current of this one is between both accelerations.
+        # Mean of two changes of speed: the current of a step belongs between them.
         change = np.diff(omega) / middles
         change[~self.joins[1:]] = 0.0
         acceleration[:-1] += change / 2.0
@@ -256,7 +255,7 @@ class ThinnedMotion:
 
 
 def _reversals(position: NDArray[np.float64]) -> list[int]:
-    """Return the first sample, where a position reverses, and the last sample."""
+    """Return the indices of the first sample, of the reversals, and of the last sample."""
     least = _REVERSAL * float(np.ptp(position))
     if least <= 0.0:
         return []

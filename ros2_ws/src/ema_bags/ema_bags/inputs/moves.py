@@ -1,4 +1,4 @@
-"""Tables with one row a move, of drives that log no samples: tests in order of time, by unit."""
+"""Tests of units from tables with one row per move, of drives that log no samples."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +17,12 @@ from ema_core.wording import unknown_name
 
 @dataclass(frozen=True)
 class MovesMapping(Checked):
-    """The meaning of the columns of a table of moves.
+    """Meaning of the columns of a table of moves.
 
     Raises
     ------
     ValueError
-        When time or figures are missing, or the unit of time is unknown.
+        If time or figures are missing, or the unit of time is unknown.
     """
 
     time: str = text("", "time of the move: dates, or numbers in ``time_unit``")
@@ -39,25 +39,25 @@ class MovesMapping(Checked):
 
 
 def load_moves_mapping(path: Path) -> MovesMapping:
-    """Read a mapping.
+    """Read the mapping of a table of moves.
 
     Raises
     ------
     ValueError
-        When it cannot be read or is not a mapping; the message names the file.
+        If the file cannot be read or is not a mapping; the message names the file.
     """
     return load_settings(path, "mapping file", MovesMapping)
 
 
 def read_moves(path: Path, mapping: MovesMapping) -> dict[str, list[Move]]:
-    """Return the tests of each unit, in order of time; figures are named with their conditions.
+    """Return the tests of each unit in the order of time; names of figures include conditions.
 
     Raises
     ------
     ValueError
-        When the file is not a table, a column is missing or not numeric, or a row has no time.
+        If the file is not a table, a column is missing or not numeric, or a row has no time.
     OSError
-        When it cannot be read.
+        If the file cannot be read.
     """
     import pandas as pd
 
@@ -79,11 +79,11 @@ def read_moves(path: Path, mapping: MovesMapping) -> dict[str, list[Move]]:
         figures: dict[str, float] = {}
         groups = rows.groupby(list(mapping.like)) if mapping.like else [((), rows)]
         for key, alike in groups:
-            of = ", ".join(
+            condition = ", ".join(
                 f"{name} {value:g}" for name, value in zip(mapping.like, key, strict=True)
             )
             for figure in mapping.figures:
-                label = f"{figure} ({of})" if of else figure
+                label = f"{figure} ({condition})" if condition else figure
                 figures[label] = float(np.nanmedian(alike[figure]))
         by_name.setdefault(str(name), []).append(Move(int(rows["stamp"].min()), figures))
     for series in by_name.values():

@@ -1,4 +1,4 @@
-"""What the names of columns say: their quantity, whether it is commanded, and their unit."""
+"""Quantity, role and unit of columns from their names."""
 
 import re
 from typing import Final
@@ -52,7 +52,7 @@ _QUANTITIES: Final = {
     **dict.fromkeys([*CURRENTS, *TORQUES, *FORCES], "effort"),
     **dict.fromkeys(TEMPERATURES, "temperature"),
 }
-"""What is measured in each unit."""
+"""Quantity of each unit."""
 _BRACKETS: Final = re.compile(r"[\[(].*?[\])]")
 
 
@@ -72,7 +72,7 @@ def unit_in_name(name: str) -> str:
         if len(words) > count:
             joined = " ".join(words[-count:])
             unit = unit_of(joined)
-            # A single letter at the end is a phase or an axis more often than a unit.
+            # A single letter at the end is more often a phase or an axis than a unit.
             if unit and (len(joined) > 1 or joined == "s"):
                 return unit
     return ""
@@ -95,7 +95,7 @@ def roles_of(name: str) -> set[str]:
 
 
 def hint_of(name: str, unit: str = "") -> Hint:
-    """Return what a name, and the unit of the column, say of its quantity."""
+    """Return the hint of a name and a unit at the quantity of a column."""
     roles = roles_of(name)
     quantities = roles & {"position", "speed", "temperature"} | {"error"} & roles
     if roles & {"current"}:

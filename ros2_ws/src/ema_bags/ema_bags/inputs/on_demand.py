@@ -1,4 +1,4 @@
-"""pandas, imported with its first use: a table of plain numbers needs none."""
+"""pandas, imported at its first use, as tables of plain numbers do not need it."""
 
 from typing import TYPE_CHECKING, Any
 

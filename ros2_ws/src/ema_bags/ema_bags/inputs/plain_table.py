@@ -1,4 +1,4 @@
-"""Tables of plain numbers, read without pandas, with the same columns as by pandas."""
+"""Tables of plain numbers, read without pandas into the same columns as with pandas."""
 
 import re
 import warnings
@@ -10,19 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 _WHOLE: Final = re.compile(r"\s*[+-]?\d+\s*")
-_MOST_DIGITS: Final = 18  # of any whole number of 64 bits
+_MOST_DIGITS: Final = 18  # fit in 64 bits
 
 
 def read_plain_csv(
-    path: Path, names: Sequence[str], rows: Sequence[Sequence[str]], separator: str, **given: Any
+    path: Path, names: Sequence[str], rows: Sequence[Sequence[str]], separator: str, **options: Any
 ) -> dict[str, NDArray[Any]] | None:
     """Return the columns of a CSV file whose cells are all plain numbers; None for other files.
 
     Parameters
     ----------
+    path
+        The file.
+    names
+        Names of the columns.
     rows
-        Cells of the first rows: a column of whole numbers is one of integers.
-    given
+        Cells of the first rows: columns of whole numbers in them become integers.
+    separator
+        Separator of the cells.
+    options
         Further arguments of ``numpy.loadtxt``.
     """
     if not rows or any(len(row) != len(names) for row in rows):
@@ -36,7 +42,7 @@ def read_plain_csv(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a fraction in a column of integers
-            table = np.loadtxt(path, kinds, comments=None, delimiter=delimiter, ndmin=1, **given)
+            table = np.loadtxt(path, kinds, comments=None, delimiter=delimiter, ndmin=1, **options)
     except (ValueError, OverflowError, Warning):
         return None
     return {
@@ -46,9 +52,9 @@ def read_plain_csv(
 
 
 def plain_parquet(table: Any) -> dict[str, NDArray[Any]] | None:
-    """Return the columns of a ``pyarrow.Table`` of numbers; None where pandas makes others of it.
+    """Return the columns of a ``pyarrow.Table`` of numbers; None if pandas is needed.
 
-    pandas reads missing numbers, an index and several levels of headings otherwise.
+    Missing numbers, an index and several levels of headings need pandas.
     """
     import pyarrow as pa
 
@@ -62,7 +68,7 @@ def plain_parquet(table: Any) -> dict[str, NDArray[Any]] | None:
     if not (table.num_rows and is_of_rows and are_numbers and is_whole and has_one_heading):
         return None
     return {
-        # pyarrow's own conversion imports pandas.
+        # The conversion by pyarrow imports pandas.
         name: np.concatenate([np.from_dlpack(chunk) for chunk in column.chunks])
         for name, column in zip(table.column_names, table.columns, strict=True)
     }

@@ -1,8 +1,7 @@
-"""Which columns of a log are position, speed, effort and command of a joint, by physics.
+"""Recognition of position, speed, effort and command of joints in the columns of a log, by physics.
 
-A speed is the derivative of a position; a command is followed by the position; an effort is what
-inertia, friction and gravity need in a motion. Names only support what physics says, and decide
-where it cannot.
+A speed is the derivative of a position. The position follows a command. An effort is the sum of
+inertia, friction and gravity in a motion. Names support the physics, and decide if it cannot.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,7 +18,7 @@ _MOST_ROWS: Final = 40_000
 _LEAST_ROWS: Final = 50
 _LEAST_DISTINCT: Final = 4
 _STEP_S: Final = 0.005
-# Time constant of the filter [s], and the least one in samples.
+# Time constant of the filter [s], and its smallest value in samples.
 _SMOOTH_S: Final = 0.03
 _SMOOTH_SAMPLES: Final = 2.0
 # Lags up to which columns are compared [s], and in shares of the period of the motion.
@@ -37,13 +36,16 @@ _FRICTION_SPEED: Final = 0.02
 
 
 class Hint(NamedTuple):
-    """What the name of a column says: quantities that it may be, and whether it is commanded."""
+    """Hint at the quantity of a column from its name."""
 
     quantities: frozenset[str]
+    """Quantities that fit the name; empty if the name is no hint."""
+
     is_commanded: bool = False
+    """Whether the name denotes a commanded value."""
 
     def supports(self, quantity: str) -> float:
-        """Return how far the name speaks for a quantity, from -1 to 1."""
+        """Return the support of the name for a quantity, from -1 to 1 [-]."""
         if not self.quantities:
             return 0.0
         return 1.0 if quantity in self.quantities else -1.0
@@ -53,22 +55,26 @@ class Finding(NamedTuple):
     """A column for a quantity."""
 
     name: str
+    """Name of the column."""
+
     is_confirmed: bool
-    """Whether physics says so, rather than its name alone."""
+    """Whether physics supports the choice, not only the name."""
 
 
 @dataclass(frozen=True)
 class JointColumns:
-    """Columns of one joint, by quantity: position, command, speed, effort."""
+    """Columns of one joint."""
 
     columns: Mapping[str, Finding]
+    """Columns by quantity: position, command, speed, effort."""
+
     travel: float
     """Range of the position, in its unit."""
 
 
 _RATE_RATIOS: Final = np.array(
     [
-        1.0,  # rad, deg, turns or mm, and the same in a second
+        1.0,  # rad, deg, turns or mm, and the same per second
         SPEEDS["rad/s"] / SPEEDS["deg/s"],
         SPEEDS["deg/s"] / SPEEDS["rad/s"],
         SPEEDS["rad/s"] / SPEEDS["rpm"],
@@ -79,19 +85,25 @@ _RATE_RATIOS: Final = np.array(
         1e-3,
     ]
 )
-"""What a speed is in multiples of the derivative of a position, in the usual pairs of units."""
+"""Ratios of a speed to the derivative of a position, in the usual pairs of units."""
 _COPY_RATIOS: Final = np.array([1.0, ANGLES["rad"] / ANGLES["deg"], ANGLES["deg"], 1e3, 1e-3])
-"""What a position is in multiples of its command."""
+"""Ratios of a position to its command, in the usual pairs of units."""
 
 
 class _Relation(NamedTuple):
-    """How a column follows what another one predicts: correlation, ratio and lag."""
+    """Relation of a column to its prediction by a second column."""
 
     correlation: float
+    """Correlation at the best lag [-]."""
+
     ratio: float
+    """Ratio of the column to its prediction."""
+
     lag_s: float
+    """Best lag [s]."""
+
     at_once: float
-    """Correlation without a lag."""
+    """Correlation without a lag [-]."""
 
 
 class Recognizer:
@@ -104,7 +116,7 @@ class Recognizer:
     period
         Their sample period [s].
     hint_of
-        Returns what a name says.
+        Returns the hint of a name.
     """
 
     def __init__(
@@ -132,7 +144,7 @@ class Recognizer:
         return len(self.names) > 1 and self.values.shape[1] >= _LEAST_ROWS
 
     def joints(self) -> list[JointColumns]:
-        """Return the joints, the surest one that moves most first."""
+        """Return the joints, by decreasing certainty."""
         if not self.can_judge:
             return []
         scores = np.array([self._position_score(a) for a in range(len(self.names))])
@@ -140,10 +152,10 @@ class Recognizer:
         for a in np.argsort(-scores, kind="stable"):
             if scores[a] < 0.8 or int(a) in taken:
                 continue
-            found = self._joint_of(int(a), taken)
-            joints.append(found)
-            taken |= {self.names.index(item.name) for item in found.columns.values()}
-            # What moves as this position does is no other joint.
+            joint = self._joint_of(int(a), taken)
+            joints.append(joint)
+            taken |= {self.names.index(item.name) for item in joint.columns.values()}
+            # Copies of this position are not further joints.
             taken |= {
                 b for b in range(len(self.names)) if self._is_copy(int(a), b) and b not in taken
             }
@@ -163,7 +175,7 @@ class Recognizer:
         effort = self._effort_of(a, taken | used)
         if effort is not None:
             columns["effort"] = effort
-        # What a position explains, or follows, bears out its name.
+        # An explained effort, or a followed command, confirms the name of a position.
         if self._hints[a].supports("position") > 0.0 and any(
             item.is_confirmed for item in (command, effort) if item
         ):
@@ -178,7 +190,7 @@ class Recognizer:
         ]
 
     def _rate_score(self, a: int, b: int) -> float:
-        """Return how far a column is the speed of a position; from 1 on it is."""
+        """Return a score for a column as the speed of a position; at least 1 if it is."""
         relation = self._rate[a][b]
         if abs(relation.correlation) < _RATE:
             return 0.0
@@ -195,23 +207,23 @@ class Recognizer:
         return abs(relation.correlation) > _SURE_RATE and _is_near(relation, _RATE_RATIOS)
 
     def _position_score(self, a: int) -> float:
-        """Return how far a column is the measured position of a joint."""
-        others = [b for b in range(len(self.names)) if b != a]
+        """Return a score for a column as the measured position of a joint."""
+        rest = [b for b in range(len(self.names)) if b != a]
         hint = self._hints[a]
-        rate = max((self._rate_score(a, b) for b in others), default=0.0)
+        rate = max((self._rate_score(a, b) for b in rest), default=0.0)
         is_rate = max(
             (
                 self._rate[b][a].correlation ** 2
-                for b in others
+                for b in rest
                 if self._is_sure_rate(b, a) and not self._hints[b].supports("effort") > 0.0
             ),
             default=0.0,
         )
-        follows = max((self._copy[b][a].correlation for b in others), default=0.0)
+        follows = max((self._copy[b][a].correlation for b in rest), default=0.0)
         if rate < 1.0:
-            # Without a speed, it is a position if it explains an effort, above all if it follows
-            # another column as a position follows its command.
-            efforts = [b for b in others if not self._is_copy(a, b)]
+            # Without a speed, a column is a position if it explains an effort, in particular if
+            # it follows a second column as a position follows its command.
+            efforts = [b for b in rest if not self._is_copy(a, b)]
             explained = max((self._explained_effort(a, b) for b in efforts), default=0.0)
             rate = max(explained if follows > _FOLLOWS else 0.5 * explained, 0.0)
         return (
@@ -252,7 +264,7 @@ class Recognizer:
         return Finding(self.names[best], able[best][1])
 
     def _effort_of(self, a: int, taken: set[int]) -> Finding | None:
-        """Return the column that inertia, friction and gravity of a joint need most."""
+        """Return the column that inertia, friction and gravity of a joint explain best."""
         able: dict[int, tuple[float, bool]] = {}
         for b in range(len(self.names)):
             hint = self._hints[b]
@@ -265,12 +277,12 @@ class Recognizer:
             able[b] = (score, explained >= _EXPLAINED and hint.supports("effort") > 0.0)
         if not able:
             return None
-        best, *others = sorted(able, key=lambda b: -able[b][0])
-        is_alone = all(able[best][0] - able[b][0] > _ALIKE for b in others)
+        best, *rest = sorted(able, key=lambda b: -able[b][0])
+        is_alone = all(able[best][0] - able[b][0] > _ALIKE for b in rest)
         return Finding(self.names[best], able[best][1] and is_alone)
 
     def _explained_effort(self, a: int, b: int) -> float:
-        """Return the share of a column that the motion of a position explains where not fitted."""
+        """Return the share of a column explained by the motion of a position, cross-validated."""
         terms, effort = self._motion_terms(a), self._smooth[b]
         block = np.arange(len(effort)) * _BLOCKS // len(effort) % 2 == 0
         explained = []
@@ -281,17 +293,17 @@ class Recognizer:
         return min(explained)
 
     def _motion_terms(self, a: int) -> NDArray[np.float64]:
-        """Return acceleration, friction, and gravity of a position, ``(n, 6)``."""
+        """Return the terms of acceleration, friction and gravity of a position, ``(n, 6)``."""
         position = (self._smooth[a] - np.mean(self._smooth[a])) / np.std(self._smooth[a])
         speed = np.gradient(position, self.period)
         acceleration = np.gradient(speed, self.period)
         direction = np.tanh(speed / (_FRICTION_SPEED * np.max(np.abs(speed))))
-        one = np.ones_like(position)
-        return np.column_stack([acceleration, direction, speed, position, position**2, one])
+        constant = np.ones_like(position)
+        return np.column_stack([acceleration, direction, speed, position, position**2, constant])
 
     @cached_property
     def _weights(self) -> NDArray[np.float64]:
-        """Low-pass filter by frequency, as the square of a Gaussian one."""
+        """Square of a Gaussian low-pass filter by frequency."""
         width = max(_SMOOTH_S, _SMOOTH_SAMPLES * self.period)
         return np.asarray(np.exp(-((self._omega * width) ** 2)), dtype=np.float64)
 
@@ -302,7 +314,7 @@ class Recognizer:
 
     @cached_property
     def _spectra(self) -> NDArray[np.complex128]:
-        """Spectra of the columns, without the line between their ends."""
+        """Spectra of the columns minus the lines between their ends."""
         n = self.values.shape[1]
         lines = np.linspace(self.values[:, 0], self.values[:, -1], n, axis=1)
         return np.fft.rfft(self.values - lines, axis=1)
@@ -315,14 +327,14 @@ class Recognizer:
 
     @cached_property
     def _rate(self) -> list[list[_Relation]]:
-        """How each column (second) is the derivative of each one (first)."""
+        """Relations of each column (second index) to the derivative of each column (first)."""
         slopes = self._spectra * (1j * self._omega)
-        # A rate has a mean: the slope of the line between the ends of a position.
+        # The mean of a rate is the slope of the line between the ends of a position.
         return self._relations(slopes, self._spectra)
 
     @cached_property
     def _copy(self) -> list[list[_Relation]]:
-        """How each column (second) follows each one (first)."""
+        """Relations of each column (second index) to each column (first)."""
         slopes = self._spectra * (1j * self._omega)
         return self._relations(slopes, slopes)
 
@@ -332,7 +344,7 @@ class Recognizer:
         n, weights = self.values.shape[1], self._weights.copy()
         weights[0] = 0.0
         energy = [np.sum(weights * np.abs(causes) ** 2, axis=1) for causes in (causes, effects)]
-        # Angular frequency of the motion: of a slope to what it is the slope of.
+        # Angular frequency of the motion, from the energies of slope and column.
         of_motion = np.sum(weights * np.abs(self._spectra) ** 2, axis=1)
         of_slope = np.sum(weights * np.abs(self._spectra * self._omega) ** 2, axis=1)
         periods = 2.0 * np.pi * np.sqrt(of_motion / np.maximum(of_slope, 1e-300))
@@ -362,7 +374,7 @@ class Recognizer:
 
 
 def _is_near(relation: _Relation, ratios: NDArray[np.float64]) -> bool:
-    """Return whether a ratio is one of some, between what either column's noise makes of it."""
+    """Return whether a ratio is in a list, within the bias by the noise of either column."""
     least, most = relation.ratio, relation.ratio / max(relation.correlation**2, 1e-9)
     low, high = ratios * (1.0 - _UNIT_TOLERANCE), ratios * (1.0 + _UNIT_TOLERANCE)
     return bool(np.any((most >= low) & (least <= high)))
@@ -387,7 +399,7 @@ def _thinned(values: NDArray[np.float64], stride: int) -> NDArray[np.float64]:
 
 
 def _liveliest(values: NDArray[np.float64]) -> slice:
-    """Return the rows, not more than can be compared, in which the columns change most."""
+    """Return the ``_MOST_ROWS`` rows in which the columns change most."""
     n = values.shape[1]
     if n <= _MOST_ROWS:
         return slice(0, n)

@@ -1,4 +1,4 @@
-"""CSV and Parquet files as columns of numbers."""
+"""Columns of numbers from CSV and Parquet files."""
 
 import csv
 import re
@@ -23,7 +23,7 @@ from ema_core.files import require_regular_file
 from ema_core.wording import unknown_name
 
 PARQUET: Final = (".parquet", ".pq")
-"""Ends of the names of Parquet files; any other file is read as CSV."""
+"""Suffixes of Parquet files; any file without them is read as CSV."""
 
 _PAUSE_NS: Final = 2_000_000_000
 _DAY_NS: Final = 86_400_000_000_000
@@ -43,51 +43,48 @@ _UNIT: Final = re.compile(
 
 @dataclass(frozen=True)
 class TableColumns:
-    """Columns of a file.
-
-    Attributes
-    ----------
-    values
-        Columns of numbers by name, ``(n,)`` each; dates are nanoseconds.
-    units
-        Units by column where the file gives them, as it writes them.
-    dates
-        Columns that are dates or times of day [ns].
-    texts
-        Columns that hold no numbers, by name.
-    format
-        How the file is written.
-    of_day
-        Columns of times without a date [ns].
-    exchanged
-        Values of dates with day and month exchanged, where the cells allow both.
-    problems
-        Why a column cannot be used: row and cell.
-    notes
-        How a column was read that can be read otherwise.
-    """
+    """Columns of a file."""
 
     path: Path
+    """The file."""
+
     values: dict[str, NDArray[Any]]
+    """Columns of numbers by name, ``(n,)`` each; dates in nanoseconds."""
+
     units: dict[str, str]
+    """Units by column, as written in the file."""
+
     dates: tuple[str, ...]
+    """Names of columns of dates or times of day [ns]."""
+
     texts: dict[str, NDArray[Any]]
+    """Columns without numbers, by name."""
+
     format: Table
+    """Format of the file."""
+
     of_day: tuple[str, ...] = ()
+    """Names of columns of times without a date [ns]."""
+
     exchanged: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    """Dates with day and month exchanged, for columns that allow both orders [ns]."""
+
     problems: dict[str, str] = field(default_factory=dict)
+    """Why a column cannot be used, with row and cell, by column."""
+
     notes: dict[str, str] = field(default_factory=dict)
+    """Interpretation of each ambiguous column."""
 
     def __len__(self) -> int:
         return len(next(iter(self.values.values())))
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a column of numbers, or the sum or difference of some: ``"a - b"``.
+        """Return a column of numbers, or a sum or difference of columns such as ``"a - b"``.
 
         Raises
         ------
         ValueError
-            When there is none of the name.
+            If a column does not exist or cannot be used.
         """
         terms = self._terms(name)
         if len(terms) == 1:
@@ -95,19 +92,20 @@ class TableColumns:
         return np.sum([sign * self.values[term].astype(float) for sign, term in terms], axis=0)
 
     def notes_of(self, names: Iterable[str]) -> list[str]:
-        """Return how columns, or terms of sums, were read where another reading is possible."""
+        """Return the interpretations of ambiguous columns, including terms of sums."""
         terms = [term for name in names if name for _, term in self._terms(name)]
         return [f"column {name!r}, {self.notes[name]}" for name in terms if name in self.notes]
 
     def stamps(self, clock: Clock) -> NDArray[np.int64]:
         """Return the times of a column, or of a sum of dates, times of day and numbers [ns].
 
-        ``NO_STAMP`` where there is none. Times of day go on after midnight.
+        Cells without a time are ``NO_STAMP``. Times of day continue after midnight.
 
         Raises
         ------
         ValueError
-            When there is no such column, its unit is wrong, or day and month may be exchanged.
+            If the column does not exist, its unit is wrong, or the order of day and month is
+            ambiguous.
         """
         terms = self._terms(clock.source)
         is_date = {name: name in self.dates for _, name in terms}
@@ -134,7 +132,7 @@ class TableColumns:
         return np.where(is_read, total, NO_STAMP)
 
     def _moments(self, name: str, unit: str) -> NDArray[np.int64]:
-        """Return the times of a term of a sum that has dates [ns]."""
+        """Return the times of a term of a sum with dates [ns]."""
         if name not in self.dates:
             return stamps_of(self.values[name], TIMES_NS.get(unit, 1))
         if name in self.exchanged:
@@ -152,7 +150,7 @@ class TableColumns:
         Raises
         ------
         ValueError
-            When there is none of a name, or it cannot be used.
+            If a column does not exist or cannot be used.
         """
         first, *more = [text] if text in self.values | self.texts else re.split(_SUM, text)
         terms = [(1, first.strip())]
@@ -168,24 +166,24 @@ class TableColumns:
         return terms
 
     def _cell(self, name: str) -> str:
-        """Return the first cell of a column of texts that is filled, and its row."""
+        """Return a text with the first filled cell of a column of texts, and its row."""
         filled = np.flatnonzero(~pd.isna(self.texts[name]))
         return f": row {filled[0] + 1}: {self.texts[name][filled[0]]!r}" if len(filled) else ""
 
     def parts(self, names: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
-        """Yield the runs of rows in which some columns are constant, and these columns' values.
+        """Yield the runs of rows with constant values in some columns, after these values.
 
         Raises
         ------
         ValueError
-            When there is none of a name.
+            If a column does not exist.
         """
         for start, end in pairwise(self.bounds(names)):
             shown = [str((self.values | self.texts)[name][start]) for name in names]
             yield shown, self._rows(slice(start, end))
 
     def is_newest_first(self, clock: Clock) -> bool:
-        """Return whether the times of a column go back from row to row."""
+        """Return whether the times of the clock descend from row to row."""
         if not clock.source:
             return False
         stamps = self.stamps(clock)
@@ -204,22 +202,22 @@ class TableColumns:
         return replace(self, values=values, texts=texts, exchanged=exchanged)
 
     def bounds(self, names: Sequence[str]) -> list[int]:
-        """Return the rows at which one of some columns changes, with the first and the end.
+        """Return the first row, the rows at which any of these columns changes, and the end.
 
         Raises
         ------
         ValueError
-            When there is none of a name.
+            If a column does not exist.
         """
         everything = self.values | self.texts
         if unknown := next((name for name in names if name not in everything), None):
             raise ValueError(f"{self.path}: {unknown_name('column', unknown, everything)}")
-        given = pd.DataFrame({name: everything[name] for name in names}).astype(str)
-        return [*np.flatnonzero((given != given.shift()).any(axis=1)).tolist(), len(given)]
+        cells = pd.DataFrame({name: everything[name] for name in names}).astype(str)
+        return [*np.flatnonzero((cells != cells.shift()).any(axis=1)).tolist(), len(cells)]
 
 
 _Columns = ByName[str, "pd.Series[Any] | NDArray[Any]"]
-"""Columns by name: of plain numbers as arrays, others as pandas reads them."""
+"""Columns by name: arrays of plain numbers, or series of pandas."""
 
 
 def read_columns(path: Path, table: Table | None = None) -> TableColumns:
@@ -233,9 +231,9 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
     Raises
     ------
     ValueError
-        When the file is not a table of numbers.
+        If the file is not a table of numbers.
     OSError
-        When it cannot be opened.
+        If the file cannot be opened.
     """
     require_regular_file(path)
     if path.suffix.lower() in PARQUET:
@@ -257,7 +255,7 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
             columns.values[name] = column.dt.total_seconds().to_numpy(float)
             units[name] = "s"
         elif pd.api.types.is_numeric_dtype(column.dtype):
-            # A missing whole number has no place in an array of these.
+            # Arrays of integers cannot represent missing values.
             missing = {"dtype": float, "na_value": np.nan} if column.hasnans else {}
             columns.values[name] = column.to_numpy(**missing)
             if shows_decimals(columns.values[name]):
@@ -292,7 +290,7 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
 
 
 def _with_times(columns: TableColumns, name: str, times: WrittenTimes) -> TableColumns:
-    """Return a table with another column of times."""
+    """Return a table with an additional column of times."""
     columns.values[name] = times.values
     if times.problem:
         columns.problems[name] = times.problem
@@ -309,7 +307,7 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
     Raises
     ------
     ValueError
-        When a column is not there.
+        If a mapped column does not exist, or the clock has fewer than two times.
     """
     if columns.is_newest_first(mapping.clock):
         columns = columns.reversed()
@@ -325,7 +323,7 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
     is_stamped = stamps != NO_STAMP
     if np.count_nonzero(is_stamped) < 2:
         raise ValueError(f"{columns.path}: column {clock.source!r} has no two times")
-    # Rows take the part of arrival: one sample after the other, at the rate of the stamps around.
+    # Rows replace the arrival: one sample after the other, at the rate of the surrounding stamps.
     first = stamps[is_stamped][0]
     arrivals = first + np.rint(
         np.interp(rows, rows[is_stamped], (stamps[is_stamped] - first).astype(float))
@@ -335,9 +333,9 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
 
 
 def _without_strays(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return stamps of which those of single rows are left out that are far from their neighbours.
+    """Return stamps without isolated stamps that are far from their neighbours.
 
-    A clock that is read before it is set, or a damaged row, gives such a stamp.
+    Such a stamp comes from a clock that was read before it was set, or from a damaged row.
     """
     rows = np.flatnonzero(stamps != NO_STAMP)
     if len(rows) < 3:
@@ -354,7 +352,7 @@ def _without_strays(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
 def _paused(
     stamps: NDArray[np.int64], arrivals: NDArray[np.int64], bounds: Sequence[int]
 ) -> NDArray[np.int64]:
-    """Return stamps with a pause [ns] before each record of its own, by when rows arrived."""
+    """Return stamps [ns] with a pause before each separate record, from the arrival of rows."""
     shifts = np.zeros(len(stamps), dtype=np.int64)
     for start in bounds[1:-1]:
         shifts[start:] += _PAUSE_NS - min(_PAUSE_NS, arrivals[start] - arrivals[start - 1])
@@ -362,18 +360,22 @@ def _paused(
 
 
 def stamps_of(times: NDArray[Any], unit_ns: int, epoch: int = 0) -> NDArray[np.int64]:
-    """Return times as stamps, ``(n,)`` [ns]; ``NO_STAMP`` where a time is not a number.
+    """Return times as stamps, ``(n,)`` [ns]; ``NO_STAMP`` for times that are not numbers.
 
     Parameters
     ----------
+    times
+        Times, ``(n,)``.
+    unit_ns
+        Unit of the times [ns].
     epoch
-        The year 1970 in the unit of the times.
+        The beginning of 1970 in the unit of the times.
     """
     if np.issubdtype(times.dtype, np.integer):
         return (times.astype(np.int64) - epoch) * unit_ns
     finite = np.isfinite(times)
     whole = np.where(finite, np.floor(times), 0.0)
-    # Whole units and their fraction apart: a product would lose the last digits of late times.
+    # Whole units and fractions separately: a product would lose the last digits of late times.
     fraction = np.where(finite, times - whole, 0.0)
     stamps = (whole.astype(np.int64) - epoch) * unit_ns + np.rint(fraction * unit_ns).astype(
         np.int64
@@ -386,7 +388,7 @@ def _read_parquet(path: Path) -> _Columns:
     from pyarrow import parquet
 
     try:
-        with path.open("rb") as file:  # pyarrow opens no name that is not UTF-8
+        with path.open("rb") as file:  # pyarrow cannot open names that are not UTF-8
             stored = parquet.ParquetFile(file).read()
     except pa.ArrowInvalid as error:
         raise ValueError(f"{path} is not a Parquet file: {error}") from error
@@ -404,7 +406,7 @@ def _read_parquet(path: Path) -> _Columns:
 
 
 def _flat(names: "pd.Index[Any]") -> list[str]:
-    """Return the names of columns; of several levels of headings those that differ, in one text."""
+    """Return the names of columns; levels of headings are joined, without constant levels."""
     if not isinstance(names, pd.MultiIndex):
         return [str(name) for name in names]
     levels = [
@@ -431,9 +433,9 @@ def _read_csv(path: Path, table: Table) -> tuple[_Columns, dict[str, str], Table
             plain = read_plain_csv(path, names, rows, separator, skiprows=first, encoding=encoding)
         if plain is not None and not any(map(_may_have_thousands, plain.values())):
             return plain, units, written
-        # Separators at the end of lines make columns of nothing.
+        # Separators at the ends of lines create empty columns.
         extra = [_unnamed(i + 1) for i in range(len(names), max(map(len, rows), default=0))]
-        given: dict[str, Any] = {
+        options: dict[str, Any] = {
             "sep": r"\s+" if separator == " " else separator,
             "header": None,
             "names": [*names, *extra],
@@ -443,9 +445,9 @@ def _read_csv(path: Path, table: Table) -> tuple[_Columns, dict[str, str], Table
             "skipinitialspace": True,
             "low_memory": False,
         }
-        frame = pd.read_csv(path, decimal=decimal, **given)
+        frame = pd.read_csv(path, decimal=decimal, **options)
         if doubtful := [name for name in names if _may_have_thousands(frame[name])]:
-            cells = pd.read_csv(path, dtype=str, usecols=doubtful, **given)
+            cells = pd.read_csv(path, dtype=str, usecols=doubtful, **options)
             frame = frame.assign(**{name: cells[name] for name in doubtful})
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
         if match := _MORE_CELLS.search(str(error)):
@@ -467,7 +469,7 @@ def _too_many(path: Path, expected: int, line: int, cells: int) -> ValueError:
 
 
 def _may_have_thousands(column: "pd.Series[Any] | NDArray[Any]") -> bool:
-    """Return whether numbers that were read as 1.885 and 885 may be 1885 and 885."""
+    """Return whether numbers may have thousands separators: 1.885 next to 885 may be 1885."""
     if getattr(column.dtype, "kind", "") != "f":
         return False
     values = np.asarray(column, dtype=float)
@@ -481,7 +483,7 @@ def _first_lines(path: Path) -> tuple[str, list[str]]:
     with path.open("rb") as file:
         data = b"".join(file.readline() for _ in range(_SAMPLE_LINES))
         if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            # A line of two bytes a character does not end with a byte.
+            # In UTF-16, readline would cut a character.
             file.seek(0)
             text = file.read(_WIDE_BYTES).decode("utf-16", errors="ignore")
             return "utf-16", text.splitlines()[:-1][:_SAMPLE_LINES] or text.splitlines()
@@ -494,9 +496,9 @@ def _first_lines(path: Path) -> tuple[str, list[str]]:
 
 
 def _style(path: Path, lines: Sequence[str], table: Table) -> tuple[str, str]:
-    """Return separator and decimal sign: those that make most of the lines rows of numbers."""
+    """Return the separator and decimal sign with which most lines are rows of numbers."""
     best, chosen = 0.0, None
-    # What stands at the top is a heading, if anything.
+    # A heading is at the top.
     filled = [line for line in lines if line.strip()]
     if len(filled) < 2:
         raise ValueError(f"{path} has no second line: expected a heading and rows of numbers")
@@ -526,7 +528,7 @@ def _style(path: Path, lines: Sequence[str], table: Table) -> tuple[str, str]:
 def _head(lines: Sequence[str], separator: str) -> tuple[list[str], dict[str, str], int]:
     """Return names and units of the columns and the number of the first line of numbers."""
     rows = [_cells(_COMMENT.sub("", line), separator) for line in lines]
-    # Separators at the end of a line make no column, but where another line has a cell there.
+    # Separators at the end of a line create a column only if another line has a cell in it.
     filled = [_filled(row) for row in rows]
     width = max(filled[-20:], default=0)
 
@@ -546,12 +548,12 @@ def _head(lines: Sequence[str], separator: str) -> tuple[list[str], dict[str, st
         )
     heads = [i for i in range(first) if len(rows[i]) >= width and filled[i] > 1]
     if heads:
-        # A column may be empty in the first rows, and a heading name it.
+        # A column may be empty in the first rows and have a heading.
         width = max(width, filled[heads[-1]])
         heads = [i for i in heads if len(rows[i]) >= width]
     rows = [row[:width] for row in rows]
     units: list[str] = []
-    # A row of units stands below a row that names all columns.
+    # A row of units follows a row that names all columns.
     is_below = len(heads) > 1 and filled[heads[-2]] == width
     if is_below and all(_UNIT.match(cell) for cell in rows[heads[-1]]):
         units = [cell.strip("[]() ") for cell in rows[heads.pop()]]
@@ -560,12 +562,12 @@ def _head(lines: Sequence[str], separator: str) -> tuple[list[str], dict[str, st
     for number, name in enumerate(names):
         name = name.strip() or _unnamed(number + 1)
         unique.append(f"{name} ({number + 1})" if name in unique else name)
-    given = {n: u for n, u in zip(unique, units, strict=False) if u.strip("-")}
-    return unique, given, first
+    by_name = {n: u for n, u in zip(unique, units, strict=False) if u.strip("-")}
+    return unique, by_name, first
 
 
 def _filled(row: Sequence[str]) -> int:
-    """Return the number of cells of a row up to the last one that is not empty."""
+    """Return the number of cells of a row up to its last filled cell."""
     return max((number for number, cell in enumerate(row, 1) if cell), default=0)
 
 
@@ -584,7 +586,7 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _likelihood(cell: str, decimal: str) -> float:
-    """Return 1 for a time or a number with a decimal sign, less where another one is likelier."""
+    """Return 1 for a time or a number with a decimal sign, else 0.5 for any number, else 0."""
     if is_number(cell, decimal) or is_time(cell):
         return 1.0
     return 0.5 * may_be_number(cell)

@@ -1,4 +1,4 @@
-"""Temperatures measured with telemetry, as the measured cause ``winding_temperature``."""
+"""Conversion of measured temperatures to the measured cause ``winding_temperature``."""
 
 from collections.abc import Iterator
 from typing import Final, NamedTuple
@@ -16,7 +16,7 @@ CAUSE: Final = "winding_temperature"
 """Measured cause that carries the temperature."""
 
 REFERENCE_DEGC: Final = 20.0
-"""Temperature from which rises count [degC]."""
+"""Reference temperature of rises [degC]."""
 
 _SIGMA: Final = 2.0  # of a sensor at the motor [K]
 _SECOND_NS: Final = 1_000_000_000
@@ -36,13 +36,13 @@ class MeasuredRise(NamedTuple):
 
 
 class RiseSampler:
-    """Takes the first measured temperature of each second.
+    """Samples the first measured temperature of each second.
 
     Attributes
     ----------
     impossible
-        The temperature farthest out of the range of the cause in the latest samples [degC]; None
-        without one. Such samples are left out.
+        Largest temperature outside the range of the cause in the latest samples [degC]; None
+        without one. Such samples are ignored.
     """
 
     def __init__(self, source: TemperatureSource) -> None:
@@ -52,7 +52,7 @@ class RiseSampler:
         self._rises: list[MeasuredRise] = []
 
     def push(self, stamps_ns: NDArray[np.int64], raw: NDArray[np.float64]) -> None:
-        """Take the next samples as the source holds them, ``(n,)`` each."""
+        """Add stamps [ns] and source values of the next samples, ``(n,)`` each."""
         celsius = degrees_celsius(raw, self._source)
         rises = celsius - REFERENCE_DEGC
         cause = CAUSE_BY_NAME[CAUSE]
@@ -67,12 +67,12 @@ class RiseSampler:
         self._rises += map(MeasuredRise, stamps_ns[first].tolist(), rises[first].tolist())
 
     def take(self) -> list[MeasuredRise]:
-        """Return the rises measured since the last call."""
+        """Return the rises measured since the previous call."""
         rises, self._rises = self._rises, []
         return rises
 
     def defects(self) -> Iterator[InputDefect]:
-        """Yield that a temperature is impossible, which a wrong unit explains."""
+        """Yield a defect if a temperature is impossible, which indicates a wrong unit."""
         if self.impossible is not None:
             cause = CAUSE_BY_NAME[CAUSE]
             lowest, highest = REFERENCE_DEGC + cause.lowest, REFERENCE_DEGC + cause.highest
@@ -85,9 +85,9 @@ class RiseSampler:
 
 
 def held_from(first_ns: int, rises: list[MeasuredRise]) -> list[MeasuredRise]:
-    """Return rises with the first one at the first sample [ns], if it is at most 10 s later.
+    """Return rises with the first rise moved to the first sample [ns], by at most 10 s.
 
-    A sensor that is read every few seconds has no value yet where the telemetry begins.
+    A sensor that is read every few seconds has no value yet at the start of the telemetry.
     """
     if not rises or not 0 < rises[0].stamp_ns - first_ns <= _HOLDS_BEFORE_NS:
         return rises

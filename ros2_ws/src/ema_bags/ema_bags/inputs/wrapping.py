@@ -1,4 +1,4 @@
-"""Angles of registers that begin again after a turn, or after their last count."""
+"""Continuous angles from registers that wrap after a turn or after their last count."""
 
 import math
 from collections.abc import Mapping as ByName
@@ -24,39 +24,39 @@ _FULL: Final = 0.9
 
 @dataclass
 class _Angle:
-    """An angle as far as it has been read.
-
-    Attributes
-    ----------
-    last, offset
-        Last value of the source, and the offset added to it.
-    steps
-        Latest steps that are not wraps.
-    lowest, highest, is_whole
-        Range of the values, and whether all are whole numbers.
-    """
+    """State of an angle, in the unit of its source."""
 
     turn: float
+    """A full turn; infinity for a length."""
+
     last: float = math.nan
+    """Latest value of the source."""
+
     offset: float = 0.0
+    """Offset added to the latest value."""
+
     steps: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    """Latest steps, without wraps."""
+
     lowest: float = math.inf
     highest: float = -math.inf
+
     is_whole: bool = True
+    """Whether all values are whole numbers."""
 
 
 class Unwrapper:
-    """Continues angles over the wraps of their registers, block by block.
+    """Removes the wraps of registers from angles, block by block.
 
-    A step of about a full turn is a wrap if the steps around it are short, and if without the turn
-    it is like them. A register of whole numbers wraps after a power of two.
+    A step of about a full turn is a wrap if the steps around it are short, and if the step without
+    the turn is similar to them. A register of whole numbers wraps after a power of two.
 
     Attributes
     ----------
     wraps
         Number of wraps by quantity.
     periods
-        What was added at a wrap, by quantity, in the unit of the source.
+        Size of a wrap by quantity, in the unit of the source.
     """
 
     def __init__(self, mapping: Mapping) -> None:
@@ -71,7 +71,7 @@ class Unwrapper:
                 self._angles[name] = _Angle(math.inf if is_length else 2.0 * math.pi / size)
 
     def push(self, raw: ByName[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
-        """Return columns with continuous angles; arguments are as in ``convert``."""
+        """Return the columns with continuous angles; ``raw`` are source values, ``(n,)`` each."""
         changed = dict(raw)
         if "command" in self._angles:
             self._align(raw)
@@ -80,7 +80,7 @@ class Unwrapper:
         return changed
 
     def _align(self, raw: ByName[str, NDArray[np.float64]]) -> None:
-        """Begin a command that has wrapped before the position in the turn of the position."""
+        """Start the command in the turn of the position, if it has wrapped before the position."""
         command, position = self._angles["command"], self._angles["position"]
         both = np.isfinite(raw["command"]) & np.isfinite(raw["position"])
         if not math.isnan(command.last) or not np.any(both) or command.turn != position.turn:

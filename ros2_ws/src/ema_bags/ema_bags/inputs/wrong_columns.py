@@ -1,4 +1,4 @@
-"""Columns of a mapping that are wrong: units, signs, shafts and scales, as defects."""
+"""Defects of a mapping: wrong units, signs, shafts and scales of columns."""
 
 import math
 from collections.abc import Iterator
@@ -31,12 +31,12 @@ _NAMES: Final = {
 def wrong_factors(
     motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
 ) -> Iterator[InputDefect]:
-    """Yield units, signs and shafts that the relations of the columns contradict."""
+    """Yield a defect for each unit, sign or shaft that contradicts the relations of the columns."""
     is_unknown = description.drive == "unknown"
-    explained = explain(motion, mapping, description)
-    if explained:
+    changes = explain(motion, mapping, description)
+    if changes:
         is_certain = not is_unknown or motion.is_ample
-        for change in explained:
+        for change in changes:
             name = f"{change.quantity}_{_NAMES[change.mistake.kind]}"
             yield InputDefect(
                 name, change_reason(change), change_remedy(change), is_certain=is_certain
@@ -45,7 +45,7 @@ def wrong_factors(
     if is_unknown:
         yield from _unlike(motion)
         return
-    if explained is not None:
+    if changes is not None:
         return
     tau, ratio, gain = description.parameters.tau, motion.speed_ratio, motion.gain
     if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:
@@ -66,7 +66,7 @@ def wrong_factors(
 
 
 def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
-    """Yield differences between columns of an unknown drive that no unit explains."""
+    """Yield a defect for each difference between columns that no unit explains."""
     if not motion.is_ample:
         return
     strokes, ratio, gain = len(motion.strokes), motion.stroke_ratio, motion.gain
@@ -86,12 +86,12 @@ def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
 def wrong_current(
     motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
 ) -> Iterator[InputDefect]:
-    """Yield a sign or size of the current that acceleration and friction contradict."""
+    """Yield a defect if sign or size of the current contradict acceleration and friction."""
     source = mapping.measured_current
     if description.drive == "unknown":
         correlation = motion.dissipation
         is_opposed = correlation is not None and correlation < -_OPPOSED
-        # After a step the effort brakes a fast joint; only a wrong sign gains energy from friction.
+        # After a step, a correct effort brakes a fast joint; only a wrong sign gains energy.
         if source is not None and is_opposed and motion.work_share < -_GAINS_ENERGY:
             yield InputDefect(
                 "current_sign_reversed",
