@@ -95,23 +95,23 @@ def measure(
 
 
 def _thesis_cases(pool: Workers, ideal: Variant, repetitions: int) -> Figures:
-    repeated, found = cases.thesis_faults(repetitions), {}
+    repeated, results = cases.thesis_faults(repetitions), {}
     for name, first in cases.first_cycles().items():
         [trial] = trials(pool, name, [first, *repeated[name]], [ideal])
         errors = trial.errors_percent.tolist()
-        found[name] = {
+        results[name] = {
             "truth": first.faults,
             "first": errors[0],
             "thesis": float(np.mean(errors[1:])),
             "each": errors[1:],
             "evaluations": trial.estimates[0].evaluations,
         }
-    return found
+    return results
 
 
 def _off_nominal(pool: Workers, faulty: list[Case], count: int) -> Trial:
     plants = cases.plants(faulty, count, _HEALTHY_WINDOWS_OFF)
-    calibrations = pool.map("plants, healthy", calibration_on, [one.healthy for one in plants])
+    calibrations = pool.map("plants, healthy", calibration_on, [plant.healthy for plant in plants])
     truth, estimates = [], []
     for plant, calibration in zip(plants, calibrations, strict=True):
         variant = Variant(calibration, noisy=True)
@@ -144,12 +144,13 @@ def _detection(pool: Workers, noisy: Variant, windows: int, steps: int) -> Figur
     """Return false alarms, and the smallest step of each fault that is detected."""
     [trial] = trials(pool, "healthy windows, alarms", cases.healthy(windows), [noisy])
     levels = Counter(
-        assess(one, HealthLimits()).level if one.valid else "not valid" for one in trial.estimates
+        assess(estimate, HealthLimits()).level if estimate.valid else "not valid"
+        for estimate in trial.estimates
     )
     deviations = _deviations(trial)
     smallest = dict.fromkeys(DETECTABLE, float("inf"))
     for step in STEPS_PERCENT:
-        for fault in [one for one in DETECTABLE if smallest[one] == float("inf")]:
+        for fault in [component for component in DETECTABLE if smallest[component] == float("inf")]:
             some = cases.step(fault, step / 100.0, steps)
             [trial] = trials(pool, f"{FAULT_NAMES[fault]} of {step:g} %", some, [noisy])
             if np.mean(_deviations(trial)[:, fault] > DETECTED_SIGMA) >= POWER:
@@ -220,13 +221,13 @@ def published_percent() -> dict[str, dict[str, float]]:
     The multiple case is that of its study of precision.
     """
     runs = counted(printed_runs())
-    found: dict[str, dict[str, float]] = {}
+    results: dict[str, dict[str, float]] = {}
     for name, case in CASES.items():
         level = _PRECISION_STUDY if name == MULTIPLE else case.level
         of_case = runs[(runs["fault"] == case.fault) & (runs["level"] == level)]
         means = of_case.groupby("algorithm")["error_percent"].mean()
-        found[name] = {algorithm: float(means[algorithm]) for algorithm in ALGORITHMS}
-    return found
+        results[name] = {algorithm: float(means[algorithm]) for algorithm in ALGORITHMS}
+    return results
 
 
 def rows(figures: Figures) -> Iterator[Row]:
@@ -239,16 +240,16 @@ def rows(figures: Figures) -> Iterator[Row]:
         ("plants", "the same, noisy, plant 5 % off", (1.5,)),
         ("play", "wide, noisy, unknown play", ()),
     ):
-        one = errors[name]
+        error = errors[name]
         labels = (f"{what}, median [%]", "  90th percentile [%]", "  largest [%]")
         if name in ("random", "play"):
-            labels = (f"{one['cases']} {labels[0]}", *labels[1:])
+            labels = (f"{error['cases']} {labels[0]}", *labels[1:])
         for n, key in enumerate(("median", "p90", "max")):
             if n < len(limits):
-                yield at_most(labels[n], one[key], limits[n])
+                yield at_most(labels[n], error[key], limits[n])
             else:
-                yield untargeted(labels[n], f"{one[key]:.2f}")
-        words = f"{one['crps']:.3f}; {one['log_score']:.2f}"
+                yield untargeted(labels[n], f"{error[key]:.2f}")
+        words = f"{error['crps']:.3f}; {error['log_score']:.2f}"
         yield untargeted("  CRPS [%]; log score [nat], mean over components", words)
     timing = figures["timing"]
     studies = f"{FASTEST_TIME_S:.0f} to {LONGEST_TIME_S:.0f} s"
@@ -256,12 +257,12 @@ def rows(figures: Figures) -> Iterator[Row]:
         ("cold", "cold estimate", 0.25, studies),
         ("warm", "warm estimate", 0.05, ""),
     ):
-        one = timing[name]
-        seconds = f"{one['seconds_median']:.3f} ({one['seconds_p95']:.3f})"
+        times = timing[name]
+        seconds = f"{times['seconds_median']:.3f} ({times['seconds_p95']:.3f})"
         yield at_most(
-            f"{label}, median (95 %) [s]", one["seconds_median"], limit, seconds, published
+            f"{label}, median (95 %) [s]", times["seconds_median"], limit, seconds, published
         )
-        units = f"{one['yardstick_windows_median']:.0f} ({one['yardstick_windows_p95']:.0f})"
+        units = f"{times['yardstick_windows_median']:.0f} ({times['yardstick_windows_p95']:.0f})"
         yield untargeted("  in yardstick windows", units)
     evaluations = errors["random"]["evaluations_median"]
     yield at_most("evaluations, median", evaluations, 300, f"{evaluations:.0f}", "10,000")
@@ -281,7 +282,7 @@ def _target_percent(by_algorithm: dict[str, float], name: str) -> float:
 def _thesis_rows(of_cases: Figures) -> Iterator[Row]:
     published = published_percent()
     for kind, label in (("thesis", ""), ("first", ", first cycle")):
-        errors = {name: one[kind] for name, one in of_cases.items()}
+        errors = {name: case[kind] for name, case in of_cases.items()}
         for level, limit, best in (
             ("low", 0.25, MEAN_LOW_PERCENT),
             ("high", 0.5, MEAN_HIGH_PERCENT),
@@ -308,21 +309,21 @@ def _thesis_rows(of_cases: Figures) -> Iterator[Row]:
         yield at_most(what, errors["multiple"], MULTIPLE_PERCENT, beside=best)
 
 
-def _detection_rows(one: Figures) -> Iterator[Row]:
-    alarms = f"{one['warnings']} WARN, {one['errors']} ERROR, {one['not_valid']} invalid"
+def _detection_rows(entry: Figures) -> Iterator[Row]:
+    alarms = f"{entry['warnings']} WARN, {entry['errors']} ERROR, {entry['not_valid']} invalid"
     yield Row(
-        f"false alarms in {one['windows']} healthy noisy windows",
+        f"false alarms in {entry['windows']} healthy noisy windows",
         "0",
         alarms,
-        not one["warnings"] + one["errors"] + one["not_valid"],
+        not entry["warnings"] + entry["errors"] + entry["not_valid"],
     )
     yield Row(
         f"  windows with a fault beyond {DETECTED_SIGMA:g} sigma",
         f"<= {100.0 * MOST_ALARMS:g} %",
-        f"{one['alarms']} (largest {one['largest_deviation_sigma']:.2f})",
-        one["alarms"] <= MOST_ALARMS * one["windows"],
+        f"{entry['alarms']} (largest {entry['largest_deviation_sigma']:.2f})",
+        entry["alarms"] <= MOST_ALARMS * entry["windows"],
     )
-    smallest = one["smallest_percent"]
+    smallest = entry["smallest_percent"]
     worst = max(smallest, key=lambda name: smallest[name])
     measured = f"{smallest[worst]:g} ({worst.replace('_', ' ')})"
     yield at_most("  smallest fault so detected, power 90 % [%]", smallest[worst], 1.0, measured)
@@ -347,12 +348,12 @@ def tables(figures: Figures) -> Iterator[Table | str]:
             # The direction of eccentricity is no fault by itself.
             (
                 name,
-                percent(one["coverage"]),
-                percent(one["coverage_of_half"]),
-                one["half_width_percent"],
+                percent(component["coverage"]),
+                percent(component["coverage_of_half"]),
+                component["half_width_percent"],
                 smallest.get(name, ""),
             )
-            for name, one in covariance["by_component"].items()
+            for name, component in covariance["by_component"].items()
         ),
     )
     yield _case_table(figures["thesis_cases"])
@@ -360,15 +361,15 @@ def tables(figures: Figures) -> Iterator[Table | str]:
 
 def _case_table(of_cases: Figures) -> Table:
     published, table = published_percent(), []
-    for name, one in of_cases.items():
+    for name, case in of_cases.items():
         values = list(THESIS_FAULTS[name].values())
         table.append(
             (
                 name,
                 f"{values[0]:.3f}" if len(values) == 1 else "",
-                *(one["first"], one["thesis"], max(one["each"])),
+                *(case["first"], case["thesis"], max(case["each"])),
                 _target_percent(published[name], name),
-                one["evaluations"],
+                case["evaluations"],
                 *published[name].values(),
             )
         )

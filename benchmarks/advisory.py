@@ -162,15 +162,15 @@ def compare(
         f"quantile {quantile:g}, margin {margin:g} h": threshold(costs, quantile, margin)
         for quantile, margin in product(_QUANTILES, _MARGINS)
     } | {f"rate {rate:g}": replacement(costs, rate * costs.removal) for rate in _RATES}
-    found = {name: outcome(courses, policy, costs) for name, policy in candidates.items()}
-    name = min(found, key=lambda one: found[one]["cost_rate"])
+    outcomes = {name: outcome(courses, policy, costs) for name, policy in candidates.items()}
+    name = min(outcomes, key=lambda policy: outcomes[policy]["cost_rate"])
     ends = np.array([course.end for course in courses])
-    age = min(_AGES, key=lambda one: at_age(other_ends, one, costs))
+    age = min(_AGES, key=lambda interval: at_age(other_ends, interval, costs))
     return {
         "failure": costs.failure,
         "lead_hours": costs.lead_time,
         "advice": outcome(courses, advice(costs), costs),
-        "oracle": found[name] | {"policy": name},
+        "oracle": outcomes[name] | {"policy": name},
         "fixed": {
             "cost_rate": at_age(ends, age, costs),
             "age": float(age),
@@ -194,10 +194,13 @@ def measure(pool: Workers, lives: int, others: int) -> Figures:
 
 def rows(figures: Figures) -> Iterator[Row]:
     """Return the rows of the targets."""
-    for one in figures["cases"]:
-        case = f"failure {one['failure']:g} removals, lead {one['lead_hours']:g} h"
-        rate = one["advice"]["cost_rate"]
-        over, share = rate / one["oracle"]["cost_rate"], rate / one["fixed"]["cost_rate"]
+    for comparison in figures["cases"]:
+        case = f"failure {comparison['failure']:g} removals, lead {comparison['lead_hours']:g} h"
+        rate = comparison["advice"]["cost_rate"]
+        over, share = (
+            rate / comparison["oracle"]["cost_rate"],
+            rate / comparison["fixed"]["cost_rate"],
+        )
         yield at_most(f"{case}: cost over the oracle", over, MOST_OVER_ORACLE, f"{over:.3f}")
         what = f"{case}: cost over the best fixed interval"
         yield Row(what, "< 1", f"{share:.3f}", share < 1.0)
@@ -211,14 +214,14 @@ def tables(figures: Figures) -> Iterator[Table]:
         (*headings, "fixed", "(age) [h]", "to failure", "known end"),
         (
             (
-                *(f"{one[key]:g}" for key in ("failure", "lead_hours")),
-                *(1e3 * one["advice"]["cost_rate"], one["advice"]["failures"]),
-                *(1e3 * one["oracle"]["cost_rate"], one["oracle"]["failures"]),
-                one["oracle"]["policy"],
-                *(1e3 * one["fixed"]["cost_rate"], f"{one['fixed']['age']:g}"),
-                *(1e3 * one[key]["cost_rate"] for key in ("to_failure", "known_end")),
+                *(f"{comparison[key]:g}" for key in ("failure", "lead_hours")),
+                *(1e3 * comparison["advice"]["cost_rate"], comparison["advice"]["failures"]),
+                *(1e3 * comparison["oracle"]["cost_rate"], comparison["oracle"]["failures"]),
+                comparison["oracle"]["policy"],
+                *(1e3 * comparison["fixed"]["cost_rate"], f"{comparison['fixed']['age']:g}"),
+                *(1e3 * comparison[key]["cost_rate"] for key in ("to_failure", "known_end")),
             )
-            for one in figures["cases"]
+            for comparison in figures["cases"]
         ),
         digits=3,
     )

@@ -126,7 +126,7 @@ def of_workers(place: Path, bags: Path) -> Figures:
                 began_s = time.perf_counter()
                 run_bags(manifest, pool, tally)
                 taken.append(time.perf_counter() - began_s)
-    ratios = [one / two for one, two in zip(*seconds.values(), strict=True)]
+    ratios = [first / second for first, second in zip(*seconds.values(), strict=True)]
     middle = statistics.median(ratios)
     done = len(list(bags.rglob("*.mcap")))
     return {"bags": done, "seconds": seconds, "speedups": ratios, "speedup": middle}
@@ -211,10 +211,10 @@ def lives(place: Path, count: int) -> Path:
 PARTS: Final = ("size", "unit", "queries", "bag", "workers", "kills")
 
 
-def apart(work: Callable[..., Figures], *given: Any) -> Figures:
+def apart(work: Callable[..., Figures], *options: Any) -> Figures:
     """Return what a part measures in a folder and a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
-        return in_a_process(work, Path(folder), *given)
+        return in_a_process(work, Path(folder), *options)
 
 
 def measure(
@@ -248,7 +248,7 @@ def rows(figures: Figures) -> Iterator[Row]:
     """Return the rows of the targets."""
     if "sizes" in figures:
         first, last = figures["sizes"][0], figures["sizes"][-1]
-        each_ms = [1e3 * one["own_cpu_s"] / one["tests"] for one in (first, last)]
+        each_ms = [1e3 * entry["own_cpu_s"] / entry["tests"] for entry in (first, last)]
         ratio = each_ms[1] / each_ms[0]
         what = f"{last['tests']} tests over {first['tests']}"
         yield at_most(f"memory, {what}", last["peak_mb"] / first["peak_mb"], 1.5)
@@ -262,18 +262,18 @@ def rows(figures: Figures) -> Iterator[Row]:
         what = f"bag of {bag['recorded_s']:.1f} s, over real time, a core"
         yield at_least(what, ratio, 100.0, f"{ratio:.0f} ({bag['cpu_s']:.3f} s)")
     if "queries" in figures:
-        one = figures["queries"]
-        yield at_most(f"worst twenty of {one['rows']} rows [s]", one["worst_s"], 1.0)
-        yield at_most("  by all rows of health [s]", one["worst_of_all_rows_s"], 1.0)
+        queries = figures["queries"]
+        yield at_most(f"worst twenty of {queries['rows']} rows [s]", queries["worst_s"], 1.0)
+        yield at_most("  by all rows of health [s]", queries["worst_of_all_rows_s"], 1.0)
     if "unit" in figures:
         unit = figures["unit"]
         yield untargeted("follow a test of a unit [ms]", f"{1e3 * _followed_s(unit):.1f}")
         what = f"follow one more after {unit['tests']} [s]"
         yield untargeted(what, f"{unit['one_more_cpu_s']:.2f}")
     if "kills" in figures:
-        one = figures["kills"]
-        lost = one["missing"] + one["doubled"]
-        yield none_of(f"bags missing or doubled after {one['kills']} kills", lost)
+        kills = figures["kills"]
+        lost = kills["missing"] + kills["doubled"]
+        yield none_of(f"bags missing or doubled after {kills['kills']} kills", lost)
     if {"bag", "unit"} <= figures.keys():
         each_s = figures["bag"]["cpu_s"] + _followed_s(figures["unit"])
         days = FLEET_BAGS * each_s / 2.0 / 86_400.0

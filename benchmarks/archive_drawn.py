@@ -95,4 +95,4 @@ def write_drawn_health(archive: Path, units: int, tests: int) -> None:
         tables.append(placed(table, MODEL, f"flap+drawn-{unit:04d}"))
     with Store(archive, is_new=True) as store, store.changing() as db:
         insert(db, "health", pa.concat_tables(tables))
-        insert(db, "units", pa.concat_tables(one.slice(tests - 1) for one in tables))
+        insert(db, "units", pa.concat_tables(table.slice(tests - 1) for table in tables))

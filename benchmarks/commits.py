@@ -57,12 +57,12 @@ def main(commit: str, script: str, turns: int, arguments: tuple[str, ...]) -> No
         subprocess.run([*worktree, "add", "--quiet", "--detach", other, commit], check=True)
         try:
             trees = [(other, ROOT)] * turns
-            found = [[measured(one, script, arguments) for one in both] for both in trees]
+            times = [[measured(tree, script, arguments) for tree in both] for both in trees]
         finally:
             subprocess.run([*worktree, "remove", "--force", other], check=True)
     rows = []
-    for name in found[0][0].keys() & found[0][1].keys():
-        before, now = zip(*([one[name] for one in both] for both in found), strict=True)
+    for name in times[0][0].keys() & times[0][1].keys():
+        before, now = zip(*([entry[name] for entry in both] for both in times), strict=True)
         ratios = [b / a if a else float("nan") for a, b in zip(before, now, strict=True)]
         rows.append((name, *map(statistics.median, (before, now, ratios))))
     headings = ("what", commit, "now", "ratio")

@@ -98,32 +98,34 @@ def measure(pool: Workers, rounds: int, tests: int) -> Figures:
         graph.wait(lambda: len(delays_s) > count, f"{count} messages on health")
         return delays_s[1 : count + 1]
 
-    found: dict[str, list[float]] = {kind: [] for kind in (NO_CLIENT, *CLIENTS)}
-    cores: dict[str, list[float]] = {kind: [] for kind in found}
+    results: dict[str, list[float]] = {kind: [] for kind in (NO_CLIENT, *CLIENTS)}
+    cores: dict[str, list[float]] = {kind: [] for kind in results}
     context = multiprocessing.get_context("spawn")
     with Graph() as graph:
         graph.listen(Health, f"{NAMESPACE}/health", note, LATCHED_BY_MANY)
         files = [parameter_file("simulated")]
-        _, dashboard, _ = (graph.start(one, files) for one in ("monitor", "dashboard", "actuator"))
-        graph.wait_for_status(_STATUS, lambda one: "address" in one)
+        _, dashboard, _ = (
+            graph.start(process, files) for process in ("monitor", "dashboard", "actuator")
+        )
+        graph.wait_for_status(_STATUS, lambda entry: "address" in entry)
         url = graph.statuses[_STATUS]["address"]
         next_delays_s(2)  # kernels are loaded
         for _ in pool.track("rounds", range(rounds)):
-            for kind in found:
+            for kind in results:
                 client = context.Process(target=be_client, args=(kind, url))
                 if kind in CLIENTS:
                     client.start()
                 begin_s, used_s = time.monotonic(), cpu_s(dashboard.pid)
-                found[kind] += next_delays_s(tests)
+                results[kind] += next_delays_s(tests)
                 used_s = cpu_s(dashboard.pid) - used_s
                 cores[kind].append(used_s / (time.monotonic() - begin_s))
                 if kind in CLIENTS:
                     client.kill()
                     client.join()
-        graph.wait_for_status(_STATUS, lambda one: "dropped messages" in one)
+        graph.wait_for_status(_STATUS, lambda entry: "dropped messages" in entry)
         status = graph.statuses[_STATUS]
     return {
-        "delays_s": found,
+        "delays_s": results,
         "cores": {kind: float(np.mean(values)) for kind, values in cores.items()},
         "dropped": int(status["dropped messages"]),
         "refused": int(status["refused requests"]),

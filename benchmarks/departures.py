@@ -51,16 +51,16 @@ def test_of(task: Task) -> list[WindowFigures]:
 
 def baseline_of(unit: Unit) -> WindowBaseline:
     """Return the baseline of a unit."""
-    found = map(telemetry_of, Task(unit, ()).healthy())
-    return WindowBaseline.of(one for one in found if one is not None)
+    telemetry = map(telemetry_of, Task(unit, ()).healthy())
+    return WindowBaseline.of(block for block in telemetry if block is not None)
 
 
 def probabilities_of(baseline: WindowBaseline, figures: list[WindowFigures]) -> list[float]:
     """Return how likely a healthy unit is as far away, on each of ``DAYS``."""
     if not figures:
         return [0.0] * len(DAYS)  # A window without motion differs from all healthy windows.
-    found = (baseline.departure(day * NS_A_DAY, figures) for day in DAYS.values())
-    return [1.0 if one is None else one.probability for one in found]
+    departures = (baseline.departure(day * NS_A_DAY, figures) for day in DAYS.values())
+    return [1.0 if departure is None else departure.probability for departure in departures]
 
 
 def measure(pool: Workers, healthy: int, each: int) -> Figures:
@@ -106,7 +106,7 @@ def tables(figures: Figures) -> Iterator[Table]:
                 (
                     name,
                     *(
-                        f"{sum(one[number] < SIGNIFICANCE for one in by_name[name])} of "
+                        f"{sum(entry[number] < SIGNIFICANCE for entry in by_name[name])} of "
                         f"{len(by_name[name])}"
                         for by_name in figures.values()
                     ),

@@ -60,28 +60,28 @@ class Condition(NamedTuple):
         """Return the rig that runs its tests."""
         description = ActuatorDescription(sample_period=self.sample_period)
         settings = BenchSettings(current_noise=self.current_noise, seed=_SEED)
-        given = Bench(
+        bench = Bench(
             description, _NOMINAL, settings, dict(self.resolutions), THESIS_CHIRP, None, None
         )
-        return SimulatedRig(given, lambda: None)
+        return SimulatedRig(bench, lambda: None)
 
 
 def designed(within: tuple[str, Mapping[str, float]]) -> dict[str, Any]:
     """Return the command designed within limits, and how it compares with the chirp."""
     name, limits = within
     rig = Condition(name, THESIS_CHIRP).rig()
-    found = design_command(
+    design = design_command(
         rig, ActuatorDescription(), MotionLimits.within(_NOMINAL, longest=0.5, **limits)
     )
     names = "shape", "amplitude", "duration", "start_frequency", "end_frequency", "final_fraction"
     return {
         "name": name,
-        "command": {key: getattr(found.command, key) for key in names},
-        "reached": found.reached,
-        "ratio": found.command.duration / THESIS_CHIRP.duration,
-        "wanted": dict(found.wanted),
-        "sigma": {one.name: one.sigma for one in found.rehearsed.faults},
-        "error": {one.name: one.error for one in found.rehearsed.faults},
+        "command": {key: getattr(design.command, key) for key in names},
+        "reached": design.reached,
+        "ratio": design.command.duration / THESIS_CHIRP.duration,
+        "wanted": dict(design.wanted),
+        "sigma": {fault.name: fault.sigma for fault in design.rehearsed.faults},
+        "error": {fault.name: fault.error for fault in design.rehearsed.faults},
     }
 
 
@@ -100,14 +100,16 @@ def certified(work: tuple[Condition, int]) -> dict[str, Any]:
     rig, command = condition.rig(), condition.command
     description = ActuatorDescription(sample_period=condition.sample_period)
     promise = rehearse(rig, command, description)
-    found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in COMPONENTS}
-    for number, one in enumerate(promise.combined):
-        for window in rig(command, one.faults, (repetitions + number) // N_COMBINED, {}):
+    errors: dict[str, list[tuple[float, float, float]]] = {name: [] for name in COMPONENTS}
+    for number, combination in enumerate(promise.combined):
+        for window in rig(command, combination.faults, (repetitions + number) // N_COMBINED, {}):
             estimate = identify(window, description, promise.calibration)
-            for i in set(claimed(estimate)).intersection(np.flatnonzero(present(one.faults))):
-                error = estimate.faults[i] - one.faults[i]
-                found[FAULT_NAMES[i]].append((one.sigma[i], estimate.sigma[i], error))
-    return {"name": condition.name, "faults": {name: _kept(of) for name, of in found.items()}}
+            for i in set(claimed(estimate)).intersection(
+                np.flatnonzero(present(combination.faults))
+            ):
+                error = estimate.faults[i] - combination.faults[i]
+                errors[FAULT_NAMES[i]].append((combination.sigma[i], estimate.sigma[i], error))
+    return {"name": condition.name, "faults": {name: _kept(of) for name, of in errors.items()}}
 
 
 def _kept(tests: list[tuple[float, float, float]]) -> dict[str, float]:
@@ -164,27 +166,27 @@ def measure(pool: Workers, repetitions: int, plants: int, tests: int) -> Figures
         Condition("designed, 10 kHz", new),
         Condition("designed, coarse and noisy", new, 1e-4, 0.2, _COARSE),
     ]
-    work = [(one, repetitions) for one in conditions]
+    work = [(condition, repetitions) for condition in conditions]
     return {
         "designs": designs,
         "certificates": pool.map("certificates", certified, work),
         "foreign": {
             name: _scores(
-                pool.map(f"foreign, {name}", foreign, [(n, one, tests) for n in range(plants)])
+                pool.map(f"foreign, {name}", foreign, [(n, command, tests) for n in range(plants)])
             )
-            for name, one in (("chirp", THESIS_CHIRP), ("designed", new))
+            for name, command in (("chirp", THESIS_CHIRP), ("designed", new))
         },
     }
 
 
 def _scores(of_plants: list[list[dict[str, Any]]]) -> Figures:
-    every = [one for some in of_plants for one in some]
+    every = [test for some in of_plants for test in some]
     return {
         "windows": len(every),
-        "refused": sum(one["verdict"] == REFUSED for one in every),
-        **quantiles([one["error"] for one in every if np.isfinite(one["error"])]),
-        "coverage": mean([flag for one in every for flag in one["inside"]]),
-        "sigma": median([value for one in every for value in one["sigma"]]),
+        "refused": sum(test["verdict"] == REFUSED for test in every),
+        **quantiles([test["error"] for test in every if np.isfinite(test["error"])]),
+        "coverage": mean([flag for test in every for flag in test["inside"]]),
+        "sigma": median([value for test in every for value in test["sigma"]]),
     }
 
 
@@ -201,9 +203,9 @@ def rows(figures: Figures) -> Iterator[Row]:
     yield Row(what, "<= 1.1", measured, first["reached"])
     yield untargeted("  within the chirp's own demands", f"{own['ratio']:.2f}")
     shares = {
-        f"{one['name']}, {name.replace('_', ' ')}": kept["ratio"]
-        for one in figures["certificates"]
-        for name, kept in one["faults"].items()
+        f"{certificate['name']}, {name.replace('_', ' ')}": kept["ratio"]
+        for certificate in figures["certificates"]
+        for name, kept in certificate["faults"].items()
         if kept
     }
     # Few simulated tests may have no sigma to compare with.
@@ -213,9 +215,9 @@ def rows(figures: Figures) -> Iterator[Row]:
         [abs(ratio - 1.0) <= 0.25 for ratio in shares.values()],
         f"{shares[worst]:.2f} ({worst})" if worst else "none compared",
     )
-    for name, one in figures["foreign"].items():
+    for name, scores in figures["foreign"].items():
         what = f"foreign plants, {name}: median, 90th percentile [%], coverage"
-        measured = f"{one['median']:.2f}, {one['p90']:.2f}, {percent(one['coverage'])} %"
+        measured = f"{scores['median']:.2f}, {scores['p90']:.2f}, {percent(scores['coverage'])} %"
         yield untargeted(what, measured)
 
 
@@ -232,16 +234,16 @@ def tables(figures: Figures) -> Iterator[Table]:
         ("sigma over the chirp's, error", *names, "duration\ns"),
         (
             (
-                one["name"],
+                design["name"],
                 *(
-                    f"{_of_chirp(one, name):.2f}\n{one['error'][name]:.4f}"
-                    if name in one["wanted"]
+                    f"{_of_chirp(design, name):.2f}\n{design['error'][name]:.4f}"
+                    if name in design["wanted"]
                     else ""
                     for name in COMPONENTS
                 ),
-                f"{one['command']['duration']:.3f}",
+                f"{design['command']['duration']:.3f}",
             )
-            for one in figures["designs"]
+            for design in figures["designs"]
         ),
     )
     yield grid(
@@ -254,8 +256,12 @@ def tables(figures: Figures) -> Iterator[Table]:
     )
 
 
-def _certified(one: dict[str, float]) -> str:
-    return f"{one['ratio']:.2f}\n{percent(one['covers'])}, {one['error']:.4f}" if one else "-\n-"
+def _certified(ratios: dict[str, float]) -> str:
+    return (
+        f"{ratios['ratio']:.2f}\n{percent(ratios['covers'])}, {ratios['error']:.4f}"
+        if ratios
+        else "-\n-"
+    )
 
 
 main = command(

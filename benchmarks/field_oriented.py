@@ -53,9 +53,11 @@ def measure(pool: Workers, each: int, repetitions: int) -> Figures:
         calibration = calibrate_model(windows, description)
         ways = [Variant(calibration, noisy, description=description) for noisy in (False, True)]
         for name, some in sets.items():
-            found = trials(pool, f"{drive}, {name}", [replace(one, **other) for one in some], ways)
+            results = trials(
+                pool, f"{drive}, {name}", [replace(case, **other) for case in some], ways
+            )
             by_drive = figures.setdefault(name, {})
-            by_drive[drive] = dict(zip(("ideal", "noisy"), map(_summary, found), strict=True))
+            by_drive[drive] = dict(zip(("ideal", "noisy"), map(_summary, results), strict=True))
     return figures
 
 
@@ -98,10 +100,10 @@ def tables(figures: Figures) -> Iterator[Table]:
                 *(
                     f"{value:.2f}"
                     for drive, sensors in ways
-                    for one in [by_drive[drive][sensors]]
+                    for entry in [by_drive[drive][sensors]]
                     for value in (
-                        *(one["median"], one["max"], one["covered"]),
-                        one["verdicts"]["degraded"] / one["cases"],
+                        *(entry["median"], entry["max"], entry["covered"]),
+                        entry["verdicts"]["degraded"] / entry["cases"],
                     )
                 ),
             )

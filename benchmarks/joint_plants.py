@@ -157,11 +157,11 @@ HEALTHY: Final = Case()
 
 def cases(joint: Joint, healthy: int) -> dict[str, Case]:
     """Return the cases of a joint by name, with a number of healthy ones."""
-    found = {name: Case(friction=factor) for name, factor in FRICTION.items()}
-    found |= {"viscous": Case(viscous=2.0), "torque": Case(torque=0.9), "load": Case(load=0.5)}
+    cases = {name: Case(friction=factor) for name, factor in FRICTION.items()}
+    cases |= {"viscous": Case(viscous=2.0), "torque": Case(torque=0.9), "load": Case(load=0.5)}
     if joint.play:
-        found["play"] = Case(play=4.0)
-    return found | {f"healthy {i}": HEALTHY for i in range(healthy)}
+        cases["play"] = Case(play=4.0)
+    return cases | {f"healthy {i}": HEALTHY for i in range(healthy)}
 
 
 class Plant(NamedTuple):
@@ -411,13 +411,17 @@ class Unit:
             # The user shaft of a linear joint is its screw.
             "N": {"unit": "N.m", "kind": "joint_torque", "scale": joint.lead / (2.0 * pi)},
         }
-        found: dict[str, Any] = {"position": {"source": "position", "unit": length}}
+        sections: dict[str, Any] = {"position": {"source": "position", "unit": length}}
         if joint.has_command:
-            found["command"] = {"source": "command", "unit": length}
+            sections["command"] = {"source": "command", "unit": length}
         if joint.has_speed:
-            found["speed"] = {"source": "speed", "unit": f"{length}/s", "shaft": "user"}
-        found["current"] = {"source": "effort", **kinds[joint.effort], "sampling": joint.sampling}
-        return found | {"clock": {"source": "time_s"}}
+            sections["speed"] = {"source": "speed", "unit": f"{length}/s", "shaft": "user"}
+        sections["current"] = {
+            "source": "effort",
+            **kinds[joint.effort],
+            "sampling": joint.sampling,
+        }
+        return sections | {"clock": {"source": "time_s"}}
 
     def description(self) -> dict[str, Any]:
         """Return the description of the unit, as its owner knows it."""

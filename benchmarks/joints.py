@@ -88,10 +88,10 @@ class LeastSquares:
 
     def __init__(self, joint: Joint, healthy: Sequence[Path]) -> None:
         self.joint = joint
-        found = np.array([self.fit(path) for path in healthy])
-        self.mean = found.mean(axis=0)
-        self.sigma = found.std(axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / len(found))
-        self.quantile = float(student.ppf(0.95, len(found) - 1))
+        fits = np.array([self.fit(path) for path in healthy])
+        self.mean = fits.mean(axis=0)
+        self.sigma = fits.std(axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / len(fits))
+        self.quantile = float(student.ppf(0.95, len(fits) - 1))
 
     def fit(self, path: Path) -> NDArray[np.float64]:
         """Return the coefficients of a log."""
@@ -111,10 +111,10 @@ class LeastSquares:
 
     def judge(self, path: Path) -> Figures:
         """Return the change of friction with its 90 % interval, and the quantity of an alarm."""
-        found = self.fit(path)
-        size = np.abs(found - self.mean) / self.sigma
+        fit = self.fit(path)
+        size = np.abs(fit - self.mean) / self.sigma
         largest = int(np.argmax(size))
-        friction, healthy = found[2], self.mean[2]
+        friction, healthy = fit[2], self.mean[2]
         off = self.quantile * self.sigma[2]
         ends = sorted((friction + sign * off) / healthy - 1.0 for sign in (-1.0, 1.0))
         return {
@@ -141,15 +141,15 @@ def estimated(path: Path, calibration: Path) -> Figures:
         estimates = json.loads(printed)
     except json.JSONDecodeError:
         estimates = []
-    found = next((one for one in estimates if one.get("comparison")), {})
-    comparison = found.get("comparison") or {"quantities": [], "figures": []}
-    reason = "; ".join({one.get("reason", "") for one in estimates} - {""})
+    compared = next((estimate for estimate in estimates if estimate.get("comparison")), {})
+    comparison = compared.get("comparison") or {"quantities": [], "figures": []}
+    reason = "; ".join({estimate.get("reason", "") for estimate in estimates} - {""})
     return {
         "code": code,
-        "verdict": found.get("verdict", ""),
+        "verdict": compared.get("verdict", ""),
         "reason": reason or (errors.strip().splitlines() or [""])[-1],
-        "quantities": {one["name"]: one for one in comparison["quantities"]},
-        "figures": [one["name"] for one in comparison["figures"]],
+        "quantities": {quantity["name"]: quantity for quantity in comparison["quantities"]},
+        "figures": [entry["name"] for entry in comparison["figures"]],
         "cpu_s": spent,
     }
 
@@ -171,7 +171,7 @@ def judged_unit(task: Task) -> Figures:
             write(f"healthy_{i}", day, number, HEALTHY)
             for i, (day, number) in enumerate(healthy_days(task.records, task.days))
         ]
-        usual = np.mean([one["dry"] for one in truth.values()])
+        usual = np.mean([value["dry"] for value in truth.values()])
         calibration = folder / "calibration.yaml"
         calibration.unlink(missing_ok=True)
         code, _, errors, spent = run("calibrate", *healthy, "-o", calibration, "--replace")
@@ -197,8 +197,8 @@ def judged_unit(task: Task) -> Figures:
 
         for name, case in task.tests.items():
             judge(name, case, name.split()[0])
-        sizes = [one["smallest_change"] for one in map(_friction, tests) if one]
-        sizes = [one for one in sizes if one is not None and np.isfinite(one)]
+        sizes = [test["smallest_change"] for test in map(_friction, tests) if test]
+        sizes = [size for size in sizes if size is not None and np.isfinite(size)]
         smallest = float(np.median(sizes)) if sizes else float("nan")
         for i in range(task.sized if sizes else 0):
             judge(f"smallest {i}", Case(friction=1.0 + smallest), "smallest")
@@ -243,13 +243,13 @@ def measure(
 
 def _friction(test: Figures) -> Figures | None:
     """Return what a test reports of its friction; None if it is not judged."""
-    found = test["ours"]["quantities"].get("friction")
-    return found if found and found["judgement"] != "not judged" else None
+    friction = test["ours"]["quantities"].get("friction")
+    return friction if friction and friction["judgement"] != "not judged" else None
 
 
 def is_alarm(ours: Figures) -> bool:
     """Return whether a record is reported as different from the healthy ones."""
-    changed = any(one["judgement"] == "changed" for one in ours["quantities"].values())
+    changed = any(quantity["judgement"] == "changed" for quantity in ours["quantities"].values())
     return changed or bool(ours["figures"]) or ours["verdict"] == "departed"
 
 
@@ -257,12 +257,12 @@ def outcome(test: Figures) -> str:
     """Return which of ``OUTCOMES`` a test with a fault has."""
     wanted, ours = NAMES.get(test["kind"], "friction"), test["ours"]
     changed = {
-        name: one
-        for name, one in ours["quantities"].items()
-        if one["judgement"] == "changed" and name not in CONSEQUENCES
+        name: quantity
+        for name, quantity in ours["quantities"].items()
+        if quantity["judgement"] == "changed" and name not in CONSEQUENCES
     }
-    others = [one for name, one in changed.items() if name != wanted]
-    if any(wanted not in one["rivals"] for one in others):
+    others = [quantity for name, quantity in changed.items() if name != wanted]
+    if any(wanted not in quantity["rivals"] for quantity in others):
         return "wrong"
     if wanted in changed and not changed[wanted]["rivals"]:
         return "named"
@@ -270,24 +270,26 @@ def outcome(test: Figures) -> str:
         return "not told apart"
     if is_alarm(ours):
         return "departed"
-    found = ours["quantities"].get(wanted)
-    return "not judged" if not found or found["judgement"] == "not judged" else "missed"
+    quantity = ours["quantities"].get(wanted)
+    return "not judged" if not quantity or quantity["judgement"] == "not judged" else "missed"
 
 
 def of_joint(units: Sequence[Figures]) -> Figures:
     """Return the figures of some units."""
-    tests = [one for unit in units for one in unit["tests"]]
-    wear = [one for one in tests if one["kind"] == "friction"]
-    healthy = [one for one in tests if one["kind"] == "healthy"]
-    judged = [(one, found) for one in tests if (found := _friction(one))]
-    errors = [_error(one, found) for one, found in judged if one["kind"] == "friction"]
-    plain = [_error(one, one["least_squares"]) for one in wear]
-    same = [_error(one, one["least_squares"]) for one in wear if _friction(one)]
-    covered = [(one, found) for one, found in judged if one["kind"] in ("friction", "healthy")]
-    reasons = Counter(_reason(one) for one in tests if not _friction(one))
+    tests = [test for unit in units for test in unit["tests"]]
+    wear = [test for test in tests if test["kind"] == "friction"]
+    healthy = [test for test in tests if test["kind"] == "healthy"]
+    judged = [(test, friction) for test in tests if (friction := _friction(test))]
+    errors = [_error(test, friction) for test, friction in judged if test["kind"] == "friction"]
+    plain = [_error(test, test["least_squares"]) for test in wear]
+    same = [_error(test, test["least_squares"]) for test in wear if _friction(test)]
+    covered = [
+        (test, friction) for test, friction in judged if test["kind"] in ("friction", "healthy")
+    ]
+    reasons = Counter(_reason(test) for test in tests if not _friction(test))
     sizes = [unit["smallest"] for unit in units if np.isfinite(unit["smallest"])]
-    plain_covered = [_covers(one, one["least_squares"]) for one in (*wear, *healthy)]
-    plain_alarms = [bool(one["least_squares"]["alarm"]) for one in healthy]
+    plain_covered = [_covers(test, test["least_squares"]) for test in (*wear, *healthy)]
+    plain_alarms = [bool(test["least_squares"]["alarm"]) for test in healthy]
     return {
         "error": _rms(errors),
         "least_squares": {
@@ -297,38 +299,38 @@ def of_joint(units: Sequence[Figures]) -> Figures:
             "covered": plain_covered,
             "alarms": plain_alarms,
         },
-        "within": [bool(f := _friction(one)) and abs(_error(one, f)) < WITHIN for one in wear],
-        "covered": [_covers(one, found) for one, found in covered],
-        "alarms": [is_alarm(one["ours"]) for one in healthy],
-        "not_judged": [_friction(one) is None for one in tests],
+        "within": [bool(f := _friction(test)) and abs(_error(test, f)) < WITHIN for test in wear],
+        "covered": [_covers(test, friction) for test, friction in covered],
+        "alarms": [is_alarm(test["ours"]) for test in healthy],
+        "not_judged": [_friction(test) is None for test in tests],
         "reasons": dict(reasons.most_common()),
         "outcomes": {
-            kind: dict(Counter(outcome(one) for one in tests if one["kind"] == kind))
+            kind: dict(Counter(outcome(test) for test in tests if test["kind"] == kind))
             for kind in NAMES
         },
         "smallest": float(np.median(sizes)) if sizes else np.inf,
         "found_smallest": [
-            outcome(one) in ("named", "not told apart")
-            for one in tests
-            if one["kind"] == "smallest"
+            outcome(test) in ("named", "not told apart")
+            for test in tests
+            if test["kind"] == "smallest"
         ],
-        "cpu_ms": 1e3 * float(np.median([one["ours"]["cpu_s"] for one in tests])),
+        "cpu_ms": 1e3 * float(np.median([test["ours"]["cpu_s"] for test in tests])),
     }
 
 
-def _error(test: Figures, found: Figures) -> float:
+def _error(test: Figures, friction: Figures) -> float:
     """Return the relative error of a friction ratio; the truth includes the scatter of days."""
-    return (1.0 + found["change"]) / (1.0 + test["change"]) - 1.0
+    return (1.0 + friction["change"]) / (1.0 + test["change"]) - 1.0
 
 
-def _covers(test: Figures, found: Figures) -> bool:
+def _covers(test: Figures, friction: Figures) -> bool:
     """Return whether an interval holds the wear; the scatter of days is part of the interval."""
-    return bool(found["low"] <= test["wear"] <= found["high"])
+    return bool(friction["low"] <= test["wear"] <= friction["high"])
 
 
 def _reason(test: Figures) -> str:
-    found = test["ours"]["quantities"].get("friction")
-    words = (found and found["reason"]) or test["ours"]["reason"] or "no estimate"
+    friction = test["ours"]["quantities"].get("friction")
+    words = (friction and friction["reason"]) or test["ours"]["reason"] or "no estimate"
     # Reasons that differ in their figures or paths only are the same.
     return re.sub(r"\S*/\S*|\d[\d.]*", "*", words)
 
@@ -345,24 +347,24 @@ def by_joint(figures: Figures) -> dict[str, Figures]:
     """Return the figures of each joint, and of all."""
     units: list[Figures] = figures["units"]
     names = dict.fromkeys(unit["joint"] for unit in units)
-    found = {name: of_joint([one for one in units if one["joint"] == name]) for name in names}
-    return found | {"all": of_joint(units)}
+    joints = {name: of_joint([unit for unit in units if unit["joint"] == name]) for name in names}
+    return joints | {"all": of_joint(units)}
 
 
 def rows(figures: Figures) -> Iterator[Row]:
     """Return the rows of the targets."""
-    found = by_joint(figures)
-    every = found.pop("all")
-    for name, one in found.items():
+    joints = by_joint(figures)
+    every = joints.pop("all")
+    for name, joint in joints.items():
         # A joint without a judged test has not met its target.
-        error = one["error"] if one["error"] == one["error"] else np.inf
-        beside = f"{one['least_squares']['error']:.2f}"
+        error = joint["error"] if joint["error"] == joint["error"] else np.inf
+        beside = f"{joint['least_squares']['error']:.2f}"
         what = f"joint {name}: friction error, rms [%]"
         yield at_most(what, error, WANTED_ERROR, beside=beside)
     worse = [
         name
-        for name, one in found.items()
-        if not one["error"] <= max(one["least_squares"]["error_where_judged"], WANTED_ERROR)
+        for name, joint in joints.items()
+        if not joint["error"] <= max(joint["least_squares"]["error_where_judged"], WANTED_ERROR)
     ]
     yield none_of("joints with a larger friction error than least squares", len(worse))
     plain = every["least_squares"]
@@ -374,14 +376,14 @@ def rows(figures: Figures) -> Iterator[Row]:
     what = "joints: 90 % intervals of friction hold [%]"
     beside = percent(_share(plain["covered"]), 1)
     yield Row(what, target, measured, low <= cover <= high, beside)
-    alarms, theirs = (1000.0 * _share(one["alarms"]) for one in (every, plain))
+    alarms, theirs = (1000.0 * _share(entry["alarms"]) for entry in (every, plain))
     what = f"joints: false alarms of {len(every['alarms'])} healthy tests, in 1000"
     yield at_most(what, alarms, 1000.0 * MOST_ALARMS, beside=f"{theirs:.0f}")
-    wrong = sum(one.get("wrong", 0) for one in every["outcomes"].values())
+    wrong = sum(counts.get("wrong", 0) for counts in every["outcomes"].values())
     yield none_of("joints: faults attributed to another quantity", wrong)
-    for kind, one in every["outcomes"].items():
-        if count := sum(one.values()):
-            right = one.get("named", 0), one.get("not told apart", 0)
+    for kind, counts in every["outcomes"].items():
+        if count := sum(counts.values()):
+            right = counts.get("named", 0), counts.get("not told apart", 0)
             words = f"{right[0]}, {right[1]} of {count}"
             yield untargeted(f"  {kind}: named, not told apart", words)
     yield at_most(
@@ -396,7 +398,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 def tables(figures: Figures) -> Iterator[Table | str]:
     """Return what is printed below the targets."""
-    found = by_joint(figures)
+    joints = by_joint(figures)
     yield grid(
         "friction (least squares in brackets)",
         (
@@ -406,16 +408,18 @@ def tables(figures: Figures) -> Iterator[Table | str]:
         (
             (
                 name,
-                *_beside(one["error"], one["least_squares"]["error"], ".1f"),
-                *_beside(*_counts("within", one)),
-                *_beside(*(percent(_share(of["covered"])) for of in (one, one["least_squares"]))),
-                *_beside(*_counts("alarms", one)),
-                _count(one["not_judged"]),
-                100.0 * one["smallest"],
-                _count(one["found_smallest"]),
-                f"{one['cpu_ms']:.0f}",
+                *_beside(joint["error"], joint["least_squares"]["error"], ".1f"),
+                *_beside(*_counts("within", joint)),
+                *_beside(
+                    *(percent(_share(of["covered"])) for of in (joint, joint["least_squares"]))
+                ),
+                *_beside(*_counts("alarms", joint)),
+                _count(joint["not_judged"]),
+                100.0 * joint["smallest"],
+                _count(joint["found_smallest"]),
+                f"{joint['cpu_ms']:.0f}",
             )
-            for name, one in found.items()
+            for name, joint in joints.items()
         ),
     )
     yield grid(
@@ -423,29 +427,29 @@ def tables(figures: Figures) -> Iterator[Table | str]:
         ("joint", "case", *OUTCOMES),
         (
             (name, kind, *(counts.get(outcome, "") for outcome in OUTCOMES))
-            for name, one in found.items()
-            for kind, counts in one["outcomes"].items()
+            for name, joint in joints.items()
+            for kind, counts in joint["outcomes"].items()
             if counts
         ),
     )
-    for name, one in found.items():
+    for name, joint in joints.items():
         if name != "all":
-            yield from (f"{name}: {n} not judged: {words[:200]}" for words, n in _top(one))
+            yield from (f"{name}: {n} not judged: {words[:200]}" for words, n in _top(joint))
     for unit in figures["units"]:
         if error := unit["calibration"]["error"]:
             yield f"{unit['joint']} {unit['seed']}: no calibration: {error}"
 
 
-def _top(one: Figures) -> Iterable[tuple[str, Any]]:
-    return list(one["reasons"].items())[:3]
+def _top(entry: Figures) -> Iterable[tuple[str, Any]]:
+    return list(entry["reasons"].items())[:3]
 
 
 def _count(flags: Sequence[bool]) -> str:
     return f"{sum(flags)} of {len(flags)}"
 
 
-def _counts(key: str, one: Figures) -> tuple[str, str]:
-    return _count(one[key]), str(sum(one["least_squares"][key]))
+def _counts(key: str, entry: Figures) -> tuple[str, str]:
+    return _count(entry[key]), str(sum(entry["least_squares"][key]))
 
 
 def _beside(ours: Any, plain: Any, form: str = "") -> Iterator[str]:

@@ -135,15 +135,15 @@ def measure(pool: Workers, turns: int) -> Figures:
     difference = cpp_difference()
     for _ in pool.track("turns", range(turns)):
         unit.append(seconds_per_window())
-        for cores, found in monitor.items():
-            found.append(in_a_process(monitor_seconds, cores))
+        for cores, results in monitor.items():
+            results.append(in_a_process(monitor_seconds, cores))
         for case, _, nanoseconds in map(str.split, cpp().splitlines()):
             reference[case]["C++"].append(1e-9 * float(nanoseconds))
         for case, by_name in reference.items():
             by_name["numba"].append(statistics.median(reference_step(case) for _ in range(5)))
 
     def speed(run: str, cores: int) -> Figures:
-        seconds = [one[run] for one in monitor[cores]]
+        seconds = [times[run] for times in monitor[cores]]
         ratios = (u / s for u, s in zip(unit, seconds, strict=True))
         return compared((1.0 / s for s in seconds), ratios)
 
@@ -158,8 +158,8 @@ def measure(pool: Workers, turns: int) -> Figures:
                 "cores_2": speed(f"{dt:g} {batch}", 2),
                 "scaling": summary(
                     [
-                        one[f"{dt:g} {batch}"] / two[f"{dt:g} {batch}"]
-                        for one, two in zip(*monitor.values(), strict=True)
+                        first[f"{dt:g} {batch}"] / second[f"{dt:g} {batch}"]
+                        for first, second in zip(*monitor.values(), strict=True)
                     ]
                 ),
             }
@@ -206,15 +206,18 @@ def tables(figures: Figures) -> Iterator[Table | str]:
     yield grid(
         f"windows/s; the yardstick, one core: {figures['yardstick_windows_per_s']['median']:.0f}",
         ("what", "median", "95 %", "ratio", "95 %"),
-        ((what, *one["value"].values(), *one["ratio"].values()) for what, one in measured.items()),
+        (
+            (what, *times["value"].values(), *times["ratio"].values())
+            for what, times in measured.items()
+        ),
     )
     yield grid(
         "reference [ns/step]; numba over it",
         ("what", "median", "95 %", "ratio", "95 %"),
         (
-            (f"{case}, {name}", *one["value"].values(), *one["ratio"].values())
+            (f"{case}, {name}", *times["value"].values(), *times["ratio"].values())
             for case, by_name in figures["reference"].items()
-            for name, one in by_name.items()
+            for name, times in by_name.items()
         ),
     )
     difference = figures["reference_difference_A"]

@@ -60,7 +60,7 @@ def pooled(demos: Sequence[Figures]) -> Figures:
     """Return the figures of all demos together."""
     # Numbers are added up, lists joined.
     figures: Figures = {
-        name: sum((one[name] for one in demos), type(first)()) for name, first in demos[0].items()
+        name: sum((demo[name] for demo in demos), type(first)()) for name, first in demos[0].items()
     }
     for name in ("latency", "computing"):
         seconds = figures.pop(name)
@@ -72,14 +72,14 @@ def pooled(demos: Sequence[Figures]) -> Figures:
 
 def measure(pool: Workers, demos: int, duration: int) -> Figures:
     """Print what is lost and how late estimates are in so many demos, each of a duration [s]."""
-    found = []
+    results = []
     with tempfile.TemporaryDirectory() as folder:
         for number in pool.track("demos", range(demos)):
             place = Path(folder, str(number))
             words = ["ema", "demo", "--duration", str(duration), "-o", str(place)]
             subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
-            found.append(read(place / "bag"))
-    return pooled(found)
+            results.append(read(place / "bag"))
+    return pooled(results)
 
 
 def rows(figures: Figures) -> Iterator[Row]:

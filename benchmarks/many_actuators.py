@@ -86,8 +86,10 @@ class Course:
             return
         self._next_s = time.time() + 1.0
         self._times_min.append(time.time() / 60.0)
-        self._memory_mb.append([resident_mb(one) for one in self._processes])
-        waiting = [int(one.get("windows waiting", 0)) for one in self._graph.statuses.values()]
+        self._memory_mb.append([resident_mb(process) for process in self._processes])
+        waiting = [
+            int(status.get("windows waiting", 0)) for status in self._graph.statuses.values()
+        ]
         self.waiting_most = max([self.waiting_most, *waiting])
 
     def memory_at_end(self) -> tuple[float, float]:
@@ -123,11 +125,13 @@ def try_out(
     expected = {(name, number) for name in names for number in range(_SETTLING, total)}
     with tempfile.TemporaryDirectory(prefix="ema_many_") as place, Graph() as graph:
         graph.listen(FaultEstimate, f"{NAMESPACE}/{FAULT_ESTIMATE}", note, 1000)
-        given = [f'history_folder:="{place}/history"', f"most_actuators:={actuators}"]
-        commands = monitor_commands(monitors, NodeOptions(assignments=given), Path(place), names)
+        parameters = [f'history_folder:="{place}/history"', f"most_actuators:={actuators}"]
+        commands = monitor_commands(
+            monitors, NodeOptions(assignments=parameters), Path(place), names
+        )
         processes = [graph.run(command).pid for command in commands.values()]
-        given = (actuators, total, times, monitors, tests)
-        publisher = context.Process(target=publish, args=given)
+        arguments = (actuators, total, times, monitors, tests)
+        publisher = context.Process(target=publish, args=arguments)
         publisher.start()
         try:
             graph.wait(lambda: not times.empty())
@@ -153,9 +157,9 @@ def try_out(
         finally:
             publisher.join(_LAST_S)
             publisher.kill()
-        blocks = sum(int(one.get("blocks", 0)) for one in graph.statuses.values())
-    heard = expected & latencies_s.keys()
-    valid = heard - invalid.keys()
+        blocks = sum(int(status.get("blocks", 0)) for status in graph.statuses.values())
+    estimated = expected & latencies_s.keys()
+    valid = estimated - invalid.keys()
     dropped = {window for window, verdict in invalid.items() if verdict == FaultEstimate.SKIPPED}
     served = [sum(window[0] == name for window in valid) for name in names]
     of_valid_s = [latencies_s[window] for window in valid] or [float("nan")]
@@ -164,9 +168,9 @@ def try_out(
         "monitors": monitors,
         "actuators": actuators,
         "windows": len(expected),
-        "missing": len(expected - heard),  # without an estimate
+        "missing": len(expected - estimated),  # without an estimate
         "dropped": len(expected & dropped),  # given up for later ones
-        "refused": len(heard - valid - dropped),  # not valid for another reason
+        "refused": len(estimated - valid - dropped),  # not valid for another reason
         "dropped_before": len(dropped - expected),  # while it settled
         "blocks_lost": actuators * total * round(TEST_S / BLOCK_S) - blocks,
         # From a window's last sample to the reception of its estimate, of the valid ones.
@@ -220,7 +224,7 @@ def simulated_tests() -> list[list[bytes]]:
                 replace(b, current=b.current + rng.normal(0.0, _CURRENT_NOISE, len(b)))
                 for b in blocks
             ]
-            tests.append([serialize_message(telemetry_to_message(one, "")) for one in noisy])
+            tests.append([serialize_message(telemetry_to_message(case, "")) for case in noisy])
     return tests
 
 
@@ -276,10 +280,10 @@ def schedule(actuators: int, bursts: int) -> Iterator[tuple[int, int, int, int]]
                 yield round((tick + 1) * BLOCK_S * 1e9), number, burst, block
 
 
-def is_followed(one: Figures) -> bool:
+def is_followed(entry: Figures) -> bool:
     """Whether nothing was lost, and each estimate came before the next test of its actuator."""
-    lost = one["missing"] or one["dropped"] or one["blocks_lost"]
-    return not lost and one["latency_longest_s"] < PERIOD_S
+    lost = entry["missing"] or entry["dropped"] or entry["blocks_lost"]
+    return not lost and entry["latency_longest_s"] < PERIOD_S
 
 
 def resident_mb(process: int) -> float:
@@ -291,20 +295,20 @@ def resident_mb(process: int) -> float:
 def search(numbers: Sequence[int], start: int, run: Callable[[int], Figures]) -> list[Figures]:
     """Return runs up to and beyond the largest number that is followed, sought from a start on."""
     place = min(range(len(numbers)), key=lambda i: abs(numbers[i] - start))
-    found = [run(numbers[place])]
-    step = 1 if is_followed(found[0]) else -1
+    results = [run(numbers[place])]
+    step = 1 if is_followed(results[0]) else -1
     while 0 <= place + step < len(numbers):
         place += step
-        found.append(run(numbers[place]))
-        if is_followed(found[-1]) != (step > 0):
+        results.append(run(numbers[place]))
+        if is_followed(results[-1]) != (step > 0):
             break
-    return sorted(found, key=lambda one: one["actuators"])
+    return sorted(results, key=lambda entry: entry["actuators"])
 
 
 def followed(runs: Sequence[Figures], monitors: int) -> int:
     """Return the largest number of actuators that was followed; 0 when none was."""
-    mine = (one for one in runs if one["monitors"] == monitors and is_followed(one))
-    return max((one["actuators"] for one in mine), default=0)
+    mine = (run for run in runs if run["monitors"] == monitors and is_followed(run))
+    return max((run["actuators"] for run in mine), default=0)
 
 
 def measure(pool: Workers, monitors: str, actuators: str, bursts: int, beyond: int) -> Figures:
@@ -325,9 +329,9 @@ def measure(pool: Workers, monitors: str, actuators: str, bursts: int, beyond: i
 def rows(figures: Figures) -> Iterator[Row]:
     """Return the rows of the targets."""
     runs = figures["rows"]
-    for monitors in sorted({one["monitors"] for one in runs}):
+    for monitors in sorted({run["monitors"] for run in runs}):
         most = followed(runs, monitors)
-        tried = max(one["actuators"] for one in runs if one["monitors"] == monitors)
+        tried = max(run["actuators"] for run in runs if run["monitors"] == monitors)
         what, measured = f"actuators that {monitors} monitors follow", f"{most} of {tried} tried"
         if monitors == 1:
             yield at_least(what, most, LEAST_ACTUATORS, measured)
@@ -341,7 +345,7 @@ def tables(figures: Figures) -> Iterator[Table]:
     yield grid(
         f"{TEST_S:g} s of test in every {PERIOD_S:g} s of each actuator, in turn",
         (*(name.replace("_", " ") for name in runs[0]), "followed"),
-        ((*one.values(), "yes" if is_followed(one) else "no") for one in runs),
+        ((*run.values(), "yes" if is_followed(run) else "no") for run in runs),
     )
 
 

@@ -74,9 +74,9 @@ def recorded_units(folder: Path, joints: int) -> tuple[list[list[Telemetry]], Ac
         for i in range(_RECORDS):
             path = unit.write(unit.record(40 + i, 0, HEALTHY), place, f"test_{i}")
             described = load_description(place / "actuator.yaml")
-            found = import_series(InputFile(path, mapping).series(mapping), mapping, described)
-            description = found.description
-            records[-1].append(join(list(found.blocks())))
+            imported = import_series(InputFile(path, mapping).series(mapping), mapping, described)
+            description = imported.description
+            records[-1].append(join(list(imported.blocks())))
     return records, description
 
 
@@ -91,12 +91,12 @@ def try_out(joints: int, block_s: float, count: int) -> Figures:
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         os.environ["ROS_DOMAIN_ID"] = str(domain.number)
         rclpy.init()
-        given = {
+        arguments = {
             "history_folder": f"{place}/history",
             "calibration_file": f"{place}/{{actuator_id}}.yaml",
             "most_actuators": joints,
         }
-        parameters = [Parameter(name, value=value) for name, value in given.items()]
+        parameters = [Parameter(name, value=value) for name, value in arguments.items()]
         node = MonitorNode(parameter_overrides=parameters, namespace=NAMESPACE)
         node.trigger_configure()
         node.trigger_activate()
@@ -110,9 +110,9 @@ def try_out(joints: int, block_s: float, count: int) -> Figures:
         start_ns = time.time_ns() - round((count + 2) * length_s * 1e9)
         spent_s = once_s = 0.0
         for number in range(count + 2):
-            of_units = [one[number % _RECORDS] for one in records]
+            of_units = [record[number % _RECORDS] for record in records]
             at_ns = start_ns + round(number * length_s * 1e9)
-            sent = [_messages(one, at_ns, block_s) for one in of_units]
+            sent = [_messages(record, at_ns, block_s) for record in of_units]
             # The last one only ends the record before.
             parts = list(zip(*sent, strict=True))[: 1 if number > count else None]
             begin_s = time.process_time()
@@ -135,7 +135,9 @@ def try_out(joints: int, block_s: float, count: int) -> Figures:
         spent_s -= once_s
         node.trigger_deactivate()
         rclpy.shutdown()
-    invalid = [one.reason for one in estimates if one.verdict == FaultEstimate.FAILED]
+    invalid = [
+        estimate.reason for estimate in estimates if estimate.verdict == FaultEstimate.FAILED
+    ]
     return {
         "joints": joints,
         "block_s": block_s,
@@ -145,7 +147,8 @@ def try_out(joints: int, block_s: float, count: int) -> Figures:
         "least": (count + 1) * joints,
         "failed": len(invalid),
         "reasons": dict(Counter(invalid).most_common(5)),
-        "computing_ms": 1e3 * float(np.median([one.computing_time for one in estimates] or [0.0])),
+        "computing_ms": 1e3
+        * float(np.median([estimate.computing_time for estimate in estimates] or [0.0])),
     }
 
 
@@ -164,7 +167,7 @@ def measure(pool: Workers, joints: int, blocks: str, records: int) -> Figures:
     """Print the processor time of one monitor that follows joints of unknown drives."""
     lengths = list(map(float, blocks.split(",")))
     tried = pool.track("block lengths", lengths)
-    return {"rows": [in_a_process(try_out, joints, one, records) for one in tried]}
+    return {"rows": [in_a_process(try_out, joints, trial, records) for trial in tried]}
 
 
 def rows(figures: Figures) -> Iterator[Row]:
@@ -180,13 +183,13 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 def tables(figures: Figures) -> Iterator[Table | str]:
     """Return what is printed below the targets."""
-    found = figures["rows"]
-    names = (name.replace("_", " ") for name in found[0] if name != "reasons")
-    shown = ([one[name] for name in one if name != "reasons"] for one in found)
+    rows_of_joints = figures["rows"]
+    names = (name.replace("_", " ") for name in rows_of_joints[0] if name != "reasons")
+    shown = ([row[name] for name in row if name != "reasons"] for row in rows_of_joints)
     yield grid("joints of unknown drives", names, shown, digits=3)
-    for one in found:
+    for row in rows_of_joints:
         yield from (
-            f"{count} without an estimate: {reason}" for reason, count in one["reasons"].items()
+            f"{count} without an estimate: {reason}" for reason, count in row["reasons"].items()
         )
 
 

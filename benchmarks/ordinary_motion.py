@@ -53,17 +53,21 @@ def identified(work: tuple[Recording, Calibration]) -> Found:
     stretches = recording.stretches()
     combination = Combination(ACTUATOR, calibration, settings=CombinationSettings(pause_s=0.0))
     started = time.perf_counter()
-    found = [one for stretch in stretches for one in combination.add(stretch)]
-    estimates = [one for one in found if isinstance(one, Estimate)] + combination.finish()
+    steps = [step for stretch in stretches for step in combination.add(stretch)]
+    estimates = [step for step in steps if isinstance(step, Estimate)] + combination.finish()
     seconds = time.perf_counter() - started
     return Found(estimates, combination.tally._asdict(), seconds)
 
 
-def accuracy(recordings: Sequence[Recording], found: Sequence[Found]) -> Figures:
+def accuracy(recordings: Sequence[Recording], results: Sequence[Found]) -> Figures:
     """Return the figures of the estimates of a condition."""
-    pairs = [(r.faults, one) for r, f in zip(recordings, found, strict=True) for one in f.estimates]
-    trial = Trial.of((k for k, _ in pairs), [one for _, one in pairs])
-    used, stretches = trial.used, sum(one.tally["stretches"] for one in found)
+    pairs = [
+        (r.faults, estimate)
+        for r, f in zip(recordings, results, strict=True)
+        for estimate in f.estimates
+    ]
+    trial = Trial.of((k for k, _ in pairs), [estimate for _, estimate in pairs])
+    used, stretches = trial.used, sum(result.tally["stretches"] for result in results)
     by_component = {}
     for n in _ASSESSED:
         away, unknown = used.away[:, n], ~used.known[:, n]
@@ -78,13 +82,13 @@ def accuracy(recordings: Sequence[Recording], found: Sequence[Found]) -> Figures
             "coverage": used.coverage(columns=n),
         }
     return {
-        "recordings": len(found),
-        "without_estimate": sum(not one.estimates for one in found),
+        "recordings": len(results),
+        "without_estimate": sum(not result.estimates for result in results),
         "estimates": len(pairs),
         "verdicts": trial.verdicts(),
         "stretches": stretches,
-        "searched": sum(one.tally["combined"] + one.tally["refused"] for one in found),
-        "seconds_per_stretch": sum(one.seconds for one in found) / max(1, stretches),
+        "searched": sum(result.tally["combined"] + result.tally["refused"] for result in results),
+        "seconds_per_stretch": sum(result.seconds for result in results) / max(1, stretches),
         "wrong_and_confident": trial.wrong_and_confident(),
         "coverage": used.coverage(columns=_ASSESSED),
         "by_component": by_component,
@@ -106,9 +110,9 @@ def measure(pool: Workers, plants: int, recordings: int) -> Figures:
         for kind in KINDS
         for motion in UNINFORMATIVE
     }
-    found = found_by_condition(pool, "ordinary motion", with_faults | silent, identified)
+    results = found_by_condition(pool, "ordinary motion", with_faults | silent, identified)
     return {
-        name: {key: accuracy(some, found[key]) for key, some in conditions.items()}
+        name: {key: accuracy(some, results[key]) for key, some in conditions.items()}
         for name, conditions in (("faults", with_faults), ("uninformative", silent))
     }
 
@@ -117,19 +121,19 @@ def rows(figures: Figures) -> Iterator[Row]:
     """Return the rows of the targets."""
     for on in CALIBRATED_ON:
         chosen = {
-            name: one
-            for name, one in figures["faults"].items()
-            if name.endswith(f" the {on}") and one["estimates"]
+            name: fault
+            for name, fault in figures["faults"].items()
+            if name.endswith(f" the {on}") and fault["estimates"]
         }
         shares = {
             f"{name}, {component}": by["within_or_unobservable"]
-            for name, one in chosen.items()
-            for component, by in one["by_component"].items()
+            for name, entry in chosen.items()
+            for component, by in entry["by_component"].items()
         }
         worst = min(shares, key=lambda key: shares[key], default="")
-        estimates = sum(one["estimates"] for one in chosen.values())
-        wrong = sum(one["wrong_and_confident"] for one in chosen.values())
-        covered = [one["coverage"] for one in chosen.values()]
+        estimates = sum(entry["estimates"] for entry in chosen.values())
+        wrong = sum(entry["wrong_and_confident"] for entry in chosen.values())
+        covered = [entry["coverage"] for entry in chosen.values()]
         yield all_of(
             f"motion, calibrated on the {on}: right or unobservable in 95 %",
             [share >= WITHIN for share in shares.values()],
@@ -143,9 +147,9 @@ def rows(figures: Figures) -> Iterator[Row]:
             f"{percent(min(covered, default=np.nan))} %",
         )
     silent = [
-        number < one["without_estimate"]
-        for one in figures["uninformative"].values()
-        for number in range(one["recordings"])
+        number < entry["without_estimate"]
+        for entry in figures["uninformative"].values()
+        for number in range(entry["recordings"])
     ]
     yield share_at_least("uninformative motion: given no estimate", silent, SILENT)
 
@@ -160,13 +164,13 @@ def tables(figures: Figures) -> Iterator[Table]:
         (
             (
                 name,
-                *(one[key] for key in ("recordings", "without_estimate", "estimates")),
-                *one["verdicts"].values(),
-                *(one[key] for key in ("stretches", "searched", "wrong_and_confident")),
-                f"{one['seconds_per_stretch']:.3f}",
-                percent(one["coverage"]),
+                *(entry[key] for key in ("recordings", "without_estimate", "estimates")),
+                *entry["verdicts"].values(),
+                *(entry[key] for key in ("stretches", "searched", "wrong_and_confident")),
+                f"{entry['seconds_per_stretch']:.3f}",
+                percent(entry["coverage"]),
             )
-            for name, one in (figures["faults"] | figures["uninformative"]).items()
+            for name, entry in (figures["faults"] | figures["uninformative"]).items()
         ),
     )
     yield grid(
@@ -178,10 +182,10 @@ def tables(figures: Figures) -> Iterator[Table]:
                 *(
                     f"{by['median']:.1f} / {by['p90']:.1f}\n{percent(by['unobservable'])}; "
                     f"{percent(by['within_or_unobservable'])}; {percent(by['coverage'])}"
-                    for by in one["by_component"].values()
+                    for by in fault["by_component"].values()
                 ),
             )
-            for name, one in figures["faults"].items()
+            for name, fault in figures["faults"].items()
         ),
     )
 

@@ -135,7 +135,7 @@ class Task:
 
     def calibration(self) -> Calibration:
         """Return the calibration of its unit."""
-        return calibrate_model([one.window() for one in self.healthy()], self.description)
+        return calibrate_model([task.window() for task in self.healthy()], self.description)
 
 
 @dataclass(frozen=True)
@@ -185,12 +185,14 @@ def found_by_condition(
     work: Callable[[tuple[Recorded, Calibration]], Result],
 ) -> dict[str, list[Result]]:
     """Return what ``work`` makes of what is recorded in each condition, and its calibration."""
-    every = [one for some in conditions.values() for one in some]
-    units = {one.calibration_key: one for one in every}
+    every = [task for some in conditions.values() for task in some]
+    units = {task.calibration_key: task for task in every}
     made = pool.map(f"{what}: calibrations", methodcaller("calibration"), list(units.values()))
     calibrations = dict(zip(units, made, strict=True))
-    found = iter(pool.map(what, work, [(one, calibrations[one.calibration_key]) for one in every]))
-    return {name: [next(found) for _ in some] for name, some in conditions.items()}
+    results = iter(
+        pool.map(what, work, [(task, calibrations[task.calibration_key]) for task in every])
+    )
+    return {name: [next(results) for _ in some] for name, some in conditions.items()}
 
 
 def dealt(kind: Kind, plants: int, count: int) -> list[tuple[int, Unit]]:

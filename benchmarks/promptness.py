@@ -39,7 +39,7 @@ def ended_s(process: Process) -> float:
 def ends(graph: Graph, name: str, **parameters: Any) -> float:
     """Return how long a node that is up takes to end [s]."""
     process = graph.start(name, **parameters)
-    graph.wait_for_status(f"/ema/{name}: lifecycle", lambda one: one["message"] == "active")
+    graph.wait_for_status(f"/ema/{name}: lifecycle", lambda entry: entry["message"] == "active")
     return ended_s(process)
 
 
@@ -49,7 +49,7 @@ def ends_while_it_identifies(graph: Graph) -> float:
     # At ten million evaluations it takes minutes.
     monitor = graph.start("monitor", algorithm="pso", budget=10_000_000, history_folder="memory")
     graph.wait_for_status(
-        "/ema/monitor: flap telemetry", lambda one: one.get("windows", "0") != "0"
+        "/ema/monitor: flap telemetry", lambda entry: entry.get("windows", "0") != "0"
     )
     took_s = ended_s(monitor)
     ended_s(actuator)
@@ -59,7 +59,9 @@ def ends_while_it_identifies(graph: Graph) -> float:
 def lost_s(graph: Graph, folder: Path) -> float:
     """Return how much of a recording is lost when its recorder is killed [s]."""
     actuator, recorder = graph.start("actuator"), graph.start("recorder", output=str(folder))
-    graph.wait_for_status("/ema/recorder: recording", lambda one: int(one.get("messages", 0)) > 300)
+    graph.wait_for_status(
+        "/ema/recorder: recording", lambda entry: int(entry.get("messages", 0)) > 300
+    )
     recorder.kill()
     killed_ns = time.time_ns()
     recorder.wait()

@@ -129,8 +129,8 @@ def imported(folder: Path, trial: tuple[Trial, int, pd.DataFrame]) -> None:
     records = records.sort_values(["repetition", "sample"])[columns].astype(float).round(4)
     time = MIDNIGHT + 86_400.0 * day + 8 * 3600.0 + PERIOD_S * np.arange(len(records))
     records.assign(time_s=np.round(time, 2)).to_csv(table, index=False)
-    given = "--mapping", SAMPLE / "mapping.yaml", "--actuator", SAMPLE / "actuator.yaml"
-    succeed("import", table, *given, "-o", folder / name)
+    arguments = "--mapping", SAMPLE / "mapping.yaml", "--actuator", SAMPLE / "actuator.yaml"
+    succeed("import", table, *arguments, "-o", folder / name)
 
 
 def written(folder: Path, source: Path, workers: Workers) -> list[Trial]:
@@ -142,56 +142,59 @@ def written(folder: Path, source: Path, workers: Workers) -> list[Trial]:
         Trial(str(state), int(load), int(number)): records  # pyright: ignore
         for (state, load, number), records in frame.groupby(["state", "load_kg", "trial"])  # pyright: ignore
     }
-    items = [(key, FIRST_TEST_DAY + i, one) for i, (key, one) in enumerate(groups.items())]
-    items += [(key, 2 * key.number, one) for key, one in groups.items() if key.state == HEALTHY]
+    items = [(key, FIRST_TEST_DAY + i, group) for i, (key, group) in enumerate(groups.items())]
+    items += [(key, 2 * key.number, group) for key, group in groups.items() if key.state == HEALTHY]
     workers.map("import", partial(imported, folder), items)
     return list(groups)
 
 
 def comparisons(trials: Sequence[Trial]) -> list[Comparison]:
     """Return what is compared with what: every faulty trial once by each number of days."""
-    found = []
+    chosen = []
     for load in LOADS:
-        here = [one for one in trials if one.load == load]
-        faulty = [one for one in here if one.state != HEALTHY]
-        healthy = [one for one in here if one.state == HEALTHY]
-        found.append(Comparison(load, len(TRIALS), TRIALS, faulty))
+        here = [trial for trial in trials if trial.load == load]
+        faulty = [trial for trial in here if trial.state != HEALTHY]
+        healthy = [trial for trial in here if trial.state == HEALTHY]
+        chosen.append(Comparison(load, len(TRIALS), TRIALS, faulty))
         for first in range(len(TRIALS)):
             turned = TRIALS[first:] + TRIALS[:first]
             for days in DAYS[:-1]:
-                tests = [one for one in healthy if one.number in turned[days:]]
-                tests += [one for one in faulty if one.number == turned[days]]
-                found.append(Comparison(load, days, turned[:days], tests))
+                tests = [trial for trial in healthy if trial.number in turned[days:]]
+                tests += [trial for trial in faulty if trial.number == turned[days]]
+                chosen.append(Comparison(load, days, turned[:days], tests))
             # Whole trials left out: the healthy one is judged by the other four.
-            left = [one for one in here if one.number == turned[0]]
-            labelled = [one for one in faulty if one.number != turned[0]]
-            found.append(Comparison(load, len(turned) - 1, turned[1:], left, labelled))
-    return found
+            left = [trial for trial in here if trial.number == turned[0]]
+            labelled = [trial for trial in faulty if trial.number != turned[0]]
+            chosen.append(Comparison(load, len(turned) - 1, turned[1:], left, labelled))
+    return chosen
 
 
-def compared(folder: Path, one: Comparison) -> list[Figures]:
+def compared(folder: Path, comparison: Comparison) -> list[Figures]:
     """Return what `ema estimate` reports of the tests of a comparison."""
-    calibration = calibrated(folder, one)
-    for state in sorted({trial.state for trial in one.labelled}):
-        bags = [folder / trial.bag for trial in one.labelled if trial.state == state]
+    calibration = calibrated(folder, comparison)
+    for state in sorted({trial.state for trial in comparison.labelled}):
+        bags = [folder / trial.bag for trial in comparison.labelled if trial.state == state]
         succeed("label", calibration, *bags, "--state", state)
     return [
         {
             "state": test.state,
             "load": test.load,
             "trial": test.number,
-            "days": one.days,
-            "labelled": bool(one.labelled),
+            "days": comparison.days,
+            "labelled": bool(comparison.labelled),
             **estimated(folder / test.bag, calibration),
         }
-        for test in one.tests
+        for test in comparison.tests
     ]
 
 
-def calibrated(folder: Path, one: Comparison) -> Path:
+def calibrated(folder: Path, comparison: Comparison) -> Path:
     """Return the calibration of the healthy trials of a comparison."""
-    name = f"{one.load}_{'_'.join(map(str, one.healthy))}{'_labelled' * bool(one.labelled)}.yaml"
-    bags = [folder / Trial(HEALTHY, one.load, number).healthy_bag for number in one.healthy]
+    name = f"{comparison.load}_{'_'.join(map(str, comparison.healthy))}{'_labelled' * bool(comparison.labelled)}.yaml"
+    bags = [
+        folder / Trial(HEALTHY, comparison.load, number).healthy_bag
+        for number in comparison.healthy
+    ]
     succeed("calibrate", *bags, "-o", folder / name, "--replace")
     return folder / name
 
@@ -201,14 +204,14 @@ def estimated(bag: Path, calibration: Path) -> Figures:
     code, printed, errors, _ = run("estimate", bag, "--calibration", calibration, "--json")
     if not printed:
         raise RuntimeError(f"{bag}: {errors}")
-    [found] = json.loads(printed)
-    comparison = found["comparison"]
+    [report] = json.loads(printed)
+    comparison = report["comparison"]
     return {
         "code": code,
-        "verdict": found["verdict"],
-        "reason": found["reason"],
-        "quantities": {one["name"]: one for one in comparison["quantities"]},
-        "figures": [one["name"] for one in comparison["figures"]],
+        "verdict": report["verdict"],
+        "reason": report["reason"],
+        "quantities": {quantity["name"]: quantity for quantity in comparison["quantities"]},
+        "figures": [entry["name"] for entry in comparison["figures"]],
         "states": comparison["states"] or {},
     }
 
@@ -268,8 +271,8 @@ def aircraft(path: Path) -> list[Figures]:
         table, mapping = Path(name) / "moves.csv", Path(name) / "moves.yaml"
         moves[moves["frequency_hz"] <= 1.0].to_csv(table, index=False)
         mapping.write_text(_MOVES, encoding="utf-8")
-        given = "--mapping", mapping, "--limit", str(LIMIT), "--reference", "4"
-        _, printed, errors, _ = run("moves", table, *given, "--json")
+        arguments = "--mapping", mapping, "--limit", str(LIMIT), "--reference", "4"
+        _, printed, errors, _ = run("moves", table, *arguments, "--json")
     if not printed:
         raise RuntimeError(errors)
     return [
@@ -284,11 +287,11 @@ def measure(workers: Workers, folder: Path, picture: Path | None = None) -> Figu
         trials = written(Path(name), folder, workers)
         reports = workers.map("report", partial(reported, Path(name)), LOADS)
         # The longest first, so that no worker waits for the last.
-        tasks = sorted(comparisons(trials), key=lambda one: not one.labelled)
+        tasks = sorted(comparisons(trials), key=lambda entry: not entry.labelled)
         judged = workers.map("compare", partial(compared, Path(name)), tasks)
     figures: Figures = {
         "trials": [test for some in judged for test in some],
-        "reports": [one for some in reports for one in some],
+        "reports": [test for some in reports for test in some],
         "aircraft": {path.stem: aircraft(path) for path in sorted(folder.glob("aircraft_ema*"))},
     }
     if (folder / "emps_normal.parquet").exists():
@@ -323,9 +326,9 @@ def named(test: Figures) -> str:
 def changes(test: Figures) -> str:
     """Return the quantities and figures that have changed."""
     signs = {
-        name: "+" if one["change"] > 0.0 else "-"
-        for name, one in test["quantities"].items()
-        if one["judgement"] == "changed"
+        name: "+" if quantity["change"] > 0.0 else "-"
+        for name, quantity in test["quantities"].items()
+        if quantity["judgement"] == "changed"
     }
     return ", ".join([*(f"{name} {sign}" for name, sign in signs.items()), *test["figures"]])
 
@@ -366,10 +369,12 @@ def rows(figures: Figures) -> Iterator[Row]:
     blind = sum(report["level"] == "OK" and is_blind(report) for report in figures["reports"])
     yield none_of("one healthy day: OK although a warning could not be seen", blind)
     for load, least in RIGHT.items():
-        tests = [one for one in figures["trials"] if one["labelled"] and one["load"] == load]
-        right = [named(one) == one["state"] for one in tests]
+        tests = [
+            trial for trial in figures["trials"] if trial["labelled"] and trial["load"] == load
+        ]
+        right = [named(test) == test["state"] for test in tests]
         yield share_at_least(f"13 labelled states at {load} kg named rightly", right, least)
-        kinds = [kind(named(one)) == kind(one["state"]) for one in tests]
+        kinds = [kind(named(test)) == kind(test["state"]) for test in tests]
         yield untargeted("  4 kinds [%]", f"{percent(float(np.mean(kinds)), 1)} of {len(kinds)}")
     if "emps" in figures:
         yield from _emps_rows(figures["emps"])
@@ -391,16 +396,16 @@ def is_blind(report: Figures) -> bool:
     return friction["judgement"] == "not judged" or smallest is None or smallest >= WARNING
 
 
-def _emps_rows(found: Figures) -> Iterator[Row]:
+def _emps_rows(results: Figures) -> Iterator[Row]:
     for name, truth in PUBLISHED.items():
-        error = found["coefficients"][name] / truth - 1.0
+        error = results["coefficients"][name] / truth - 1.0
         what = f"EMPS: {name} from published value [%]"
         yield at_most(what, 100.0 * abs(error), 100.0 * WITHIN, f"{100.0 * error:+.1f}")
-    records = found["records"]
+    records = results["records"]
     own = records["own record"]
     judged = own["verdict"] == "valid" and not is_open(own)
     yield Row("EMPS: own record", "valid", own["verdict"], judged)
-    thirds = [one["verdict"] == "valid" for name, one in records.items() if "third" in name]
+    thirds = [record["verdict"] == "valid" for name, record in records.items() if "third" in name]
     yield share_at_least("EMPS: thirds of the own record judged", thirds, 1.0)
     load = records["pulses not measured"]["quantities"]["load"]
     met = load["judgement"] == "changed" and abs(abs(load["change"]) / PULSES_N - 1.0) < 0.1
@@ -409,26 +414,26 @@ def _emps_rows(found: Figures) -> Iterator[Row]:
 
 
 def _aircraft_rows(name: str, tests: list[Figures]) -> Iterator[Row]:
-    levels = [one["level"] for one in tests]
+    levels = [test["level"] for test in tests]
     autumn, until, last = levels[5:9], levels[9:13], levels[13:]
     yield Row(f"{name}: WARN by 4 October", "WARN", ", ".join(until), until[-1] != "OK")
     are_errors = all(level == "ERROR" for level in last)
     yield Row("  9, 11 and 12 October", "ERROR", ", ".join(last), are_errors)
     yield Row("  tests 6 to 9", "<= WARN", ", ".join(autumn), "ERROR" not in autumn)
-    [*_, fourth] = (one["life_days"] for one in tests if one["date"] == "2017-10-04")
+    [*_, fourth] = (test["life_days"] for test in tests if test["date"] == "2017-10-04")
     yield Row(
         "  4 October, life to 1.5 times healthy, 5 to 95 % [d]",
         "holds 5",
         f"{fourth[0]:.1f} to {fourth[2]:.1f}" if fourth else "none",
         bool(fourth) and fourth[0] <= 5.0 <= fourth[2],
     )
-    september = [one for one in tests if "2017-09" in one["date"] and one["life_days"]]
+    september = [test for test in tests if "2017-09" in test["date"] and test["life_days"]]
     yield none_of("  lives predicted in September", len(september))
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
     """Return what is printed below the targets."""
-    states = list(dict.fromkeys(one["state"] for one in figures["trials"]))
+    states = list(dict.fromkeys(trial["state"] for trial in figures["trials"]))
     for days in DAYS:
         cells = {
             (state, load): chosen(figures, days, load, state) for state in states for load in LOADS
@@ -465,25 +470,28 @@ def tables(figures: Figures) -> Iterator[Table | str]:
         ),
     )
     for load in LOADS:
-        tests = [one for one in figures["trials"] if one["labelled"] and one["load"] == load]
+        tests = [
+            trial for trial in figures["trials"] if trial["labelled"] and trial["load"] == load
+        ]
         wrong = Counter((t["state"], named(t)) for t in tests if named(t) != t["state"])
         words = (f"{true} as {taken} {n}" for (true, taken), n in wrong.most_common())
         yield f"labelled states at {load} kg named wrongly: {', '.join(words) or 'none'}"
     if "emps" in figures:
         yield figures["emps"]["printed"].partition(": ")[2]
-        for name, one in figures["emps"]["records"].items():
-            yield f"EMPS, {name}: {one['verdict']}: {one['reason'].partition('. Not judged')[0]}"
+        for name, record in figures["emps"]["records"].items():
+            reason = record["reason"].partition(". Not judged")[0]
+            yield f"EMPS, {name}: {record['verdict']}: {reason}"
     for name, tests in figures["aircraft"].items():
         yield grid(
             name,
             ("test", "date", "ratio", "level", "probability", "life [d]"),
             (
                 (
-                    *(one[key] for key in ("test", "date", "ratio", "level")),
-                    f"{one['probability']:.1e}",
-                    " / ".join(f"{value:.1f}" for value in one["life_days"] or ()),
+                    *(test[key] for key in ("test", "date", "ratio", "level")),
+                    f"{test['probability']:.1e}",
+                    " / ".join(f"{value:.1f}" for value in test["life_days"] or ()),
                 )
-                for one in tests
+                for test in tests
             ),
         )
 
@@ -502,7 +510,7 @@ def draw(figures: Figures, path: Path) -> None:
         1, 2, figsize=(12.0, 4.6), layout="constrained", width_ratios=(3, 2)
     )
     days = DAYS[-1]
-    states = list(dict.fromkeys(one["state"] for one in figures["trials"]))
+    states = list(dict.fromkeys(trial["state"] for trial in figures["trials"]))
     states = [HEALTHY, *(state for state in states if state != HEALTHY)]
     for place, load in enumerate(LOADS):
         points = defaultdict[bool, list[tuple[float, float]]](list)
@@ -525,16 +533,16 @@ def draw(figures: Figures, path: Path) -> None:
     left.set_title(f"ball screw, one mark a trial, {days} healthy days", fontsize=10)
     left.legend(fontsize=8, ncols=2)
     for name, tests in figures["aircraft"].items():
-        ratios = [one["ratio"] for one in tests]
+        ratios = [test["ratio"] for test in tests]
         numbers = np.arange(1, len(tests) + 1)
         right.plot(numbers, ratios, "-", color="0.7", lw=1)
         for level, colour in (("STALE", "0.5"), ("OK", "C2"), ("WARN", "C1"), ("ERROR", "C3")):
-            at_level = [one["level"] == level for one in tests]
+            at_level = [test["level"] == level for test in tests]
             label = {"STALE": "reference"}.get(level, level)
             points = numbers[at_level], np.array(ratios)[at_level]
             right.plot(*points, "o", color=colour, label=label)
         right.axhline(LIMIT, color="0.3", lw=1, ls="--")
-        dates = [one["date"][5:] for one in tests]
+        dates = [test["date"][5:] for test in tests]
         right.set_xticks(numbers, dates, rotation=60, ha="right", fontsize=8)
         right.set_title(f"{name}: current over healthy, 2017", fontsize=10)
     right.legend(fontsize=8)

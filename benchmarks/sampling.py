@@ -88,18 +88,20 @@ def measure(pool: Workers, vectors: int, seed: int) -> Figures:
             _Recording(description, healthy_faults(), _HEALTHY // 2, first + i) for i in (0, 1)
         ]
         healthy = pool.map(f"{name}: healthy", _Recording.windows, halves)
-        calibration = calibrate_model([one for windows in healthy for one in windows], description)
+        calibration = calibrate_model(
+            [window for windows in healthy for window in windows], description
+        )
         work = [
             (_Recording(description, faults, 1, first + 2 + i), calibration)
             for i, faults in enumerate(truths)
         ]
         estimates = pool.map(f"{name}: estimates", _estimate, work)
         trial = Trial.of(truths, estimates)
-        fit = [one.goodness_of_fit <= one.goodness_limit for one in estimates]
+        fit = [estimate.goodness_of_fit <= estimate.goodness_limit for estimate in estimates]
         figures[name] = trial.summary() | {
-            "valid": mean([one.valid for one in estimates]),
+            "valid": mean([estimate.valid for estimate in estimates]),
             "fit_within_limit": mean(fit),
-            "told_apart": mean([not one.alternatives for one in estimates]),
+            "told_apart": mean([not estimate.alternatives for estimate in estimates]),
             "covers": trial.coverage(),
             "sigma_short_circuit": float(np.nanmedian(trial.sigma[:, SHORT_CIRCUITS])),
             "sigma_friction": float(np.nanmedian(trial.sigma[:, 0])),
@@ -130,12 +132,12 @@ def tables(figures: Figures) -> Iterator[Table]:
         (
             (
                 name,
-                *(f"{one[key]:.2f}" for key in ("median", "p90", "max")),
-                *(percent(one[key], 1) for key in shares),
-                percent(one["sigma_short_circuit"], 2),
-                percent(one["sigma_friction"], 2),
+                *(f"{entry[key]:.2f}" for key in ("median", "p90", "max")),
+                *(percent(entry[key], 1) for key in shares),
+                percent(entry["sigma_short_circuit"], 2),
+                percent(entry["sigma_friction"], 2),
             )
-            for name, one in figures.items()
+            for name, entry in figures.items()
         ),
     )
 

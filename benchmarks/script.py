@@ -52,10 +52,10 @@ class Workers:
             self._pool.shutdown()
 
 
-def in_a_process(work: Callable[..., Result], *given: Any) -> Result:
+def in_a_process(work: Callable[..., Result], *options: Any) -> Result:
     """Return what ``work`` gives in a process of its own."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(work, *given).result()
+        return pool.submit(work, *options).result()
 
 
 def peak_mib(status: str) -> float:
@@ -89,13 +89,13 @@ def command(
     ``measure`` is given workers and the options by name, of those for ``--quick`` or ``--full``
     where these are given. A default is a value, or a parameter of click.
     """
-    defaults = {n: one for n, one in options.items() if not isinstance(one, click.Parameter)}
+    defaults = {n: value for n, value in options.items() if not isinstance(value, click.Parameter)}
 
-    def run(output: Path | None, **given: Any) -> None:
+    def run(output: Path | None, **passed: Any) -> None:
         chosen = dict(defaults)
         for name, sizes in (("quick", quick), ("full", full)):
-            chosen |= (sizes or {}) if given.pop(name, False) else {}
-        chosen |= {name: value for name, value in given.items() if value is not None}
+            chosen |= (sizes or {}) if passed.pop(name, False) else {}
+        chosen |= {name: value for name, value in passed.items() if value is not None}
         started = time.perf_counter()
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
         with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
@@ -116,7 +116,7 @@ def command(
     file = click.Path(path_type=Path, dir_okay=False)
     parameters: list[click.Parameter] = [
         click.Option(["--json", "output"], type=file, help="File to write."),
-        *(one for one in options.values() if isinstance(one, click.Parameter)),
+        *(option for option in options.values() if isinstance(option, click.Parameter)),
     ]
     for name, sizes in (("quick", quick), ("full", full)):
         if sizes is not None:

@@ -82,7 +82,7 @@ class Case(NamedTuple):
 
 def cases(step: int, seed: int) -> list[Case]:
     """Return the cases with errors so many percent apart."""
-    sizes = [one for one in range(-LARGEST_PERCENT, LARGEST_PERCENT + 1, step) if one]
+    sizes = [size for size in range(-LARGEST_PERCENT, LARGEST_PERCENT + 1, step) if size]
     return [
         Case(faults, 10 * seed + number, column, error, size)
         for number, faults in enumerate(fault_vectors(seed))
@@ -100,13 +100,15 @@ def fault_vectors(seed: int) -> list[tuple[float, ...]]:
     for faults, numbers in ((single, rng.choice(INDICES, 1)), (double, rng.choice(INDICES, 2))):
         for number in numbers:
             faults[number] += rng.uniform(0.05, 0.35)
-    return [tuple(one.tolist()) for one in (single, double, random_faults(rng), wide_faults(rng))]
+    return [
+        tuple(faults.tolist()) for faults in (single, double, random_faults(rng), wide_faults(rng))
+    ]
 
 
 def work(case: Case) -> Figures:
     """Return what the library makes of a case."""
-    found = case.windows()
-    estimate = identify(found[0]) if found else None
+    windows = case.windows()
+    estimate = identify(windows[0]) if windows else None
     result: Figures = {
         "kind": case.kind,
         "percent": case.percent,
@@ -129,7 +131,7 @@ def work(case: Case) -> Figures:
         "is_too_low": health.level < due,
         "estimate": list(estimate.faults),
         "sigma": list(estimate.sigma),
-        "causes": [str(one) for one in estimate.causes],
+        "causes": [str(cause) for cause in estimate.causes],
         "reason": estimate.reason,
         "goodness": estimate.goodness_of_fit,
     }
@@ -144,33 +146,36 @@ def due_level(faults: tuple[float, ...]) -> int:
 
 def measure(pool: Workers, step: int, seed: int) -> Figures:
     """Print how right estimates are beside an error of a sensor."""
-    found = pool.map("windows", work, cases(step, seed))
+    results = pool.map("windows", work, cases(step, seed))
     kinds = [f"{column} {error}" for column, error in product(COLUMNS, ERRORS)]
     return {
         "faults": fault_vectors(seed),
-        "kinds": {kind: summary([one for one in found if one["kind"] == kind]) for kind in kinds},
-        "windows": found,
+        "kinds": {
+            kind: summary([result for result in results if result["kind"] == kind])
+            for kind in kinds
+        },
+        "windows": results,
     }
 
 
-def summary(found: list[Figures]) -> Figures:
+def summary(results: list[Figures]) -> Figures:
     """Return the figures of the windows of a kind."""
-    verdicts = [one["verdict"] for one in found]
-    wrong = [one for one in found if one["sigmas"] > WRONG_SIGMA]
-    worst = max(found, key=lambda one: one["sigmas"])
+    verdicts = [result["verdict"] for result in results]
+    wrong = [result for result in results if result["sigmas"] > WRONG_SIGMA]
+    worst = max(results, key=lambda entry: entry["sigmas"])
     return {
-        "windows": len(found),
+        "windows": len(results),
         "valid": verdicts.count("valid"),
         "degraded": verdicts.count("degraded"),
-        "refused": len(found) - verdicts.count("valid") - verdicts.count("degraded"),
+        "refused": len(results) - verdicts.count("valid") - verdicts.count("degraded"),
         "wrong": len(wrong),
-        "too_low": sum(one["is_too_low"] for one in found),
-        "wrong_ok": sum(one["is_too_low"] and one["level"] == OK for one in found),
+        "too_low": sum(result["is_too_low"] for result in results),
+        "wrong_ok": sum(result["is_too_low"] and result["level"] == OK for result in results),
         "worst": (
             f"{worst['percent']:+d} %: {worst['component']} off by {worst['error']:.3f}, "
             f"{worst['sigmas']:.1f} sigma"
         ),
-        "seconds": median([one["seconds"] for one in found if one["seconds"] > 0.0]),
+        "seconds": median([result["seconds"] for result in results if result["seconds"] > 0.0]),
     }
 
 
@@ -182,7 +187,7 @@ def rows(figures: Figures) -> Iterator[Row]:
         ("levels too low", "too_low"),
         ("  of these OK", "wrong_ok"),
     ):
-        count = sum(one[key] for one in kinds)
+        count = sum(kind[key] for kind in kinds)
         yield none_of(what, count, f"{count} of {windows}")
 
 
@@ -197,10 +202,10 @@ def tables(figures: Figures) -> Iterator[Table]:
         (
             (
                 kind,
-                *(one[key] for key in ("windows", "valid", "degraded", "refused", "wrong")),
-                *(one["too_low"], one["wrong_ok"], one["seconds"], one["worst"]),
+                *(counts[key] for key in ("windows", "valid", "degraded", "refused", "wrong")),
+                *(counts["too_low"], counts["wrong_ok"], counts["seconds"], counts["worst"]),
             )
-            for kind, one in figures["kinds"].items()
+            for kind, counts in figures["kinds"].items()
         ),
     )
 

@@ -68,12 +68,12 @@ class Job(NamedTuple):
         telemetry = self.case.telemetry()
         return [
             identify(
-                self.case.window(telemetry, noisy=one.noisy),
-                one.description,
-                one.calibration,
-                one.settings,
+                self.case.window(telemetry, noisy=variant.noisy),
+                variant.description,
+                variant.calibration,
+                variant.settings,
             )
-            for one in self.variants
+            for variant in self.variants
         ]
 
 
@@ -92,7 +92,7 @@ class Trial:
     @property
     def used(self) -> "Trial":
         """Those that are not refused, nor failed."""
-        kept = [one.verdict in (VALID, DEGRADED) for one in self.estimates]
+        kept = [estimate.verdict in (VALID, DEGRADED) for estimate in self.estimates]
         return self.of_those(np.array(kept, dtype=bool))
 
     def of_those(self, chosen: Any) -> "Trial":
@@ -105,20 +105,24 @@ class Trial:
         """Errors in percent of the range; inf where there is no estimate."""
         return np.array(
             [
-                estimation_error(one.faults, k) if np.all(np.isfinite(one.faults)) else np.inf
-                for one, k in zip(self.estimates, self.truth, strict=True)
+                estimation_error(estimate.faults, k)
+                if np.all(np.isfinite(estimate.faults))
+                else np.inf
+                for estimate, k in zip(self.estimates, self.truth, strict=True)
             ]
         )
 
     @property
     def faults(self) -> NDArray[np.float64]:
         """Fault vectors that were found, ``(n, 8)``."""
-        return np.array([one.faults for one in self.estimates]).reshape(-1, N_FAULTS)
+        return np.array([estimate.faults for estimate in self.estimates]).reshape(-1, N_FAULTS)
 
     @property
     def sigma(self) -> NDArray[np.float64]:
         """Standard deviations, ``(n, 8)``; NaN where unobservable."""
-        return np.array([one.sigma for one in self.estimates], dtype=float).reshape(-1, N_FAULTS)
+        return np.array([estimate.sigma for estimate in self.estimates], dtype=float).reshape(
+            -1, N_FAULTS
+        )
 
     @property
     def away(self) -> NDArray[np.float64]:
@@ -142,7 +146,9 @@ class Trial:
     @property
     def quantiles(self) -> NDArray[np.float64]:
         """Quantiles less the truth, ``(5, n, 8)``, those of the phase as near to it as it wraps."""
-        stated = np.array([one.quantiles for one in self.estimates]).reshape(-1, 5, N_FAULTS)
+        stated = np.array([estimate.quantiles for estimate in self.estimates]).reshape(
+            -1, 5, N_FAULTS
+        )
         result = stated - self.truth[:, None]
         turns = np.round(self.faults - self.truth)[:, ECCENTRICITY_PHASE]
         result[..., ECCENTRICITY_PHASE] -= turns[:, None]
@@ -185,9 +191,9 @@ class Trial:
 
     def verdicts(self) -> dict[str, int]:
         """Return how many have each verdict; failures count as refused."""
-        found = [one.verdict for one in self.estimates]
-        used = {name: found.count(name) for name in (VALID, DEGRADED)}
-        return used | {REFUSED: len(found) - sum(used.values())}
+        verdicts = [estimate.verdict for estimate in self.estimates]
+        used = {name: verdicts.count(name) for name in (VALID, DEGRADED)}
+        return used | {REFUSED: len(verdicts) - sum(used.values())}
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the errors, of the evaluations, and of verdicts."""
@@ -197,7 +203,7 @@ class Trial:
             "log_score": self.log_score(),
             "cases": len(self.estimates),
             "verdicts": self.verdicts(),
-            "evaluations_median": median([one.evaluations for one in self.estimates]),
+            "evaluations_median": median([estimate.evaluations for estimate in self.estimates]),
         }
 
 
@@ -205,9 +211,9 @@ def trials(
     pool: Workers, what: str, cases: Sequence[Case], variants: Sequence[Variant]
 ) -> list[Trial]:
     """Identify cases in some ways; return the trial of each way."""
-    found = pool.map(what, Job.estimates, [Job(case, variants) for case in cases])
+    results = pool.map(what, Job.estimates, [Job(case, variants) for case in cases])
     truth = [case.faults for case in cases]
-    return [Trial.of(truth, some) for some in zip(*found, strict=True)]
+    return [Trial.of(truth, some) for some in zip(*results, strict=True)]
 
 
 def quantiles(values: Sequence[float] | NDArray[Any]) -> dict[str, float]:

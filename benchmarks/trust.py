@@ -61,7 +61,7 @@ def conditions(
         "20 kHz": {"sample_period": 5e-5},
     }
     for label, kind in kinds.items():
-        chosen.extend((f"{label}, {way}", kind, varied, one) for way, one in ways.items())
+        chosen.extend((f"{label}, {way}", kind, varied, options) for way, options in ways.items())
     result = {
         name: recorded.faulty(kind, plants, count, stream=1 + number, **options)
         for number, (name, kind, count, options) in enumerate(chosen)
@@ -96,11 +96,12 @@ def measure(
     healthy = found_by_condition(pool, "hidden causes", alone, partial(identified, warm=False))
     starts = {
         start: {
-            name: accuracy(faults[name], [one[n] for one in found]) for name, found in both.items()
+            name: accuracy(faults[name], [estimates[n] for estimates in results])
+            for name, results in both.items()
         }
         for n, start in enumerate(("cold", "warm"))
     }
-    of_causes = {name: of_hidden(alone[name], found) for name, found in healthy.items()}
+    of_causes = {name: of_hidden(alone[name], results) for name, results in healthy.items()}
     return {"held_out": held_out, **starts, "hidden": of_causes}
 
 
@@ -116,7 +117,7 @@ def accuracy(tasks: Sequence[Task], estimates: Sequence[Estimate]) -> Figures:
         "right": len(right.estimates),
         "right_refused": 1.0 - len(right.used.estimates) / max(1, len(right.estimates)),
         "wrong_and_confident": trial.wrong_and_confident(),
-        "seconds_median": median([one.computing_time for one in estimates]),
+        "seconds_median": median([estimate.computing_time for estimate in estimates]),
         "coverage": used.coverage(),
         "crps": used.crps_percent(),
         "log_score": used.log_score(),
@@ -150,21 +151,21 @@ def claimed_faults(task: Task, estimate: Estimate) -> dict[str, float]:
     return {FAULT_NAMES[n]: float(away[n]) for n in DETECTABLE if beyond[n]}
 
 
-def of_hidden(tasks: Sequence[Task], found: Sequence[list[Estimate]]) -> Figures:
+def of_hidden(tasks: Sequence[Task], results: Sequence[list[Estimate]]) -> Figures:
     """Return the figures of healthy windows with hidden causes, of one estimate each."""
-    estimates = [one for [one] in found]
+    estimates = [estimate for [estimate] in results]
     claimed = [claimed_faults(*pair) for pair in zip(tasks, estimates, strict=True)]
     pairs = [(set(t.causes), named_causes(e)) for t, e in zip(tasks, estimates, strict=True)]
-    sizes = [max(one.values()) for one in claimed if one]
-    counts = {name: sum(name in one for one in claimed) for name in FAULT_NAMES}
+    sizes = [max(claim.values()) for claim in claimed if claim]
+    counts = {name: sum(name in claim for claim in claimed) for name in FAULT_NAMES}
     return {
         "windows": len(tasks),
         "verdicts": Trial.of((task.faults for task in tasks), estimates).verdicts(),
-        "claimed": mean([bool(one) for one in claimed]),
+        "claimed": mean([bool(claim) for claim in claimed]),
         "largest_claimed_median": median(sizes) if sizes else 0.0,
         "claims": {name: count for name, count in counts.items() if count},
         "named": mean([causes <= named if causes else not named for causes, named in pairs]),
-        "goodness_of_fit": median([one.goodness_of_fit for one in estimates]),
+        "goodness_of_fit": median([estimate.goodness_of_fit for estimate in estimates]),
     }
 
 
@@ -172,21 +173,21 @@ def rows(figures: Figures) -> Iterator[Row]:
     """Return the rows of the targets."""
     by_name = figures["cold"]
     for name in ("foreign, faults alone", "foreign, with causes", "own, with causes"):
-        one = by_name[name]
-        yield at_most(f"{name}, median [%]", one["median"], MEDIAN_PERCENT)
-        yield at_most("  90th percentile [%]", one["p90"], P90_PERCENT)
+        entry = by_name[name]
+        yield at_most(f"{name}, median [%]", entry["median"], MEDIAN_PERCENT)
+        yield at_most("  90th percentile [%]", entry["p90"], P90_PERCENT)
         what = "  right ones refused"
-        yield share_at_most(what, one["right_refused"], RIGHT_REFUSED, one["right"])
+        yield share_at_most(what, entry["right_refused"], RIGHT_REFUSED, entry["right"])
     for kind in ("foreign", "own"):
         loaded = by_name[f"{kind}, with load"]["median"]
         yield at_most(f"{kind}, with load, median [%]", loaded, LOAD_PERCENT)
     for start in ("cold", "warm"):
         by_name = figures[start]
-        windows = sum(one["windows"] for one in by_name.values())
-        wrong = sum(one["wrong_and_confident"] for one in by_name.values())
+        windows = sum(entry["windows"] for entry in by_name.values())
+        wrong = sum(entry["wrong_and_confident"] for entry in by_name.values())
         what = f"wrong and confident, {len(by_name)} conditions, {start}"
         yield share_at_most(what, wrong / windows, WRONG_AND_CONFIDENT, windows)
-        covered = {name: one["coverage"] for name, one in by_name.items()}
+        covered = {name: entry["coverage"] for name, entry in by_name.items()}
         worst = max(covered, key=lambda name: np.nan_to_num(abs(covered[name] - 0.9)))
         low, high = COVERAGE
         yield all_of(
@@ -198,14 +199,14 @@ def rows(figures: Figures) -> Iterator[Row]:
     worst = max(alone, key=lambda name: alone[name]["claimed"])
     yield all_of(
         "hidden causes alone: rows with faults claimed in 1 % at most",
-        [one["claimed"] <= CLAIMED for one in alone.values()],
+        [entry["claimed"] <= CLAIMED for entry in alone.values()],
         f"{100.0 * alone[worst]['claimed']:.0f} % ({worst})",
     )
     yield all_of(
         "  rows with the cause named in 95 %",
         [
-            one["named"] >= NAMED
-            for name, one in alone.items()
+            entry["named"] >= NAMED
+            for name, entry in alone.items()
             if name.split(", ", 1)[1] not in MAY_BE_SILENT
         ],
     )
@@ -224,16 +225,16 @@ def tables(figures: Figures) -> Iterator[Table | str]:
             (
                 (
                     name,
-                    one["windows"],
-                    *(f"{one[key]:.2f}" for key in ("median", "p90", "max")),
-                    *one["verdicts"].values(),
-                    percent(one["right_refused"], 1),
-                    one["wrong_and_confident"],
-                    percent(one["coverage"], 1),
-                    f"{one['crps']:.3f}; {one['log_score']:.2f}",
-                    f"{one['seconds_median']:.3f}",
+                    entry["windows"],
+                    *(f"{entry[key]:.2f}" for key in ("median", "p90", "max")),
+                    *entry["verdicts"].values(),
+                    percent(entry["right_refused"], 1),
+                    entry["wrong_and_confident"],
+                    percent(entry["coverage"], 1),
+                    f"{entry['crps']:.3f}; {entry['log_score']:.2f}",
+                    f"{entry['seconds_median']:.3f}",
                 )
-                for name, one in figures[start].items()
+                for name, entry in figures[start].items()
             ),
         )
     yield grid(
@@ -242,10 +243,10 @@ def tables(figures: Figures) -> Iterator[Table | str]:
         (
             (
                 name,
-                *map(percent, one["coverage_by_component"].values()),
-                percent(one["coverage_of_half"]),
+                *map(percent, entry["coverage_by_component"].values()),
+                percent(entry["coverage_of_half"]),
             )
-            for name, one in figures["cold"].items()
+            for name, entry in figures["cold"].items()
         ),
     )
     headings = ("hidden cause alone", "win-\ndows", "valid", "degra-\nded", "re-\nfused")
@@ -255,16 +256,16 @@ def tables(figures: Figures) -> Iterator[Table | str]:
         (
             (
                 name,
-                one["windows"],
-                *one["verdicts"].values(),
-                percent(one["claimed"]),
-                percent(one["named"]),
-                f"{one['goodness_of_fit']:.1f}",
-                f"{one['claims']}; median {one['largest_claimed_median']:.3f}"
-                if one["claims"]
+                entry["windows"],
+                *entry["verdicts"].values(),
+                percent(entry["claimed"]),
+                percent(entry["named"]),
+                f"{entry['goodness_of_fit']:.1f}",
+                f"{entry['claims']}; median {entry['largest_claimed_median']:.3f}"
+                if entry["claims"]
                 else "",
             )
-            for name, one in figures["hidden"].items()
+            for name, entry in figures["hidden"].items()
         ),
     )
 

@@ -30,10 +30,10 @@ def seconds_per_window() -> float:
     printed = subprocess.run(
         [program], check=True, capture_output=True, text=True, encoding="utf-8"
     ).stdout
-    found = re.search(r"ms/sim ([0-9.]+)", printed)
-    if not found:
+    match = re.search(r"ms/sim ([0-9.]+)", printed)
+    if not match:
         raise ValueError(f"yardstick: expected its time after 'ms/sim', not {printed!r}")
-    return 1e-3 * float(found[1])
+    return 1e-3 * float(match[1])
 
 
 @cache

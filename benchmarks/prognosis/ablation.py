@@ -123,15 +123,17 @@ def scores_of(case: Scored, fleet: FleetPrior | None, thin: int) -> dict[str, Sc
     settings = TrackerSettings(samples=SAMPLES)
     made = {name: make(settings) for name, make in VARIANTS.items()}
     made[FLEET] = tracker(TrackerSettings(samples=SAMPLES, fleet=fleet))
-    return {name: _score(one, measurements, start, end) for name, one in made.items()}
+    return {name: _score(variant, measurements, start, end) for name, variant in made.items()}
 
 
-def _score(one: Tracker, measurements: Sequence[Measurement], start: float, end: float) -> Score:
+def _score(
+    tracker: Tracker, measurements: Sequence[Measurement], start: float, end: float
+) -> Score:
     rows = []
     for number, measurement in enumerate(measurements):
-        one.update(measurement)
+        tracker.update(measurement)
         if measurement.hours >= start and number % EVERY == EVERY - 1:
-            life = one.predict().overall
+            life = tracker.predict().overall
             rows.append((measurement.hours, life.hours_05, life.hours_50, life.hours_95))
     hours, low, median, high = np.array(rows).reshape(-1, 4).T
     left, known = end - hours, np.isfinite(low)
@@ -153,10 +155,10 @@ def reported(case: foreign_lives.ForeignCase, thin: int) -> dict[str, bool]:
     return {name: _reports(make(settings), measurements) for name, make in VARIANTS.items()}
 
 
-def _reports(one: Tracker, measurements: Sequence[Measurement]) -> bool:
+def _reports(tracker: Tracker, measurements: Sequence[Measurement]) -> bool:
     for measurement in measurements:
-        one.update(measurement)
-        if one.predict().overall.known:
+        tracker.update(measurement)
+        if tracker.predict().overall.known:
             return True
     return False
 
@@ -201,7 +203,7 @@ def measure(
     told = pool.map("constant lives", partial(reported, thin=thin), still)
     return {
         "scores": scores,
-        "constant": {name: sum(one[name] for one in told) for name in VARIANTS},
+        "constant": {name: sum(entry[name] for entry in told) for name in VARIANTS},
         "constant_lives": constant,
         "duty": pool.map("lives by duty", by_damage, range(duties)),
     }
@@ -227,7 +229,7 @@ def _changes(full: Array, without: Array) -> tuple[Array, Array]:
 def tables(figures: Figures) -> Iterator[Table]:
     """Return what is printed."""
     sets = {
-        name: {key: np.array([one[key] for one in some], float) for key in some[0]}
+        name: {key: np.array([score[key] for score in some], float) for key in some[0]}
         for name, some in figures["scores"].items()
         if some
     }
@@ -237,8 +239,8 @@ def tables(figures: Figures) -> Iterator[Table]:
             f"{name}, {len(scores[FULL])} lives: change without each, ± standard error",
             ("without", *names, "constant lives\nwith a life"),
             (
-                (key, *_cells(scores[FULL], one), constant.get(key, ""))
-                for key, one in scores.items()
+                (key, *_cells(scores[FULL], scored), constant.get(key, ""))
+                for key, scored in scores.items()
             ),
             digits=3,
         )
@@ -246,16 +248,16 @@ def tables(figures: Figures) -> Iterator[Table]:
         yield _duty_table(figures["duty"])
 
 
-def _cells(full: Array, one: Array) -> list[str]:
-    if one is full:
+def _cells(full: Array, scores: Array) -> list[str]:
+    if scores is full:
         return [f"{value:.3f}" for value in _figures(full)]
-    change, error = _changes(full, one)
+    change, error = _changes(full, scores)
     return [f"{by:+.3f} ± {of:.3f}" for by, of in zip(change, error, strict=True)]
 
 
 def _duty_table(lives_by_duty: Sequence[Any]) -> Table:
     by = {
-        key: np.array([[np.mean(part) for part in one[key]] for one in lives_by_duty], float)
+        key: np.array([[np.mean(part) for part in entry[key]] for entry in lives_by_duty], float)
         for key in ("damage", "hours")
     }
     full, changes = by["damage"].mean(axis=0), by["hours"] - by["damage"]

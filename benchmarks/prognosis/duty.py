@@ -101,7 +101,7 @@ def measure(pool: Workers, lives: int, every: int) -> Figures:
     for kind, by in product(KINDS, ("hours", "damage")):
         tasks = [(kind, by, seed) for seed in range(lives)]
         each = pool.map(f"{kind}, by {by}", partial(scores, every=every), tasks)
-        figures[kind][f"accuracy by {by}"] = mean([mean(one) for one, _ in each])
+        figures[kind][f"accuracy by {by}"] = mean([mean(scored) for scored, _ in each])
         figures[kind][f"coverage by {by}"] = mean([flag for _, some in each for flag in some])
     return figures
 
@@ -109,7 +109,7 @@ def measure(pool: Workers, lives: int, every: int) -> Figures:
 def tables(figures: Figures) -> Iterator[Table]:
     """Return what is printed."""
     columns = [f"{what} by {by}" for what in ("accuracy", "coverage") for by in ("hours", "damage")]
-    cells = ((kind, *(one[name] for name in columns)) for kind, one in figures.items())
+    cells = ((kind, *(entry[name] for name in columns)) for kind, entry in figures.items())
     yield grid("friction that wears by duty", ("duty", *columns), cells, digits=3)
 
 

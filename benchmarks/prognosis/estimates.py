@@ -79,11 +79,11 @@ class ErrorModel:
     ) -> list[Measurement]:
         """Return estimates whose errors, in units of sigma, follow an AR(1) process."""
         fresh = np.sqrt(1.0 - correlation**2)
-        z, found = self._errors(rng), []
+        z, estimates = self._errors(rng), []
         for hour, vector in zip(hours, faults, strict=True):
-            found.append(self.draw(float(hour), vector, rng, z))
+            estimates.append(self.draw(float(hour), vector, rng, z))
             z = correlation * z + fresh * self._errors(rng)
-        return found
+        return estimates
 
     def draw(
         self,
@@ -103,17 +103,17 @@ class ErrorModel:
             # It may be seen all the same, if the eccentricity is: about as those that are.
             sigma[ECCENTRICITY_PHASE] = np.nanmedian(self.sigma[:, ECCENTRICITY_PHASE])
         error = (self._errors(rng) if standardised is None else standardised) * sigma
-        found = faults + error
-        away = np.abs(found - healthy_faults())
+        estimate = faults + error
+        away = np.abs(estimate - healthy_faults())
         back = away < SIGNIFICANT_SIGMAS * sigma
         back[ECCENTRICITY_PHASE] = back[ECCENTRICITY]
-        found = np.where(back, healthy_faults(), found)
-        found[ECCENTRICITY_PHASE] %= 1.0
-        found = np.clip(found, 0.0, HIGHEST)
+        estimate = np.where(back, healthy_faults(), estimate)
+        estimate[ECCENTRICITY_PHASE] %= 1.0
+        estimate = np.clip(estimate, 0.0, HIGHEST)
         hidden[ECCENTRICITY_PHASE] = back[ECCENTRICITY]
         covariance = self.correlation[like] * np.outer(sigma, sigma)
         covariance[hidden], covariance[:, hidden] = np.nan, np.nan
-        return Measurement(hours, found, covariance, hidden)
+        return Measurement(hours, estimate, covariance, hidden)
 
     def _errors(self, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return the errors of a window in units of sigma; what it does not show, of others."""

@@ -55,7 +55,7 @@ class Sample(NamedTuple):
             "faults": rounded(estimate.faults),
             "sigma": rounded(np.where(estimate.unobservable, np.nan, sigma), 3),
             # Of the upper triangle.
-            "correlation": [round(float(one), 2) for one in correlation[_UPPER]],
+            "correlation": [round(float(entry), 2) for entry in correlation[_UPPER]],
         }
 
 

@@ -38,11 +38,11 @@ def followed(fit: Fit, life: ForeignLife, measurements: Sequence[Measurement]) -
     name = life.grown[0].name
     column = FAULT_NAMES.index(name)
     rng = np.random.default_rng(0)
-    used = [one for one in measurements if one.hours >= life.start_hours]
-    hours = np.array([one.hours for one in used])
-    share = np.array([one.faults[column] for one in used]) - healthy_faults()[column]
+    used = [measurement for measurement in measurements if measurement.hours >= life.start_hours]
+    hours = np.array([entry.hours for entry in used])
+    share = np.array([entry.faults[column] for entry in used]) - healthy_faults()[column]
     share *= life.grown[0].side / LIMITS[name]
-    shown = np.array([not one.unobservable[column] for one in used])
+    shown = np.array([not entry.unobservable[column] for entry in used])
     before = len(measurements) - len(used)
 
     def after(number: int) -> Array | None:
@@ -139,14 +139,14 @@ def oracle(life: ForeignLife, measurements: Sequence[Measurement]) -> Prediction
     def after(number: int) -> Array | None:
         hours = measurements[number].hours
         left = np.full(SAMPLES, np.inf)
-        for one in life.grown if hours >= life.start_hours else ():
-            at = max(int(np.searchsorted(one.hours, hours, "right")) - 1, 0)
+        for growth in life.grown if hours >= life.start_hours else ():
+            at = max(int(np.searchsorted(growth.hours, hours, "right")) - 1, 0)
             ahead = min(_ORACLE_HOURS, 3.0 * (life.end_hours - hours) + 100.0)
-            steps = hours - one.since + np.arange(0.0, ahead, _ORACLE_STEP_HOURS)
-            share = np.full(SAMPLES, float(np.interp(hours, one.hours, one.share)))
-            states = np.tile(one.states[at][:, None], SAMPLES)
-            futures, _ = continued(one.law, share, states, steps, life.noise, (rng, rng))
-            wave = one.law.wave(steps + one.since) + np.zeros(steps.size)
+            steps = hours - growth.since + np.arange(0.0, ahead, _ORACLE_STEP_HOURS)
+            share = np.full(SAMPLES, float(np.interp(hours, growth.hours, growth.share)))
+            states = np.tile(growth.states[at][:, None], SAMPLES)
+            futures, _ = continued(growth.law, share, states, steps, life.noise, (rng, rng))
+            wave = growth.law.wave(steps + growth.since) + np.zeros(steps.size)
             over = futures + wave[:, None] >= 1.0
             first = np.where(over.any(axis=0), steps[np.argmax(over, axis=0)], np.inf)
             left = np.minimum(left, np.maximum(first - steps[0] - 0.5 * _ORACLE_STEP_HOURS, 0.0))

@@ -45,8 +45,10 @@ def scores_of(priors: dict[str, FleetPrior | None], scored: ScoredLife) -> dict[
     """Return the scores of a life with each prior."""
     life = scored.life()
     measurements = drawn(scored, life)
-    made = {name: tracked(measurements, TrackerSettings(fleet=one)) for name, one in priors.items()}
-    return {name: LifeScore.of(scored.kind, life.end_hours, one) for name, one in made.items()}
+    made = {
+        name: tracked(measurements, TrackerSettings(fleet=prior)) for name, prior in priors.items()
+    }
+    return {name: LifeScore.of(scored.kind, life.end_hours, entry) for name, entry in made.items()}
 
 
 def measure(pool: Workers, fleet: int, lives: int) -> Figures:
@@ -57,18 +59,18 @@ def measure(pool: Workers, fleet: int, lives: int) -> Figures:
         units = pool.map(name, unit_of, lives_of(stream, fleet))
         said = {str(number): unit for number, unit in enumerate(units)}
         known[name] = FleetGrowth(grid_digest(limits), said).prior(limits)
-    found = pool.map("lives", partial(scores_of, known), lives_of("next", lives))
-    figures = [row for kind in (*TYPICAL, "all") for row in _rows(kind, found)]
+    scores = pool.map("lives", partial(scores_of, known), lives_of("next", lives))
+    figures = [row for kind in (*TYPICAL, "all") for row in _rows(kind, scores)]
     return {"units": fleet, "lives": lives, "rows": figures}
 
 
-def _rows(kind: str, found: Sequence[dict[str, LifeScore]]) -> list[Figures]:
+def _rows(kind: str, scores: Sequence[dict[str, LifeScore]]) -> list[Figures]:
     """Return the figures of a kind of dominant fault, or of all, with each prior."""
-    chosen = [one for one in found if kind in (one[WITHOUT].kind, "all")]
+    chosen = [score for score in scores if kind in (score[WITHOUT].kind, "all")]
     rows = []
     for name in (WITHOUT, SAME, OTHER) if chosen else ():
-        figures = summary([one[name] for one in chosen])
-        gain = np.array([one[name].cra - one[WITHOUT].cra for one in chosen])
+        figures = summary([score[name] for score in chosen])
+        gain = np.array([score[name].cra - score[WITHOUT].cra for score in chosen])
         # Of a single life there is no standard error.
         error = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.nan
         rows.append(
@@ -92,7 +94,7 @@ def tables(figures: Figures) -> Iterator[Table]:
     yield grid(
         f"law unknown, fleets of {figures['units']}, {figures['lives']} lives",
         (name.replace("_", " ") for name in every[0]),
-        (one.values() for one in every),
+        (entry.values() for entry in every),
         digits=3,
     )
 

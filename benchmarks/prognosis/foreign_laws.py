@@ -59,7 +59,7 @@ def figures_of(cases: Sequence[ForeignCase], scores: Sequence[LifeScore]) -> Fig
     for name_of in (lambda case: case.kind, lambda case: f"with {case.variation}"):
         for case, score in pairs:
             parts.setdefault(name_of(case), []).append(score)
-    return {part: summary(found) for part, found in parts.items()}
+    return {part: summary(results) for part, results in parts.items()}
 
 
 def measure(pool: Workers, lives: int, constant: int, *, laws: str) -> Figures:
@@ -70,9 +70,9 @@ def measure(pool: Workers, lives: int, constant: int, *, laws: str) -> Figures:
     return {
         "seed": SEED,
         "laws": laws,
-        "methods": {name: figures_of(cases, [one[name] for one in scores]) for name in METHODS},
+        "methods": {name: figures_of(cases, [entry[name] for entry in scores]) for name in METHODS},
         "constant": {"steady": told[::2], "with a wave": told[1::2]},
-        "lives": [{name: asdict(score) for name, score in one.items()} for one in scores],
+        "lives": [{name: asdict(score) for name, score in entry.items()} for entry in scores],
     }
 
 

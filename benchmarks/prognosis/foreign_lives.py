@@ -148,7 +148,7 @@ def _grown(
 ) -> Grown:
     """Return a component's growth until a service hour [h]."""
     rng = case.rng(stream)
-    name = str(rng.choice([one.name for one in KINDS[fault]]))
+    name = str(rng.choice([component.name for component in KINDS[fault]]))
     is_two_sided = KINDS[fault][0].is_two_sided
     side = float(rng.choice([-1.0, 1.0])) if is_two_sided else 1.0
     parts = []
@@ -179,14 +179,19 @@ def _drawn(case: ForeignCase, rng: np.random.Generator) -> ForeignLife | None:
     stream = int(rng.integers(10, 1_000_000))
     grown = [_grown(case, case.kind, fault, law, until, repair, noise, stream)]
     if case.variation == "two faults":
-        others = [name for name, kind in kinds.items() for one in kind.faults if one != fault]
+        others = [
+            name
+            for name, kind in kinds.items()
+            for name_of_fault in kind.faults
+            if name_of_fault != fault
+        ]
         other = str(rng.choice(others))
-        of_it = [one for one in kinds[other].faults if one != fault]
+        of_it = [name_of_fault for name_of_fault in kinds[other].faults if name_of_fault != fault]
         second = kinds[other].law(span * rng.uniform(0.9, 1.5), rng)
         grown.append(
             _grown(case, other, str(rng.choice(of_it)), second, until, 0.0, noise, stream + 1)
         )
-    ends = [_end(one, repair) for one in grown]
+    ends = [_end(growth, repair) for growth in grown]
     end = min(ends)
     if ends[0] > end or not 600.0 < end - repair < _LONGEST * span:
         return None
@@ -198,16 +203,16 @@ def _drawn(case: ForeignCase, rng: np.random.Generator) -> ForeignLife | None:
     tests = tests[(tests < end) & (rng.random(tests.size) >= _MISSING)]
     vectors = np.tile(healthy_faults(), (tests.size, 1))
     vectors[:, ECCENTRICITY_PHASE] = rng.random()
-    growing = {one.name for one in grown}
+    growing = {growth.name for growth in grown}
     for members in KINDS.values():
         # The others grow a little.
         slope = rng.uniform(0.0, _OTHERS_MOST) * LIMITS[members[0].name] / end
-        if not growing & {one.name for one in members}:
+        if not growing & {member.name for member in members}:
             vectors[:, FAULT_NAMES.index(members[0].name)] += slope * tests
-    for one in grown:
-        column = FAULT_NAMES.index(one.name)
-        away = np.interp(tests, one.hours, one.away)
-        vectors[:, column] = healthy_faults()[column] + one.side * away
+    for growth in grown:
+        column = FAULT_NAMES.index(growth.name)
+        away = np.interp(tests, growth.hours, growth.away)
+        vectors[:, column] = healthy_faults()[column] + growth.side * away
     return ForeignLife(tuple(grown), tests, np.clip(vectors, 0.0, HIGHEST), end, repair, noise)
 
 

@@ -102,7 +102,7 @@ def estimate_of(
     noise = NOISE_OF_DISTURBED if window == "noisy" else CURRENT_NOISE
     rng = np.random.default_rng([*case.seed, 1])
     telemetry = Sensors(noise, RESOLUTIONS, rng).measure(case.telemetry())
-    [found] = WindowTrigger(ACTUATOR.parameters).feed(telemetry)
-    if not isinstance(found, Window):
+    [segment] = WindowTrigger(ACTUATOR.parameters).feed(telemetry)
+    if not isinstance(segment, Window):
         return None
-    return identify(found, ACTUATOR, calibration, previous=previous)
+    return identify(segment, ACTUATOR, calibration, previous=previous)

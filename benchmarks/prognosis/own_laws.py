@@ -83,8 +83,8 @@ def measure(pool: Workers, lives: int, constant: int, whole: int, real: int) -> 
     windows = pool.map("healthy windows", noisy_window, healthy)
     calibration = calibrate_model(windows, ACTUATOR) if real else None
     in_the_loop = [Job(scored, calibration) for scored in lives_of("real", real)]
-    found = {
-        "drawn": pool.map("lives", Job.scores, [Job(one) for one in lives_of("growing", lives)]),
+    by_source = {
+        "drawn": pool.map("lives", Job.scores, [Job(life) for life in lives_of("growing", lives)]),
         "real": pool.map("lives in the loop", Job.scores, in_the_loop),
     }
     by_message = pool.map("with requirements", score_whole, lives_of("growing", whole))
@@ -93,24 +93,24 @@ def measure(pool: Workers, lives: int, constant: int, whole: int, real: int) -> 
         "seed": SEED,
         **{
             case: {name: by_kind([score[name] for score in scores]) for name in scores[0]}
-            for case, scores in found.items()
+            for case, scores in by_source.items()
             if scores
         },
         # A message has quantiles alone.
         "whole": {
-            name: {key: summary([one[name] for one in by_message])[key] for key in BY_MESSAGE}
+            name: {key: summary([entry[name] for entry in by_message])[key] for key in BY_MESSAGE}
             for name in SETTINGS
             if by_message
         },
         "constant": {
             name: {
                 "lives": len(told),
-                "reported": sum(one.told or (one.failing and one.meets) for one in of_it),
-                "rightly_failing": sum(one.failing and not one.meets for one in of_it),
-                "failing": sum(not one.meets for one in of_it),
+                "reported": sum(entry.told or (entry.failing and entry.meets) for entry in of_it),
+                "rightly_failing": sum(entry.failing and not entry.meets for entry in of_it),
+                "failing": sum(not entry.meets for entry in of_it),
             }
             for name in SETTINGS
-            for of_it in [[one[name] for one in told]]
+            for of_it in [[entry[name] for entry in told]]
         },
     }
 
@@ -120,19 +120,19 @@ def rows(figures: Figures) -> Iterator[Row]:
     for case, name in product(("drawn", "real"), TARGETS):
         if case in figures:
             yield from _accuracy_rows(figures[case], case, name)
-    for name, one in figures["whole"].items():
-        what = f"{one['lives']} lives, by limit or requirement, {name}: accuracy, coverage"
-        yield untargeted(what, f"{one['cra']:.3f}, {one['coverage']:.3f}")
-    for name, one in figures["constant"].items():
-        what = f"{one['lives']} lives of constant faults, {name}: with a predicted life"
-        yield none_of(what, one["reported"])
+    for name, entry in figures["whole"].items():
+        what = f"{entry['lives']} lives, by limit or requirement, {name}: accuracy, coverage"
+        yield untargeted(what, f"{entry['cra']:.3f}, {entry['coverage']:.3f}")
+    for name, entry in figures["constant"].items():
+        what = f"{entry['lives']} lives of constant faults, {name}: with a predicted life"
+        yield none_of(what, entry["reported"])
         what = "  with a requirement that fails from the first test on: reported"
-        yield untargeted(what, f"{one['rightly_failing']} of {one['failing']}")
+        yield untargeted(what, f"{entry['rightly_failing']} of {entry['failing']}")
     spent = {f"by fault limits, {name}": figures["drawn"][name]["all"] for name in TARGETS}
     if figures["whole"]:
         spent["with requirements and health, law unknown"] = figures["whole"]["law unknown"]
-    for what, one in spent.items():
-        milliseconds = 1e3 * one["seconds"]
+    for what, entry in spent.items():
+        milliseconds = 1e3 * entry["seconds"]
         what = f"update {what}, processor time, median [ms]"
         yield at_most(what, milliseconds, 1e3 * LONGEST_S, f"{milliseconds:.1f}")
 
@@ -173,15 +173,15 @@ def tables(figures: Figures) -> Iterator[Table | str]:
             ),
             (
                 (
-                    *(kind.replace("_", " "), one["lives"], name, one["cra"]),
-                    *(one["cra_event_time"], percent(one["unknown_share"], 1)),
-                    *(percent(one[f"alpha_lambda_{at:g}"]) for at in LAMBDAS),
-                    *(percent(one[share]) for share in shares),
-                    f"{1e3 * one['seconds']:.2f}",
+                    *(kind.replace("_", " "), entry["lives"], name, entry["cra"]),
+                    *(entry["cra_event_time"], percent(entry["unknown_share"], 1)),
+                    *(percent(entry[f"alpha_lambda_{at:g}"]) for at in LAMBDAS),
+                    *(percent(entry[share]) for share in shares),
+                    f"{1e3 * entry['seconds']:.2f}",
                 )
                 for kind in next(iter(by_method.values()), ())
                 for name, of_it in by_method.items()
-                for one in [of_it[kind]]
+                for entry in [of_it[kind]]
             ),
             digits=3,
         )

@@ -46,11 +46,11 @@ class Predictions:
         seconds: Sequence[float],
     ) -> "Predictions":
         """Return the predictions of samples, ``(m,)`` each, None where there is none."""
-        size = next((len(one) for one in samples if one is not None), 1)
+        size = next((len(drawn) for drawn in samples if drawn is not None), 1)
         rows = np.full((len(samples), size), np.nan)
-        for number, one in enumerate(samples):
-            if one is not None:
-                rows[number] = one
+        for number, drawn in enumerate(samples):
+            if drawn is not None:
+                rows[number] = drawn
         low, median, high = np.quantile(rows, [0.05, 0.5, 0.95], axis=1, method="inverted_cdf")
         hours = np.array([measurement.hours for measurement in measurements])
         return cls(hours, low, median, high, rows, np.array(seconds))
@@ -58,7 +58,7 @@ class Predictions:
     def since(self, start_hours: float) -> "Predictions":
         """Return those from a service hour [h] on, their hours counted from it."""
         later = self.hours >= start_hours
-        made = {one.name: getattr(self, one.name)[later] for one in fields(self)}
+        made = {item.name: getattr(self, item.name)[later] for item in fields(self)}
         return Predictions(**{**made, "hours": made["hours"] - start_hours})
 
 

@@ -45,13 +45,16 @@ def score_whole(scored: ScoredLife) -> dict[str, LifeScore]:
     life = scored.life()
     measurements = drawn(scored, life)
     end = min(life.end_hours, _failure_hours(life))
-    before = [one for one in measurements if one.hours < end]
+    before = [measurement for measurement in measurements if measurement.hours < end]
     scores = {}
     for name, settings in SETTINGS.items():
         outlooks, spent = followed(before, settings)
-        ruls = [(one.rul.hours_05, one.rul.hours_50, one.rul.hours_95) for one in outlooks]
+        ruls = [
+            (outlook.rul.hours_05, outlook.rul.hours_50, outlook.rul.hours_95)
+            for outlook in outlooks
+        ]
         samples = np.full((len(outlooks), 1), np.nan)
-        hours = np.array([one.hours for one in outlooks])
+        hours = np.array([outlook.hours for outlook in outlooks])
         low, median, high = np.array(ruls).T
         made = Predictions(hours, low, median, high, samples, np.array(spent))
         scores[name] = LifeScore.of(scored.kind, end, made)
@@ -66,12 +69,14 @@ def reports(scored: ScoredLife) -> dict[str, Reports]:
     by_case = {}
     for name, settings in SETTINGS.items():
         outlooks, _ = followed(measurements, settings)
-        required = [one.rul_requirements for one in outlooks if one.rul_requirements.known]
+        required = [
+            outlook.rul_requirements for outlook in outlooks if outlook.rul_requirements.known
+        ]
         by_case[name] = Reports(
             bool(np.all(reserves >= 0.0)),
-            any(one.rul_faults.known for one in outlooks)
-            or any(one.hours_50 > 0.0 for one in required),
-            any(one.hours_50 == 0.0 for one in required),
+            any(outlook.rul_faults.known for outlook in outlooks)
+            or any(requirement.hours_50 > 0.0 for requirement in required),
+            any(requirement.hours_50 == 0.0 for requirement in required),
         )
     return by_case
 
@@ -111,10 +116,10 @@ def _failure_hours(life: SimulatedLife) -> float:
 
 
 def _requirements() -> Requirements:
-    found = requirements_of(Calibration.builtin().unit_parameters, RequirementLimits())
-    if isinstance(found, str):
-        raise RuntimeError(found)
-    return found
+    requirements = requirements_of(Calibration.builtin().unit_parameters, RequirementLimits())
+    if isinstance(requirements, str):
+        raise RuntimeError(requirements)
+    return requirements
 
 
 def worn(hours: float, share: float, rng: np.random.Generator) -> Estimate:
