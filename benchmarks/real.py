@@ -190,11 +190,9 @@ def compared(folder: Path, comparison: Comparison) -> list[Figures]:
 
 def calibrated(folder: Path, comparison: Comparison) -> Path:
     """Return the calibration of the healthy trials of a comparison."""
-    name = f"{comparison.load}_{'_'.join(map(str, comparison.healthy))}{'_labelled' * bool(comparison.labelled)}.yaml"
-    bags = [
-        folder / Trial(HEALTHY, comparison.load, number).healthy_bag
-        for number in comparison.healthy
-    ]
+    load, healthy = comparison.load, comparison.healthy
+    name = f"{load}_{'_'.join(map(str, healthy))}{'_labelled' * bool(comparison.labelled)}.yaml"
+    bags = [folder / Trial(HEALTHY, load, number).healthy_bag for number in healthy]
     succeed("calibrate", *bags, "-o", folder / name, "--replace")
     return folder / name
 
