@@ -9,6 +9,7 @@ import pytest
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
 from ema_bags.inputs.defects import not_finite
 from ema_bags.inputs.publishers import two_publishers
+from ema_bags.inputs.series import Collector
 from ema_core.acquisition import Acquisition
 from ema_core.telemetry import Telemetry
 from ema_monitor.windows.finder import Segment, WindowFinder
@@ -39,6 +40,12 @@ def bridge(of=None, rate_hz=1000, **settings):
     return Bridge(of or mapping(), described(rate_hz), BridgeSettings(**settings))
 
 
+def collect(target: Bridge, topic, message, sent_ns, received_ns):
+    """Give a message to what reads the topics of a bridge."""
+    assert isinstance(target.collector, Collector)
+    target.collector.add(topic, message, sent_ns, received_ns)
+
+
 def state(telemetry, i, stamp_ns, **factors):
     stamp = SimpleNamespace(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
     rows = {"position": telemetry.position, "velocity": telemetry.speed * TAU}
@@ -56,15 +63,13 @@ def run(target, telemetry, stamps, *, every=10, stamped=True, sent=None, send_co
         at = int(sent[i])
         if send_command is None or send_command(i):
             number = SimpleNamespace(data=telemetry.command[i])
-            target.collector.add(COMMANDS, number, at - 1000, at + 10_000)
+            collect(target, COMMANDS, number, at - 1000, at + 10_000)
         message = state(telemetry, i, int(stamp) if stamped else 0, **of)
-        target.collector.add(STATES, message, at, at + 10_000)
+        collect(target, STATES, message, at, at + 10_000)
         if i % every == 0:
             blocks += target.advance()
     # The last position waits for what may have been sent before it, until a later command is there.
-    target.collector.add(
-        COMMANDS, SimpleNamespace(data=0.0), int(sent[-1]) + 1000, int(sent[-1]) + 2000
-    )
+    collect(target, COMMANDS, SimpleNamespace(data=0.0), int(sent[-1]) + 1000, int(sent[-1]) + 2000)
     return blocks + target.advance()
 
 
@@ -139,8 +144,8 @@ def test_losses_leave_a_gap(telemetry):
     blocks = []
     for i in number:
         at = int(stamps_of(telemetry)[i])
-        target.collector.add(COMMANDS, SimpleNamespace(data=telemetry.command[i]), at - 1000, at)
-        target.collector.add(STATES, state(telemetry, i, at), at, at)
+        collect(target, COMMANDS, SimpleNamespace(data=telemetry.command[i]), at - 1000, at)
+        collect(target, STATES, state(telemetry, i, at), at, at)
         blocks += target.advance()
     assert target.losses.lost == 3
     indices = np.concatenate([b.first_index + np.arange(len(b)) for b in blocks])
@@ -230,7 +235,7 @@ def send_moves(
                 velocity=[columns["speed"][i] * JOINT_TAU * speed_factor * filled],
                 effort=[columns["current"][i] * filled],
             )
-            target.collector.add(STATES, message, stamp, stamp + 10_000)
+            collect(target, STATES, message, stamp, stamp + 10_000)
         blocks += target.advance()
     return blocks
 
@@ -393,7 +398,7 @@ def test_rate_that_changes_is_learned_anew(before_hz, after_hz):
                 velocity=[at["speed"] * JOINT_TAU],
                 effort=[at["current"]],
             )
-            target.collector.add(STATES, message, 0, stamp_ns)
+            collect(target, STATES, message, 0, stamp_ns)
             blocks += target.advance() if i % 20 == 0 else []
         stamp_ns += round(1e9 / rate_hz)
     assert target.rate is not None
