@@ -58,10 +58,7 @@ UNTREATED: Final = (
     "ema_archive/",
     *(
         f"ros2_ws/src/ema_bags/ema_bags/inputs/{name}.py"
-        for name in (
-            *("bridging", "defects", "excursions", "importing", "impossible"),
-            *("ordering", "publishers", "rate", "resampling", "series"),
-        )
+        for name in ("defects", "impossible", "resampling")
     ),
 )
 """Paths whose docstrings, comments and names are still to be revised."""

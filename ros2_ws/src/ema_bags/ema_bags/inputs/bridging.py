@@ -1,4 +1,4 @@
-"""Telemetry from messages as they come."""
+"""Conversion of live messages to telemetry."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -33,7 +33,7 @@ from ema_core.telemetry import COLUMNS, Telemetry
 LEAST_SAMPLES: Final = 40
 _LOOK_BACK_S: Final = 10.0
 _NOT_FINITE_S: Final = 3.0
-# Time between two looks for defects [s]: at first, and once there are samples to look back on.
+# Time between two checks for defects [s]: at first, and after the first ``_LOOK_BACK_S``.
 _CHECK_S: Final = 0.2
 _RECHECK_S: Final = 2.0
 _MOST_WAITING: Final = 200_000
@@ -55,7 +55,7 @@ class _Part(NamedTuple):
 
 @dataclass(frozen=True)
 class BridgeSettings(Checked):
-    """What a bridge listens to, and how long it waits."""
+    """Settings of a bridge."""
 
     mapping_file: str = text("", "mapping of topics to telemetry, a YAML file")
     actuator_file: str = text(
@@ -101,9 +101,9 @@ class Bridge:
     rate
         Rate of the samples; None until it is known.
     defects
-        What is wrong in the samples of the last 10 s.
+        Defects in the samples of the last 10 s.
     checked
-        Samples in which defects were looked for, published or not.
+        Number of checked samples, published or not.
     withheld
         Samples that were withheld as a defect forbids estimates.
 
@@ -133,11 +133,11 @@ class Bridge:
         self._clock: ArrivalClock | None = None
         self._filled = 0
         self._waiting = self.collector.take()
-        # Stamps of the first of the samples that wait, and how many the clock has been given.
+        # Stamps of the first waiting samples, and the number of samples passed to the clock.
         self._settled = np.empty(0, dtype=np.int64)
         self._stamped = 0
         self._before_ns: int | None = None
-        # The latest converted samples, in which defects are looked for.
+        # The latest converted samples, which are checked for defects.
         self._latest: deque[_Part] = deque()
         self._unchecked = 0
         # Latest stamps, by which a change of the rate is noticed [ns].
@@ -162,7 +162,7 @@ class Bridge:
 
     @property
     def losses(self) -> Losses:
-        """What was found between the samples since the rate is known."""
+        """Losses between the samples since the rate was measured."""
         return self._stream.losses if self._stream else Losses()
 
     @property
@@ -268,7 +268,7 @@ class Bridge:
         self._unchecked = 0
 
     def _stamp(self, primary: Series) -> None:
-        """Give the samples that are new to the clock."""
+        """Pass the new samples to the clock."""
         fresh = primary[self._stamped :]
         self._stamped = len(primary)
         if self._clock is not None:
@@ -284,7 +284,7 @@ class Bridge:
         recent = np.concatenate([self._recent_ns, stamps])[-_MOST_WAITING:]
         if not len(recent):
             return recent
-        # Twice as long, so that the time of learning is full whatever the block.
+        # Twice as long, so that the samples cover the time of learning for any length of blocks.
         span_ns = round(2e9 * self.settings.learn_s)
         return recent[recent > recent[-1] - span_ns][-_MOST_WAITING:]
 
@@ -307,14 +307,16 @@ class Bridge:
         primary = self._waiting[self.mapping.position.topic]
         # A slow temperature is not waited for.
         awaited = {item.topic for _, item in self.mapping.telemetry_sources()}
-        others = [
+        awaited_series = [
             series
             for topic, series in self._waiting.items()
             if series is not primary and topic in awaited
         ]
-        if not count or not others:
+        if not count or not awaited_series:
             return count
-        latest = min(int(series.arrivals_ns[-1]) if len(series) else -(2**62) for series in others)
+        latest = min(
+            int(series.arrivals_ns[-1]) if len(series) else -(2**62) for series in awaited_series
+        )
         # A command may be sent on change only: its topic is not waited for longer than that.
         waited = int(primary.arrivals_ns[-1]) - round(self.settings.wait_s * 1e9)
         late = np.flatnonzero(primary.arrivals_ns[:count] > max(latest, waited))
@@ -333,7 +335,7 @@ class Bridge:
                 self._waiting[topic] = series[max(0, old - 2) :]
 
     def _check(self, part: _Part) -> None:
-        """Look for defects in the latest samples, now and then."""
+        """Check the latest samples for defects periodically."""
         assert self._stream is not None
         h = self._stream.description.sample_period
         latest = self._latest

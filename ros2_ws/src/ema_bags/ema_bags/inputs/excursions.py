@@ -113,7 +113,7 @@ def _return_of(
 def _sudden(
     candidates: list[tuple[int, int]], changes: NDArray[np.float64]
 ) -> list[tuple[int, int]]:
-    """Return the excursions whose jumps are far larger than the changes beside them."""
+    """Return the excursions whose jumps are far larger than the changes around them."""
     quiet = changes.copy()
     for first, end in candidates:
         quiet[max(first - 2, 0) : end] = 0.0

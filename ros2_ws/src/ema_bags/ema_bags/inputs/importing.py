@@ -84,7 +84,7 @@ class SampleStream:
 
     @property
     def losses(self) -> Losses:
-        """What was found between the samples so far."""
+        """Losses between the samples so far."""
         return self._resampler.losses
 
     def push(
@@ -129,12 +129,12 @@ class SampleStream:
         size = max(1, round(block_s / h))
         for start in range(0, len(run.stamps_ns), size):
             part = run.values[start : start + size]
-            given = {name: np.ascontiguousarray(part[:, i]) for i, name in enumerate(self.filled)}
+            columns = {name: np.ascontiguousarray(part[:, i]) for i, name in enumerate(self.filled)}
             yield Telemetry(
                 int(run.stamps_ns[start]) + shift_ns,
                 h,
                 run.first_index + start,
-                **{name: given.get(name, np.empty(0)) for name in COLUMNS},
+                **{name: columns.get(name, np.empty(0)) for name in COLUMNS},
             )
 
 
@@ -155,7 +155,7 @@ class Imported:
     rebuilt
         How many stamps were rebuilt.
     defects
-        What is wrong.
+        Defects of the mapping and of the samples.
     rises
         Measured rises of the temperature, one a second at most.
     """
@@ -185,7 +185,7 @@ class Imported:
 
     @property
     def shift_ns(self) -> int:
-        """What is added to stamps, so that none is before the epoch [ns]."""
+        """Shift of the stamps after which none is before the epoch [ns]."""
         first_s = min(int(run.stamps_ns[0]) for run in self.runs) // 1_000_000_000
         return -min(first_s, 0) * 1_000_000_000
 

@@ -1,4 +1,4 @@
-"""Samples whose stamps are out of order by little, such as those of two threads."""
+"""Order of samples that are displaced by a few places, for example by two threads."""
 
 from typing import Final
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_DISPLACED: Final = 4
-"""Samples by which a sample may be out of order."""
+"""Largest displacement of a sample from its place in the order of stamps [samples]."""
 
 
 def sorting_order(stamps_ns: NDArray[np.int64]) -> NDArray[np.intp] | None:

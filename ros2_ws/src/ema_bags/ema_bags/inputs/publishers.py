@@ -1,4 +1,4 @@
-"""Stamps that show two publishers of one joint."""
+"""Detection of two publishers of one joint from stamps."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -16,10 +16,10 @@ _COUNTS: Final = 1.5
 
 
 def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
-    """Yield that stamps, ``(n,)`` [ns], are those of two publishers.
+    """Yield a defect if stamps, ``(n,)`` [ns], come from two publishers.
 
-    The samples of a second publisher, at the same rate or a fraction of it, divide one of so many
-    steps in two. The samples are read as one series of a higher rate.
+    The samples of a second publisher, at the same rate or a fraction of it, divide one of several
+    steps in two. Both publishers would be read as a single series with a higher rate.
     """
     steps = np.diff(stamps_ns).astype(float)
     if len(steps) < _LEAST_STEPS or np.any(steps[:2] <= 0.0):
@@ -29,7 +29,7 @@ def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
         pattern = _pattern(steps, times + 1)
         if pattern is None or np.ptp(pattern) <= _COUNTS * count_ns:
             continue
-        # The steps of the pattern, from those that a sample divides.
+        # The steps of the pattern, with the divided steps first.
         ahead = [np.roll(pattern, -first) for first in range(times + 1)]
         regular = [np.array([steps[0] + steps[1], *steps[2:]]) for steps in ahead]
         first = int(np.argmin([np.ptp(steps) for steps in regular]))

@@ -95,7 +95,7 @@ def _first_period(stamps_ns: NDArray[np.int64], steps: NDArray[np.float64]) -> f
     reach = min(_BURST, len(stamps_ns) - 1)
     average = float(np.median(stamps_ns[reach:] - stamps_ns[:-reach])) / reach
     if average > 0.0 and not 0.7 < typical / average < 1.3:
-        return average  # samples come in bursts: their steps say little
+        return average  # steps within bursts are not the period
     return float(np.mean(steps[(steps > 0.5 * typical) & (steps < 1.5 * typical)]))
 
 

@@ -203,8 +203,8 @@ def join_topics(
     Parameters
     ----------
     by_topic
-        Series by topic. That of the position may have more samples than there are stamps: the
-        later ones are left out.
+        Series by topic. The series of the position may have more samples than stamps: the later
+        samples are ignored.
     stamps_ns
         Stamps of the samples of the position, ``(n,)`` [ns].
     """
@@ -214,8 +214,8 @@ def join_topics(
         if item.topic == mapping.position.topic:
             continue
         source = by_topic[item.topic]
-        # What has no stamp is compared by when it was sent: the clocks of stamps and of the
-        # transport may differ, and a loop that is late sends command and position late alike.
+        # Series without stamps are compared by their times of publication: the clocks of stamps
+        # and transport may differ, and a late loop delays command and position equally.
         times, at = source.arrivals_ns, primary.arrivals_ns
         if source.is_stamped:
             times, at = source.stamped()[0], stamps_ns
