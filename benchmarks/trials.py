@@ -24,7 +24,7 @@ from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import DEGRADED, REFUSED, VALID, Estimate
 from ema_monitor.identification.quantiles import LEVELS
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.windows.window import Window
 
 ACTUATOR: Final = ActuatorDescription()

@@ -10,7 +10,7 @@ from typing import Any, Self
 from ema_core.growth_laws import LAWS
 from ema_core.source_digest import source_digest
 from ema_monitor.health import HealthLimits
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.model.measurements import MAX_AGE_S
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.growth.tracker_settings import KnownLaw, TrackerSettings

@@ -22,7 +22,7 @@ from ema_monitor.calibrations import CALIBRATION_FILE
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings

@@ -19,7 +19,7 @@ from ema_monitor.diagnosis import Diagnosed, Diagnosis, Identification, identify
 from ema_monitor.health import Health, HealthLimits, assess
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.monitor import Monitor, MonitorSettings
 from ema_monitor.prognosis.growth.measurement import Measurement

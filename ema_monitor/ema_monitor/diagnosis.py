@@ -18,7 +18,7 @@ from ema_monitor.identification.estimate import DEPARTED, FAILED, SKIPPED, Estim
 from ema_monitor.identification.joint_estimate import identify_record
 from ema_monitor.identification.memory import NOTHING, Memory
 from ema_monitor.identification.search import Generation, ModelIdentification
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Combining, Tally
 from ema_monitor.joint.departure import Departure
 from ema_monitor.joint.window_figures import WindowFigures, figures_of

@@ -11,7 +11,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.health import HealthLimits, assess
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import ModelIdentification
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.model.deviations import Deviations
 from ema_monitor.windows.window import Window
 

@@ -20,7 +20,7 @@ from ema_core.faults import (
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.quantity import Checked, quantity
 from ema_monitor.identification.estimate import DEPARTED, Estimate
-from ema_monitor.identification.settings import MOST_UNEXPLAINED
+from ema_monitor.identification.search_settings import MOST_UNEXPLAINED
 from ema_monitor.joint.comparison import TORQUE, Comparison
 from ema_monitor.joint.wording import why_no_level
 from ema_monitor.model.deviations import USUAL_SIGMA

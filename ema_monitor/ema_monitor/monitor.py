@@ -12,7 +12,7 @@ from ema_monitor.calibrations import AnyCalibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import Generation
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.intake import Intake
 from ema_monitor.model.measurements import MAX_AGE_S

@@ -27,7 +27,7 @@ from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import HiddenCause, MeasuredCauses
 from ema_monitor import Count, Diagnosed, Monitor, MonitorSettings, Outlook
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_ros import topics

@@ -16,7 +16,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, estimation_error, fault_vector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Identification
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
 
 from .conftest import repeated

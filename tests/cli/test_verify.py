@@ -19,7 +19,7 @@ from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis, diagnose
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.joint.comparison import INERTIA
 from ema_monitor.model.threads import limit_threads
 from ema_monitor.node.publish.messages import estimate_to_message

@@ -11,7 +11,7 @@ from ema_archive.tables import BAG_TABLES
 from ema_core.faults import FAULT_NAMES
 from ema_monitor import reports
 from ema_monitor.identification.estimate import Estimate, estimate_record, refusal
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.reasons import MotorStill
 from ema_monitor.windows.trigger import Refusal
 

@@ -16,7 +16,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.window_fit import window_fit
 from ema_monitor.model.monitor_model import MonitorModel
 from ema_monitor.plot.fit import plot_fit

@@ -17,7 +17,7 @@ from ema_monitor.identification.knowledge import NUISANCE, Knowledge, informatio
 from ema_monitor.identification.objective import PLAIN, Objective
 from ema_monitor.identification.preview import StretchMotion
 from ema_monitor.identification.search import Generation, ModelIdentification
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.identification.uncertainty import shifts_of
 from ema_monitor.model.deviations import Prior

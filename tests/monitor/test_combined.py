@@ -12,7 +12,7 @@ from ema_core.faults import FAULT_NAMES, N_FAULTS
 from ema_monitor.identification.alternatives import Alternative
 from ema_monitor.identification.combined import combined_estimate
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.inference import Finding
+from ema_monitor.identification.inference import WindowResult
 from ema_monitor.identification.knowledge import Knowledge
 from ema_monitor.identification.uncertainty import USUAL_MISFIT
 from ema_monitor.identification.verdict import Misfit
@@ -41,12 +41,14 @@ def estimate(number: int, *kept: str, **values: Any) -> Estimate:
     )
 
 
-def part(stretch: Estimate, *, power: float = 1.0, departure: float = 100.0, **more) -> Finding:
+def part(
+    stretch: Estimate, *, power: float = 1.0, departure: float = 100.0, **more
+) -> WindowResult:
     misfit = Misfit(np.array([[power, departure], [1.0, departure]]))
-    return Finding(replace(stretch, goodness_of_fit=misfit.goodness), misfit, **more)
+    return WindowResult(replace(stretch, goodness_of_fit=misfit.goodness), misfit, **more)
 
 
-def combined(*parts: Finding, wanted_sigma: float = 0.05) -> Estimate:
+def combined(*parts: WindowResult, wanted_sigma: float = 0.05) -> Estimate:
     result = combined_estimate(parts, KNOWN, wanted_sigma)
     assert result is not None
     return result

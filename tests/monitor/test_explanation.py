@@ -12,7 +12,7 @@ from ema_core.parameters import ActuatorParameters
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.alternatives import Alternative
 from ema_monitor.identification.objective import Objective
-from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
+from ema_monitor.identification.search_settings import MOST_UNEXPLAINED, SearchSettings
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, hidden_causes
 from ema_monitor.reason_texts import EQUAL_SHORTS
 

@@ -10,7 +10,7 @@ from ema_core.faults import ECCENTRICITY_PHASE, estimation_error, fault_vector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis, Identification, identify
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.particle_swarm import ParticleSwarm
 from ema_monitor.windows.finder import Segment

@@ -9,7 +9,7 @@ from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, estimation_error, 
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.fitness import FITNESS
-from ema_monitor.identification.settings import GOODNESS_LIMIT, SearchSettings
+from ema_monitor.identification.search_settings import GOODNESS_LIMIT, SearchSettings
 from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,

@@ -11,7 +11,7 @@ from ema_monitor.api import find_windows
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.model.deviations import HIDDEN_CAUSES
 from ema_monitor.model.measured import measured_causes, measured_causes_of

@@ -12,7 +12,7 @@ from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.alternatives import Alternative
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.memory import NOTHING, SLOW, Memory
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.reason_texts import EQUAL_SHORTS
 from ema_monitor.windows.finder import Segment
 

@@ -14,7 +14,7 @@ from ema_monitor.api import find_windows
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import FITNESS, LeastSquares
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.reasons import WindowUnusable
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window

@@ -8,7 +8,7 @@ import numpy as np
 
 from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector, fault_vector
 from ema_monitor.identification.estimate import Estimate, refusal
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.reasons import WindowUnusable

@@ -17,7 +17,7 @@ from ema_monitor.identification import combination
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import refusal
 from ema_monitor.identification.search import Generation, ModelIdentification, Search
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.node.work import worker as identification_worker
 from ema_monitor.node.work.worker import IdentificationWorker

@@ -13,7 +13,7 @@ from ema_interfaces.msg import FaultEstimate
 from ema_monitor import CombinationSettings, identify_motion
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.estimate import refusal
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.node.moment import Moment
 from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.node.publish.unit_status import unit_tasks

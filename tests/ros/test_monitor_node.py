@@ -11,7 +11,7 @@ from lifecycle_msgs.msg import Transition
 from ema_interfaces.msg import FaultEstimate, Health
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import identify
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.node.publish.messages import estimate_to_message
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings

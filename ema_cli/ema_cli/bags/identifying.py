@@ -15,7 +15,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import CALIBRATION_FILE, AnyCalibration, load_calibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.optimizers import ALGORITHMS

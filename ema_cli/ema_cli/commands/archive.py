@@ -27,7 +27,7 @@ from ema_cli.parameters import Command, Parameters, settings_options
 from ema_cli.progress import progress_bar
 from ema_cli.show.prognosis_table import as_values
 from ema_core.wording import counted
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.windows.trigger import TEST_CYCLE
 
 _ARCHIVE = click.argument("folder", metavar="ARCHIVE", type=click.Path(path_type=Path))

@@ -78,7 +78,7 @@ def import_(
             f"--mapping is missing: `ema import {files[0]} --preview` guesses one to check and "
             "save, --guide asks for it"
         )
-    inputs = [actuator for actuator in (*files, mapping_file, actuator_file) if actuator]
+    inputs = [path for path in (*files, mapping_file, actuator_file) if path]
     written = _beside(output, ".yaml") if output and is_asked else None
     picture = _beside(output, ".png") if output and guide else None
     for path in filter(None, (output, written, picture)):

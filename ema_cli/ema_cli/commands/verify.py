@@ -30,7 +30,7 @@ from ema_monitor.calibrations import AnyCalibration, load_calibration
 from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.alternatives import Alternative
 from ema_monitor.identification.estimate import SKIPPED, VERDICTS, Estimate
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.prognosis.history import read_intact_history
 from ema_monitor.prognosis.order import moved

@@ -4,7 +4,7 @@ from matplotlib.figure import Figure
 
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.window_fit import in_stretch
 from ema_monitor.plot import plot_fit
 from ema_monitor.recordings.windows import RecordedWindow

@@ -15,12 +15,12 @@ from ema_monitor.identification.combined import combined_estimate
 from ema_monitor.identification.defects import drive_defect
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
-from ema_monitor.identification.inference import Finding
+from ema_monitor.identification.inference import WindowResult
 from ema_monitor.identification.knowledge import Knowledge
 from ema_monitor.identification.objective import PLAIN
 from ema_monitor.identification.preview import Preview, StretchMotion
 from ema_monitor.identification.search import Generation, ModelIdentification, Search
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Combining
 from ema_monitor.identification.uncertainty import SPANS, UNOBSERVABLE_SIGMA
 from ema_monitor.reasons import MotionDisagrees, MotionEnded, Reason
@@ -105,25 +105,25 @@ class Combination(Combining):
         ):
             self.tally = self.tally.plus(skipped=1)
             return
-        finding = yield from self._identify(stretch, self._knowledge)
-        if self._parts and not (_is_valid(finding) and finding.surprise <= MOST_SURPRISE):
+        result = yield from self._identify(stretch, self._knowledge)
+        if self._parts and not (_is_valid(result) and result.surprise <= MOST_SURPRISE):
             alone = yield from self._identify(stretch, self._initial)
             if _is_valid(alone):
                 preview = self._preview
                 yield from self._conclude(MotionDisagrees())
-                finding, self._preview = alone, preview
-        if _is_valid(finding):
-            yield from self._accept(finding)
+                result, self._preview = alone, preview
+        if _is_valid(result):
+            yield from self._accept(result)
         else:
-            refused = self._signed(finding.estimate)
-            yield from self._count_refused(refused, is_identified=finding.knowledge is not None)
+            refused = self._signed(result.estimate)
+            yield from self._count_refused(refused, is_identified=result.knowledge is not None)
 
     def finish(self) -> list[Estimate]:
         """End the motion; return the estimate of the stretches combined so far, if it exists."""
         return self._conclude(MotionEnded())
 
     def _begin(self) -> None:
-        self._parts: list[Finding] = []
+        self._parts: list[WindowResult] = []
         self._motions: list[StretchMotion] = []
         self._examined = 0
         self._knowledge = self._initial
@@ -189,14 +189,14 @@ class Combination(Combining):
             load=self._preview.load if self._preview else None,
         ).run()
 
-    def _accept(self, finding: Finding) -> list[Estimate]:
-        knowledge = finding.knowledge or self._initial
+    def _accept(self, result: WindowResult) -> list[Estimate]:
+        knowledge = result.knowledge or self._initial
         self._refused_in_a_row = 0
         if not self._parts:
             self._examined = 1  # stretches refused before the first one do not count
         self.tally = self.tally.plus(combined=1)
         self._knowledge = knowledge
-        self._parts.append(finding)
+        self._parts.append(result)
         if self._preview is not None:
             self._motions.append(self._preview.motion)
         # Further motion does not lower the systematic part.
@@ -218,5 +218,5 @@ class Combination(Combining):
         return replace(estimate, calibration_id=self._calibration_id)
 
 
-def _is_valid(finding: Finding) -> bool:
-    return finding.estimate.valid and finding.knowledge is not None
+def _is_valid(result: WindowResult) -> bool:
+    return result.estimate.valid and result.knowledge is not None

@@ -15,7 +15,7 @@ from ema_core.causes import CauseEstimate
 from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, N_FAULTS, healthy_faults
 from ema_monitor.identification.alternatives import Alternative, Part, faults_of
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.inference import Finding
+from ema_monitor.identification.inference import WindowResult
 from ema_monitor.identification.knowledge import Knowledge
 from ema_monitor.identification.quantiles import within_range
 from ema_monitor.identification.uncertainty import PLANE, widening
@@ -24,7 +24,7 @@ from ema_monitor.reasons import CauseFound, Contradicted, FaultsNotShown, Reason
 
 
 def combined_estimate(
-    parts: Sequence[Finding],
+    parts: Sequence[WindowResult],
     knowledge: Knowledge,
     wanted_sigma: float,
     ending: Reason | None = None,
@@ -140,7 +140,7 @@ def _causes_found(of_stretches: Sequence[Iterable[CauseEstimate]]) -> list[Reaso
     return reasons
 
 
-def _contradictions(parts: Sequence[Finding]) -> list[Reason]:
+def _contradictions(parts: Sequence[WindowResult]) -> list[Reason]:
     """Return the measured causes that were not used, with the number of their stretches."""
     by_name = _by_name(part.contradicted for part in parts)
     return [

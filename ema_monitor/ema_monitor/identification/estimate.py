@@ -14,7 +14,7 @@ from ema_core.faults import FAULT_NAMES, FAULTS, INDICES, N_FAULTS, FaultVector,
 from ema_core.wording import text_table
 from ema_monitor.identification.alternatives import Alternative, alternative_of
 from ema_monitor.identification.quantiles import LEVELS, quantiles_of
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.window_figures import WindowFigures, figures_of_row, row_of
 from ema_monitor.joint.wording import finding, summary, table_text

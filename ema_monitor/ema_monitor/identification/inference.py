@@ -25,7 +25,7 @@ from ema_monitor.identification.knowledge import (
 from ema_monitor.identification.memory import NOTHING, Memory
 from ema_monitor.identification.objective import CALIBRATED_SHARE, Objective
 from ema_monitor.identification.quantiles import quantiles_of
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.uncertainty import (
     GROUPS,
     MISMATCH_FACTOR,
@@ -53,7 +53,7 @@ _AT_BOUND = 0.999
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class WindowResult:
     """Result of an identification."""
 
     estimate: Estimate
@@ -138,7 +138,7 @@ class Inference:
         objective = self._objective
         return 3 * objective.linearisation_evaluations + objective.unit_evaluations + 2
 
-    def finding(
+    def result(
         self,
         faults: Array,
         play: float,
@@ -148,8 +148,8 @@ class Inference:
         warm_start: bool,
         contradicted: tuple[CauseEstimate, ...],
         caveats: tuple[Reason, ...],
-    ) -> Finding:
-        """Return the finding at the optimum of a search.
+    ) -> WindowResult:
+        """Return the result at the optimum of a search.
 
         Parameters
         ----------
@@ -243,7 +243,7 @@ class Inference:
             measured=window.measured,
             **verdict,
         )
-        return Finding(estimate, misfit, knowledge, surprised, contradicted, caveats)
+        return WindowResult(estimate, misfit, knowledge, surprised, contradicted, caveats)
 
     def _remembered(self, points: Array) -> Array:
         """Return the surprise, ``(...)``, of points, ``(..., d)``, after the earlier tests."""

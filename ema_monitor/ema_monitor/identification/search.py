@@ -17,10 +17,10 @@ from ema_monitor.identification.column_scale import mistaken_amplitude, wrong_sc
 from ema_monitor.identification.defects import drive_defect
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
-from ema_monitor.identification.inference import Finding, Inference
+from ema_monitor.identification.inference import Inference, WindowResult
 from ema_monitor.identification.knowledge import NUISANCE, Knowledge
 from ema_monitor.identification.memory import NOTHING, Memory
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import Termination, minimise
 from ema_monitor.optimizers.interface import Hints
@@ -91,8 +91,8 @@ class _Premises:
         )
 
 
-Search = Generator[Generation, None, Finding]
-"""Generator that yields the state after each generation and returns the finding."""
+Search = Generator[Generation, None, WindowResult]
+"""Generator that yields the state after each generation and returns the result."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ class ModelIdentification:
     """Memory of the earlier tests of the unit."""
 
     def run(self) -> Search:
-        """Yield the state after each generation, and return the finding.
+        """Yield the state after each generation, and return the result.
 
         A refused window has no generations.
         """
@@ -131,8 +131,8 @@ class ModelIdentification:
             return self._refused(WindowUnusable(window.reason))
         if isinstance(calibration, str):
             return self._refused(NoCalibration(calibration), lacks_calibration=True)
-        finding = yield from self._search(window, calibration)
-        return (yield from self._question_scale(finding, window, calibration))
+        result = yield from self._search(window, calibration)
+        return (yield from self._question_scale(result, window, calibration))
 
     def estimate(self) -> Estimate:
         """Return the estimate, without progress."""
@@ -149,25 +149,25 @@ class ModelIdentification:
         memory = self.memory if self.settings.fitness == DEFAULT_FITNESS else NOTHING
         premises = _Premises(window, calibration, memory, time.perf_counter())
         while True:
-            finding = yield from self._search_once(premises)
-            spent += finding.estimate.evaluations
-            named = {cause.name for cause in finding.estimate.causes}
-            wrong = tuple(cause for cause in finding.estimate.measured if cause.name in named)
-            before, memory = premises.memory, premises.memory.left_by(finding.estimate)
+            result = yield from self._search_once(premises)
+            spent += result.estimate.evaluations
+            named = {cause.name for cause in result.estimate.causes}
+            wrong = tuple(cause for cause in result.estimate.measured if cause.name in named)
+            before, memory = premises.memory, premises.memory.left_by(result.estimate)
             premises = replace(premises, memory=memory)
             if not wrong and memory is before:
-                finding = replace(finding, estimate=replace(finding.estimate, evaluations=spent))
-                return (yield from self._search_unmeasured(finding, premises))
+                result = replace(result, estimate=replace(result.estimate, evaluations=spent))
+                return (yield from self._search_unmeasured(result, premises))
             premises = premises.without(*wrong)
 
-    def _search_unmeasured(self, finding: Finding, premises: _Premises) -> Search:
+    def _search_unmeasured(self, result: WindowResult, premises: _Premises) -> Search:
         """Repeat the search of a poorly fitting window without each measured cause of the motion.
 
         A sensor error may stand in for a wrong measurement, but fits worse than its omission.
         """
-        poor = finding.estimate
+        poor = result.estimate
         if not poor.goodness_of_fit > poor.goodness_limit:
-            return finding
+            return result
         spent = poor.evaluations
         for cause in poor.measured:
             if CAUSE_BY_NAME[cause.name].place == Place.SENSOR:
@@ -178,29 +178,31 @@ class ModelIdentification:
             if goodness <= trial.estimate.goodness_limit and goodness < (
                 _FAR_BETTER * poor.goodness_of_fit
             ):
-                finding = trial
+                result = trial
                 break
-        return replace(finding, estimate=replace(finding.estimate, evaluations=spent))
+        return replace(result, estimate=replace(result.estimate, evaluations=spent))
 
-    def _question_scale(self, finding: Finding, window: Window, calibration: Calibration) -> Search:
+    def _question_scale(
+        self, result: WindowResult, window: Window, calibration: Calibration
+    ) -> Search:
         """Refuse a window that the faults do not explain if a column is wrong by a factor."""
-        estimate = finding.estimate
+        estimate = result.estimate
         parameters = calibration.parameters
         if mistaken := mistaken_amplitude(estimate.causes):
             refused = self._refused(WrongScale.of(mistaken)).estimate
-            return Finding(replace(refused, evaluations=estimate.evaluations))
+            return WindowResult(replace(refused, evaluations=estimate.evaluations))
         if not estimate.goodness_of_fit > estimate.goodness_limit:
-            return finding
-        window = _without(window, finding.contradicted)
+            return result
+        window = _without(window, result.contradicted)
         scale = wrong_scale(window, parameters)
         if scale is None:
-            return finding
+            return result
         if scale.columns == ("current",):
             # Faults also increase the current. A wrong scale looks like turns lost in all three
             # phases, and correcting it explains the window far better.
             lost = float(np.min(np.array(estimate.faults)[SHORT_CIRCUITS]))
             if estimate.valid and scale.factor > 1.0 and lost < 0.5 * (1.0 - 1.0 / scale.factor):
-                return finding
+                return result
             telemetry = window.telemetry
             telemetry = replace(telemetry, current=telemetry.current / scale.factor)
             rescaled = yield from self._search(replace(window, telemetry=telemetry), calibration)
@@ -209,12 +211,12 @@ class ModelIdentification:
                 corrected.goodness_of_fit <= corrected.goodness_limit
                 and corrected.goodness_of_fit < _FAR_BETTER * estimate.goodness_of_fit
             ):
-                return finding
+                return result
             gains = [cause.value for cause in corrected.causes if cause.name == "current_gain"]
             factor = scale.factor * (1.0 + sum(gains))
             scale = ColumnError.of(scale.columns, factor, scale.reference, parameters.tau)
         refused = self._refused(WrongScale.of(scale)).estimate
-        return Finding(replace(refused, evaluations=estimate.evaluations))
+        return WindowResult(replace(refused, evaluations=estimate.evaluations))
 
     def _search_once(self, premises: _Premises) -> Search:
         window, calibration = premises.window, premises.calibration
@@ -253,7 +255,7 @@ class ModelIdentification:
             caveats.append(NotConverged())
         [faults], [play] = objective.decode(progress.point[None])
         try:
-            return inference.finding(
+            return inference.result(
                 faults,
                 float(play),
                 progress.point[objective.first_cause :],
@@ -288,7 +290,7 @@ class ModelIdentification:
 
     def _refused(
         self, reason: Reason, *, is_failure: bool = False, lacks_calibration: bool = False
-    ) -> Finding:
+    ) -> WindowResult:
         estimate = refusal(
             self.window,
             self.calibration,
@@ -297,7 +299,7 @@ class ModelIdentification:
             is_failure=is_failure,
             lacks_calibration=lacks_calibration,
         )
-        return Finding(estimate)
+        return WindowResult(estimate)
 
 
 def _without(window: Window, causes: tuple[CauseEstimate, ...]) -> Window:

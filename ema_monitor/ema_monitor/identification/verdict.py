@@ -10,7 +10,7 @@ from ema_core.arrays import Array, Flags
 from ema_core.causes import CauseEstimate
 from ema_core.faults import ECCENTRICITY_PHASE, N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.alternatives import Alternative, Part
-from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
+from ema_monitor.identification.search_settings import MOST_UNEXPLAINED, SearchSettings
 from ema_monitor.reasons import (
     FitUnjudged,
     NotDetermined,

@@ -14,7 +14,7 @@ from ema_monitor.identification.knowledge import FLOOR, Knowledge
 from ema_monitor.identification.objective import PLAIN
 from ema_monitor.identification.preview import Preview
 from ema_monitor.identification.search import ModelIdentification
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.model.deviations import COLUMNS
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.model.readings import read

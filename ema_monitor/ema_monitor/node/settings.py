@@ -10,7 +10,7 @@ from rclpy.node import Node
 
 from ema_core.quantity import Checked, flag, quantity, text
 from ema_monitor.health import HealthLimits
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.model.measurements import MAX_AGE_S
 from ema_monitor.prognosis.advice import Costs

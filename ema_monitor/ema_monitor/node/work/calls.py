@@ -17,7 +17,7 @@ from ema_interfaces.srv import Calibrate
 from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import CalibrationStore, calibrate
 from ema_monitor.diagnosis import Identification
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.model.measured import measured_ranges
 from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.node.publish.actuators import NOT_ACTIVE, Actuators
