@@ -88,7 +88,7 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
     Raises
     ------
     ValueError
-        When there is no archive, ``most`` is out of range, a table is damaged or it takes too long.
+        If there is no archive, ``most`` is out of range, a table is damaged or it takes too long.
     """
     if not 1 <= most <= MOST_ROWS:
         raise ValueError(f"most = {most}: expected 1 to {MOST_ROWS}")
@@ -132,7 +132,7 @@ def state_of_archive(archive: Path) -> tuple[int, ...]:
     Raises
     ------
     OSError
-        When there is no archive.
+        If there is no archive.
     """
     status = [(archive / FILE).stat()]
     with suppress(FileNotFoundError):

@@ -93,7 +93,7 @@ class Manifest(Store):
         Raises
         ------
         ValueError
-            When their stored values are damaged.
+            If their stored values are damaged.
         """
         [(text,)] = self._rows("SELECT settings FROM manifest.archive")
         try:
@@ -139,7 +139,7 @@ class Manifest(Store):
         Raises
         ------
         OSError
-            When the store or a calibration cannot be read.
+            If the store or a calibration cannot be read.
         """
         with self.reading():
             damaged = self.damaged_tables()
@@ -179,7 +179,7 @@ class Manifest(Store):
         Raises
         ------
         OSError
-            When a calibration cannot be read.
+            If a calibration cannot be read.
         """
         pattern = settings.calibration
         sources = self._rows(
@@ -242,7 +242,7 @@ class Manifest(Store):
         Raises
         ------
         OSError
-            When the table is damaged.
+            If the table is damaged.
         """
         query = "SELECT * FROM estimates WHERE bag = ? ORDER BY unit, model, end_ns, number"
         with self.reading() as db:

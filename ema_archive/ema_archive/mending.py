@@ -39,9 +39,9 @@ def mend(store: Store) -> list[str]:
     Raises
     ------
     ValueError
-        When a table of the manifest is damaged.
+        If a table of the manifest is damaged.
     OSError
-        When the store cannot be written.
+        If the store cannot be written.
     """
     damaged = store.damaged_tables()
     if not damaged:

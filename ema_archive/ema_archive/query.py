@@ -25,10 +25,10 @@ def opened(archive: Path) -> Iterator[duckdb.DuckDBPyConnection]:
     Raises
     ------
     ValueError
-        When there is no archive, a table is damaged, or a query of the block fails: some errors
+        If there is no archive, a table is damaged, or a query of the block fails: some errors
         occur only while rows are read.
     OSError
-        When another program holds the archive.
+        If another program holds the archive.
     """
     with Store(archive, writes=False) as store, store.reading() as db:
         require_whole(store)
@@ -58,7 +58,7 @@ def answer(archive: Path, question: str) -> tuple[list[str], list[tuple[Any, ...
     Raises
     ------
     ValueError
-        When it is not a query, or fails.
+        If it is not a query, or fails.
     """
     with opened(archive) as db:
         relation = _asked(db, question)
@@ -71,9 +71,9 @@ def export(archive: Path, question: str, path: Path) -> int:
     Raises
     ------
     ValueError
-        When the query cannot be answered, or the file is of another kind.
+        If the query cannot be answered, or the file is of another kind.
     OSError
-        When it cannot be written.
+        If it cannot be written.
     """
     if path.suffix not in FORMATS:
         raise ValueError(f"{path}: expected a name that ends in {' or '.join(FORMATS)}")

@@ -119,11 +119,11 @@ def run(
     Raises
     ------
     ValueError
-        When the manifest is damaged.
+        If the manifest is damaged.
     OSError
-        When the archive cannot be written; or a calibration cannot be read.
+        If the archive cannot be written; or a calibration cannot be read.
     ClusterLostError
-        When the workers are out of reach.
+        If the workers are out of reach.
     """
     tally = RunTally(mended=mend(manifest))
     run_bags(manifest, workers, tally, follow, diagnose)

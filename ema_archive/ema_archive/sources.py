@@ -62,9 +62,9 @@ def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
     Raises
     ------
     ValueError
-        When the address is of no store that is known here.
+        If the address is of no store that is known here.
     OSError
-        When it cannot be read, or does not exist.
+        If it cannot be read, or does not exist.
     """
     files, root = _opened(source)
     with _clear_errors(source):
@@ -105,7 +105,7 @@ def local_copy(url: str) -> Iterator[Path]:
     Raises
     ------
     OSError
-        When it cannot be read.
+        If it cannot be read.
     """
     files, path = _opened(url)
     if isinstance(files, LocalFileSystem):
@@ -181,7 +181,7 @@ def calibration_of(source: str, unit: UnitKey) -> AnyCalibration | str:
     Raises
     ------
     OSError
-        When a file that is there cannot be read.
+        If a file that is there cannot be read.
     """
     if not source:
         return Calibration.builtin()

@@ -52,9 +52,9 @@ class Store(AbstractContextManager[Any, None]):
     Raises
     ------
     ValueError
-        When there is no archive, it has another version, or another process changes it.
+        If there is no archive, it has another version, or another process changes it.
     OSError
-        When it cannot be opened.
+        If it cannot be opened.
     """
 
     def __init__(self, archive: Path, *, is_new: bool = False, writes: bool = True) -> None:
@@ -166,9 +166,9 @@ class Store(AbstractContextManager[Any, None]):
         Raises
         ------
         ValueError
-            When the file is damaged.
+            If the file is damaged.
         OSError
-            When it cannot be read, or another program holds it.
+            If it cannot be read, or another program holds it.
         """
         with self._mutex:
             if self._is_open:
@@ -189,9 +189,9 @@ class Store(AbstractContextManager[Any, None]):
         Raises
         ------
         ValueError
-            When the file is damaged.
+            If the file is damaged.
         OSError
-            When it cannot be written, or another program holds it.
+            If it cannot be written, or another program holds it.
         """
         with self._mutex:
             self._attach()
@@ -267,7 +267,7 @@ class Store(AbstractContextManager[Any, None]):
         Raises
         ------
         ValueError
-            When a table of the manifest is damaged.
+            If a table of the manifest is damaged.
         """
         if self._noted()[1] == _marks(self.path):
             return []

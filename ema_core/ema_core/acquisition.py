@@ -22,7 +22,7 @@ class Acquisition(Checked):
     Raises
     ------
     ValueError
-        When the sampling is unknown, the time constant is missing or out of range, or a time
+        If the sampling is unknown, the time constant is missing or out of range, or a time
         constant is given for an unfiltered current.
     """
 

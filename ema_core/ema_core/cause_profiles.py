@@ -57,7 +57,7 @@ def cause_profiles(causes: Causes) -> dict[str, Profile]:
     Raises
     ------
     ValueError
-        When a name is unknown or repeated, a value is not a number in its range, or a time is
+        If a name is unknown or repeated, a value is not a number in its range, or a time is
         negative or not finite; the message names the cause, its value, unit and range.
     """
     if isinstance(causes, str):

@@ -95,7 +95,7 @@ class Command(Checked):
         Raises
         ------
         ValueError
-            When the period is not positive or longer than 10 ms, or there are too many samples.
+            If the period is not positive or longer than 10 ms, or there are too many samples.
         """
         if not 0.0 < sample_period <= 0.01:
             raise ValueError(f"sample_period = {sample_period!r} s is outside (0, 0.01] s")
@@ -197,7 +197,7 @@ def build_cycle(command: Command, sample_period: float, depth: float = APPROACH_
     Raises
     ------
     ValueError
-        When the period is not positive or longer than 10 ms, or the cycle has too many samples.
+        If the period is not positive or longer than 10 ms, or the cycle has too many samples.
     """
     h = sample_period
     check_length(

@@ -30,7 +30,7 @@ class ActuatorDescription:
     Raises
     ------
     ValueError
-        When the id or serial number is not a valid name, the period is outside
+        If the id or serial number is not a valid name, the period is outside
         ``ema_core.telemetry.PERIODS``, the drive is not one of ``DRIVES`` or needs a command that
         is missing, or the motor is too weak for its friction.
     """

@@ -266,7 +266,7 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
     Raises
     ------
     ValueError
-        When a name is unknown, a value is not finite or outside its range, or the last dimension
+        If a name is unknown, a value is not finite or outside its range, or the last dimension
         is not 8.
     """
     if isinstance(values, Mapping):
@@ -345,7 +345,7 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
     Raises
     ------
     ValueError
-        When a value is outside the range of a fault vector.
+        If a value is outside the range of a fault vector.
 
     Notes
     -----

@@ -20,7 +20,7 @@ def complete_file(path: Path) -> Iterator[Path]:
     Raises
     ------
     OSError
-        When the file cannot be written; the error names the file, and no partial file remains. If
+        If the file cannot be written; the error names the file, and no partial file remains. If
         only the directory cannot be synchronised, the new file exists, and the message warns that a
         power failure may remove it.
     """
@@ -56,9 +56,9 @@ def open_regular_file(path: Path) -> Iterator[BinaryIO]:
     Raises
     ------
     ValueError
-        When the path is not a regular file.
+        If the path is not a regular file.
     OSError
-        When the file cannot be read.
+        If the file cannot be read.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
@@ -82,9 +82,9 @@ def read_regular_file(path: Path, most_bytes: int) -> bytes:
     Raises
     ------
     ValueError
-        When the path is not a regular file, or the file is larger than ``most_bytes``.
+        If the path is not a regular file, or the file is larger than ``most_bytes``.
     OSError
-        When the file cannot be read.
+        If the file cannot be read.
     """
     with open_regular_file(path) as file:
         content = file.read(most_bytes + 1)

@@ -60,7 +60,7 @@ def increment(
     Raises
     ------
     ValueError
-        When the law is unknown.
+        If the law is unknown.
     """
     x, rate, shape, u = (np.asarray(item, dtype=np.float64) for item in (x, rate, shape, hours))
     with np.errstate(all="ignore"):
@@ -110,7 +110,7 @@ def hours_until(
     Raises
     ------
     ValueError
-        When the law is unknown.
+        If the law is unknown.
     """
     x, rate, shape, limit = (np.asarray(item, dtype=np.float64) for item in (x, rate, shape, limit))
     with np.errstate(all="ignore"):

@@ -82,7 +82,7 @@ def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        When a unit does not fit its parameter, or lead or gear ratio is missing.
+        If a unit does not fit its parameter, or lead or gear ratio is missing.
     """
     converted = dict(values)
     texts = {

@@ -119,7 +119,7 @@ class ActuatorParameters(Checked):
         Raises
         ------
         ValueError
-            When a name is unknown or a value is out of range.
+            If a name is unknown or a value is out of range.
         """
         names = [item.name for item in fields(self)]
         for name in values:

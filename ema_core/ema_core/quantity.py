@@ -81,7 +81,7 @@ class Checked:
     Raises
     ------
     ValueError
-        When a value is not a finite number within its range, or not one of the choices; the
+        If a value is not a finite number within its range, or not one of the choices; the
         message states name, value, unit and range.
     """
 
@@ -156,7 +156,7 @@ def finite_samples(name: str, values: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        When they are empty, of another shape or not finite; the message begins with ``name``.
+        If they are empty, of another shape or not finite; the message begins with ``name``.
     """
     samples = np.array(values, dtype=np.float64)
     if samples.ndim != 1 or not samples.size:

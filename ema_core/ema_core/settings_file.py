@@ -38,7 +38,7 @@ def load_settings(
     Raises
     ------
     ValueError
-        When the file cannot be read, or a value is missing, unknown or out of range; the message
+        If the file cannot be read, or a value is missing, unknown or out of range; the message
         names the file.
     """
     try:
@@ -67,7 +67,7 @@ def settings_from(kind: type[_Settings], content: Any, section: str = "") -> _Se
     Raises
     ------
     ValueError
-        When a name is unknown or missing, or a value is out of range; the message begins with the
+        If a name is unknown or missing, or a value is out of range; the message begins with the
         section.
     """
     definitions = {item.name: item for item in fields(cast(Any, kind))}

@@ -74,10 +74,10 @@ class Workers(AbstractContextManager["Workers", None]):
     Raises
     ------
     ValueError
-        When the kind is unknown, there are no workers, a scheduler is given for another kind than
+        If the kind is unknown, there are no workers, a scheduler is given for another kind than
         ``dask``, or ``distributed`` is not installed.
     ClusterLostError
-        When the scheduler does not answer.
+        If the scheduler does not answer.
     """
 
     def __init__(self, kind: str, number: int, scheduler: str = "") -> None:
@@ -105,7 +105,7 @@ class Workers(AbstractContextManager["Workers", None]):
         Raises
         ------
         ClusterLostError
-            When the scheduler is unreachable.
+            If the scheduler is unreachable.
         """
         waiting, suspects = iter(items), deque[tuple[Any, int]]()
         pending: dict[Future[Any], tuple[Any, int]] = {}

@@ -38,7 +38,7 @@ class Telemetry:
     Raises
     ------
     ValueError
-        When the columns differ in length, the position is empty, or the period is outside
+        If the columns differ in length, the position is empty, or the period is outside
         ``PERIODS``.
     """
 
@@ -100,7 +100,7 @@ class Telemetry:
         Raises
         ------
         ValueError
-            When the range is empty or not within the telemetry.
+            If the range is empty or not within the telemetry.
         """
         if not 0 <= start < stop <= len(self):
             raise ValueError(f"samples {start} to {stop} are no part of {len(self)} samples")

@@ -59,9 +59,9 @@ def load_yaml(path: Path, most_bytes: int | None = None) -> Any:
     Raises
     ------
     ValueError
-        When the file is not regular, too large or not YAML; the message names file and defect.
+        If the file is not regular, too large or not YAML; the message names file and defect.
     OSError
-        When the file cannot be read.
+        If the file cannot be read.
     """
     try:
         return parse_yaml(read_regular_file(path, MOST_BYTES if most_bytes is None else most_bytes))
@@ -79,7 +79,7 @@ def parse_yaml(content: bytes) -> Any:
     Raises
     ------
     YamlError
-        When the text is not YAML, nested too deeply, or expands to too many values.
+        If the text is not YAML, nested too deeply, or expands to too many values.
     """
     try:
         if _is_nested_deeply(content):

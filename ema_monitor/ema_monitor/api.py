@@ -1,4 +1,4 @@
-"""Library interface of the monitor: faults, health and remaining life from telemetry."""
+"""Public Python API: faults, health and remaining life from telemetry."""
 
 import warnings
 from collections.abc import Iterable
@@ -93,7 +93,7 @@ def find_windows(
     description
         The actuator; None for the built-in actuator.
     settings
-        When a window begins and how long it is.
+        Trigger settings: start condition and length of a window.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def find_windows(
 
 
 def _blocks(telemetry: Telemetry | Iterable[Telemetry]) -> list[Telemetry]:
-    """Return the blocks of telemetry; ValueError for anything else."""
+    """Return telemetry as a list of blocks. Raises ValueError for other types."""
     hint = "Telemetry(stamp_ns, sample_period, ...) takes columns, ema_bags.read_telemetry a bag"
     if not isinstance(telemetry, Iterable) or isinstance(telemetry, np.ndarray | str | Path):
         require_type("telemetry", telemetry, Telemetry, hint)
@@ -143,7 +143,7 @@ def identify_motion(
     description, calibration
         The actuator and its calibration; None for the built-in actuator.
     settings
-        How many stretches are combined.
+        Settings of the combination of stretches.
     """
     description = description or ActuatorDescription()
     calibration = calibration or Calibration.builtin()

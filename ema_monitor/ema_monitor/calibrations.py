@@ -91,7 +91,7 @@ def calibrate(
 
 
 def with_labels_of(calibration: AnyCalibration, replaced: AnyCalibration) -> AnyCalibration:
-    """Return a calibration with the labels of the calibration that it replaces.
+    """Return a calibration with the labels copied from the calibration that it replaces.
 
     It is returned unchanged if the replaced calibration belongs to a different unit.
     """
@@ -173,7 +173,7 @@ class CalibrationStore:
         return calibration, path
 
     def prepare(self, description: ActuatorDescription, file: str) -> Path:
-        """Return the path for a new calibration of an actuator, and make its folder.
+        """Return the path for a new calibration of an actuator, creating its folder.
 
         Parameters
         ----------
@@ -198,13 +198,13 @@ class CalibrationStore:
         return path
 
     def is_used_again(self, description: ActuatorDescription, path: Path) -> bool:
-        """Return whether the store reads an actuator's calibration from this file at its start."""
+        """Return whether the store loads an actuator's calibration from this file at startup."""
         return bool(self._file) and path.resolve() == self._set_path(description).resolve()
 
     def keep(
         self, description: ActuatorDescription, calibration: AnyCalibration, path: Path
     ) -> None:
-        """Store a calibration and use it; raise ValueError if it cannot be stored."""
+        """Write a calibration to a file and use it. Raises ValueError if it cannot be written."""
         with suppress(OSError, ValueError):
             calibration = with_labels_of(calibration, load_calibration(path))
         try:
@@ -222,14 +222,14 @@ class CalibrationStore:
         return self._folder / _as_file_name(name)
 
     def _set_path(self, description: ActuatorDescription) -> Path:
-        """Return the path that the setting gives; it may be outside of the folder."""
+        """Return the path given by the setting; it may be outside the folder."""
         try:
             return Path(_filled(self._file, description)).expanduser()
         except (RuntimeError, ValueError) as error:
             raise ValueError(f"calibration_file = {self._file!r}: {error}") from error
 
     def _called_path(self, file: str, description: ActuatorDescription) -> Path:
-        """Return the path that a call names; it must be inside the folder, as any node may call."""
+        """Return the path named by a call; it must be inside the folder, as any node may call."""
         try:
             path = (self._folder / _filled(file, description)).resolve()
         except (OSError, RuntimeError, ValueError) as error:
@@ -262,5 +262,5 @@ def _filled(path: str, description: ActuatorDescription) -> str:
 
 
 def _as_file_name(name: str) -> str:
-    """Return a name with the characters quoted that could lead into another folder."""
+    """Return a name with characters escaped that could lead into another folder."""
     return name.replace(".", "%2E") if name in (".", "..") else quote(name, safe=" ")

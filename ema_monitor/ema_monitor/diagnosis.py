@@ -29,7 +29,7 @@ from ema_monitor.windows.window import Window
 
 _FAULT_EXPLAINS: Final = 3.0
 _CAUSE_EXPLAINS: Final = 2.0
-"""Standard deviations beyond which a fault, or a cause, explains a departure."""
+"""Number of standard deviations beyond which a fault or cause explains a departure."""
 
 
 def _identified(
@@ -41,7 +41,7 @@ def _identified(
     previous: ArrayLike | None,
     memory: Memory = NOTHING,
 ) -> Generator[Generation, None, Estimate]:
-    """Yield the state after each generation; return the estimate, for modelled and other drives."""
+    """Identify a window of any drive: yield each generation, return the estimate."""
     if isinstance(calibration, JointCalibration):
         return identify_record(window, description, calibration, force=force)
     faults = None if previous is None else fault_vector(previous)
@@ -52,7 +52,7 @@ def _identified(
 
 
 def _figures(window: Window | Refusal, calibration: AnyCalibration | str) -> list[WindowFigures]:
-    """Return the figures of a window, if there is a baseline to compare them with.
+    """Return the figures of a window if the calibration has a baseline to compare them with.
 
     If a cause was measured, the list is empty: the load may differ from the baseline.
     """
@@ -67,7 +67,7 @@ def _judged(
     calibration: AnyCalibration | str,
     description: ActuatorDescription,
 ) -> Estimate:
-    """Return an estimate, with the verdict departed if no fault or cause explains a departure.
+    """Return the estimate; its verdict is "departed" if nothing explains a departure.
 
     Refused windows are judged as well, unless they belong to another unit.
     """
@@ -156,7 +156,7 @@ def identify(
     previous: ArrayLike | None = None,
     measured: Mapping[str, tuple[float, float]] | None = None,
 ) -> Estimate:
-    """Identify the faults in a window, without progress.
+    """Identify the faults in a window without reporting progress.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def identify(
 
 
 class NumberedWindow(Protocol):
-    """A window or a refusal, with its number and actuator, from a finder or a recording."""
+    """Numbered window or refusal of an actuator, from a window finder or a recording."""
 
     @property
     def number(self) -> int:
@@ -208,7 +208,7 @@ class NumberedWindow(Protocol):
 
     @property
     def window(self) -> Window | Refusal:
-        """The window, or its refusal."""
+        """The window or its refusal."""
         ...
 
 
@@ -239,7 +239,7 @@ class _Motion:
     search: SearchSettings
 
     since: dict[int, tuple[int, int, list[WindowFigures]]] = field(default_factory=dict)
-    """Stamps [ns] and figures of the stretches since the last estimate, by number.
+    """Start and end stamps [ns] and figures of the stretches since the last estimate, by number.
 
     A stretch whose search was cancelled may be added again under its number.
     """
@@ -248,7 +248,7 @@ class _Motion:
     """Number of handled combinations without an estimate."""
 
     def judged(self, estimate: Estimate) -> Estimate:
-        """Return an estimate, judged by all motion since the last estimate.
+        """Return an estimate judged by all motion since the last estimate.
 
         Refused stretches count as well: the departure may be something the model cannot explain.
         """
@@ -323,7 +323,7 @@ class Diagnosis:
             self.begin_at(segment.description, estimate)
 
     def finish(self) -> list[Diagnosed]:
-        """End the motion; return the estimate of the stretches combined so far, if any."""
+        """End the motion. Return the estimate of the stretches combined so far, if any."""
         motion = self._motion
         if motion is None:
             return []
@@ -332,7 +332,7 @@ class Diagnosis:
 
     @property
     def tally(self) -> Tally:
-        """Numbers of stretches by result since the start of the combination."""
+        """Counts of stretches by result since the combination started."""
         return Tally() if self._motion is None else self._motion.combination.tally
 
     def begin_at(self, description: ActuatorDescription, estimate: Estimate) -> None:
@@ -388,7 +388,7 @@ class Diagnosis:
         return Diagnosed(self._combined - 1, self._latest, motion.description, estimate)
 
     def _departed_without_estimate(self, motion: _Motion) -> list[Diagnosed]:
-        """Return a refusal of the stretches of a combination without estimate, if they depart."""
+        """Return a refusal if the stretches of a combination without an estimate depart."""
         is_new = motion.combination.tally.fruitless > motion.fruitless
         motion.fruitless = motion.combination.tally.fruitless
         if not is_new or not (stretches := list(motion.since.values())):

@@ -1,4 +1,4 @@
-"""Detection of calibration windows that a fault explains about as well as a healthy unit."""
+"""Detection of faulty calibration windows: a fault explains them as well as a healthy unit."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,7 +28,7 @@ _WINDOWS: Final = 2
 def fault_instead(
     calibration: Calibration, windows: Sequence[Window], description: ActuatorDescription
 ) -> str:
-    """Return the fault that explains calibration windows as well, as a text; "" if none does.
+    """Return a text naming the fault that also explains calibration windows; "" if none does.
 
     The deviations of a calibration may have absorbed a fault. The described unit with faults is
     therefore compared with the fitted healthy unit. A fault counts if it exceeds its limit in each

@@ -27,7 +27,7 @@ from ema_monitor.model.deviations import USUAL_SIGMA
 from ema_monitor.unusual_causes import ONE_SIDED_95, TORQUE_CONSTANT, torque_change, unusual_causes
 
 TORQUE_PER_AMPERE: Final = "torque_per_ampere"
-"""Name of a requirement in addition to the faults: the remaining share of the torque [-]."""
+"""Name of an additional requirement: the remaining share of the torque per ampere [-]."""
 
 USUAL_TORQUE_CHANGE: Final = USUAL_SIGMA[TORQUE_CONSTANT]
 """Standard deviation of the torque per ampere due to the temperature of the magnets [-]."""
@@ -49,7 +49,7 @@ def _limit_of(kind: str) -> Any:
 
 @dataclass(frozen=True)
 class HealthLimits(Checked, settings_by_kind("_LimitByKind", float, _limit_of)):
-    """Limits at which life ends, and the share of a limit at which a warning is given.
+    """End-of-life limits, and the share of a limit at which a warning is given.
 
     There is a limit for each kind of fault, by its name: the largest distance of a component from
     its healthy value [-].
@@ -57,7 +57,7 @@ class HealthLimits(Checked, settings_by_kind("_LimitByKind", float, _limit_of)):
     Raises
     ------
     ValueError
-        When a figure is outside its range; the message names it.
+        If a figure is outside its range; the message names it.
     """
 
     warn_share: float = quantity(
@@ -81,18 +81,18 @@ class HealthLimits(Checked, settings_by_kind("_LimitByKind", float, _limit_of)):
 
 
 class Recurrence(NamedTuple):
-    """How often a fault that comes and goes was beyond its limit."""
+    """How often an intermittent fault exceeded its limit."""
 
     times: int
     tests: int
-    """Tests in which the fault was beyond its limit, and number of latest tests."""
+    """Number of tests with the fault beyond its limit, and number of tests considered."""
     worst: float
-    """Its largest distance from healthy [-]."""
+    """Largest distance of the fault from healthy [-]."""
 
 
 @dataclass(frozen=True)
 class FaultHealth:
-    """Health with regard to one fault."""
+    """Health with respect to one fault."""
 
     name: str
     """Component of the fault vector."""
@@ -100,10 +100,10 @@ class FaultHealth:
     """``OK``, ``WARN`` or ``ERROR``; ``STALE`` when the fault is unknown."""
     value: float
     sigma: float
-    """Estimate and its standard deviation [-]; sigma is NaN when unobservable."""
+    """Estimated value and its standard deviation [-]; sigma is NaN if unobservable."""
     limit: float
     warn_limit: float
-    """Values at which life ends, and above which the lower 95 % bound gives a warning [-]."""
+    """End-of-life limit, and the limit above which the lower 95 % bound gives a warning [-]."""
     limit_is_lower: bool
     """Whether life ends below the limit rather than above."""
     share: float
@@ -112,7 +112,7 @@ class FaultHealth:
     """Value of the latest test [-] if it disagrees with earlier tests, and either gives a warning
     or failure: the next test must confirm it; else NaN."""
     unconfirmed: int | None = None
-    """Lower level that the latest test shows and later tests must confirm; None without any."""
+    """Lower level shown by the latest test that later tests must confirm, or None."""
     recurrence: Recurrence | None = None
     """How often the fault was beyond its limit, if it is intermittent and not acknowledged."""
 
@@ -122,24 +122,24 @@ class Health:
     """Health of an actuator."""
 
     level: int
-    """Worst of the known faults and requirements; ``STALE`` when none is known, or when a
+    """Worst level of all known faults and requirements. ``STALE`` if none is known, or if a
     comparison does not show that the unit is healthy."""
     health_index: float
-    """Least of 1 - share over the faults [-], clipped to [0, 1], and at most 0.99 with a warning;
-    NaN when no fault is known, or a comparison gives no level."""
+    """Minimum of 1 - share over the faults [-], clipped to [0, 1], and at most 0.99 with a warning.
+    NaN if no fault is known or a comparison gives no level."""
     severity: int
     """Grade from 0 (as new) to 4 (at or above the limit)."""
     confidence: float
     """Share of observable faults, reduced for a poor goodness of fit [-]. For a comparison, the
     share of judged quantities; 0 when it gives no level."""
     dominant_fault: str
-    """Fault nearest to its limit; empty when none gives a warning."""
+    """Fault nearest to its limit; empty if no fault gives a warning."""
     faults: tuple[FaultHealth, ...] = field(default=())
-    """Health with regard to each fault."""
+    """Health with respect to each fault."""
     reason: str = ""
     """Why something is unknown; empty otherwise."""
     requirements: tuple[FaultHealth, ...] = field(default=())
-    """Health with regard to each requirement; empty when there is none."""
+    """Health with respect to each requirement; empty if there are none."""
 
     def without_ok(self) -> "Health":
         """Return health with STALE in place of OK for every fault and requirement."""
@@ -153,15 +153,15 @@ class Health:
 
 @dataclass(frozen=True)
 class Tracked:
-    """A fault as estimated from all tests."""
+    """Value of a fault estimated from all tests."""
 
     value: float
     sigma: float
     """Value and its standard deviation [-]."""
     doubtful: bool = False
-    """Whether the latest test disagrees, and is held back until the next test."""
+    """Whether the latest test disagrees and needs confirmation by the next test."""
     is_recent: bool = True
-    """Whether a recent test has shown the fault: without one, it is not OK."""
+    """Whether a recent test has determined the fault; otherwise the fault is not OK."""
 
 
 def assess(
@@ -187,7 +187,7 @@ def assess(
     Raises
     ------
     ValueError
-        When the estimate is not valid.
+        If the estimate is not valid.
 
     Notes
     -----
@@ -263,7 +263,7 @@ def assess(
 
 
 def _by_causes(health: Health, estimate: Estimate, limits: HealthLimits) -> Health:
-    """Return health with the torque per ampere, and the warning of unusual hidden causes."""
+    """Return health including torque per ampere and warnings for unusual hidden causes."""
     reasons = unusual_causes(estimate)
     is_unusual = TORQUE_CONSTANT in reasons
     torque = _torque_by_causes(estimate, limits, is_unusual=is_unusual)
@@ -279,7 +279,7 @@ def _by_causes(health: Health, estimate: Estimate, limits: HealthLimits) -> Heal
 def _torque_by_causes(
     estimate: Estimate, limits: HealthLimits, *, is_unusual: bool
 ) -> tuple[FaultHealth, ...]:
-    """Return health with regard to a torque per ampere that a weaker motor or magnets reduce.
+    """Return health with respect to torque per ampere, reduced by a weaker motor or magnets.
 
     A window may not separate turns lost in all phases from turns lost in a single phase.
     """
@@ -297,7 +297,7 @@ def _torque_by_causes(
 
 
 def why_not_shown(names: Sequence[str]) -> str:
-    """Return which faults no recent test has shown, and which motion shows them; "" for none."""
+    """Return a text on faults missing from recent tests and the motion they need; "" if none."""
     by_motion: dict[str, list[str]] = {}
     for name in names:
         fault = FAULT_BY_NAME[name]
@@ -307,7 +307,7 @@ def why_not_shown(names: Sequence[str]) -> str:
 
 
 def shows(estimate: Estimate, name: str, limits: HealthLimits) -> bool:
-    """Return whether an estimate by itself shows whether a fault has reached its limit."""
+    """Return whether an estimate alone determines if a fault has reached its limit."""
     return estimate.valid and _alone(FAULT_NAMES.index(name), estimate, limits) != STALE
 
 
@@ -357,7 +357,7 @@ def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> 
     Parameters
     ----------
     health, requirements
-        Health by the faults, and with regard to each requirement.
+        Health from the faults, and with respect to each requirement.
     """
     worst = worst_of(requirements)
     requirements = (*health.requirements, *requirements)
@@ -377,7 +377,7 @@ def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> 
 def _torque_per_ampere(
     comparison: Comparison, measured: Sequence[CauseEstimate], limits: HealthLimits
 ) -> tuple[FaultHealth, ...]:
-    """Return health with regard to the torque per ampere of an unknown drive.
+    """Return health with respect to the torque per ampere of an unknown drive.
 
     Turns may be lost in all phases as well as in a single phase. Hot magnets are weaker, which is
     not a fault: unless their effect was measured, it is part of the sigma.
@@ -399,7 +399,7 @@ def _torque_per_ampere(
 
 
 def _torque_change(comparison: Comparison) -> tuple[float, float]:
-    """Return relative change of the torque per ampere and its sigma; NaN if it is not known.
+    """Return the relative change of torque per ampere and its sigma; NaN if unknown.
 
     The change is unknown if the record does not separate it from a rival quantity.
     """
@@ -410,7 +410,7 @@ def _torque_change(comparison: Comparison) -> tuple[float, float]:
 
 
 def worst_of(items: tuple[FaultHealth, ...]) -> FaultHealth | None:
-    """Return the worst fault or requirement that is not STALE; None without any."""
+    """Return the worst fault or requirement that is not STALE; None if all are STALE."""
     judged = [item for item in items if item.level != STALE]
     return max(judged, key=lambda item: (item.level, item.share), default=None)
 
@@ -445,7 +445,7 @@ def _assess_fault(
 
 
 def _alone(number: int, estimate: Estimate, limits: HealthLimits) -> int:
-    """Return the level of a fault by the estimate alone."""
+    """Return the level of a fault from the estimate alone."""
     if estimate.unobservable[number]:
         return STALE
     fault = FAULTS[number]

@@ -24,10 +24,10 @@ if TYPE_CHECKING:  # an estimate alone needs no prognosis
     from ema_monitor.prognosis.service import CountLog
 
 MOST_MEASUREMENTS: Final = 10_000
-"""Measurements of a cause that are kept in an endless stream of telemetry."""
+"""Number of measurements kept per cause in an endless telemetry stream."""
 
 MOST_PIECES: Final = 1000
-"""Windows whose duty is kept separately in an endless stream of telemetry."""
+"""Number of windows with separately stored duty in an endless telemetry stream."""
 
 _MOST_UNITS: Final = 10
 
@@ -39,7 +39,7 @@ class Use(NamedTuple):
     """Latest count of service life; None without a count."""
 
     flown: "FlownDuty"
-    """Duty flown since the previous test."""
+    """Duty accumulated since the previous test."""
 
 
 class Intake:
@@ -53,7 +53,7 @@ class Intake:
     actuator_id
         Name of the actuator in the logs.
     settings
-        When a window begins and how long it is.
+        Trigger settings: start condition and length of a window.
     description
         The actuator; None until it is described.
     measurements, counts
@@ -113,7 +113,7 @@ class Intake:
         return self._complete(self.finder.restart(settings, reason))
 
     def feed(self, block: Telemetry) -> list[Segment | Defect]:
-        """Process the next block; return the windows that it completes and its defects."""
+        """Process the next block. Return completed windows and defects of the block."""
         described = self.finder.description
         if self._measures_duty and described is not None:
             rise = self._measurements.winding_rise(
@@ -131,11 +131,11 @@ class Intake:
         return self._complete(self.finder.split(block))
 
     def finish(self) -> list[Segment | Defect]:
-        """End the telemetry; return its last record, or the refusal of an open window."""
+        """End the telemetry. Return its last record, or a refusal for an open window."""
         return self._complete(self.finder.finish())
 
     def measure(self, stamp_ns: int, measured: Mapping[str, tuple[float, float]]) -> None:
-        """Add causes measured at a time [ns]: value and standard deviation by name.
+        """Add measured causes, each with value and standard deviation, at ``stamp_ns``.
 
         Raises
         ------
@@ -145,14 +145,14 @@ class Intake:
         self._measurements.add(self.actuator_id, stamp_ns, measured_causes(measured))
 
     def count(self, unit: UnitKey, count: "Count") -> None:
-        """Add a count of the service life of a unit; it applies to tests after its stamp."""
+        """Add a service-life count of a unit; it applies to later tests."""
         from ema_monitor.prognosis.service import CountLog
 
         self._counts = self._counts or CountLog()
         self._counts.add(unit, count)
 
     def take_use(self, unit: UnitKey, end_ns: int) -> Use:
-        """Return the use of a unit up to a test that ends at a stamp [ns]; its duty only once."""
+        """Return the use of a unit up to a test that ends at ``end_ns``; duty is returned once."""
         from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN
 
         meter = self._meters.get(unit)
@@ -161,13 +161,13 @@ class Intake:
         return Use(counted, flown)
 
     def pieces(self, end_ns: int) -> dict[UnitKey, "list[tuple[int, FlownDuty]]"]:
-        """Return the duty of each unit up to the end of each window and up to a stamp [ns]."""
+        """Return each unit's duty up to the end of each window and up to ``end_ns``."""
         for meter in self._meters.values():
             meter.cut(end_ns)
         return {unit: list(meter.pieces) for unit, meter in self._meters.items()}
 
     def _complete(self, events: Iterable[Segment | Defect]) -> list[Segment | Defect]:
-        """Return windows with their measured causes, and assign the duty up to them."""
+        """Add measured causes to windows and assign the preceding duty to them."""
         return [self._with_use(event) if isinstance(event, Segment) else event for event in events]
 
     def _with_use(self, segment: Segment) -> Segment:

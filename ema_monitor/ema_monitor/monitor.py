@@ -33,13 +33,13 @@ class MonitorSettings:
     """Settings of a monitor of one actuator."""
 
     trigger: TriggerSettings = field(default_factory=TriggerSettings)
-    """When a window begins and how long it is."""
+    """Trigger settings: start condition and length of a window."""
 
     search: SearchSettings = field(default_factory=SearchSettings)
-    """How faults are identified."""
+    """Settings of the fault search."""
 
     combining: CombinationSettings = field(default_factory=CombinationSettings)
-    """How many stretches of ordinary motion are combined."""
+    """Settings of the combination of ordinary motion."""
 
     prognosis: PrognosisSettings = field(default_factory=PrognosisSettings)
     """Limits, requirements and growth model for health and remaining life."""
@@ -92,7 +92,7 @@ class Monitor:
         self.unit = Unit(History(*key, path), self._settings.prognosis)
 
     def feed(self, telemetry: Telemetry) -> Iterator[Event]:
-        """Yield the defects, estimates and outlooks that follow from a block of telemetry.
+        """Process a block of telemetry; yield defects, estimates and outlooks.
 
         Feed blocks in the order of their reception. If the clock of their stamps steps back, the
         level is unknown (``STALE``) until tests are later than before the step. If the clock of
@@ -102,7 +102,7 @@ class Monitor:
         return self._follow(self._intake.feed(telemetry))
 
     def count(self, count: Count) -> None:
-        """Add a count of service hours; it applies to the tests after its stamp."""
+        """Add a count of service hours; it applies to later tests."""
         self._intake.count(self.unit.history.unit, count)
 
     def measure(self, stamp_ns: int, measured: Mapping[str, tuple[float, float]]) -> None:
@@ -123,7 +123,7 @@ class Monitor:
         self._intake.measure(stamp_ns, measured)
 
     def finish(self) -> Iterator[Event]:
-        """End the telemetry; yield its last defects, estimates and outlooks."""
+        """End the telemetry; yield the last defects, estimates and outlooks."""
         yield from self._follow(self._intake.finish())
         yield from self._assess(self._diagnosis.finish())
 
@@ -143,7 +143,7 @@ class Monitor:
             )
 
     def _reception_of(self, estimate: Estimate) -> int:
-        """Return the time [ns] if a test has to be ordered by its reception, else 0.
+        """Return the reception time [ns] if a test must be ordered by reception, or else 0.
 
         Telemetry is fed in the order of its reception. A stamp not later than the stamp of the
         newest test therefore comes from a clock that stepped back, or from another recording.

@@ -1,4 +1,4 @@
-"""Reasons for a missing estimate, or reservations about an estimate: values with figures.
+"""Typed reasons for a missing estimate, and reservations about an estimate.
 
 A program decides by the kind of a reason, its ``code``. `ema_monitor.reason_texts` makes the
 sentence that a person reads.
@@ -25,8 +25,8 @@ class Reason:
     """Name of the kind."""
     stretches: int = 0
     of_stretches: int = 0
-    """Stretches of ordinary motion in which the reason holds, and number of stretches; 0 if they
-    are not counted."""
+    """Number of motion stretches with this reason, and total number of stretches; 0 if not
+    counted."""
 
     def __init_subclass__(cls, code: str) -> None:
         super().__init_subclass__()
@@ -42,12 +42,12 @@ class Reason:
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> "Reason":
-        """Return the reason that ``as_record`` describes, also after a round trip through JSON.
+        """Return the reason from the output of ``as_record``, also after a JSON round trip.
 
         Raises
         ------
         ValueError, KeyError, TypeError
-            When it is not the record of a reason.
+            If ``record`` does not describe a reason.
         """
         values = dict(record)
         code = values.pop("code")
@@ -69,7 +69,7 @@ def _as_tuple(value: Any) -> Any:
 
 
 def codes(reasons: Iterable[Reason]) -> tuple[str, ...]:
-    """Return the codes of reasons without repetition, in their order."""
+    """Return the unique codes of reasons, in order."""
     return tuple(dict.fromkeys(reason.code for reason in reasons))
 
 
@@ -85,11 +85,11 @@ class WindowUnusable(Reason, code="window_unusable"):
 
 @dataclass(frozen=True)
 class OrderUnknown(Reason, code="order_unknown"):
-    """The order of tests is unknown: the stamp is ``before_s`` before the newest stamp [s]."""
+    """Test order unknown: the stamp is older than the newest stamp."""
 
     before_s: float
-    """Time from this stamp to the newest stamp [s]. At 0 or below, the test differs from a test
-    with the same stamp."""
+    """Time from this stamp to the newest stamp [s]. A value of 0 or less means that a different
+    test has the same stamp."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class NotMeasured(Reason, code="not_measured"):
 
 @dataclass(frozen=True)
 class FitnessNeedsCurrent(Reason, code="fitness_needs_current"):
-    """The current is not measured, and ``fitness`` compares currents only; ``usable`` does not."""
+    """Current not measured although ``fitness`` compares only currents; ``usable`` is possible."""
 
     fitness: str
     usable: str
@@ -127,7 +127,7 @@ class SpeedGaps(Reason, code="speed_gaps"):
 
 @dataclass(frozen=True)
 class NoTravel(Reason, code="no_travel"):
-    """The command travels too little [rad] to excite the faults."""
+    """The commanded travel is too small to excite the faults. Travel in rad."""
 
     travel: float
     least: float
@@ -140,7 +140,7 @@ class MotorStill(Reason, code="motor_still"):
 
 @dataclass(frozen=True)
 class NotDetermined(Reason, code="not_determined"):
-    """A window, stretch or motion (``subject``) determines no fault better than its range."""
+    """The window, stretch or motion (``subject``) narrows no fault below its prior range."""
 
     subject: str
 
@@ -162,7 +162,7 @@ class DriveUnknown(Reason, code="drive_unknown"):
 
 @dataclass(frozen=True)
 class OtherUnit(Reason, code="other_unit"):
-    """The calibration does not fit the actuator; if ``forced``, an estimate was made anyway."""
+    """The calibration does not fit the actuator. If ``forced``, an estimate was made anyway."""
 
     detail: str
     forced: bool = False
@@ -170,7 +170,7 @@ class OtherUnit(Reason, code="other_unit"):
 
 @dataclass(frozen=True)
 class OtherSamples(Reason, code="other_samples"):
-    """The samples of the window differ from the calibrated samples."""
+    """The window's sampling differs from the calibrated sampling."""
 
     detail: str
 
@@ -180,14 +180,14 @@ class OtherSamples(Reason, code="other_samples"):
 
 @dataclass(frozen=True)
 class Jam(Reason, code="jam"):
-    """The shaft is blocked: the motor stands still while a current flows [A]."""
+    """Blocked shaft: the motor stands still while current flows. Currents in A."""
 
     current: float
 
 
 @dataclass(frozen=True)
 class OpenCircuit(Reason, code="open_circuit"):
-    """A switch is dead or a phase open: hardly any of the wanted current flows [A]."""
+    """Dead switch or open phase: almost none of the commanded current flows. Currents in A."""
 
     wanted: float
     current: float
@@ -195,14 +195,14 @@ class OpenCircuit(Reason, code="open_circuit"):
 
 @dataclass(frozen=True)
 class JamOrOpenCircuit(Reason, code="jam_or_open_circuit"):
-    """The motor stands still although a current is wanted [A], and none is measured."""
+    """The motor stands still despite a commanded current; the current is not measured. In A."""
 
     wanted: float
 
 
 @dataclass(frozen=True)
 class DeadSensor(Reason, code="dead_sensor"):
-    """A column keeps one value although another one changes."""
+    """Dead sensor: a column is constant although another column changes."""
 
     column: str
     value: float
@@ -210,7 +210,7 @@ class DeadSensor(Reason, code="dead_sensor"):
 
 
 MistakeRow = tuple[str, float, str, str]
-"""Kind, factor, unit and stated unit of a usual mistake, see ``ema_core.column_errors``."""
+"""Kind, factor, actual and stated unit of a common mistake; see ``ema_core.column_errors``."""
 
 
 def mistake_row(mistake: Mistake) -> MistakeRow:
@@ -219,16 +219,16 @@ def mistake_row(mistake: Mistake) -> MistakeRow:
 
 
 def mistake_of(row: MistakeRow) -> Mistake:
-    """Return the mistake of ``mistake_row``."""
+    """Return the mistake from the output of ``mistake_row``."""
     kind, factor, unit, stated = row
     return Mistake(Kind(kind), factor, unit, stated)
 
 
 @dataclass(frozen=True)
 class WrongScale(Reason, code="wrong_scale"):
-    """Columns differ by a factor [-] from the values expected by ``reference``.
+    """Columns differ by a constant factor [-] from the values that ``reference`` expects.
 
-    ``mistakes`` are the usual mistakes that together explain the factor; empty for an unusual one.
+    ``mistakes`` lists common mistakes that together explain the factor; empty if none do.
     """
 
     columns: tuple[str, ...]
@@ -238,7 +238,7 @@ class WrongScale(Reason, code="wrong_scale"):
 
     @classmethod
     def of(cls, error: ColumnError) -> Self:
-        """Return the reason of a wrong column."""
+        """Return the reason that reports a wrong column."""
         mistakes = tuple(map(mistake_row, error.mistakes))
         return cls(error.columns, error.factor, error.reference.value, mistakes)
 
@@ -271,7 +271,7 @@ class NotConverged(Reason, code="not_converged"):
 
 @dataclass(frozen=True)
 class Contradicted(Reason, code="contradicted"):
-    """A measured cause was not used, as the window, stretch or motion contradicts it."""
+    """A measured cause was ignored because the window, stretch or motion contradicts it."""
 
     subject: str
     name: str
@@ -281,7 +281,7 @@ class Contradicted(Reason, code="contradicted"):
 
 @dataclass(frozen=True)
 class CauseFound(Reason, code="cause_found"):
-    """A hidden cause is part of the explanation; over stretches it is ``low`` to ``high``."""
+    """A hidden cause is part of the explanation, ``low`` to ``high`` over the stretches."""
 
     name: str
     value: float
@@ -292,7 +292,7 @@ class CauseFound(Reason, code="cause_found"):
 
 @dataclass(frozen=True)
 class SensorBeyondRange(Reason, code="sensor_beyond_range"):
-    """The error of a sensor is at the end of the range of the search."""
+    """A sensor error is at a bound of the search range."""
 
     name: str
     value: float
@@ -301,7 +301,7 @@ class SensorBeyondRange(Reason, code="sensor_beyond_range"):
 
 @dataclass(frozen=True)
 class NotSeparated(Reason, code="not_separated"):
-    """A part of the explanation, by names, and the parts that explain the motion as well."""
+    """A part of the explanation cannot be separated from the listed alternatives."""
 
     subject: str
     part: tuple[str, ...]
@@ -310,14 +310,14 @@ class NotSeparated(Reason, code="not_separated"):
 
 @dataclass(frozen=True)
 class FitUnjudged(Reason, code="fit_unjudged"):
-    """The healthy windows of the calibration do not give the scatter to judge the fit by."""
+    """The calibration lacks the scatter needed to judge the fit."""
 
     calibration_windows: int
 
 
 @dataclass(frozen=True)
 class PoorFit(Reason, code="poor_fit"):
-    """The residual is larger than expected, and little is unexplained."""
+    """The residual is larger than expected, but mostly explained."""
 
     goodness: float
     limit: float
@@ -339,7 +339,7 @@ class Unexplained(Reason, code="unexplained"):
 
 @dataclass(frozen=True)
 class MotionEnded(Reason, code="motion_ended"):
-    """The motion ended before every fault reached the wanted accuracy."""
+    """The motion ended before every fault reached the target accuracy."""
 
 
 @dataclass(frozen=True)
@@ -349,14 +349,14 @@ class MotionDisagrees(Reason, code="motion_disagrees"):
 
 @dataclass(frozen=True)
 class FaultsNotShown(Reason, code="faults_not_shown"):
-    """The motion does not show some faults with the wanted accuracy."""
+    """The motion does not determine some faults to the target accuracy."""
 
     faults: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class StretchesInsufficient(Reason, code="stretches_insufficient"):
-    """The stretches do not determine the faults with the wanted accuracy."""
+    """The stretches do not determine the faults to the target accuracy."""
 
 
 # Comparison with the windows and records of the healthy unit.
@@ -364,7 +364,7 @@ class StretchesInsufficient(Reason, code="stretches_insufficient"):
 
 @dataclass(frozen=True)
 class FiguresDeparted(Reason, code="figures_departed"):
-    """Figures of the window depart, and no fault explains it."""
+    """Figures of the window depart from healthy, and no fault explains it."""
 
     figures: tuple[str, ...]
     """Names of the figures that depart, the most significant first."""
@@ -402,7 +402,7 @@ class TooFewRows(Reason, code="too_few_rows"):
 
 @dataclass(frozen=True)
 class EffortConstant(Reason, code="effort_constant"):
-    """The effort keeps one value although the joint moves."""
+    """The effort is constant although the joint moves."""
 
     effort: float
 
@@ -418,7 +418,7 @@ class TooFewStrokes(Reason, code="too_few_strokes"):
 
 @dataclass(frozen=True)
 class SpeedOutside(Reason, code="speed_outside"):
-    """The ratio of the speed to the healthy records is outside the comparable range [-]."""
+    """The speed relative to the healthy records is outside the comparable range. Ratios [-]."""
 
     ratio: float
     slowest: float
@@ -427,7 +427,7 @@ class SpeedOutside(Reason, code="speed_outside"):
 
 @dataclass(frozen=True)
 class SpeedScaled(Reason, code="speed_scaled"):
-    """A column changes ``factor`` times as fast as in the healthy records, a usual mistake."""
+    """A column is ``factor`` times faster than in the healthy records: a common mistake."""
 
     column: str
     factor: float
@@ -468,13 +468,13 @@ class JointStill(Reason, code="joint_still"):
     angle_unit: str
     effort: float
     friction: float
-    """Measured effort, and healthy friction, in ``effort_unit``."""
+    """Measured effort and healthy friction, in ``effort_unit``."""
     effort_unit: str
 
 
 @dataclass(frozen=True)
 class OtherZero(Reason, code="other_zero"):
-    """The record agrees better if the zero of the position is moved by ``shift`` [rad]."""
+    """Shifting the position zero by ``shift`` [rad] improves the agreement of the record."""
 
     shift: float
 
@@ -488,7 +488,7 @@ class EffortShifted(Reason, code="effort_shifted"):
 
 @dataclass(frozen=True)
 class SpikesRemoved(Reason, code="spikes_removed"):
-    """``spikes`` of ``samples`` samples of the effort were left out as spikes."""
+    """``spikes`` of ``samples`` effort samples were removed as spikes."""
 
     spikes: int
     samples: int

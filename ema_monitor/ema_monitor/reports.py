@@ -1,6 +1,6 @@
-"""Reports of a monitor on a unit: plain values with the fields of the messages that carry them.
+"""Reports on a unit: plain values with the fields of the corresponding ROS messages.
 
-The node publishes reports and commands print them: neither computes anything more.
+The node publishes reports and commands print them, without further computation.
 """
 
 import math
@@ -210,7 +210,7 @@ def _item(item: FaultHealth, unit: str, outlook: Outlook) -> ItemReport:
 
 
 def scenario_report(scenario: Scenario, outlook: Outlook) -> ScenarioReport:
-    """Return the report on the life of a unit under a scenario, from the outlook under it."""
+    """Return the report on a unit's life under a scenario, from the scenario's outlook."""
     life, removal = outlook.rul, outlook.removal
     quantiles = (life.hours_05, life.hours_50, life.hours_95)
     days_05, days_50, days_95 = (hours / removal.hours_a_day for hours in quantiles)

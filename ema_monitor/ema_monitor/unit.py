@@ -357,7 +357,7 @@ class Unit:
         Raises
         ------
         ValueError
-            When there is no valid test yet, or the newest valid test has too many notes.
+            If there is no valid test yet, or the newest valid test has too many notes.
         """
         with self._lock:
             if not self.history.entries:
@@ -410,7 +410,7 @@ class Unit:
         Raises
         ------
         ValueError
-            When there is no history.
+            If there is no history.
         """
         with self._lock:
             self._apply(settings)
@@ -429,7 +429,7 @@ class Unit:
         Raises
         ------
         ValueError
-            When there is no history.
+            If there is no history.
         """
         with self._lock:
             try:

@@ -62,7 +62,7 @@ class SimulatedActuator:
     Raises
     ------
     ValueError
-        When a period is not a whole multiple of the step, the noise gain is negative, or the drive
+        If a period is not a whole multiple of the step, the noise gain is negative, or the drive
         cannot be simulated.
     """
 
@@ -119,7 +119,7 @@ class SimulatedActuator:
         Raises
         ------
         ValueError
-            When it is not a fault vector, or reduces the inductance of a phase so much that the
+            If it is not a fault vector, or reduces the inductance of a phase so much that the
             step of 1 us is too long.
         """
         return self._faults.copy()
@@ -142,7 +142,7 @@ class SimulatedActuator:
         Raises
         ------
         ValueError
-            When `ema_core.cause_profiles.cause_profiles` refuses them, or the winding is so hot
+            If `ema_core.cause_profiles.cause_profiles` refuses them, or the winding is so hot
             that the step of 1 us is too long.
         """
         return dict(self._causes)
@@ -173,7 +173,7 @@ class SimulatedActuator:
         Raises
         ------
         ValueError
-            When a command or load is empty, not finite or of another shape.
+            If a command or load is empty, not finite or of another shape.
         """
         commands = finite_samples("command", command)
         loads = finite_samples("load", np.broadcast_to(np.asarray(load, float), commands.shape))

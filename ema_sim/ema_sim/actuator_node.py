@@ -46,7 +46,7 @@ class ActuatorNode(ManagedNode):
     Raises
     ------
     ValueError
-        When the description of the actuator cannot be read, or a parameter is out of range.
+        If the description of the actuator cannot be read, or a parameter is out of range.
     """
 
     def __init__(self, **kwargs: Any) -> None:

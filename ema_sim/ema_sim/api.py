@@ -68,7 +68,7 @@ def simulate(
     Raises
     ------
     ValueError
-        When a value is out of range; the message names it.
+        If a value is out of range; the message names it.
     """
     if cycles < 1:
         raise ValueError(f"cycles = {cycles!r}: expected a whole number of at least 1")

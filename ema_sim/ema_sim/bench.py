@@ -80,7 +80,7 @@ class ActuatorBench:
     Raises
     ------
     ValueError
-        When a value is out of range, or the sample period is longer than 10 ms or not a whole
+        If a value is out of range, or the sample period is longer than 10 ms or not a whole
         multiple of the step of the simulation.
     """
 
@@ -123,7 +123,7 @@ class ActuatorBench:
         Raises
         ------
         ValueError
-            When the command cannot be sampled at the period of the telemetry.
+            If the command cannot be sampled at the period of the telemetry.
         """
         h = self.description.sample_period
         check_length(
@@ -156,7 +156,7 @@ class ActuatorBench:
         Raises
         ------
         ValueError
-            When a value is out of range, or the motor cannot be simulated; present faults and
+            If a value is out of range, or the motor cannot be simulated; present faults and
             growth remain in force.
         """
         k = fault_vector(faults)
@@ -175,7 +175,7 @@ class ActuatorBench:
         Raises
         ------
         ValueError
-            When a cause is invalid; the present causes remain in force.
+            If a cause is invalid; the present causes remain in force.
         """
         profiles = self.check_causes(causes)
         with self._lock:
@@ -188,7 +188,7 @@ class ActuatorBench:
         Raises
         ------
         ValueError
-            When a cause is invalid, or the motor cannot be simulated with it.
+            If a cause is invalid, or the motor cannot be simulated with it.
         """
         profiles = cause_profiles(causes)
         with self._lock:

@@ -62,7 +62,7 @@ def check_growths(growths: Mapping[str, Growth]) -> dict[str, Growth]:
     Raises
     ------
     ValueError
-        When a component is unknown, or a rate is negative although the healthy value is 0.
+        If a component is unknown, or a rate is negative although the healthy value is 0.
     """
     for name, growth in growths.items():
         if name not in FAULT_NAMES:
@@ -103,7 +103,7 @@ def grow(
     Raises
     ------
     ValueError
-        When the vector or the growths are invalid, or ``hours_step`` is below 0.
+        If the vector or the growths are invalid, or ``hours_step`` is below 0.
     """
     if not 0.0 <= hours_step < math.inf:
         raise ValueError(f"hours_step = {hours_step:g} h: expected a number of at least 0")

@@ -46,7 +46,7 @@ class LifeSettings(Checked):
     Raises
     ------
     ValueError
-        When a value is out of range, or no length is permitted.
+        If a value is out of range, or no length is permitted.
     """
 
     interval_hours: float = quantity(10.0, "h", 0.01, 1e4, "service hours from test to test")
@@ -111,7 +111,7 @@ def run_to_failure(
     Raises
     ------
     ValueError
-        When a limit is missing, the kind is unknown, or no drawn life has a permitted length.
+        If a limit is missing, the kind is unknown, or no drawn life has a permitted length.
     """
     settings = settings or LifeSettings()
     _check(limits, kind, typical)
@@ -139,7 +139,7 @@ def constant_life(
     Raises
     ------
     ValueError
-        When a limit is missing.
+        If a limit is missing.
 
     Notes
     -----

@@ -25,7 +25,7 @@ class Sensors:
     Raises
     ------
     ValueError
-        When a value is negative or not finite, or a column is unknown.
+        If a value is negative or not finite, or a column is unknown.
     """
 
     def __init__(

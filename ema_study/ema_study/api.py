@@ -34,7 +34,7 @@ def table(number: int, runs: int = RUNS, model: str = "fast") -> StudyTable:
     Raises
     ------
     ValueError
-        When the thesis has no such table, or the model is unknown.
+        If the thesis has no such table, or the model is unknown.
 
     Examples
     --------

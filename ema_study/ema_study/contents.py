@@ -51,7 +51,7 @@ def title_of(number: int) -> str:
     Raises
     ------
     ValueError
-        When the study cannot repeat the table.
+        If the study cannot repeat the table.
     """
     if number in _TITLES:
         return _TITLES[number]
@@ -65,7 +65,7 @@ def checked(number: int) -> int:
     Raises
     ------
     ValueError
-        When the study cannot repeat the table.
+        If the study cannot repeat the table.
     """
     if number not in NUMBERS:
         raise ValueError(
@@ -107,7 +107,7 @@ def jobs_of(number: int, model: str, runs: int) -> list[Job]:
     Raises
     ------
     ValueError
-        When the study cannot repeat the table.
+        If the study cannot repeat the table.
     """
     needed = _tables_behind(checked(number))
     jobs = plan(model, runs, with_trials=number == TRIALS)

@@ -23,7 +23,7 @@ def execute(jobs: Iterable[Job], workers: Workers) -> Iterator[RunResult]:
     Raises
     ------
     WorkerLostError, ClusterLostError
-        When a run ends every worker that it is assigned to, or no worker can be reached.
+        If a run ends every worker that it is assigned to, or no worker can be reached.
     """
     try:
         for outcome in workers.run(_run, jobs):

@@ -23,10 +23,10 @@ class RunStore(AbstractContextManager["RunStore", None]):
     Raises
     ------
     ValueError
-        When another process uses the folder, its runs were made by a different version of models
+        If another process uses the folder, its runs were made by a different version of models
         or algorithms, or a line is damaged.
     OSError
-        When the folder cannot be written.
+        If the folder cannot be written.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -1,1 +1,1 @@
-"""The unit's own model: fitted on healthy windows, stored and aligned."""
+"""Calibration: a model of the individual unit, fitted to healthy windows and stored."""

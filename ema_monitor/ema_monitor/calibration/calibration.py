@@ -23,7 +23,7 @@ from ema_monitor.model.monitor_model import FORMS_OF_DRIVES, MonitorModel, Respo
 from ema_monitor.windows.window import Window
 
 LEAST_SCATTER: Final = 1e-6
-"""Scatter below which healthy windows count as equal and the scatter as unknown [A, rad/s]."""
+"""Scatter below which windows count as duplicates and the scatter as unknown [A, rad/s]."""
 
 # Share of the prior standard deviation above which a deviation counts as not learned.
 _LEARNED = 0.7
@@ -60,21 +60,21 @@ class HealthyReference(NamedTuple):
 class Calibration(StoredCalibration):
     """Calibration of a monitor model for one unit and one sample period.
 
-    The deviations of the unit from nominal change the model itself. They apply to faulty states and
-    any command as well. The mean residual that remains in healthy windows is a correction under
-    their command, and counts as scatter under any other command.
+    The unit's deviations from nominal change the model itself, so they also apply to faulty states
+    and other commands. The mean residual that remains in healthy windows corrects responses to the
+    calibrated command; under other commands it counts as scatter.
     """
 
     FORMAT: ClassVar = 4
 
     actuator_id: str
     serial_number: str
-    """Names of actuator and unit that were calibrated."""
+    """Names of the calibrated actuator and unit."""
     parameters: ActuatorParameters
     """Nominal parameters of the model."""
     form: str
     dt: float
-    """Form of the monitor model, and its integration step [s]."""
+    """Form of the monitor model and its integration step [s]."""
     sample_period: float
     """Period of the telemetry [s]."""
     command: Array = field(repr=False)
@@ -82,8 +82,8 @@ class Calibration(StoredCalibration):
     unit: Deviations
     """Deviations of the unit from nominal."""
     unit_covariance: Array = field(repr=False)
-    """Covariance of the deviations, ``(25, 25)``, including deviations that were not worth fitting;
-    0 if none were fitted."""
+    """Covariance of the deviations, ``(25, 25)``, including unfitted deviations; 0 if none was
+    fitted."""
     correction: Array = field(repr=False)
     speed_correction: Array = field(repr=False)
     """Mean residuals of the fitted model in current and speed, both ``(n,)`` [A, rad/s]."""
@@ -98,13 +98,13 @@ class Calibration(StoredCalibration):
     windows: int
     """Number of healthy windows."""
     travel_ratio: float = math.nan
-    """User-shaft travel over motor travel through the gear, from the sensors of position and speed
-    in healthy windows [-]; NaN if unknown."""
+    """Ratio of user-shaft travel to geared motor travel in healthy windows, from the position and
+    speed sensors [-]; NaN if unknown."""
     law_offset: float = math.nan
     """Excess of the position over the position that the control law implies, in healthy windows
     [rad]; NaN if unknown."""
     acquisition: Acquisition = USUAL
-    """How the telemetry of the windows was acquired."""
+    """Acquisition of the windows' telemetry."""
     baseline: WindowBaseline = field(default=WindowBaseline(), repr=False)
     """Figures of the healthy windows, with which later windows are compared; may be empty."""
 
@@ -188,7 +188,7 @@ class Calibration(StoredCalibration):
 
     @property
     def drive(self) -> str:
-        """Drive that the form of the model describes."""
+        """Kind of drive described by the model form."""
         return next(drive for drive, forms in FORMS_OF_DRIVES.items() if self.form in forms)
 
     @property
@@ -247,7 +247,7 @@ class Calibration(StoredCalibration):
         )
 
     def unit_mismatch(self, description: ActuatorDescription) -> str:
-        """Return why this calibration does not fit a described actuator; empty when it does."""
+        """Return why this calibration does not fit a described actuator; empty if it fits."""
         reasons = []
         if self.form not in FORMS_OF_DRIVES.get(description.drive, ()):
             reasons.append(

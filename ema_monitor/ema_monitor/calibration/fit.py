@@ -1,4 +1,4 @@
-"""Fit of the calibration of a unit to its healthy windows."""
+"""Fit a unit's calibration to its healthy windows."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -116,7 +116,7 @@ def calibrate_model(
 
 
 def _relations(windows: Sequence[Window], parameters: ActuatorParameters) -> dict[str, float]:
-    """Return the healthy relations between columns by name, without the effects of measured causes.
+    """Return the healthy column relations by name, corrected for measured causes.
 
     Each is the mean over the windows that determine it; NaN if no window does.
     """

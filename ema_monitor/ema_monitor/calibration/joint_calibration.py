@@ -64,7 +64,7 @@ class JointCalibration(StoredCalibration):
     FORMAT: ClassVar = "joint_1"
 
     form = "joint"
-    """Form that has no kernels to compile."""
+    """Name of the form, which needs no compiled kernels."""
 
     unit_parameters = None
     """None: the baseline does not determine parameters of the unit."""
@@ -99,7 +99,7 @@ class JointCalibration(StoredCalibration):
 
     @property
     def effort_shown(self) -> DisplayUnit:
-        """Unit in which the effort was recorded, and the effort for 1 A in this unit."""
+        """Unit of the recorded effort, and the effort for 1 A in this unit."""
         parameters = self.parameters
         torque = parameters.k_t / parameters.tau
         if self.effort_unit == "N.m":
@@ -163,7 +163,7 @@ class JointCalibration(StoredCalibration):
         return f"friction of a record ± {100.0 * sigma:.2g} %"
 
     def of_any_motion(self) -> Self:
-        """Return the part valid under any command, which is the whole calibration."""
+        """Return the part valid under any command: the whole calibration."""
         return self
 
     def shape_mismatch(self, window: Window) -> str:

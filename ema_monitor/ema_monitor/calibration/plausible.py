@@ -1,4 +1,4 @@
-"""Plausibility of a calibration for the description of its unit."""
+"""Plausibility of a calibration, given the description of its unit."""
 
 import math
 from collections.abc import Iterator

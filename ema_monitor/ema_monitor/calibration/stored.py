@@ -1,4 +1,4 @@
-"""Identity, file and match with a unit, for calibrations of every kind."""
+"""Identity, file format and unit check shared by all kinds of calibration."""
 
 import hashlib
 import json
@@ -72,7 +72,7 @@ class StoredCalibration(Displayed, ABC):
         """Return why this calibration does not fit a described actuator; empty if it fits."""
 
     def _mismatches(self, description: ActuatorDescription, used: Iterable[str]) -> list[str]:
-        """Return the differences in serial number and used parameters, a text each."""
+        """Return one text per difference in serial number or used parameters."""
         reasons = []
         if description.serial_number != self.serial_number:
             reasons.append(
@@ -87,7 +87,7 @@ class StoredCalibration(Displayed, ABC):
         ]
 
     def save(self, path: Path) -> None:
-        """Write the calibration to a YAML file, which replaces an existing file once complete."""
+        """Write the calibration to a YAML file, replacing an existing file atomically."""
         text = yaml.safe_dump(
             {**self._content(), "calibration_id": self.calibration_id},
             sort_keys=False,
@@ -99,7 +99,7 @@ class StoredCalibration(Displayed, ABC):
 
     @classmethod
     def of_content(cls, path: Path, content: Any) -> Self:
-        """Return the calibration in the content of a file.
+        """Parse a calibration from the content of a file.
 
         Logs a warning if the content was changed after it was written.
 
@@ -139,7 +139,7 @@ class StoredCalibration(Displayed, ABC):
         return loaded
 
     def _content(self, *, with_labels: bool = True) -> dict[str, Any]:
-        """Return the exact content of the file without the identity.
+        """Return the exact file content without the identity.
 
         Labelled states are left out unless ``with_labels``.
         """
@@ -155,11 +155,11 @@ class StoredCalibration(Displayed, ABC):
     @classmethod
     @abstractmethod
     def _of_mapping(cls, content: dict[str, Any]) -> Self:
-        """Return the calibration of the entries of a file; ``content`` may be modified."""
+        """Build the calibration from file entries; ``content`` may be modified."""
 
 
 def numbers(name: str, values: Any) -> Array:
-    """Return the array of an entry of a file; raise ValueError if it is not made of numbers."""
+    """Return a file entry as an array. Raises ValueError if it is not numeric."""
     try:
         return np.array(values, dtype=np.float64)
     except (OverflowError, TypeError, ValueError):
@@ -167,7 +167,7 @@ def numbers(name: str, values: Any) -> Array:
 
 
 def is_calibration_file(path: Path) -> bool:
-    """Return whether a file begins like a calibration of any kind."""
+    """Return whether a file starts like a calibration of any kind."""
     try:
         with open_regular_file(path) as file:
             head = file.read(_HEAD_BYTES).split(b"\n")

@@ -1,4 +1,4 @@
-"""Fit of the deviations of a unit from its description to its healthy windows."""
+"""Fit a unit's deviations from its description to healthy windows."""
 
 import math
 from collections.abc import Sequence
@@ -29,19 +29,19 @@ _SETTLED: Final = 0.02
 
 0.004 moves no deviation by more than 0.02 sigma, 0.1 moves a deviation by 1.4 sigma."""
 _SHARES: Final = ((1.0,), (0.5,), (0.25,), (0.1,), (0.03,))
-"""Shares of a step, tried one after the other, as each takes a run over all windows. In all
-measured fits, the full step was taken."""
+"""Step fractions of the line search, tried in turn because each costs a run over all windows. All
+measured fits took the full step."""
 _MOST_ITERATIONS: Final = 100
-"""The measured fits took at most 7."""
+"""Iteration limit; measured fits took at most 7."""
 _WORTHWHILE: Final = 0.3
-"""Share of the remaining cost that a further deviation has to explain [-]. 0.15 and 0.6 select the
-same deviations."""
+"""Share of the remaining cost that an additional deviation must explain [-]. 0.15 and 0.6 select
+the same deviations."""
 _NOTABLE: Final = 0.4
-"""Least size of a further deviation [sigma of the prior]. With 0.2 one more deviation is fitted,
-with 0.8 the residual of the current grows by up to 12 %."""
+"""Minimum size of an additional deviation [sigma of the prior]. With 0.2 one more deviation is
+fitted, with 0.8 the residual of the current grows by up to 12 %."""
 _ALWAYS_FITTED: Final = ("lift", "friction", "stribeck_speed", "inertia")
 _LEAST_NOISE: Final = 1e-2
-"""Least noise of the current [A]. 0.005 and 0.02 give the same fits, as real noise is larger."""
+"""Minimum noise of the current [A]. 0.005 and 0.02 give the same fits, as real noise is larger."""
 
 
 class UnitFit(NamedTuple):
@@ -54,7 +54,7 @@ class UnitFit(NamedTuple):
 class _UnitProblem:
     """Least-squares problem of the deviations: the band-limited mean residual of each command.
 
-    ``x``, ``(d,)``, has the values of the deviations in the order of ``priors``.
+    ``x``, ``(d,)``, holds the deviations in the order of ``priors``.
     """
 
     def __init__(self, groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> None:
@@ -89,13 +89,13 @@ class _UnitProblem:
         return covariance
 
     def residuals(self, points: Array) -> Array:
-        """Return the residuals of the model over the noise, then of the priors, ``(m, r + d)``."""
+        """Return noise-normalised model residuals, followed by prior residuals, ``(m, r + d)``."""
         away = (points - self.expected) / self.sigma
         left = np.array([self.missed(x) for x in points]) / self.noise
         return np.concatenate([left, away], axis=1)
 
     def linearise(self, x: Array) -> Linearisation:
-        """Return the linearisation at ``x``; the noise is set to its value there."""
+        """Return the linearisation at ``x``, and update the noise to its value at ``x``."""
         self._latest = {x.tobytes(): self.missed(x)}
         self.noise = self._noise_at(x)
         [residuals] = self.residuals(x[None])
@@ -231,7 +231,7 @@ def fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> UnitF
 
 
 class _Addition(NamedTuple):
-    """A deviation to fit in addition."""
+    """Candidate deviation to add to the fit."""
 
     number: int
     """Index of the deviation in ``x``."""
@@ -240,7 +240,7 @@ class _Addition(NamedTuple):
 
 
 def _most_explaining(at: Quadratic, active: Flags, least: Array) -> _Addition | None:
-    """Return the unfitted deviation that lowers the cost most.
+    """Return the unfitted deviation that lowers the cost the most.
 
     None if no unfitted deviation would reach the magnitude ``least``, ``(d,)``.
     """

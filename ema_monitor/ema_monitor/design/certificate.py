@@ -219,7 +219,7 @@ def certify(
     Raises
     ------
     ValueError
-        When the motion yields no window, or permits no calibration.
+        If the motion yields no window, or permits no calibration.
     """
     description = description or ActuatorDescription()
     rehearsed = rehearsed or rehearse(rig, command, description, calibration)

@@ -151,7 +151,7 @@ def design_command(
     Raises
     ------
     ValueError
-        When a wanted value is out of range, or no motion within the limits yields a window.
+        If a wanted value is out of range, or no motion within the limits yields a window.
     """
     for name, sigma in (wanted or {}).items():
         if name not in COMPONENTS:

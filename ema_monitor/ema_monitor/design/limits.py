@@ -45,7 +45,7 @@ class MotionLimits(Demands):
     Raises
     ------
     ValueError
-        When a limit is not above 0, or travel or duration are too small for a test.
+        If a limit is not above 0, or travel or duration are too small for a test.
     """
 
     def __post_init__(self) -> None:
@@ -75,7 +75,7 @@ class MotionLimits(Demands):
         Raises
         ------
         ValueError
-            When a limit is out of range, or above the limit of the actuator.
+            If a limit is out of range, or above the limit of the actuator.
         """
         capability = {
             "travel": parameters.theta_stop,

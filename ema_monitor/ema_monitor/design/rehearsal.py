@@ -66,7 +66,7 @@ class ActuatorRig(Protocol):
         Raises
         ------
         ValueError
-            When a cycle has no window.
+            If a cycle has no window.
         """
         ...
 

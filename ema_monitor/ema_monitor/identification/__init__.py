@@ -1,1 +1,1 @@
-"""From a window to an estimate of the faults, with its uncertainty."""
+"""Identification of faults: from a window to an estimate with its uncertainty."""

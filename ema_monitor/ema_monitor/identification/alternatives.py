@@ -1,4 +1,4 @@
-"""Parts of an explanation that a window cannot separate from others, by name (M27)."""
+"""Interchangeable parts of an explanation: a window cannot separate them (M27)."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -24,18 +24,18 @@ class Alternative(NamedTuple):
 
 
 def names_of(alternatives: Iterable[Alternative]) -> frozenset[str]:
-    """Return the names of all faults and hidden causes that are not separated from others."""
+    """Return the names of all faults and hidden causes in some alternatives."""
     return frozenset(name for pair in alternatives for part in pair for name in part)
 
 
 def faults_of(parts: Iterable[Part]) -> list[int]:
-    """Return the indices of the faults in some parts, without hidden causes."""
+    """Return the indices of the faults in some parts, ignoring hidden causes."""
     names = {name for part in parts for name in part}
     return [number for number, name in enumerate(FAULT_NAMES) if name in names]
 
 
 def alternative_of(record: Any) -> Alternative:
-    """Return the alternative of ``as_record``, or of the two labels that version 0.1 wrote.
+    """Return the alternative from the output of ``as_record``, or from two labels (version 0.1).
 
     Raises
     ------

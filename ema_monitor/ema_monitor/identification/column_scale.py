@@ -1,7 +1,7 @@
 """Detection of columns that are wrong by a factor, such as a wrong unit or sign.
 
-Three relations show a wrong factor: the position follows its command, the speed is the derivative
-of the position, and the current accelerates the known inertia. No fault scales any of these.
+Three relations reveal a wrong factor: the position follows its command, the speed is the derivative
+of the position, and the current accelerates the known inertia. No fault scales any of them.
 """
 
 from collections.abc import Iterable
@@ -41,7 +41,7 @@ def mistaken_amplitude(causes: Iterable[CauseEstimate]) -> ColumnError | None:
 
 
 def wrong_scale(window: Window, parameters: ActuatorParameters) -> ColumnError | None:
-    """Return the column of a window that is clearly wrong by a factor; None if none is."""
+    """Return the column of a window that is clearly wrong by a factor; None if there is none."""
     tau = parameters.tau
     t, h = window.telemetry, window.sample_period
     count = max(3, round(_SMOOTH_S / h))
@@ -88,7 +88,7 @@ def _slope(x: Array, y: Array) -> float | None:
 
 
 def _inertia_of(speed: Array, current: Array, position: Array, h: float) -> float | None:
-    """Return the current per acceleration [A.s^2/rad]; None if it is not determined."""
+    """Return the ratio of current to acceleration [A.s^2/rad]; None if it is not determined."""
     rows = np.stack(
         [np.gradient(speed, h), speed, np.tanh(speed / _KNEE), position, np.ones_like(speed)], 1
     )

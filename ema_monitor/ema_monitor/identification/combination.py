@@ -27,10 +27,10 @@ from ema_monitor.reasons import MotionDisagrees, MotionEnded, Reason
 from ema_monitor.windows.window import Window
 
 WORTHWHILE: Final = 0.97
-"""Ratio of a fault's standard deviations after and before a stretch that is worth a search [-]."""
+"""A stretch is worth a search if it reduces a fault's standard deviation to this ratio [-]."""
 
 MOST_SURPRISE: Final = 60.0
-"""Largest squared distance of a stretch from the knowledge that it is combined with [-]."""
+"""Largest squared distance between a stretch and the prior knowledge for combination [-]."""
 
 _RANGE: Final = np.diag((SPANS / UNOBSERVABLE_SIGMA) ** 2)
 _UNFIT: Final = 2.0
@@ -38,7 +38,7 @@ _REACHED: Final = 1.2
 
 
 class Combination(Combining):
-    """Combination of stretches of an actuator's motion to estimates of its faults.
+    """Combines stretches of ordinary motion into estimates of an actuator's faults.
 
     The result of a stretch is the prior of the next stretch. The combination is complete when every
     fault has the wanted standard deviation, or the best that further motion can give, or when the
@@ -59,7 +59,7 @@ class Combination(Combining):
     previous
         Faults at which the first search begins, ``(8,)``; None for a healthy actuator.
     force
-        Whether to identify with a calibration that does not belong to the actuator.
+        Whether to accept a calibration that does not belong to the actuator.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class Combination(Combining):
             yield from self._count_refused(refused, is_identified=result.knowledge is not None)
 
     def finish(self) -> list[Estimate]:
-        """End the motion; return the estimate of the stretches combined so far, if it exists."""
+        """End the motion. Return the estimate of the stretches combined so far, if any."""
         return self._conclude(MotionEnded())
 
     def _begin(self) -> None:
@@ -130,7 +130,7 @@ class Combination(Combining):
         self._preview: Preview | None = None
 
     def _is_complete(self, stretch: Window) -> bool:
-        """Return whether the limit of number or time is reached before a stretch."""
+        """Return whether a stretch would exceed the limit of number or time."""
         if not self._parts:
             return False
         first_ns, last_ns = (self._parts[i].estimate.start_ns for i in (0, -1))
@@ -139,8 +139,8 @@ class Combination(Combining):
     def _is_worthwhile(self, stretch: Window, calibration: Calibration) -> bool:
         """Return whether a stretch is worth a search.
 
-        It is if it lowers a standard deviation that is larger than wanted, if the faults so far do
-        not explain it, or if the search would refuse it with a reason.
+        It is worthwhile if it lowers a standard deviation that exceeds the target, if the current
+        faults do not explain it, or if the search would refuse it with a reason.
         """
         self._preview = None
         if calibration.shape_mismatch(stretch) or stretch.excitation_defect():
@@ -159,7 +159,7 @@ class Combination(Combining):
         return drive_defect(stretch, self._description.parameters) is not None
 
     def _lowers(self, knowledge: Knowledge, gained: Array) -> bool:
-        """Return whether information lowers a standard deviation that is larger than wanted."""
+        """Return whether information lowers a standard deviation that exceeds the target."""
         before = _RANGE + knowledge.gained
         left = np.sqrt(np.diag(np.linalg.inv(before + gained)) / np.diag(np.linalg.inv(before)))
         sigma, common = knowledge.sigma, knowledge.systematic_sigma
@@ -169,7 +169,7 @@ class Combination(Combining):
 
     @property
     def _initial(self) -> Knowledge:
-        """Knowledge before the first stretch: the ranges of the faults, about the previous ones."""
+        """Knowledge before the first stretch: fault ranges, centred on the previous faults."""
         return Knowledge.of_range(PLAIN.encode(self._previous))
 
     @property

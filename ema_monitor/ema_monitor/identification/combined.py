@@ -29,7 +29,7 @@ def combined_estimate(
     wanted_sigma: float,
     ending: Reason | None = None,
 ) -> Estimate | None:
-    """Return the estimate of several stretches; None if no fault reaches the wanted accuracy.
+    """Return the estimate of several stretches; None if no fault reaches the target accuracy.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def combined_estimate(
     knowledge
         Knowledge of the faults after the last stretch.
     wanted_sigma
-        Standard deviation above which a fault counts as not shown.
+        Target standard deviation; faults above it count as undetermined.
     ending
         Reason why no further stretches follow, if it is worth mentioning.
     """
@@ -128,7 +128,7 @@ def _most_significant(of_stretches: Iterable[Iterable[CauseEstimate]]) -> tuple[
 
 
 def _causes_found(of_stretches: Sequence[Iterable[CauseEstimate]]) -> list[Reason]:
-    """Return each cause with its range and the number of stretches that it is part of."""
+    """Return each cause with its range and the number of stretches that include it."""
     reasons: list[Reason] = []
     for causes in _by_name(of_stretches).values():
         [most] = _most_significant([causes])
@@ -141,7 +141,7 @@ def _causes_found(of_stretches: Sequence[Iterable[CauseEstimate]]) -> list[Reaso
 
 
 def _contradictions(parts: Sequence[WindowResult]) -> list[Reason]:
-    """Return the measured causes that were not used, with the number of their stretches."""
+    """Return the measured causes that were not used, with their number of stretches."""
     by_name = _by_name(part.contradicted for part in parts)
     return [
         Contradicted(
@@ -155,7 +155,7 @@ def _contradictions(parts: Sequence[WindowResult]) -> list[Reason]:
 
 
 def _counted(of_stretches: Sequence[Sequence[Reason]]) -> list[Reason]:
-    """Return each reason of the stretches once, with their number unless all have it."""
+    """Return each reason once, with the number of affected stretches unless all are affected."""
     numbers = Counter(reason for reasons in of_stretches for reason in dict.fromkeys(reasons))
     total = len(of_stretches)
     return [

@@ -1,4 +1,4 @@
-"""Detection of defects of drive, shaft or sensors that prevent an estimate of faults."""
+"""Detection of defects of drive, shaft or sensors that prevent a fault estimate."""
 
 from typing import Final
 
@@ -23,7 +23,7 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> Reason | Non
     or shaft is present if the motor stands still for 10 % of the window although position and speed
     loop demand nearly the current limit (M1), even at half their gain. If the current flows, the
     shaft is blocked. If it does not flow, a phase is open or a switch dead. If it is not measured,
-    the defect is one of these. A speed loop with integral or derivative gain is not judged.
+    either defect is possible. Speed loops with integral or derivative gain are not checked.
     """
     p, t = parameters, window.telemetry
     if dead := _dead_sensor(window):

@@ -108,8 +108,8 @@ class Estimate(Displayed):
       and no fault explains it; the estimate may be valid or not.
     """
     unexplained_share: float = math.nan
-    """Unexplained share of the departure of the window from healthy [-]; NaN if ``goodness_of_fit``
-    is."""
+    """Unexplained share of the window's departure from healthy [-]; NaN if ``goodness_of_fit`` is
+    NaN."""
     causes: tuple[CauseEstimate, ...] = ()
     """Hidden causes that are part of the explanation. For stretches, each cause is from the stretch
     in which it is most significant, and ``reasons`` have its range."""
@@ -121,7 +121,7 @@ class Estimate(Displayed):
     """Measured causes that were used. For stretches, each is from the stretch in which it is most
     significant."""
     lacks_calibration: bool = False
-    """Whether the window was refused for lack of a calibration that fits actuator and window."""
+    """Whether the window was refused because no calibration fits the actuator and window."""
     parts: tuple[WindowFigures, ...] = ()
     """Figures of the window, or of each stretch, if the calibration has a baseline of windows."""
     comparison: Comparison | None = None
@@ -178,7 +178,7 @@ class Estimate(Displayed):
 
     @property
     def is_of_record(self) -> bool:
-        """Whether the estimate is from the comparison of a record with a baseline."""
+        """Whether the estimate results from comparing a record with a baseline."""
         return self.algorithm == INVERSE_DYNAMICS
 
     @property
@@ -205,7 +205,7 @@ class Estimate(Displayed):
         return f"{self.verdict}, {', '.join(faults) or 'no fault differs from healthy'}"
 
     def as_row(self) -> dict[str, Any]:
-        """Return the estimate as a row of a table, with a plain value per column."""
+        """Return the estimate as a table row of plain values by column."""
         row = {
             name: value
             for name, value in vars(self).items()
@@ -262,7 +262,7 @@ def refusal(
     is_failure
         Whether the reason is a failure of drive or shaft.
     lacks_calibration
-        Whether the reason is the lack of a calibration that fits.
+        Whether the reason is the lack of a fitting calibration.
     """
     verdict = FAILED if is_failure else REFUSED
     if isinstance(window, Refusal) and (window.is_dropped or window.is_cut_off):
@@ -286,7 +286,7 @@ def refusal(
 def estimate_values(estimate: Estimate) -> dict[str, Any]:
     """Return every field of an estimate as exact plain values, and the text ``reason``.
 
-    Faults become values by name, and flags the names of the flagged faults.
+    Faults become a mapping by name; flags become the names of the flagged faults.
     """
     values = {item.name: getattr(estimate, item.name) for item in fields(Estimate)}
     values["faults"] = estimate.faults._asdict()
@@ -322,7 +322,7 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
     Raises
     ------
     ValueError, KeyError, TypeError
-        If ``record`` is not the record of an estimate.
+        If ``record`` does not describe an estimate.
     """
     values = {item.name: record[item.name] for item in fields(Estimate) if item.name not in _LATER}
     for item in fields(Estimate):
@@ -348,7 +348,7 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
 
 
 def reasons_of(record: Mapping[str, Any]) -> tuple[Reason, ...]:
-    """Return the reasons of the record of an estimate, or of a test without one."""
+    """Return the reasons in the record of an estimate or of a test without an estimate."""
     return tuple(map(Reason.of_record, record["reasons"]))
 
 

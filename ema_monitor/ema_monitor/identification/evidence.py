@@ -14,10 +14,10 @@ from ema_monitor.identification.uncertainty import GROUPS
 from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
 
 COMPONENT_EVIDENCE: Final = 8.0
-"""Penalty of a component: a smaller set is chosen if its evidence is worse by less than this."""
+"""Penalty per component: a smaller set wins if its evidence is worse by less than this."""
 
 REPLACED_EVIDENCE: Final = 6.0
-"""Further penalty of a hidden cause: the gain at which a cause replaces a fault."""
+"""Additional penalty of a hidden cause, which a cause must overcome to replace a fault."""
 
 UNUSUAL_EVIDENCE: Final = 2.0
 """Advantage of a fault over a hidden cause among explanations that a window cannot separate."""
@@ -61,7 +61,7 @@ class _Quadratic(NamedTuple):
     cost: Quadratic
     """Model of the whole cost."""
     by_priors: Quadratic
-    """Model of the cost of priors of causes and of relations between columns."""
+    """Model of the part of the cost from cause priors and column relations."""
 
     @classmethod
     def of(cls, at: Linearisation, objective: Objective) -> Self:
@@ -117,12 +117,12 @@ class Evidence:
         return float(self._difference(trial.cost, trial.point, reference, most))
 
     def worse(self, at: Linearisation, sets: Components, most: float = np.inf) -> Array:
-        """Return the evidence against the optima of the linear model with only some components.
+        """Return the evidence against the linear model's optima restricted to sets of components.
 
         Parameters
         ----------
         at
-            Linearisation, and reference of the evidence.
+            Linearisation, also the reference of the evidence.
         sets
             Sets of components, ``(n, d)``.
         most
@@ -141,7 +141,7 @@ class Evidence:
         return COMPONENT_EVIDENCE * components(kept) + REPLACED_EVIDENCE * causes
 
     def predicted(self, at: Linearisation, shown: Components) -> Array:
-        """Return the optimum of the linear model with only some components, ``(d,)``."""
+        """Return the optimum of the linear model restricted to some components, ``(d,)``."""
         return self._optima(at, shown[None])[1][0]
 
     def _optima(self, at: Linearisation, sets: Components) -> tuple[Array, Array]:

@@ -46,13 +46,13 @@ MOST_LOSS: Final = 1.1
 """Largest ratio of costs without and with the components that are not significant [-]."""
 
 DOUBTFUL_SIGMAS: Final = 4.0
-"""Distance of a cause from its prior from which on other starting points are tried [sigma]."""
+"""Distance of a cause from its prior beyond which more starting points are tried [sigma]."""
 
 DOUBTFUL_MOTOR_SIGMAS: Final = 1.0
-"""Distance of inertia and torque constant from which on other starting points are tried [sigma].
+"""The same distance for inertia and torque constant [sigma].
 
-These causes may stand in for the gain of the current sensor. In combination with another cause they
-are doubted at any distance, as are short circuits of all phases.
+These causes may stand in for the gain of the current sensor. Combined with another cause, they are
+doubted at any distance, like short circuits of all phases.
 """
 
 # Evidence against an explanation up to which it is worth a fit.
@@ -107,7 +107,7 @@ class Explainer:
     objective
         Objective of the window, with hidden causes as components.
     always
-        Components that need no evidence, ``(d,)``: all but the suspected hidden causes.
+        Flags of components that need no evidence, ``(d,)``: all except suspected hidden causes.
     most_evaluations
         Number of model evaluations after which no further cause is tried.
     seeds
@@ -247,7 +247,7 @@ class Explainer:
         return np.clip(result, 0.0, 1.0)
 
     def _worth_trying(self, at: Linearisation) -> Components:
-        """Return the components whose derivatives are worth their model evaluations, ``(d,)``.
+        """Return the components whose derivatives justify their model evaluations, ``(d,)``.
 
         Causes that move the start are left out if the window is explained and its columns agree: a
         wrong position at the start leaves a window unexplained, or disagrees with the speed.
@@ -344,7 +344,7 @@ class Explainer:
         return self._objective.extended(reduced, self._tried), shown
 
     def _promising(self, at: Linearisation, kept: Components) -> Components | None:
-        """Return the components of the best explanation with a further cause; None without one.
+        """Return the components of the best explanation with one more cause; None if there is none.
 
         The linear model is inaccurate over large steps. An explanation with fewer components is
         therefore worth a trial as long as the window might not separate the two.

@@ -1,4 +1,4 @@
-"""Measures of the distance between modelled and measured response, as rows of residuals.
+"""Distance measures between modelled and measured response, as rows of residuals.
 
 The cost is the sum of squares of a row. The same row therefore serves algorithms that minimise a
 cost and algorithms that use residuals.
@@ -93,8 +93,8 @@ class BandLimited(LeastSquares):
     model of the mean current is least accurate when the motor is slow. Residuals beyond twice the
     healthy scatter count less (pseudo-Huber), since the mismatch of the model has heavy tails.
 
-    A current that is not measured does not count. An instantaneous current, which mostly consists
-    of PWM ripple, counts only as much as its mean would, so that the speed dominates the cost.
+    An unmeasured current is ignored. An instantaneous current, which mostly consists of PWM ripple,
+    counts only as much as its mean would, so that the speed dominates the cost.
     """
 
     def __init__(self, window: Window, calibration: Calibration, scatter: Scatter) -> None:

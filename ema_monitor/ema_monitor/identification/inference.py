@@ -65,13 +65,13 @@ class WindowResult:
     surprise: float = 0.0
     """Squared distance of a stretch from the knowledge before it [-]."""
     contradicted: tuple[CauseEstimate, ...] = ()
-    """Measured causes that were not used, as the window contradicts them."""
+    """Measured causes that were not used because the window contradicts them."""
     caveats: tuple[Reason, ...] = ()
     """Further reservations about the search."""
 
 
 class Inference:
-    """Inference of the estimate from the optimum of a search of a window.
+    """Derives the estimate of a window from the optimum of its search.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class Inference:
         warm_start
             Whether the search began at earlier faults.
         contradicted
-            Measured causes that were not used, as the window contradicts them.
+            Measured causes that were not used because the window contradicts them.
         caveats
             Reservations about the search.
 
@@ -299,7 +299,7 @@ class Inference:
         return result
 
     def _covariance(self, at: Linearisation, shown: Components, effects: Array) -> Array:
-        """Return the covariance with only some components fitted, ``(d, d)``."""
+        """Return the covariance with only the components ``shown`` fitted, ``(d, d)``."""
         jacobian = at.jacobian[:, shown]
         result = np.zeros((len(shown), len(shown)))
         shifts = shifts_of(jacobian, effects)

@@ -1,4 +1,4 @@
-"""Estimate from a record of a unit without a modelled controller, compared with its baseline."""
+"""Estimate for a unit without a modelled controller, from a record and a baseline."""
 
 import math
 import time
@@ -61,16 +61,16 @@ from ema_monitor.windows.window import Window
 
 _LEAST_VISCOUS: Final = 0.05
 _OTHER_SPEED: Final = 5.0
-"""Ratio of speeds from which on the unit of position or speed is doubted [-]."""
+"""Speed ratio beyond which the unit of position or speed is doubted [-]."""
 _LEAST_ZERO: Final = 0.03
-"""Least angle that is reported as a shifted zero of the position [rad]."""
+"""Smallest angle reported as a shifted position zero [rad]."""
 _GAIN_OF_ZERO: Final = 1.2
-"""Factor by which a shifted zero has to lower the residual of the effort, if the changes explain
-the coefficients equally well [-]."""
+"""Factor by which a shifted zero must lower the effort residual if the changes explain the
+coefficients equally well [-]."""
 _OF_ZERO: Final = 9.0
-"""Least advantage of a shifted zero over the changes in explaining a record [-]."""
+"""Minimum advantage at which a shifted zero explains a record better than the changes [-]."""
 _EXPLAINED: Final = 1.5
-"""Least advantage of a delay over the changes alone in explaining a record [-]."""
+"""Minimum advantage at which a delay explains a record better than the changes alone [-]."""
 _CAUSES: Final = {
     of.TORQUE: "torque_constant",
     of.INERTIA: "inertia",
@@ -87,7 +87,7 @@ def identify_record(
     *,
     force: bool = False,
 ) -> Estimate:
-    """Return the estimate of a record, or its refusal with the reason.
+    """Return the estimate of a record, or a refusal with the reason.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def _unusable(window: Window, calibration: JointCalibration) -> Reason | None:
 
 
 def _of_samples(telemetry: Telemetry, spikes: int, shift_s: float) -> Iterator[Reason]:
-    """Yield what qualifies the samples of a record."""
+    """Yield reservations about the samples of a record."""
     if shift_s:
         yield EffortShifted(shift_s)
     if spikes:
@@ -264,7 +264,7 @@ def _refused(
 def _wrong_speed(
     fine: Fine, description: ActuatorDescription, baseline: Baseline
 ) -> SpeedScaled | None:
-    """Return the usual mistake that scales the speed of a record; None without one."""
+    """Return the common mistake that scales the speed of a record; None if there is none."""
     preparation = baseline.preparation
     factor = usual_speed(fine, preparation.cutoff_hz) / preparation.usual_speed
     if 1.0 / _OTHER_SPEED < factor < _OTHER_SPEED:
@@ -316,7 +316,7 @@ def _shifted_zero(
 
 
 def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray]:
-    """Return the faults that correspond to quantities, their covariance, and the healthy ones."""
+    """Return the faults given by the quantities, their covariance, and the healthy faults."""
     values, variances = np.full(N_FAULTS, math.nan), np.full(N_FAULTS, math.nan)
     insignificant = np.zeros(N_FAULTS, dtype=bool)
     for name, fault in of.FAULTS_OF_RECORDS.items():

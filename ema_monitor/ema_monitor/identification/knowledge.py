@@ -20,7 +20,7 @@ NUISANCE: Final = "load_torque"
 """Hidden cause that is common in ordinary motion; it is fitted to every stretch."""
 
 FLOOR: Final = MISMATCH_SIGMA / SPANS
-"""Least standard deviation from the mismatch of the model, in the unit box, ``(8,)``."""
+"""Minimum standard deviations due to model mismatch, in the unit box, ``(8,)``."""
 
 _LEAST_VARIANCE = 1e-12
 _FAULTS = slice(0, N_FAULTS)
@@ -41,7 +41,7 @@ class Knowledge(NamedTuple):
     """Rms residual over the rms residual of a healthy window, at least 1 [-]."""
     gained: Array = _NOTHING
     """Information of the windows under the noise of a healthy window, ``(8, 8)``. The gain of a
-    further window is judged against it."""
+    further window is judged relative to it."""
 
     def rows(self) -> Array:
         """Return the derivatives of eight independent residuals of unit variance, ``(8, 8)``."""
@@ -51,15 +51,15 @@ class Knowledge(NamedTuple):
 
     @classmethod
     def of_range(cls, point: Array) -> Self:
-        """Return the knowledge that the ranges of the faults give.
+        """Return the knowledge given by the fault ranges alone.
 
-        Among explanations that fit equally well, it prefers the one near ``point``, ``(8,)``.
+        Among equally good explanations, it prefers the nearest to ``point``, ``(8,)``.
         """
         return cls(point, np.diag((UNOBSERVABLE_SIGMA / MISMATCH_FACTOR / SPANS) ** 2))
 
     @property
     def sigma(self) -> Array:
-        """Standard deviations with the mismatch of the model, ``(8,)``, in units of the faults.
+        """Standard deviations including model mismatch, ``(8,)``, in units of the faults.
 
         The eccentricity has the two standard deviations of its plane.
         """
@@ -74,7 +74,7 @@ class Knowledge(NamedTuple):
 
 
 def needs_no_evidence(window: Window, knowledge: Knowledge | None) -> set[str]:
-    """Return the names of the hidden causes that are components of any fit of a window.
+    """Return the names of the hidden causes that are always fitted to a window.
 
     They include the measured causes, whose errors are part of the uncertainty.
 

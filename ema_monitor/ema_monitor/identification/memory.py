@@ -29,7 +29,7 @@ class Pace(NamedTuple):
     """Standard deviation of the change between any two tests, in the unit of the cause."""
 
     def widened(self, variance: Array | float, months: float) -> Array | float:
-        """Return a variance after some months."""
+        """Return a variance widened by some months."""
         return variance + self.at_least**2 + months * self.in_month**2
 
 
@@ -63,7 +63,7 @@ class Memory:
     """Faults and their variances, ``(8,)``; the variance of an unknown fault is infinite."""
 
     def after(self, months: float) -> Self:
-        """Return the memory with the uncertainty after some months."""
+        """Return the memory with its uncertainty widened by some months."""
         causes = {
             name: cause._replace(sigma=float(np.sqrt(SLOW[name].widened(cause.sigma**2, months))))
             for name, cause in self.causes.items()
@@ -77,7 +77,7 @@ class Memory:
         return self.after((stamp_ns - self.stamp_ns) / _MONTH_NS)
 
     def updated(self, estimate: Estimate) -> "Memory":
-        """Return the memory after a test that was identified with this memory."""
+        """Return the memory updated by a test that was identified with this memory."""
         if not estimate.valid or estimate.stretches or estimate.end_ns < self.stamp_ns:
             return self
         before = self.before(estimate.end_ns)

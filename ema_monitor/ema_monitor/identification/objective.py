@@ -55,13 +55,13 @@ class Coordinates:
     """Map between points of the unit box and fault vectors."""
 
     play: float | None
-    """Position of the motor in its play at the start of the window [half-widths]. If it is unknown,
-    None, it is a ninth component of the search."""
+    """Position of the motor in its play at the start of the window [half-widths]. If None, it is
+    unknown and becomes a ninth component of the search."""
     cartesian: bool
     """Whether the components of the eccentricity are ``zeta cos(phi)`` and ``zeta sin(phi)``, which
     are smooth at zero eccentricity, where the phase is undefined."""
     hidden: tuple[Prior, ...] = ()
-    """Hidden causes that are further components; ``causes`` returns their values."""
+    """Hidden causes used as additional components; ``causes`` returns their values."""
 
     def decode(self, points: Array) -> tuple[Array, Array]:
         """Return fault vectors, ``(m, 8)``, and positions in the play, ``(m,)``, of points.
@@ -114,7 +114,7 @@ class Relations(NamedTuple):
 
     @classmethod
     def of(cls, window: Window, calibration: Calibration) -> Self:
-        """Return the relations of a window that the calibration has healthy values for."""
+        """Return the relations of a window for which the calibration has healthy values."""
         parameters = calibration.parameters
         relations = []
         travel = travel_ratio(window, parameters)
@@ -150,7 +150,7 @@ class Objective:
     cartesian
         Whether the components of the eccentricity are Cartesian; see `Coordinates`.
     causes
-        Hidden causes that are further components; their priors are further residuals.
+        Hidden causes used as additional components; their priors are additional residuals.
     knowledge
         Knowledge of the faults before the window, which adds eight residuals; None without.
 
@@ -435,7 +435,7 @@ class Objective:
         return steps
 
     def residuals(self, points: Array) -> Array:
-        """Return the residuals at points, ``(m, d)``: ``(m, r)`` [A.s^(1/2)]."""
+        """Return the residuals, ``(m, r)`` [A.s^(1/2)], at points, ``(m, d)``."""
         of_causes = points[:, self.first_cause :] - 0.5
         unrelated = math.sqrt(self.noise) * (of_causes @ self._related.T + self._unrelated)
         rows = [self.fitness.residuals(self.expect(points)), unrelated]

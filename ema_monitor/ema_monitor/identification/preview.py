@@ -1,4 +1,4 @@
-"""Preview of the information in a stretch of ordinary motion before the search (M28)."""
+"""Predicted information gain of a stretch of ordinary motion before its search (M28)."""
 
 from typing import Final, NamedTuple, Self
 

@@ -80,9 +80,9 @@ class _Premises:
     memory: Memory
     """Memory of the earlier tests of the unit."""
     started: float
-    """Start of the first search by ``time.perf_counter`` [s]."""
+    """Start time of the first search from ``time.perf_counter`` [s]."""
     contradicted: tuple[CauseEstimate, ...] = ()
-    """Measured causes that were left out."""
+    """Measured causes excluded because the window contradicts them."""
 
     def without(self, *causes: CauseEstimate) -> Self:
         """Return the premises without some measured causes."""
@@ -135,7 +135,7 @@ class ModelIdentification:
         return (yield from self._question_scale(result, window, calibration))
 
     def estimate(self) -> Estimate:
-        """Return the estimate, without progress."""
+        """Return the estimate without reporting progress."""
         search = self.run()
         while True:
             try:
@@ -185,7 +185,7 @@ class ModelIdentification:
     def _question_scale(
         self, result: WindowResult, window: Window, calibration: Calibration
     ) -> Search:
-        """Refuse a window that the faults do not explain if a column is wrong by a factor."""
+        """Refuse a poorly explained window if one of its columns is wrong by a factor."""
         estimate = result.estimate
         parameters = calibration.parameters
         if mistaken := mistaken_amplitude(estimate.causes):

@@ -11,7 +11,7 @@ from ema_monitor.optimizers.driver import Termination
 GOODNESS_LIMIT: Final = 3.5
 """Goodness of fit up to which an estimate is valid [-].
 
-Of simulated windows with faults, a few in 1,000 exceed it; their estimates are wrong."""
+A few in 1,000 simulated windows with faults exceed it; their estimates are wrong."""
 
 MOST_UNEXPLAINED: Final = 0.4
 """Largest unexplained share of the departure from healthy in a window that fits poorly [-]."""

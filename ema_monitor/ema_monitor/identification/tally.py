@@ -44,20 +44,20 @@ class Tally(NamedTuple):
     stretches: int = 0
     """All stretches."""
     combined: int = 0
-    """Stretches that an estimate is based on, or the next estimate will be."""
+    """Stretches used in an estimate, or waiting for the next estimate."""
     skipped: int = 0
     """Stretches that would add no information, or that followed an estimate too soon."""
     refused: int = 0
-    """Stretches that nothing explains, or that cannot be used."""
+    """Stretches that cannot be explained or used."""
     dropped: int = 0
     """Stretches that the monitor dropped because its queue was full."""
     fruitless: int = 0
-    """Combinations that did not determine any fault to the wanted accuracy."""
+    """Combinations that determined no fault to the target accuracy."""
     reason: str = ""
-    """Why the latest refused or dropped stretch was refused or dropped; empty after an estimate."""
+    """Reason for the latest refused or dropped stretch; empty after an estimate."""
 
     def plus(self, because: str | None = None, **more: int) -> Self:
-        """Return the tally with counts increased, and the reason replaced if one is passed."""
+        """Return the tally with increased counts, and with the reason replaced if passed."""
         counts = {name: getattr(self, name) + number for name, number in more.items()}
         return self._replace(reason=self.reason if because is None else because, **counts)
 
@@ -102,7 +102,7 @@ class Combining(ABC):
 
     @abstractmethod
     def finish(self) -> list[Estimate]:
-        """End the motion; return the estimate of the stretches combined so far, if it exists."""
+        """End the motion. Return the estimate of the stretches combined so far, if any."""
 
     def _reaches_limit(self, stretch: Window, number: int, first_ns: int, last_ns: int) -> bool:
         """Return whether a combination is complete before a stretch.
@@ -122,7 +122,7 @@ class Combining(ABC):
     def _count_refused(self, refused: Estimate, *, is_identified: bool = False) -> list[Estimate]:
         """Count a refused stretch; return its estimate after several in a row, once.
 
-        ``is_identified`` states that the search gave an estimate that was not accepted.
+        ``is_identified``: whether the search gave an estimate that was not accepted.
         """
         self.tally = self.tally.plus(refused.reason, refused=1)
         # An identified stretch may be motion that the model cannot follow: the status counts it.
@@ -131,7 +131,7 @@ class Combining(ABC):
         return [replace(refused, stretches=1)] if is_reported else []
 
     def _concluded(self, estimate: Estimate | None, reason: str | None = None) -> list[Estimate]:
-        """Count a combination with its estimate, or without one, and return the estimate."""
+        """Count a finished combination and return its estimate, if any."""
         if estimate is None:
             self.tally = self.tally.plus(reason, fruitless=1)
             return []

@@ -27,7 +27,7 @@ CORRELATION_S: Final = 5e-3
 """Span over which residuals are assumed to be correlated [s]."""
 
 UNOBSERVABLE_SIGMA: Final = 0.25
-"""Standard deviation from which on a component counts as unobservable [-]."""
+"""Standard deviation above which a component counts as unobservable [-]."""
 
 _LEVEL: Final = 1.0 - 0.95 ** (1.0 / len(COMPONENTS))
 
@@ -52,10 +52,10 @@ SIGNIFICANT_CAUSE: Final = 3.0
 """Standard deviations beyond which a hidden cause is significant [-]."""
 
 SMALLEST_ECCENTRICITY: Final = 0.005
-"""Below this the mismatch of the model outweighs the eccentricity, and its phase is noise [-]."""
+"""Smallest meaningful eccentricity; below, model mismatch dominates and the phase is noise [-]."""
 
 MISMATCH_FACTOR: Final = 1.45
-"""Factor for the mismatch of the model on the standard deviations from the residuals [-].
+"""Factor applied to the residual-based standard deviations to cover model mismatch [-].
 
 The mismatch depends on the faults, so that part of it biases the estimate instead of the residuals.
 """
@@ -64,17 +64,17 @@ WIDTHS: Final = np.array([0.5, 1.4])
 """Widths of the two equally likely normal distributions of the quantiles [sigma]."""
 
 MISMATCH_SIGMA: Final = np.array([fault.mismatch for fault in FAULTS])
-"""Least standard deviation of each component from the mismatch of the model, ``(8,)``, with the
-eccentricity in Cartesian form [-]."""
+"""Minimum standard deviation of each component due to model mismatch, ``(8,)``, with Cartesian
+eccentricity [-]."""
 
 STRONG_CORRELATION: Final = 0.95
-"""Correlation from which on two components cannot be distinguished [-]."""
+"""Correlation above which two components cannot be distinguished [-]."""
 
 SPANS: Final = np.array([2.0 if i in PLANE else 1.0 for i in range(N_FAULTS)])
-"""Faults per unit of a point in Cartesian coordinates of the unit box, ``(8,)`` [-]."""
+"""Scale from Cartesian coordinates of the unit box to faults, ``(8,)`` [-]."""
 
 USUAL_MISFIT: Final = 2.0
-"""Goodness of fit up to which `MISMATCH_FACTOR` applies; beyond, the factor grows with it [-]."""
+"""Goodness of fit up to which `MISMATCH_FACTOR` applies; above it the factor grows [-]."""
 
 GROUPS: Final = tuple(
     [i, ECCENTRICITY_PHASE] if i == ECCENTRICITY else [i]
@@ -147,7 +147,7 @@ def _inverse_normal(jacobian: Array) -> tuple[Array, float]:
 
 
 def with_mismatch(covariance: Array, floor: Array) -> Array:
-    """Return a covariance widened for the mismatch of the model.
+    """Return a covariance widened to cover model mismatch.
 
     ``floor`` is the least standard deviation of each component, ``(d,)``.
     """
@@ -203,7 +203,7 @@ def significant_components(
     fitted: Flags,
     groups: Sequence[list[int]],
 ) -> tuple[Flags, Array]:
-    """Return the components that differ from healthy, ``(d,)``, and the point with only these.
+    """Return flags of significant components, ``(d,)``, and the optimum with only these.
 
     Backward elimination on the linear model at the point: as long as a group of components is not
     significant (``SIGNIFICANT_SIGMAS``), the least significant group is set to healthy and the

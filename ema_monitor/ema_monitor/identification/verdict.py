@@ -66,7 +66,7 @@ def goodness_limit(faults: Array, limit: float) -> float:
 def assumed_goodness(faults: Array, goodness: float) -> float:
     """Return the goodness of fit for which standard deviations are computed.
 
-    If it is unknown, NaN, the limit of valid estimates is returned.
+    If ``goodness`` is NaN (unknown), the limit of valid estimates is returned.
     """
     if math.isnan(goodness):
         return goodness_limit(faults, SearchSettings.goodness_limit)
@@ -96,7 +96,7 @@ def judged(
     alternatives
         Parts of the explanation and their replacements.
     reservations
-        Reasons that have no consequence.
+        Reasons that do not affect the verdict.
     calibration_windows
         Number of healthy windows of the calibration.
     beyond

@@ -1,4 +1,4 @@
-"""Baseline of a joint: its healthy records, and the model fitted to them."""
+"""Baseline of a joint: the healthy records and the effort model fitted to them."""
 
 import math
 from collections import Counter
@@ -37,7 +37,7 @@ The load is relative to the dry friction. Viscous friction has a second share,
 by 3 to 6 % per kelvin, and the temperature differs by a few kelvin between days."""
 
 SHARE_OF_SHOWN: Final = 0.3
-"""Least prior median of a scatter, as a share of the scatter of the healthy records [-]."""
+"""Smallest prior median of a scatter, relative to the scatter of the healthy records [-]."""
 
 _SAME_MOTION: Final = 0.012
 _SAME_STEPS: Final = 0.09
@@ -62,7 +62,7 @@ class Shortcoming(Enum):
 
 @dataclass(frozen=True)
 class Baseline:
-    """Healthy records of a unit, and the model that was fitted to them."""
+    """Healthy records of a unit and the effort model fitted to them."""
 
     preparation: Preparation
     """Filter and corrections of the records."""
@@ -80,12 +80,12 @@ class Baseline:
 
     @cached_property
     def values(self) -> Array:
-        """Coefficients of the records, ``(n, 5)``."""
+        """Coefficients of all records, ``(n, 5)``."""
         return np.array([record.values for record in self.records])
 
     @cached_property
     def covariances(self) -> Array:
-        """Covariances of their errors, ``(n, 5, 5)``."""
+        """Error covariances of all records, ``(n, 5, 5)``."""
         return np.array([record.covariance for record in self.records])
 
     @cached_property
@@ -144,7 +144,7 @@ class Baseline:
 
     @property
     def is_unexplained(self) -> bool:
-        """Whether too large a part of the effort is unexplained to show small changes."""
+        """Whether the model leaves too much of the effort unexplained to detect small changes."""
         return self.shape.unexplained > _UNEXPLAINED
 
     @property
@@ -161,16 +161,16 @@ class Baseline:
         return tuple(gap for gap, missing in is_missing.items() if missing)
 
     def with_labels(self, labelled: Iterable[LabelledRecord]) -> "Baseline":
-        """Return the baseline with these labelled records in place of the present ones."""
+        """Return the baseline with its labelled records replaced by these."""
         return replace(self, labelled=tuple(labelled))
 
     def with_record(self, state: str, record: JointRecord) -> "Baseline":
-        """Return the baseline with one more labelled record; it replaces an earlier label.
+        """Return the baseline with a labelled record added, or relabelled.
 
         Raises
         ------
         ValueError
-            When the record is one of the healthy records.
+            If the record is one of the healthy records.
         """
         if any(healthy.is_same(record) for healthy in self.records):
             raise ValueError("it is one of the healthy records of the calibration")
@@ -178,7 +178,7 @@ class Baseline:
         return self.with_labels((*kept, LabelledRecord(state, record)))
 
     def without(self, state: str) -> "Baseline":
-        """Return the baseline without a labelled state; ValueError if it is not labelled."""
+        """Return the baseline without a state; ValueError if no record is labelled with it."""
         kept = [label for label in self.labelled if label.state != state]
         if len(kept) == len(self.labelled):
             raise ValueError(unknown_name("state", state, self.states().keys() - {HEALTHY}))
@@ -189,16 +189,16 @@ class Baseline:
         return Counter([HEALTHY] * len(self.records) + [label.state for label in self.labelled])
 
     def extended(self, records: int, days: int) -> "Baseline":
-        """Return the baseline with hypothetical further records that scatter like the present ones.
+        """Return the baseline extended by hypothetical records with the same scatter.
 
-        A scatter that the present records do not show has its prior median.
+        If the existing records do not determine a scatter, its prior median is used.
 
         Parameters
         ----------
         records
             Number of further records.
         days
-            Number of further days over which they are spread; 0 adds them to the last day.
+            Number of further days over which the records are spread; 0 adds them to the last day.
         """
         numbers = np.array(self.days)
         means = np.array([self.values[numbers == day].mean(axis=0) for day in sorted(set(numbers))])
@@ -237,7 +237,7 @@ class Baseline:
 
     @property
     def shows_torque(self) -> bool:
-        """Whether the fitted terms determine the torque per ampere: more than friction and load."""
+        """Whether the fitted terms, beyond friction and load, determine the torque per ampere."""
         return int(np.sum(self.shape.used)) > 2
 
     @property
@@ -249,7 +249,7 @@ class Baseline:
 
     @cached_property
     def prior_sigmas(self) -> Array:
-        """Prior median of the standard deviation of each coefficient between days, ``(5,)``."""
+        """Prior median of each coefficient's standard deviation between days, ``(5,)``."""
         median = np.median(self.values, axis=0)
         friction = abs(self.shape.friction_scale * median[DRY])
         friction_over_speed = friction / self.preparation.usual_speed

@@ -70,7 +70,7 @@ _UNSEEN: Final = {
     VISCOUS: "the healthy records have nearly one speed: it is part of Coulomb friction",
     TORQUE: "only friction is visible in the healthy records, and it looks the same",
 }
-"""Reason why a quantity that the healthy records do not show is not judged."""
+"""Reason reported for a quantity that the healthy records cannot determine."""
 _UNEXPLAINED: Final = (
     "the motion does not explain a large part of the effort in the healthy records, which hides it"
 )
@@ -96,16 +96,16 @@ class Comparer:
     healthy records, which hypothetical records do not allow."""
 
     def compare(self, record: JointRecord, *, with_improvements: bool = True) -> Comparison:
-        """Return the changes in a record, and which healthy records would reveal smaller ones."""
+        """Return the changes in a record, with suggestions to improve the baseline."""
         comparison = _Test(self, record).result()
         if with_improvements:
             comparison = replace(comparison, improvements=self.improvements)
         return comparison
 
     def unexplained(self, record: JointRecord) -> float:
-        """Return the squared distance that the best explanation of a record leaves.
+        """Return the squared distance left unexplained by the best explanation of a record.
 
-        "No change" is an explanation, too. The parameters of an explanation add a penalty.
+        "No change" counts as an explanation. Each parameter of an explanation adds a penalty.
         """
         test = _Test(self, record)
         return min(test.distance, *test.costs)
@@ -122,10 +122,9 @@ class Comparer:
 
     @cached_property
     def noise(self) -> Array:
-        """Share of the standard error of each coefficient that healthy records confirm, ``(5,)``.
+        """Factor by which the healthy records reduce each coefficient's standard error, ``(5,)``.
 
-        A model error that is the same in all records makes the standard error larger than the
-        scatter of the records.
+        A model error common to all records inflates the standard error beyond the actual scatter.
         """
         baseline = self.baseline
         days = np.array(baseline.days)
@@ -185,7 +184,7 @@ class Comparer:
         return np.asarray(moments / np.outer(scales, scales), dtype=np.float64)
 
     def scatter(self, weights: Array) -> Scatter:
-        """Return the scatter of a linear combination of the coefficients, weights ``(5,)``.
+        """Return the scatter of the coefficients combined with ``weights``, ``(5,)``.
 
         If the combination depends on a measured temperature, the scatter is conditional on the
         temperature; else it includes the variation of the temperature.
@@ -201,7 +200,7 @@ class Comparer:
         return Scatter(values, variances, baseline.days, records, days, covariates)
 
     def temperature(self, record: JointRecord) -> Array | None:
-        """Return the temperature of a record as a covariate; None where it is unknown or unused."""
+        """Return the temperature of a record as a covariate; None if it is unknown or unused."""
         if self._temperatures is None or not math.isfinite(record.temperature):
             return None
         return np.array([(record.temperature - self._mean_temperature) / _TEMPERATURE_UNIT])
@@ -261,7 +260,7 @@ class Comparer:
 
     @property
     def _typical(self) -> JointRecord:
-        """A healthy record of a day without healthy records."""
+        """A typical healthy record on a day without other healthy records."""
         mean = np.mean(self.baseline.covariances, axis=0)
         first = self.baseline.records[0]
         return JointRecord(
@@ -352,7 +351,7 @@ class _Test:
         }
 
     def _weights(self, hypothesis: Hypothesis) -> Array:
-        """Return the weights that estimate a change of one quantity best, ``(5,)``."""
+        """Return the optimal weights to estimate a change of one quantity, ``(5,)``."""
         return _best_weights(hypothesis.columns, self._total)[0]
 
     def _along(self, weights: Array) -> SingleTest:
@@ -365,7 +364,7 @@ class _Test:
 
     @cached_property
     def _tolerant(self) -> Array:
-        """Covariance with the errors of the model at a changed friction, ``(5, 5)``."""
+        """Covariance including the model errors caused by changed friction, ``(5, 5)``."""
         baseline = self._baseline
         change = abs(self._departure[at.DRY] / self._healthy[at.DRY])
         scales = baseline.scales
@@ -380,7 +379,7 @@ class _Test:
 
     @cached_property
     def costs(self) -> list[float]:
-        """Squared distance that each hypothesis leaves, with a penalty for its parameters."""
+        """Squared distance left by each hypothesis, plus a penalty for its parameters."""
         inverse = _precision(self._tolerant)
         costs = []
         for hypothesis in self._comparer.hypotheses:
@@ -414,7 +413,7 @@ class _Test:
         return best.quantities, tuple(dict.fromkeys(rivals))
 
     def _number_of(self, name: str) -> int:
-        """Return the number of the hypothesis that only this quantity has changed."""
+        """Return the index of the hypothesis that only this quantity has changed."""
         quantities = [hypothesis.quantities for hypothesis in self._comparer.hypotheses]
         return quantities.index((name,))
 
@@ -509,7 +508,7 @@ def _precision(covariance: Array) -> Array:
 def _inverse(change: float, low: float, high: float) -> tuple[float, float, float]:
     """Return the relative change and interval of a quantity whose inverse changes by ``-change``.
 
-    An end is NaN if the inverse reaches 0 within the interval: the quantity has no bound there.
+    If the inverse reaches 0 within the interval, the quantity is unbounded and that end is NaN.
     """
     ratio = max(1.0 - change, _TINY) if change < 1.0 else min(1.0 - change, -_TINY)
     ends = [1.0 - end if (1.0 - end) * ratio > 0.0 else math.nan for end in (low, high)]

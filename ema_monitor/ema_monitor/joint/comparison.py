@@ -52,7 +52,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
 """The quantities of a comparison, by name, in the order in which they are shown."""
 
 FAULTS_OF_RECORDS: Final[Mapping[str, str]] = {FRICTION: "friction", PLAY: "backlash"}
-"""Fault that a quantity measures; a record of an unknown drive shows no further faults."""
+"""Fault measured by each quantity. Records of an unknown drive show no other faults."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class QuantityChange:
     unit: str = "-"
     """Unit of the figures above: "-" for a relative change."""
     reason: str = ""
-    """Why the quantity is not judged; empty if it is."""
+    """Why the quantity is not judged; empty if it is judged."""
     rivals: tuple[str, ...] = ()
     """Names of quantities that explain the record equally well."""
 
@@ -97,7 +97,7 @@ class FigureChange:
     name: str
     """Name in ``ema_monitor.joint.figures.FIGURES``."""
     ratio: float
-    """Test over healthy [-]."""
+    """Ratio of the tested to the healthy value [-]."""
     probability: float
     """Probability that a healthy record differs as much in this figure."""
 
@@ -109,14 +109,14 @@ class Improvement:
     name: str
     """Name in ``QUANTITIES``."""
     days: int
-    """Number of further days with healthy records; 0 for records of a day that already has some."""
+    """Number of additional days with healthy records; 0 adds records to an existing day."""
     records: int
     """Number of further healthy records."""
     present_change: float
-    """Smallest change that is detected on a day without healthy records, in the unit of the
-    quantity."""
+    """Smallest change currently detected on a day without healthy records, in the quantity's
+    unit."""
     smallest_change: float
-    """The same with the further healthy records."""
+    """Smallest detectable change with the further healthy records."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class Comparison:
     """Comparison of one record with the healthy records of its unit."""
 
     quantities: tuple[QuantityChange, ...]
-    """One entry for each of ``QUANTITIES``, in their order."""
+    """One entry per quantity, in the order of ``QUANTITIES``."""
     figures: tuple[FigureChange, ...] = ()
     """Model-free figures that differ significantly, the most significant first."""
     probability: float = math.nan
@@ -147,12 +147,12 @@ class Comparison:
 
     @property
     def judged(self) -> tuple[QuantityChange, ...]:
-        """The quantities that are changed or unchanged."""
+        """The quantities with a definite judgement: changed or unchanged."""
         return tuple(quantity for quantity in self.quantities if quantity.is_judged)
 
     @property
     def doubtful(self) -> tuple[QuantityChange, ...]:
-        """The quantities that differ by more than usual variation, but not for certain."""
+        """The quantities that differ by more than usual variation, but not significantly."""
         return tuple(
             quantity
             for quantity in self.quantities
@@ -180,12 +180,12 @@ class Comparison:
 
     @classmethod
     def of_mapping(cls, content: Mapping[str, Any]) -> Self:
-        """Return the comparison from a mapping as ``as_mapping`` returns it; None stands for NaN.
+        """Return the comparison from the output of ``as_mapping``; None is read as NaN.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            When a field is missing or has the wrong type.
+            If a field is missing or has the wrong type.
         """
 
         def number(value: Any) -> float:

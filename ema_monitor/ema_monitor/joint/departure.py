@@ -23,7 +23,7 @@ NONE_OF_THESE: Final = "none of these"
 """State of a test or record that resembles no labelled state."""
 
 FEWEST: Final = 3
-"""Least number of tests or records of a state that is compared."""
+"""Minimum number of tests or records for a state to be compared."""
 
 _LEAST_SHOWN: Final = 1e-6
 _CACHED_SCATTERS: Final = 1024
@@ -38,8 +38,8 @@ class JudgedFigure(NamedTuple):
     label: str
     """Displayed name."""
     between_days: float
-    """Prior median of the standard deviation between days [-]: of a logarithm, or of a level as a
-    share of the largest healthy level."""
+    """Prior median of the standard deviation between days [-]. For a level it is relative to the
+    largest healthy level."""
     is_logarithm: bool = True
     """Whether the figure is a logarithm; otherwise it is a level [A]."""
     error: float = 0.0
@@ -48,7 +48,7 @@ class JudgedFigure(NamedTuple):
 
 
 class DatedFigures(NamedTuple):
-    """Figures of a test by name, and its day since 1970."""
+    """Figures of a test by name, and the test's day since 1970."""
 
     day: int
     values: Mapping[str, float]
@@ -113,7 +113,7 @@ class Departure:
     changes: tuple[Change, ...] = ()
     """Figures that depart, the most significant first."""
     would_depart: WouldDepart | None = None
-    """Figure that would depart on a day with healthy tests; None without one."""
+    """Figure that would depart if the day had healthy tests; None if there is none."""
     load_explains: bool = True
     """Whether a changed load may explain the departure."""
     states: Mapping[str, float] = field(default_factory=dict)
@@ -147,7 +147,7 @@ class Departure:
 
     @property
     def reason(self) -> FiguresDeparted:
-        """The departure that no fault explains, as a reason."""
+        """Reason stating that the figures depart although no fault explains it."""
         return FiguresDeparted(
             tuple(change.name for change in self.changes), self.probability, str(self)
         )
@@ -180,7 +180,7 @@ def departure_of(
     Raises
     ------
     ValueError
-        When there are fewer than ``FEWEST`` healthy tests, or no figure is in all tests.
+        If there are fewer than ``FEWEST`` healthy tests, or no figure is common to all tests.
     """
     if len(healthy) < FEWEST:
         raise ValueError(
@@ -225,7 +225,7 @@ def _changes(
     figures: Mapping[str, JudgedFigure],
     limit: float,
 ) -> list[Change]:
-    """Return the change of each figure, the least probable first."""
+    """Return the change of each figure, most significant first."""
     return sorted(
         (_change(name, tested, healthy, figures, limit) for name in figures),
         key=lambda change: change.probability,

@@ -26,9 +26,9 @@ def with_elasticity(
     Parameters
     ----------
     stiff, elastic
-        Preparation without and with jerk and snap.
+        Preparations without and with jerk and snap.
     prepared
-        Returns the healthy records for a preparation.
+        Function that returns the healthy records for a preparation.
     is_linear
         Whether the joint is linear, so that gravity does not depend on its position.
     """

@@ -20,10 +20,10 @@ class Figure(NamedTuple):
     label: str
     """Displayed name."""
     repeated: float
-    """Prior median of the standard deviation of its logarithm between days, if the motion repeats
+    """Prior median of the logarithm's standard deviation between days, for a repeated motion
     [-]."""
     varied: float | None
-    """The same if the motion does not repeat; None if the figure is not compared then."""
+    """The same prior median for a varied motion; None if the figure is not compared then."""
 
 
 FIGURES: Final = {
@@ -38,7 +38,7 @@ OF_EFFORT: Final = ("effort_scatter", "effort_roughness")
 """Figures that grow with the effort."""
 
 SPEED_STEPS: Final = "speed_steps"
-"""Roughness of the speed in the rows whose effort is compared; it is not compared itself.
+"""Roughness of the speed in the compared rows. It is not itself compared.
 
 It shows whether motions accelerate alike: acceleration increases the roughness of the effort.
 """
@@ -52,7 +52,7 @@ _FEWEST_TURNS: Final = 4
 def figures_of(
     telemetry: Telemetry, signals: Signals, residuals: Array, preparation: Preparation
 ) -> dict[str, float]:
-    """Return the figures of a record by name; figures that it does not show are omitted.
+    """Return the figures of a record by name; figures that cannot be computed are omitted.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ def figures_of(
 def tracking_lag(fine: Fine) -> tuple[float, float]:
     """Return the lag of the position behind the command, and its standard deviation [s].
 
-    It is the regression of the tracking error on the commanded speed. Both are NaN where there is
-    no command; sigma is infinite where the command does not move enough.
+    It is the regression of the tracking error on the commanded speed. Both are NaN without a
+    command. Sigma is infinite if the command moves too little.
     """
     if fine.command is None:
         return math.nan, math.nan

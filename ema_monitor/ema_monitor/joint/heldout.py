@@ -10,7 +10,7 @@ from ema_core.arrays import Array
 from ema_monitor.joint.signals import Signals
 
 IMPROVES: Final = 0.95
-"""Largest error with a term, over the error without it, at which the term is accepted [-]."""
+"""A term is accepted if it reduces the error at least to this ratio [-]."""
 
 _TINY: Final = 1e-12
 
@@ -31,13 +31,13 @@ def general_design(signals: Signals, *, is_linear: bool) -> Array:
 
 
 def halves(signals: Signals) -> tuple[Signals, Signals]:
-    """Return every other stroke of a record, and the strokes between."""
+    """Split a record into its even and odd strokes."""
     chosen = signals.every_other_stroke()
     return signals.at(chosen), signals.at(~chosen)
 
 
 def held_out_error(records: Sequence[Signals], *, is_linear: bool) -> float:
-    """Return the prediction error in every other stroke, fitted on the rest [A].
+    """Return the prediction error on every other stroke after fitting the rest [A].
 
     It is the geometric mean over the records, and infinite if all records are too short.
     """

@@ -9,16 +9,16 @@ from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import FRICTION, GRAVITY, INERTIA, LOAD, TORQUE, VISCOUS
 
 OF_COEFFICIENTS: Final[tuple[str, ...]] = (FRICTION, INERTIA, VISCOUS, LOAD, GRAVITY)
-"""Quantity of each coefficient."""
+"""Quantity to which each coefficient belongs."""
 
 _PAYLOAD: Final = frozenset({GRAVITY, INERTIA, LOAD})
 
 
 class Hypothesis(NamedTuple):
-    """A change that may explain a record: its quantities, and their columns, ``(5, k)``.
+    """Possible explanation of a record: the changed quantities and their columns, ``(5, k)``.
 
-    A column is the change of the coefficients for a change of 1 of its quantity: relative, or in
-    amperes.
+    Each column is the change of the coefficients per unit change of its quantity. Changes are
+    relative, or in amperes.
     """
 
     quantities: tuple[str, ...]
@@ -58,6 +58,6 @@ def hypotheses(baseline: Baseline) -> list[Hypothesis]:
 
 
 def _steps(baseline: Baseline) -> Array:
-    """Return the change of each coefficient for a change of 1 of its quantity, ``(5,)``."""
+    """Return the change of each coefficient per unit change of its quantity, ``(5,)``."""
     friction, inertia, _, _, gravity = baseline.healthy.tolist()
     return np.array([friction, inertia, baseline.viscous_scale, 1.0, gravity])

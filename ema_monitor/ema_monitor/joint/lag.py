@@ -16,10 +16,9 @@ LONGEST_LAG_S: Final = 0.16
 _COARSE, _NARROW = 1.0, 0.25
 """Steps of the search, as shares of the standard deviation of the filter [-]."""
 _LEAST_SHIFT, _CERTAIN_SHIFT = 0.05, 0.4
-"""Smallest shift, and smallest certain shift, as shares of the standard deviation of the filter
-[-]."""
+"""Smallest shift, and smallest certain shift, relative to the filter's standard deviation [-]."""
 _SIGNIFICANT, _CERTAIN = 4.0, 12.0
-"""The same, in standard deviations of the lag [-]."""
+"""The same thresholds, in standard deviations of the lag [-]."""
 _NORMAL: Final = 1.4826
 _SOFT_SIGN: Final = 0.02
 _SLOW: Final = 0.05
@@ -39,7 +38,7 @@ class EffortLag(NamedTuple):
     sigma: float = math.nan
     """Standard deviation of the lag [s]; NaN if the record does not show it."""
     shift_s: float = 0.0
-    """Shift of the effort for agreement with the healthy records [s]."""
+    """Time shift that aligns the effort with the healthy records [s]."""
     is_certain: bool = False
     """Whether only a delay explains the shift. Play, and friction that does not follow the sign of
     the speed, shift the lag by up to 0.3 standard deviations of the filter."""
@@ -57,10 +56,10 @@ UNKNOWN_LAG: Final = EffortLag()
 def effort_lag(fine: Fine, preparation: Preparation) -> EffortLag:
     """Return the lag of the effort behind the motion.
 
-    With this lag, inertia, viscous friction, Coulomb friction, gravity and a constant explain the
-    effort best, in steady motion and around the reversals. The standard deviation follows from the
-    curvature of the squared residual, with one independent residual per three standard deviations
-    of the filter.
+    The lag minimises the residual of a model with inertia, viscous and Coulomb friction, gravity
+    and a constant, fitted in steady motion and around the reversals. The standard deviation follows
+    from the curvature of the squared residual, with one independent residual per three standard
+    deviations of the filter.
     """
     misfit = _Misfit(fine, preparation)
     if not misfit.is_enough:
@@ -137,7 +136,7 @@ class _Misfit:
 
     @property
     def is_enough(self) -> bool:
-        """Whether the rows are enough to measure a lag."""
+        """Whether there are enough rows to measure a lag."""
         return self.independent >= _FEWEST
 
     def __call__(self, lag_s: float) -> float:
@@ -148,7 +147,7 @@ class _Misfit:
 
 
 class _Least(NamedTuple):
-    """Lag of the least misfit [s], curvature of the misfit there, and the misfit."""
+    """Lag at the minimum of the misfit [s], with curvature and misfit at that lag."""
 
     lag_s: float
     curvature: float
@@ -173,7 +172,7 @@ def _least(misfit: Callable[[float], float], sigma_s: float) -> _Least | None:
 
 
 def with_shift(lag: EffortLag, healthy: Sequence[EffortLag], cutoff_hz: float) -> EffortLag:
-    """Return a lag with its shift against the healthy records, 0 unless it is significant.
+    """Return a lag with its shift relative to the healthy records; 0 if it is not significant.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Estimation of a baseline from healthy records."""
+"""Estimate a baseline from healthy records."""
 
 import math
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ def learn(
     *,
     temperatures: Sequence[float] = (),
 ) -> Baseline:
-    """Return the baseline of healthy records.
+    """Return the baseline estimated from healthy records.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def learn(
     Raises
     ------
     ValueError
-        When there is no record, or the records do not show the friction of the joint.
+        If there is no record, or the records do not determine the friction of the joint.
     """
     if not records:
         raise ValueError("a baseline needs at least one healthy record, got none")
@@ -106,7 +106,7 @@ def learn(
 
 
 def _require_different(records: Sequence[Telemetry]) -> None:
-    """Raise ``ValueError`` for a duplicate: it would count as an independent record."""
+    """Raise ``ValueError`` for duplicates, which would count as independent records."""
     for number, record in enumerate(records):
         for before, earlier in enumerate(records[:number]):
             is_same = record.stamp_ns == earlier.stamp_ns and len(record) == len(earlier)

@@ -34,11 +34,11 @@ class MoveVerdict:
     ratio: float
     """Geometric mean of the ratios of the figures to their healthy values [-]."""
     level: str
-    """OK; WARN if the move departs; ERROR above the limit; STALE during the reference."""
+    """OK, WARN if the move departs, ERROR above the limit, or STALE during the reference moves."""
     departure: Departure | None
     """Departure from the healthy moves; None during the reference."""
     life_days: tuple[float, float, float] | None
-    """Quantiles of 5, 50 and 95 % of the time to the limit [d]; None if none is predicted."""
+    """5, 50 and 95 % quantiles of the time to the limit [d]; None without a prediction."""
     reason: str
     """Reason for the level."""
 
@@ -54,14 +54,14 @@ class MoveSeries:
     Parameters
     ----------
     limit
-        Ratio to the healthy figures at which the unit has to be removed, above 1.
+        Ratio to the healthy figures at which the unit must be removed, above 1.
     reference
-        Number of initial moves that are healthy; at least ``FEWEST``.
+        Number of initial moves assumed healthy; at least ``FEWEST``.
 
     Raises
     ------
     ValueError
-        When a parameter is out of range.
+        If a parameter is out of range.
     """
 
     def __init__(self, *, limit: float, reference: int) -> None:
@@ -75,13 +75,13 @@ class MoveSeries:
         self._course: list[tuple[float, float]] = []
 
     def add(self, move: Move) -> MoveVerdict:
-        """Return the verdict on the next move, from the moves before it.
+        """Return the verdict on the next move, based on all earlier moves.
 
         Raises
         ------
         ValueError
-            When the move is earlier than the one before, a figure is not positive, or the move
-            has none of the figures of the reference.
+            If the move is older than the previous move, a figure is not positive, or the move
+            shares no figure with the reference.
         """
         day = move.stamp_ns / NS_A_DAY
         if self._course and day < self._course[-1][0]:

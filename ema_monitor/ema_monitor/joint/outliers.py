@@ -9,18 +9,18 @@ from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.record import JointRecord
 
 FEWEST: Final = 4
-"""Least number of healthy records for a comparison of each with the rest."""
+"""Minimum number of healthy records to compare each record with the rest."""
 
 _UNLIKELY: Final = 1e-5
 """Probability below which a healthy record is an outlier.
 
-A set has many records, and as few as three records predict poorly: less than 1 % of healthy sets
-shall have an outlier.
+A set has many records, and as few as three records predict poorly: the threshold keeps false
+outliers below 1 % of healthy sets.
 """
 
 
 class Outlier(NamedTuple):
-    """A healthy record that differs, its number in the baseline, and its comparison."""
+    """A healthy record that differs, with its index in the baseline and its comparison."""
 
     record: JointRecord
     number: int

@@ -1,4 +1,4 @@
-"""Figures of the parts of a record by direction, features for labelled states.
+"""Figures per part of a record and direction: features to classify labelled states.
 
 Each part has strokes in both directions. The parts show the scatter of the figures within a record,
 so that few labelled records suffice.
@@ -47,8 +47,8 @@ _TINY: Final = 1e-12
 def parts_of(telemetry: Telemetry, preparation: Preparation) -> tuple[dict[str, float], ...]:
     """Return the figures of each part of a record by name.
 
-    A part without steady motion in both directions is left out. Figures of the tracking error need
-    a command, figures of the ripple two turns in a direction.
+    A part without steady motion in both directions is left out. Tracking-error figures require a
+    command; ripple figures require two turns in one direction.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def mean_of(parts: tuple[dict[str, float], ...]) -> dict[str, float]:
 
 
 def _bounds(way: Array) -> list[tuple[int, int]]:
-    """Return the first sample of each part, and the end of the part: a whole number of cycles.
+    """Return the start and end sample of each part; a part is a whole number of cycles.
 
     Parameters
     ----------

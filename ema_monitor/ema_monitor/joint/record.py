@@ -1,4 +1,4 @@
-"""Reading of a joint's record: coefficients of inverse dynamics, and model-free figures."""
+"""Read a joint's record: inverse-dynamics coefficients and model-free figures."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -20,19 +20,19 @@ from ema_monitor.reasons import EffortConstant, Reason, SpeedOutside, TooFewRows
 NS_A_DAY: Final = 86_400_000_000_000
 
 NO_DAY: Final = -1
-"""Number of a day without healthy records."""
+"""Day number that stands for a day without healthy records."""
 
 FEWEST_ROWS: Final = 30
 FEWEST_STROKES: Final = 3
-"""Least number of strokes in each direction; a long stroke counts once per 2 s."""
+"""Minimum number of strokes per direction; a long stroke counts once per 2 s."""
 FEWEST_REVERSING: Final = 2
-"""Least number of strokes of any length: repetition separates effects of position and time."""
+"""Minimum number of strokes of any length. Repetition separates effects of position and time."""
 _SAME_RATE: Final = 0.02
 SLOWEST, FASTEST = 0.5, 1.6
-"""Range of the speed of a record, over the speed of the healthy records [-]."""
+"""Permitted range of a record's speed, relative to the healthy records [-]."""
 
 _CONSTANT: Final = 1e-9
-"""Range of a constant effort after the filter, over its size: rounding errors [-]."""
+"""Relative range below which the filtered effort counts as constant [-]."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class JointRecord:
     rows: int = 0
     """Number of rows of steady motion."""
     parts: tuple[dict[str, float], ...] = ()
-    """Figures of its parts by name, features for labelled states."""
+    """Figures of each part by name, used to classify labelled states."""
     effort_lag: EffortLag = UNKNOWN_LAG
     """Lag of the effort behind the motion."""
 
@@ -76,7 +76,7 @@ class JointRecord:
 
     @property
     def day_to_predict(self) -> int:
-        """Day used for predictions; a record without a date counts as of a further day."""
+        """Day used for predictions; a record without a date gets a day of its own."""
         return self.day or NO_DAY
 
     def is_same(self, record: "JointRecord") -> bool:
@@ -85,14 +85,14 @@ class JointRecord:
         return self.stamp_ns == record.stamp_ns and (both_unknown or self.travel == record.travel)
 
     def at_rate(self, sample_period: float, usual: float) -> "JointRecord":
-        """Return the record, without figures if its sample rate is unusual.
+        """Return the record, omitting its figures if the sample rate is unusual.
 
         Scatter and roughness of an effort depend on the sample rate.
 
         Parameters
         ----------
         sample_period, usual
-            Sample period of the record, and of the healthy records [s].
+            Sample periods of the record and of the healthy records [s].
         """
         is_alike = abs(sample_period / usual - 1.0) < _SAME_RATE
         return self if is_alike else replace(self, figures={}, parts=())
@@ -100,7 +100,7 @@ class JointRecord:
 
 @dataclass(frozen=True)
 class LabelledRecord:
-    """A record, and the state with which the owner has labelled it."""
+    """A record and the state that its owner labelled it with."""
 
     state: str
     record: JointRecord
@@ -141,11 +141,12 @@ def read_record(
     preparation, shape
         Preparation of the records of the unit, and its model.
     healthy
-        Prior means of the coefficients, which decide if the record does not, ``(5,)``.
+        Prior means of the coefficients, ``(5,)``, for coefficients that the record does not
+        determine.
     temperature
         Measured rise of the winding temperature [K].
     prepared
-        Block means and rows, if they are computed already.
+        Block means and rows, if already computed.
     effort_lag
         Lag of the effort; its shift is already removed from ``prepared``.
     """

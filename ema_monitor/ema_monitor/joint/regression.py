@@ -15,7 +15,7 @@ _NORMAL: Final = 1.4826
 
 
 class CoefficientPrior(NamedTuple):
-    """Weak normal prior of coefficients, ``(p,)`` each; it decides if the rows do not."""
+    """Weak normal prior that regularises undetermined coefficients, ``(p,)`` each."""
 
     values: Array
     sigmas: Array
@@ -64,7 +64,7 @@ def regress(
     design, target
         ``(n, p)`` and ``(n,)``.
     clusters
-        Number of the stroke of each row: errors are independent between strokes only.
+        Stroke index of each row. Only errors of different strokes are independent.
     prior
         Weak prior of the coefficients.
 

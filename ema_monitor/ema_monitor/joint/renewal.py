@@ -1,4 +1,4 @@
-"""Records whose position is renewed more slowly than it is published."""
+"""Interpolation of positions that are updated more slowly than they are published."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ from ema_core.telemetry import Telemetry
 
 
 def renewed(telemetry: Telemetry) -> Telemetry:
-    """Return a record with its position on the line between renewals, if it repeats each value.
+    """Interpolate a repeated position linearly between its updates.
 
     A position that repeats each value k times is late by (k - 1) / 2 samples, as if the tracking
     had changed. If speed and effort repeat their values as well, they are put on lines, too: all

@@ -26,7 +26,7 @@ _TINY: Final = 1e-12
 def with_ripples(
     preparation: Preparation, prepared: Callable[[Preparation], list[Signals]], *, is_linear: bool
 ) -> tuple[Preparation, list[Signals]]:
-    """Return the preparation with the ripples that improve the prediction, and its records.
+    """Return the preparation with all ripples that improve the prediction, and the records.
 
     A ripple is searched in every other stroke of each record. It is accepted if it reduces the
     prediction error in the remaining strokes by 5 %, in the geometric mean over the records.
@@ -34,7 +34,7 @@ def with_ripples(
     Parameters
     ----------
     preparation
-        Preparation without ripples.
+        Preparation without ripple terms.
     prepared
         Returns the healthy records for a preparation.
     is_linear
@@ -108,7 +108,7 @@ def _strongest(
 
 
 class _Half:
-    """Half of the strokes of a record, with the residuals of a model without a further ripple.
+    """Half of a record's strokes, with the residuals of the current model.
 
     Parameters
     ----------

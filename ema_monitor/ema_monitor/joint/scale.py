@@ -28,7 +28,7 @@ class EffortScale:
     is_scaled: bool
     """Whether the effort of the record seems to have a different unit."""
     negative: tuple[str, float] | None
-    """Name and ratio [-] of a quantity that is certainly negative; None if none is."""
+    """Name and ratio [-] of a quantity that is certainly negative; None if there is none."""
 
 
 def effort_scale(record: JointRecord, baseline: Baseline) -> EffortScale:

@@ -53,21 +53,20 @@ class Shape:
     load_inertia: float = 0.0
     """Inertia in the load torque [A.s^2/rad]."""
     of_inertia: tuple[float, ...] = ()
-    """Change of the coefficients by the load friction of a doubled inertia, ``(5,)``; empty without
-    a load share."""
+    """Change of the coefficients caused by the load friction when the inertia doubles, ``(5,)``.
+    Empty without a load share."""
     of_gravity: tuple[float, ...] = ()
-    """The same for a doubled gravity."""
+    """Change of the coefficients caused by the load friction when gravity doubles, ``(5,)``."""
     sine: float = 0.0
     """Gravity that follows the sine of the angle [A]."""
     cosine: float = 0.0
-    """Gravity that follows the cosine of the angle, less 1 [A]."""
+    """Gravity that follows the cosine of the angle minus 1 [A]."""
     centre: float = 0.0
     """Reference of the angle [rad]."""
     has_gravity: bool = False
     has_inertia: bool = True
     has_viscous: bool = True
-    """Whether viscous friction has a coefficient. If the motion does not separate it from Coulomb
-    friction, Coulomb friction includes it."""
+    """Whether viscous friction is fitted separately. Otherwise the Coulomb friction includes it."""
     unexplained: float = 0.0
     """Standard deviation of the residuals over the standard deviation of the effort [-]."""
 
@@ -94,7 +93,7 @@ class Shape:
         return np.asarray(np.abs(load) * signals.direction, dtype=np.float64)
 
     def load_friction_of_parts(self, signals: Signals) -> tuple[Array, Array]:
-        """Return the load friction that doubled inertia and doubled gravity add, ``(n,)`` [A]."""
+        """Return the load friction added by doubling inertia or gravity, ``(n,)`` each [A]."""
         inertia, gravity = self.load_inertia * signals.acceleration, self.gravity(signals)
         way = self.load_share * np.sign(inertia + gravity) * signals.direction
         return way * inertia, way * gravity
@@ -118,7 +117,7 @@ class Shape:
 class RecordFit(NamedTuple):
     """Coefficients of one record, ``(5,)``, their covariance, ``(5, 5)``, and the residuals.
 
-    ``free`` are the coefficients of ``Signals.free``, ``(k,)``.
+    ``free`` holds the coefficients of ``Signals.free``, ``(k,)``.
     """
 
     values: Array
@@ -141,8 +140,8 @@ def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> 
     signals
         Rows of the record.
     healthy
-        Prior means of the coefficients, ``(5,)``, from the baseline. None uses 1 for dry friction
-        and gravity, 0 for the rest.
+        Prior means of the coefficients, ``(5,)``, from the baseline. If None, 1 for dry friction
+        and gravity, and 0 for the rest.
     """
     design = np.column_stack([shape.design(signals), signals.free])
     if healthy is None:
@@ -213,7 +212,7 @@ class _Record:
         self.common, self.effort = self.residuals(self._common), self.residuals(signals.effort)
 
     def residuals(self, columns: Array) -> Array:
-        """Return the residuals of columns, ``(n,)`` or ``(n, k)``, after the free terms."""
+        """Return columns, ``(n,)`` or ``(n, k)``, minus their projection on the free terms."""
         return np.asarray(columns - self._free @ (self._inverse @ columns), dtype=np.float64)
 
     def inertia(self, columns: list[int], values: Array) -> float:
@@ -238,7 +237,7 @@ def choose_shape(signals: Sequence[Signals], *, is_linear: bool) -> Shape:
     Raises
     ------
     ValueError
-        When the records do not show the friction of the joint.
+        If the records do not determine the friction of the joint.
     """
     centre = float(np.mean([np.mean(rows.position) for rows in signals]))
     travel = float(np.median([np.ptp(rows.position) for rows in signals]))

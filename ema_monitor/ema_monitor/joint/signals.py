@@ -1,4 +1,4 @@
-"""Filtered signals of a record: one zero-phase filter for all columns, on a coarse grid."""
+"""Filtered signals of a record: one zero-phase filter for all columns, then decimation."""
 
 import math
 from dataclasses import dataclass, replace
@@ -57,7 +57,7 @@ class Preparation(NamedTuple):
 
     @property
     def highest_period(self) -> float:
-        """Longest sample period at which the filter can be applied [s]."""
+        """Longest sample period for which the filter works [s]."""
         return HIGHEST_SHARE * _LEEWAY / self.cutoff_hz
 
 
@@ -92,7 +92,7 @@ class Signals:
         return len(self.effort)
 
     def pieces(self, way: int) -> int:
-        """Return the number of strokes in a direction, 1 or -1; long ones count once per 2 s."""
+        """Return the number of strokes in a direction, 1 or -1; long strokes count once per 2 s."""
         return len(self._numbers(way))
 
     def strokes(self, way: int) -> int:

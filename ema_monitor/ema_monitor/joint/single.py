@@ -50,7 +50,7 @@ class SingleTest(NamedTuple):
 
     @property
     def change(self) -> float:
-        """Value less the predicted value."""
+        """Measured minus predicted value."""
         return self.value - self.prediction.mean
 
     @property
@@ -80,7 +80,7 @@ class SingleTest(NamedTuple):
         return self.prediction.smallest_change(SIGNIFICANCE, POWER)
 
     def less(self, part: float) -> Self:
-        """Return the test without a part of the value that is explained otherwise."""
+        """Return the test after subtracting ``part``, which has another explanation."""
         return self._replace(value=self.value - part)
 
 

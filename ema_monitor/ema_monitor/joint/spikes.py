@@ -10,16 +10,15 @@ from ema_core.arrays import Array
 from ema_core.telemetry import Telemetry
 
 _AROUND: Final = 5
-"""Number of samples of the running median: a spike has at most two."""
+"""Length of the running median in samples; spikes have at most two samples."""
 _LEAST_EXCESS: Final = 0.5
 """Least excess of a spike over the range of the running median, as a share of the range [-]."""
 _LEAST_DEPARTURE: Final = 8.0
 """Least departure of a spike from the running median, in standard deviations of the noise [-]."""
 _COARSEST: Final = 0.1
-"""Largest cut-off of the motion as a share of the sample rate, so that its peaks are no spikes
-[-]."""
+"""Largest cut-off relative to the sample rate at which motion peaks differ from spikes [-]."""
 _NEAR: Final = 25
-"""Samples before and after a spike that show the noise."""
+"""Number of samples before and after a spike used to estimate the noise."""
 _NORMAL: Final = 1.4826
 
 

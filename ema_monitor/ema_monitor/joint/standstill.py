@@ -12,7 +12,7 @@ from ema_monitor.joint.baseline import Baseline
 from ema_monitor.reasons import JointStill
 
 _LARGE_EFFORT: Final = 0.9
-"""Quantile of the magnitude of the effort, by which a joint at rest is judged [-]."""
+"""Quantile of the absolute effort used to judge a joint at rest [-]."""
 _ACTING: Final = 0.5
 """Least effort that moves a healthy joint, over its dry friction [-]."""
 _FAR: Final = 0.5
@@ -39,14 +39,14 @@ class Standstill:
     travel: float
     """Travel of the command [rad]."""
     least_travel: float
-    """Least travel of a command at which a standstill is a failure [rad]."""
+    """Minimum command travel at which a standstill counts as a failure [rad]."""
     effort: float
     """Acting effort, in the unit of the baseline."""
     friction: float
     """Healthy dry friction, in the unit of the baseline."""
 
     def reason(self, effort: DisplayUnit, angle: DisplayUnit) -> JointStill:
-        """Return it as a reason, in the units in which effort and position are shown."""
+        """Return the standstill as a reason, in the display units of effort and position."""
         return JointStill(
             self.cause,
             angle.scale * self.travel,

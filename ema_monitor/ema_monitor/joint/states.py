@@ -33,9 +33,9 @@ class Example(NamedTuple):
     state: str
     """The state."""
     test: DatedFigures
-    """Its mean figures, and its day."""
+    """Mean figures and day of the test."""
     stretches: Sequence[Mapping[str, float]]
-    """Figures by name of each stretch of a test, or of each part of a record."""
+    """Figures by name, for each stretch of a test or each part of a record."""
 
 
 def examples_by_state(examples: Iterable[Example]) -> dict[str, list[Example]]:
@@ -51,7 +51,7 @@ def probabilities(
     tested: DatedFigures,
     figures: Mapping[str, JudgedFigure],
 ) -> Mapping[str, float]:
-    """Return the probability of each state, the largest first; empty if nothing is compared.
+    """Return the probability of each state, largest first; empty if nothing can be compared.
 
     States are classified by linear discriminants with shrinkage. Their priors are equal, because
     the number of labels of a state does not show how often the state occurs. If the test departs

@@ -158,7 +158,7 @@ class SymptomComparer:
 
     @cached_property
     def _play(self) -> _Healthy | str:
-        """Lost motion of the healthy records [rad], or why play is not judged."""
+        """Lost motion in the healthy records [rad], or the reason why play is not judged."""
         observed = [
             Observation(record.lost_motion, record.lost_motion_sigma, record.day)
             for record in self.baseline.records
@@ -189,7 +189,7 @@ class SymptomComparer:
 
     @property
     def _lag_floor(self) -> float:
-        """Change of the lag that is irrelevant at the bandwidth of the motion [s]."""
+        """Largest lag change that is irrelevant at the bandwidth of the motion [s]."""
         return _LAG_FLOOR / self.baseline.preparation.cutoff_hz
 
     @cached_property
@@ -218,6 +218,6 @@ def _motion_sensitivity(name: str) -> float:
 def _error(name: str, record: JointRecord) -> float:
     """Return the standard deviation of the error of a figure [-].
 
-    About every second row of the effort is independent.
+    About half of the effort rows are independent.
     """
     return 1.0 / math.sqrt(max(record.rows, 1)) if name == "effort_scatter" else 0.0

@@ -31,7 +31,7 @@ _BOTH_WAYS: Final = ("current_forward", "current_backward")
 
 
 class ReferenceWindow(NamedTuple):
-    """Figures of a healthy or labelled window, its time stamp [ns], and the number of its test.
+    """Figures, timestamp [ns] and test number of a healthy or labelled window.
 
     Windows of a labelled test share a number. Healthy windows have the number 0.
     """
@@ -60,12 +60,12 @@ class WindowBaseline:
         )
 
     def with_test(self, state: str, stamp_ns: int, windows: Sequence[WindowFigures]) -> Self:
-        """Return the baseline with a labelled test; it replaces earlier labels of its windows.
+        """Return the baseline with a labelled test, replacing earlier labels of its windows.
 
         Raises
         ------
         ValueError
-            When there is no window, a window is one of the healthy windows, or no healthy window
+            If there is no window, a window is one of the healthy windows, or no healthy window
             has the motion and load of a window.
         """
         if not windows:
@@ -102,7 +102,7 @@ class WindowBaseline:
         return type(self)((*self.healthy, *kept))
 
     def without(self, state: str) -> Self:
-        """Return the baseline without a labelled state; ValueError if it is not labelled."""
+        """Return the baseline without a state; ValueError if no test is labelled with it."""
         kept = tuple(window for window in self.windows if not window.test or window.state != state)
         if len(kept) == len(self.windows):
             raise ValueError(unknown_name("state", state, self.states().keys() - {HEALTHY}))
@@ -114,7 +114,7 @@ class WindowBaseline:
 
     @cached_property
     def _repeats_motions(self) -> bool:
-        """Whether half of the healthy windows repeat a motion; by chance, only a few do."""
+        """Whether at least half of the healthy windows repeat a motion."""
         alike = [len(self._like(window.figures.motion)) >= FEWEST for window in self.healthy]
         return sum(alike) >= _REPEATED * len(alike)
 
@@ -177,7 +177,7 @@ class WindowBaseline:
         return replace(worst, probability=min(1.0, len(departures) * worst.probability))
 
     def as_mapping(self) -> dict[str, Any]:
-        """Return plain values: names of figures, and a row per window, NaN for missing figures."""
+        """Return plain values: the figure names and one row per window, NaN for missing figures."""
         rows = [
             [window.state, window.test, window.stamp_ns, *row_of(window.figures)]
             for window in self.windows
@@ -186,7 +186,7 @@ class WindowBaseline:
 
     @classmethod
     def of_mapping(cls, content: dict[str, Any]) -> Self:
-        """Return the baseline from a mapping as ``as_mapping`` returns it."""
+        """Return the baseline from the output of ``as_mapping``."""
         windows = (
             ReferenceWindow(
                 str(state), int(stamp_ns), figures_of_row(row, content["figures"]), int(test)

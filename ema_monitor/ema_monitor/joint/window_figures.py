@@ -79,7 +79,7 @@ class WindowFigures(NamedTuple):
 
 
 def figures_of(window: Telemetry) -> list[WindowFigures]:
-    """Return the figures of a window in a list; empty without a current or a stroke each way.
+    """Return the figures of a window as a list; empty without a current or strokes both ways.
 
     The figures are rounded to six digits, the precision of files and histories. An unsigned current
     is used without a change of sign: its magnitude is the effort of friction and load in each
@@ -100,7 +100,7 @@ def figures_of(window: Telemetry) -> list[WindowFigures]:
 
 
 def row_of(window: WindowFigures) -> list[float]:
-    """Return a row: samples, motion and all ``WINDOW_FIGURES``; NaN for a missing figure."""
+    """Return a window as a row: samples, motion and all ``WINDOW_FIGURES``, NaN if missing."""
     figures = (window.values.get(name, math.nan) for name in WINDOW_FIGURES)
     return [window.samples, *astuple(window.motion), *figures]
 
@@ -108,12 +108,12 @@ def row_of(window: WindowFigures) -> list[float]:
 def figures_of_row(
     row: Sequence[float | None], names: Iterable[str] = WINDOW_FIGURES
 ) -> WindowFigures:
-    """Return the window figures from a row as ``row_of`` returns it; None stands for NaN.
+    """Return the window figures from a row made by ``row_of``; None is read as NaN.
 
     Raises
     ------
     ValueError
-        When the row has no motion, or a wrong number of figures.
+        If the row has no motion or the wrong number of figures.
     """
     samples, period, travel, speed, *values = np.array(row, dtype=np.float64).tolist()
     if not (0.0 < period < math.inf and 0.0 < travel * speed < math.inf):
@@ -165,7 +165,7 @@ def _speeds(window: Telemetry) -> tuple[Array, float]:
 
 
 def _strokes(moving: Flags) -> list[NDArray[np.intp]]:
-    """Return the indices of each stroke, without the settling time, its first sixth."""
+    """Return the sample indices of each stroke, without its first sixth (settling)."""
     places = np.flatnonzero(moving)
     runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
     settled = [run[len(run) // _SETTLING :] for run in runs]

@@ -69,7 +69,7 @@ def finding(comparison: Comparison) -> str:
 
 
 def rows(comparison: Comparison) -> list[tuple[str, str, str, str]]:
-    """Return a row for each quantity and each changed figure, in the columns of ``HEADINGS``."""
+    """Return one table row per quantity and per changed figure, with the columns ``HEADINGS``."""
     table = [
         (_row_label(item.name), change_text(item), interval_text(item), judgement_text(item))
         for item in comparison.quantities
@@ -125,7 +125,7 @@ def label_of(name: str) -> str:
 
 
 def change_text(quantity: QuantityChange) -> str:
-    """Return the change with sign and unit, as "+15.2 %"; "" if it is not estimated."""
+    """Return the change with sign and unit, such as "+15.2 %"; "" if it is not estimated."""
     if not quantity.is_estimated:
         return ""
     return f"{_signed(quantity.change, quantity)} {unit_of(quantity)}"
@@ -141,7 +141,7 @@ def interval_text(quantity: QuantityChange) -> str:
 
 
 def smallest_text(quantity: QuantityChange) -> str:
-    """Return the smallest detectable change with its unit, as "6 %"; "" if it is unknown."""
+    """Return the smallest detectable change with its unit, such as "6 %"; "" if it is unknown."""
     if not math.isfinite(quantity.smallest_change):
         return ""
     return f"{_plain(quantity.smallest_change, quantity)} {unit_of(quantity)}"
@@ -249,7 +249,7 @@ def _moved(change: float, low: float, high: float, share: str = "") -> str:
 
 
 def _figures(figures: Sequence[FigureChange]) -> list[str]:
-    """Return one sentence about all changed figures; empty without one."""
+    """Return one sentence about all changed figures; empty if no figure changed."""
     if not figures:
         return []
     ratios = [f"{label_of(item.name)} {item.ratio:.3g} times" for item in figures]

@@ -1,4 +1,4 @@
-"""Shift of the position's zero between a record and the healthy records, shown by gravity."""
+"""Detection of a shifted position zero from the gravity torque."""
 
 import math
 from typing import Final, NamedTuple
@@ -13,12 +13,12 @@ _TINY: Final = 1e-300
 
 
 class ZeroShift(NamedTuple):
-    """Shift of the position of a record against the healthy records."""
+    """Position offset of a record relative to the healthy records."""
 
     angle: float
     """Angle by which the position exceeds the healthy position, within half a turn [rad]."""
     gain: float
-    """Residual of the effort without the shift, over the residual with the shift [-]."""
+    """Ratio of the effort residual without the shift to the residual with it [-]."""
 
 
 def zero_shift(shape: Shape, signals: Signals) -> ZeroShift:

@@ -30,7 +30,7 @@ def measured_causes(values: Mapping[str, tuple[float, float]]) -> tuple[CauseEst
     Raises
     ------
     ValueError
-        When a cause is unknown to the model or repeated, its value is not a number in its range, or
+        If a cause is unknown to the model or repeated, its value is not a number in its range, or
         its standard deviation is not positive; the message names the cause, its value and unit.
     """
     return checked_causes(
@@ -44,7 +44,7 @@ def checked_causes(measured: Iterable[CauseEstimate]) -> tuple[CauseEstimate, ..
     Raises
     ------
     ValueError
-        When a cause is unknown to the model or repeated, its value is not a number in its range, or
+        If a cause is unknown to the model or repeated, its value is not a number in its range, or
         its standard deviation is not positive; the message names the cause, its value and unit.
     """
     causes: dict[str, CauseEstimate] = {}
@@ -64,7 +64,7 @@ def measured_causes_of(texts: Iterable[str]) -> tuple[CauseEstimate, ...]:
     Raises
     ------
     ValueError
-        When a text does not have this form, or a cause is invalid (`checked_causes`).
+        If a text does not have this form, or a cause is invalid (`checked_causes`).
     """
     return checked_causes([_parsed(text) for text in texts])
 

@@ -44,7 +44,7 @@ class MeasurementLog:
         Raises
         ------
         ValueError
-            When a measurement is invalid (`checked_causes`); then none is stored.
+            If a measurement is invalid (`checked_causes`); then none is stored.
         """
         measured = checked_causes(measured)
         by_name = self._by_actuator[actuator_id] = self._by_actuator.pop(actuator_id, {})

@@ -71,7 +71,7 @@ class MonitorModel:
     Raises
     ------
     ValueError
-        When the form is unknown or the step not positive.
+        If the form is unknown or the step not positive.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class MonitorModel:
         Raises
         ------
         ValueError
-            When the sample period of the window is not a whole multiple of the step, a fault vector
+            If the sample period of the window is not a whole multiple of the step, a fault vector
             is out of range, or the response would take too much memory.
         """
         # Imported here, because an unknown drive needs no response, and so no compiler.
@@ -210,7 +210,7 @@ class MonitorModel:
         Raises
         ------
         ValueError
-            When the sample period is not a whole multiple of the step.
+            If the sample period is not a whole multiple of the step.
         """
         steps = round(sample_period / self.dt)
         if steps < 1 or abs(steps * self.dt - sample_period) > 1e-6 * sample_period:
@@ -227,7 +227,7 @@ def form_of(drive: str, form: str | None = None) -> str:
     Raises
     ------
     ValueError
-        When there is no model of the drive, or the form is not available for the drive.
+        If there is no model of the drive, or the form is not available for the drive.
     """
     available = FORMS_OF_DRIVES.get(drive)
     if available is None:

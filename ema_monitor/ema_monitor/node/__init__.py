@@ -1,1 +1,1 @@
-"""The monitor node: the only part of the monitor that imports ROS."""
+"""Monitor node: the only part of the monitor that imports ROS."""

@@ -1,22 +1,22 @@
-"""A time, by both clocks of a node that receives telemetry."""
+"""A point in time on both clocks of a receiving node."""
 
 from typing import NamedTuple
 
 
 class Moment(NamedTuple):
-    """A time by the clock of stamps and by a steady clock."""
+    """A point in time on the stamp clock and on a steady clock."""
 
     clock_ns: int
-    """Time by the clock of stamps [ns]."""
+    """Time on the clock used for message stamps [ns]."""
 
     steady_ns: int
-    """Time by a clock that never goes back [ns]; 0 until simulated time begins."""
+    """Time on a monotonic clock [ns]; 0 until simulated time starts."""
 
     passed_ns: int = 0
-    """Latest time shown by the clock of stamps before it stepped back [ns]; 0 without a step."""
+    """Latest stamp-clock time before the clock stepped back [ns]; 0 without a step."""
 
     is_continued: bool = False
-    """Whether steps that occur while the node does not run are detected as well."""
+    """Whether clock steps are detected across restarts of the node."""
 
     is_real: bool = True
     """False for simulated time, which a playback sets and which may lag behind stamps."""

@@ -1,4 +1,4 @@
-"""The monitor node: telemetry in, estimates and health out."""
+"""Monitor node: subscribes to telemetry, publishes estimates and health."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -30,7 +30,7 @@ _CLOCK_FILE: Final = "clock.json"
 
 
 class MonitorNode(ManagedNode):
-    """Monitors the actuators whose telemetry it receives: publishes their faults and health.
+    """ROS node that monitors actuators: receives telemetry, publishes faults and health.
 
     It has three parts: ``receive`` finds windows in the telemetry, ``work`` identifies faults and
     predicts lives, and ``publish`` publishes estimates and health. Telemetry is received in one
@@ -48,7 +48,7 @@ class MonitorNode(ManagedNode):
         self._log = Log(self)
 
     def configure(self) -> None:
-        """Read the files, compile the kernels, and build the parts."""
+        """Read files, compile kernels and create the parts of the node."""
         files = read(self, Files)
         store = CalibrationStore(files.calibration_file, folder_of(files.calibration_folder))
         description = load_description(Path(files.actuator_file)) if files.actuator_file else None
@@ -65,7 +65,7 @@ class MonitorNode(ManagedNode):
             self.receiver.expect_described(description)
 
     def _build(self, files: Files, store: CalibrationStore, fleet: FleetGrowth | None) -> None:
-        """Build and connect the parts that publish, work and receive."""
+        """Create and connect the publishing, working and receiving parts."""
         settings, log, namespace = self.settings, self._log, self.unit_namespace
         is_simulated = bool(self.get_parameter("use_sim_time").value)
         folder = files.histories(is_simulated=is_simulated)
@@ -119,7 +119,7 @@ class MonitorNode(ManagedNode):
         add_timer(_STALE_CHECK_S, self.receiver.check)
 
     def activate(self) -> None:
-        """Start to identify windows, and subscribe."""
+        """Start the identification thread and subscribe to telemetry."""
         self.actuators.is_active = True
         self.work.start()
         self.receiver.subscribe(self)
@@ -145,7 +145,7 @@ class MonitorNode(ManagedNode):
         return status
 
     def tasks(self, actuator_id: str = "") -> list[Task]:
-        """Return the status of the node and of an actuator, or of all for an empty name."""
+        """Return the status of the node and one actuator; an empty name selects all actuators."""
         queue = self.work.worker.queue
         return [
             *self.actuators.tasks(actuator_id, len(queue), queue.dropped),
@@ -163,5 +163,5 @@ class MonitorNode(ManagedNode):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the monitor."""
+    """Run the monitor node."""
     return run(MonitorNode, args)

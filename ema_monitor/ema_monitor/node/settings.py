@@ -24,7 +24,7 @@ from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.node_parameters import LiveSettings
 
 IN_MEMORY: Final = "memory"
-"""Value of ``history_folder`` for no folder; launch files accept no empty argument."""
+"""Value of ``history_folder`` for histories in memory; launch files reject empty arguments."""
 
 _PERIODS: Final = 3.0
 
@@ -105,16 +105,16 @@ class Operation(Checked):
 
     @property
     def good_for_s(self) -> float:
-        """Validity of a level after its test [s]."""
+        """Time for which a level stays valid after its test [s]."""
         return self.good_for(0.0)
 
     def good_for(self, longest_s: float) -> float:
-        """Return the validity of a level after a test that lasts up to ``longest_s`` [s]."""
+        """Return how long a level stays valid after a test of up to ``longest_s`` [s]."""
         return _PERIODS * max(self.expected_period_s, longest_s)
 
 
 class MonitorSettings:
-    """The current settings of a monitor; each can be changed at any time.
+    """Current settings of a monitor; all can be changed at run time.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class MonitorSettings:
         self.damage = LiveSettings(node, DamageSettings, "damage.")
 
     def prognosis(self, fleet: FleetGrowth | None) -> PrognosisSettings:
-        """Return the settings of prognoses, with the growth of a fleet."""
+        """Return the prognosis settings, including the growth of a fleet."""
         operation = self.operation.value
         return PrognosisSettings(
             self.limits.value,
@@ -154,6 +154,6 @@ class MonitorSettings:
 
 
 def folder_of(text: str) -> Path:
-    """Return the folder that a parameter names, with variables and ``~`` replaced."""
+    """Return the folder named by a parameter, with variables and ``~`` expanded."""
     ros_home = os.environ.get("ROS_HOME") or "~/.ros"
     return Path(os.path.expandvars(text.replace("$ROS_HOME", ros_home))).expanduser()

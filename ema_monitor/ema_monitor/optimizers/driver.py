@@ -89,7 +89,7 @@ def minimise(
     Raises
     ------
     ValueError
-        When the budget does not permit the first generation.
+        If the budget does not permit the first generation.
     """
     best = Progress(0, 0, np.empty(0), np.inf)
     history: list[float] = []

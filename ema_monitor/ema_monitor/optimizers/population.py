@@ -26,7 +26,7 @@ class Population(ABC):
     Raises
     ------
     ValueError
-        When there are too few individuals.
+        If there are too few individuals.
     """
 
     FEWEST: ClassVar = 1

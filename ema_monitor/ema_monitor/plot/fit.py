@@ -56,7 +56,7 @@ def plot_fit(
     Raises
     ------
     ValueError
-        When the estimate is not valid.
+        If the estimate is not valid.
     """
     if not estimate.valid:
         raise ValueError(f"no picture without a valid estimate: {estimate.reason}")

@@ -55,7 +55,7 @@ class FleetGrowth:
         Raises
         ------
         ValueError
-            When the fleets have different limits.
+            If the fleets have different limits.
         """
         if self.grid != other.grid:
             raise ValueError(
@@ -83,7 +83,7 @@ class FleetGrowth:
         Raises
         ------
         ValueError
-            When the fleet has different limits.
+            If the fleet has different limits.
         """
         if self.grid != (expected := grid_digest(limits)):
             raise ValueError(
@@ -119,7 +119,7 @@ class FleetGrowth:
         Raises
         ------
         OSError
-            When the file cannot be written.
+            If the file cannot be written.
         """
         digests = sorted(self.units)
         faults = [
@@ -148,9 +148,9 @@ class FleetGrowth:
         Raises
         ------
         ValueError
-            When the file is not a fleet; the message names it.
+            If the file is not a fleet; the message names it.
         OSError
-            When the file cannot be read.
+            If the file cannot be read.
         """
         try:
             with open_regular_file(path) as opened, np.load(opened, allow_pickle=False) as file:

@@ -102,7 +102,7 @@ def outlook_of(
     Raises
     ------
     ValueError
-        When there is no test.
+        If there is no test.
     """
     service, limits = growth.service, settings.limits
     entry = service.latest

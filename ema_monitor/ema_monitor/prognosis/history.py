@@ -257,9 +257,9 @@ class History:
         Raises
         ------
         sqlite3.Error
-            When another process uses the file, or it cannot be written.
+            If another process uses the file, or it cannot be written.
         ValueError
-            When the file belongs to another unit, or is of another kind.
+            If the file belongs to another unit, or is of another kind.
         """
         self._release()
         db = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
@@ -388,9 +388,9 @@ def read_history(path: Path) -> History:
     Raises
     ------
     ValueError
-        When the file is not a history, or is damaged; the message names it.
+        If the file is not a history, or is damaged; the message names it.
     OSError
-        When the file cannot be read.
+        If the file cannot be read.
     """
     history, damage = read_intact_history(path)
     if damage:
@@ -404,9 +404,9 @@ def read_intact_history(path: Path) -> tuple[History, str]:
     Raises
     ------
     ValueError
-        When the file is not named as a history.
+        If the file is not named as a history.
     OSError
-        When the file cannot be read.
+        If the file cannot be read.
     """
     actuator_id, plus, serial_number = path.name.removesuffix(".sqlite").partition("+")
     if not plus or path.suffix != ".sqlite":

@@ -45,7 +45,7 @@ class Count:
     Raises
     ------
     ValueError
-        When a figure is impossible; the message names it.
+        If a figure is impossible; the message names it.
     """
 
     stamp_ns: int
@@ -73,7 +73,7 @@ class Entry:
     Raises
     ------
     ValueError
-        When the estimate is not valid, or has an impossible figure.
+        If the estimate is not valid, or has an impossible figure.
     """
 
     estimate: Estimate

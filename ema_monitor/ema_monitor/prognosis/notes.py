@@ -40,7 +40,7 @@ class Notes:
         Raises
         ------
         ValueError
-            When the newest test has too many notes already.
+            If the newest test has too many notes already.
         """
         self._check(person, [*self._waiting, *published])
         self.add(UnitEvent(stamp_ns, hours, NOTE, f"{person}, {text}", person))

@@ -1,4 +1,4 @@
-"""The status of one monitored actuator: its defects, its counts and its health."""
+"""Status of one monitored actuator: defects, counts and published health."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -33,9 +33,9 @@ class ActuatorStatus:
     publish
         Publishes its health.
     steady_ns
-        Present time by a clock that never goes back [ns].
+        Current monotonic time [ns].
     stream
-        Reception of its telemetry.
+        Reception state of its telemetry.
     namespace
         Namespace of its telemetry.
 
@@ -46,7 +46,7 @@ class ActuatorStatus:
     health
         Its published health.
     tally
-        Numbers of stretches of its motion by result.
+        Counts of motion stretches by result.
     is_listed, is_silent
         Whether the parameter ``actuators`` lists it, and whether its telemetry has stopped.
     received_ns
@@ -98,11 +98,11 @@ class ActuatorStatus:
 
     @property
     def defects(self) -> str:
-        """Defects since the window of the latest valid estimate; empty without any."""
+        """Defects since the window of the latest valid estimate; empty if there are none."""
         return "; ".join(reason for _, reason in self._open_defects)
 
     def good_for_s(self, operation: Operation) -> float:
-        """Return the validity of a level after a test [s]; longer for long records."""
+        """Return how long a level stays valid after a test [s]; longer for long records."""
         return operation.good_for(self.finder.longest_s if self.finder.finds_records else 0.0)
 
     @contextmanager
@@ -117,10 +117,10 @@ class ActuatorStatus:
             self.is_calibrating = False
 
     def exchange(self, old: str, new: str) -> bool:
-        """Record the exchange of a unit; return whether the new unit was mounted before.
+        """Record the replacement of a unit. Return whether the new unit was mounted before.
 
-        Units are exchanged seldom, and removed units seldom return. Units that alternate are
-        therefore two actuators with the same name.
+        Units are rarely replaced, and removed units rarely return. Alternating units therefore
+        indicate two actuators with the same name.
         """
         earlier = [number for number in self._exchanged if number != old]
         self._exchanged = [*earlier, old][-_MOST_NAMED:]
@@ -147,9 +147,9 @@ class ActuatorStatus:
         return is_first
 
     def record(self, diagnosed: Diagnosed, outlook: Outlook | None, now: Moment) -> str:
-        """Record an estimate, and publish the outlook after it unless that is None.
+        """Record an estimate and publish its outlook, unless the outlook is None.
 
-        Return a description of the change of the level; empty without a change.
+        Returns a description of the level change, or "" if the level is unchanged.
         """
         estimate = diagnosed.estimate
         if estimate.valid:
@@ -169,7 +169,7 @@ class ActuatorStatus:
         return change
 
     def expire(self, good_for_s: float, now: Moment) -> HealthMessage | None:
-        """Publish the health if it has just become stale; return the published message."""
+        """Publish the health if it has just become stale. Return the message, if published."""
         silent_s = (now.steady_ns - self.received_ns) * 1e-9
         self.is_silent = silent_s > min(_SILENT_S, good_for_s)
         return self.health.expire(good_for_s, now, self.defects)

@@ -1,4 +1,4 @@
-"""The actuators that a monitor follows: their status, and the end of their levels."""
+"""Status of the monitored actuators, and expiry of their levels."""
 
 import threading
 from collections.abc import Callable
@@ -26,26 +26,26 @@ _MOST_NAMED: Final = 10
 
 
 class Actuators(dict[str, ActuatorStatus]):
-    """Status of the actuators by name: listed actuators first, then by their first message.
+    """Status by actuator name: listed actuators first, then in order of their first message.
 
     Parameters
     ----------
     outputs
-        Topics of each actuator.
+        Publishers of each actuator's topics.
     namespace
         Namespace of the telemetry.
     read_clock
-        Returns the time, and the backward step of the clock since the previous call [ns].
+        Returns the time and the backward clock step since the previous call [ns].
     why_not
         Returns why this monitor does not follow an actuator; empty if it does.
     rewind
-        Forgets the tests after a time [ns], to which simulated time has stepped back.
+        Discards tests later than a time [ns] to which simulated time has stepped back.
 
     Attributes
     ----------
     lock
-        Held while actuators change and while health is published, so that no older health follows
-        the health after a test.
+        Held while actuators change and while health is published, so that outdated health is never
+        published after newer health.
     is_active
         Whether the monitor is active; an inactive monitor publishes no level.
     """
@@ -72,7 +72,7 @@ class Actuators(dict[str, ActuatorStatus]):
         self._log = log
 
     def follow(self, actuator_id: str, finder: WindowFinder, stream: Stream) -> ActuatorStatus:
-        """Start to publish the status of an actuator, and return it."""
+        """Start publishing the status of an actuator. Return the status."""
         self._outputs.add(actuator_id)
         publish, now = self._outputs.publish_health, self.now()
         status = self[actuator_id] = ActuatorStatus(
@@ -91,7 +91,7 @@ class Actuators(dict[str, ActuatorStatus]):
         self._outputs.clear()
 
     def now(self) -> Moment:
-        """Return the time; if the clock has stepped back, withdraw all levels."""
+        """Return the current time. If the clock has stepped back, withdraw all levels."""
         with self.lock:
             now, back_ns = self._read_clock()
             if back_ns:
@@ -108,7 +108,7 @@ class Actuators(dict[str, ActuatorStatus]):
             self._rewind(now.clock_ns)
 
     def find(self, actuator_id: str) -> tuple[ActuatorStatus, ActuatorDescription]:
-        """Return the status and description of an actuator; "" selects the only one.
+        """Return the status and description of an actuator; "" selects a sole actuator.
 
         Raises
         ------
@@ -138,12 +138,12 @@ class Actuators(dict[str, ActuatorStatus]):
         return (", ".join(names[:_MOST_NAMED]) or "none") + more
 
     def claimed(self, status: ActuatorStatus, outlook: Outlook) -> Outlook:
-        """Return an outlook with the validity that the tests of an actuator require."""
+        """Return an outlook with the validity period required by the actuator's tests."""
         good_for_s = status.good_for_s(self._operation.value)
         return replace(outlook, claim=outlook.claim._replace(good_for_s=good_for_s))
 
     def worth(self, description: ActuatorDescription, outlook: Outlook) -> Outlook:
-        """Return the outlook of a mounted unit at this time: stale if its level has expired."""
+        """Return the current outlook of a mounted unit; STALE if its level has expired."""
         with self.lock:
             status, now = self[description.actuator_id], self.now()
             return status.health.worth(self.claimed(status, outlook), now)
@@ -163,7 +163,7 @@ class Actuators(dict[str, ActuatorStatus]):
                 status.health.add_events(events)
 
     def expire(self) -> list[HealthMessage]:
-        """Publish each health that has just become stale, and return the messages."""
+        """Publish health that has just become stale. Return the messages."""
         with self.lock:
             now, operation = self.now(), self._operation.value
             published = [
@@ -172,7 +172,7 @@ class Actuators(dict[str, ActuatorStatus]):
         return [health for health in published if health is not None]
 
     def withdraw(self) -> None:
-        """Publish unknown health of all actuators, as the monitor is not active."""
+        """Publish unknown health for all actuators because the monitor is inactive."""
         with self.lock:
             for status in self.values():
                 status.health.withdraw(NOT_ACTIVE)
@@ -183,7 +183,7 @@ class Actuators(dict[str, ActuatorStatus]):
             return any(status.finder.blocks and not status.is_silent for status in self.values())
 
     def telemetry(self, dropped: dict[str, int]) -> list[TelemetryStatus]:
-        """Return the counts of each actuator; ``dropped`` are its dropped windows by name."""
+        """Return the counts of each actuator; ``dropped``: dropped windows by name."""
         with self.lock:
             return [telemetry_status(status, dropped.get(name, 0)) for name, status in self.items()]
 

@@ -1,4 +1,4 @@
-"""Log and status reports of the parts of a monitor."""
+"""Logging and status reports for the parts of a monitor."""
 
 import time
 import traceback
@@ -12,7 +12,7 @@ _PERIOD_S: Final = 30.0
 
 
 class Reporter(Protocol):
-    """Logs, and publishes the status of tasks: a managed node."""
+    """Interface to a managed node that logs and publishes task status."""
 
     def get_logger(self) -> Any:
         """Return the logger of the node."""
@@ -29,7 +29,7 @@ class Reporter(Protocol):
 
 
 class Log:
-    """Writes to the log, and publishes changes of the status; any thread may call."""
+    """Thread-safe logger that also publishes status changes."""
 
     def __init__(self, reporter: Reporter) -> None:
         self._reporter = reporter
@@ -49,7 +49,7 @@ class Log:
         self._logger.error(text)
 
     def warn(self, actuator_id: str, text: str, *, is_first: bool = False) -> None:
-        """Log a warning at a limited rate; publish the status as well if it is the first."""
+        """Log a rate-limited warning; if it is the first, also publish the status."""
         passed = self._throttle.passed(f"{actuator_id or 'input'}: {text}", time.monotonic())
         if passed is not None:
             self.warning(passed)
@@ -67,7 +67,7 @@ class Log:
         self._reporter.report()
 
     def report_on(self, actuator_id: str) -> None:
-        """Publish the status of one actuator: the status of all actuators takes long."""
+        """Publish the status of one actuator, which is faster than publishing all."""
         self._reporter.report(self._reporter.tasks(actuator_id))
 
     def report_end(self, failure: str, trace: str) -> None:

@@ -1,4 +1,4 @@
-"""Messages and answers of a monitor; a stamp out of range raises ValueError."""
+"""Conversion of results to ROS messages; a stamp out of range raises ValueError."""
 
 import math
 from array import array
@@ -45,16 +45,16 @@ from ema_ros.messages import faults_to_message
 from ema_ros.stamps import check_stamp, stamp_to_message
 
 _PLAIN = {"double": float, "boolean": bool, "string": str}
-"""Conversions to the types of fields; fields of all remaining types are whole numbers."""
+"""Conversion by ROS field type; fields of any other type are integers."""
 
 _ALL = 255
-"""Bits of all faults."""
+"""Bit mask of all faults."""
 
 
 def estimate_to_message(
     estimate: Estimate, window: int, description: ActuatorDescription
 ) -> FaultEstimate:
-    """Return the estimate of a window, given by its running number, as a message."""
+    """Return the estimate of window number ``window`` as a message."""
     return _made(
         FaultEstimate,
         description,
@@ -102,12 +102,12 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
 
 
 def message_of(message_class: Any, report: Any) -> Any:
-    """Return a report as a message of a class whose fields it has."""
+    """Return a report as a message; the report must have the fields of the class."""
     return _made(message_class, report)
 
 
 def _made(message_class: Any, *sources: Any, stamp_ns: int | None = None, **values: Any) -> Any:
-    """Return a message with the attributes of sources as fields of the same name, and values."""
+    """Return a message filled from attributes of ``sources`` and from ``values`` by field name."""
     message, kinds = message_class(), message_class.get_fields_and_field_types()
     copied = {
         name: getattr(source, name) for source in sources for name in kinds if hasattr(source, name)
@@ -243,7 +243,7 @@ def summary_of(health: HealthMessage) -> HealthSummary:
 
 
 def unknown_estimate(actuator_id: str, reason: str) -> FaultEstimate:
-    """Return the estimate for an answer without one: every figure is NaN."""
+    """Return the estimate for a response without a result: every figure is NaN."""
     message = _without_figures(FaultEstimate())
     message.actuator_id, message.reason = actuator_id, reason
     message.verdict, message.unobservable = FaultEstimate.REFUSED, _ALL
@@ -251,7 +251,7 @@ def unknown_estimate(actuator_id: str, reason: str) -> FaultEstimate:
 
 
 def unknown_health(actuator_id: str, reason: str) -> HealthMessage:
-    """Return the health for an answer without one: every figure is NaN."""
+    """Return the health for a response without a result: every figure is NaN."""
     message = _without_figures(HealthMessage())
     message.actuator_id, message.reason = actuator_id, reason
     message.level = HealthMessage.STALE

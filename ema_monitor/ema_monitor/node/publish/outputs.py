@@ -1,4 +1,4 @@
-"""The topics of a monitor: estimates of all actuators, and latched topics of each actuator."""
+"""Publishers of a monitor: one topic for estimates, latched topics per actuator."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,4 @@
-"""The published health of one actuator, and the end of its validity."""
+"""Published health of one actuator, and its expiry."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,7 +18,7 @@ _NOTHING_KNOWN: Final = unknown_outlook("no valid estimate so far")
 
 
 class Stream(Protocol):
-    """Reception of the telemetry of an actuator."""
+    """Reception state of an actuator's telemetry."""
 
     has_streamed: bool
     """Whether the actuator has ever sent telemetry while measuring it."""
@@ -32,11 +32,11 @@ class ShownHealth:
     publish
         Publishes a health message.
     steady_ns
-        Present time by a clock that never goes back [ns].
+        Current monotonic time [ns].
     described
         Returns the latest description of the actuator; None before the first one.
     stream
-        Reception of its telemetry.
+        Reception state of its telemetry.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class ShownHealth:
         self.reset(steady_ns)
 
     def reset(self, steady_ns: int) -> None:
-        """Reset the health after a unit was exchanged."""
+        """Reset the health after the unit was replaced."""
         self.comparison: Comparison | None = None
         # Newest test of the outlook, time of its first display, and the reason why it is invalid.
         self._claimed_test, self._claimed_at = (0, 0), Moment(0, 0)
@@ -70,10 +70,10 @@ class ShownHealth:
         self.outlook = _NOTHING_KNOWN
 
     def record(self, diagnosed: Diagnosed, outlook: Outlook, now: Moment) -> str | None:
-        """Publish the outlook after an estimate; return a description of the change of the level.
+        """Publish the outlook after an estimate. Return a description of the level change.
 
-        The description is empty without a change. If the unit was exchanged while its last window
-        was queued, the outlook is published but not kept, and None is returned.
+        The description is empty if the level is unchanged. If the unit was replaced while its last
+        window was queued, the outlook is published but not stored, and None is returned.
         """
         if not self._is_mounted(diagnosed.description):
             self._publish(health_to_message(outlook, diagnosed.description))
@@ -100,13 +100,13 @@ class ShownHealth:
         return self._show(description, outlook, now)
 
     def add_events(self, events: tuple[UnitEvent, ...]) -> None:
-        """Publish the unchanged health with events, if a health is shown."""
+        """Publish the unchanged health again with new events, if any health is published."""
         if self._assessed is not None and not self._is_withdrawn:
             self.outlook = replace(self.outlook, events=(*self.outlook.events, *events))
             self._publish_as_is()
 
     def expire(self, good_for_s: float, now: Moment, defects: str) -> HealthMessage | None:
-        """Publish the health if it has just become stale; return the published message.
+        """Publish the health if it has just become stale. Return the message, if published.
 
         ``defects`` describes the defects since the latest valid estimate.
         """
@@ -128,21 +128,21 @@ class ShownHealth:
         return self.withdraw("; ".join(filter(None, [reason, defects])))
 
     def withdraw(self, reason: str) -> HealthMessage | None:
-        """Publish unknown health with a reason; return the published message."""
+        """Publish unknown health with a reason. Return the published message."""
         self.outlook = self.outlook.stale(reason)
         self._is_withdrawn = True
         return self._publish_as_is()
 
     def end_claim(self, reason: str) -> HealthMessage | None:
-        """Withdraw the level of the tests so far; return the published message."""
+        """Invalidate the level of all tests so far. Return the published message."""
         self._end_of_claim = reason
         is_known = self._assessed is not None and self.outlook.health.level != STALE
         return self.withdraw(reason) if is_known else None
 
     def worth(self, outlook: Outlook, now: Moment) -> Outlook:
-        """Return the outlook at a time: stale after its claim has ended by the steady clock.
+        """Return the outlook at a time; STALE once its validity has ended on the steady clock.
 
-        A claim that has ended stays ended, even if the clock of stamps steps back.
+        Expired validity is never renewed, even if the stamp clock steps back.
         """
         claim = outlook.claim
         test = claim.measured_ns, claim.received_ns
@@ -177,7 +177,7 @@ class ShownHealth:
         return ""
 
     def _show(self, description: ActuatorDescription, outlook: Outlook, now: Moment) -> str:
-        """Publish an outlook; return a description of the change of the level, if any."""
+        """Publish an outlook. Return a description of the level change, if any."""
         self._is_withdrawn = False
         before = self.outlook.known_level
         self._assessed, self.outlook = description, self.worth(outlook, now)
@@ -194,7 +194,7 @@ class ShownHealth:
         return latest is not None and latest.serial_number == description.serial_number
 
     def _publish_as_is(self) -> HealthMessage | None:
-        """Publish and return the health of the unit assessed last, else of the unit described."""
+        """Publish and return the health of the last assessed, or else the described, unit."""
         description = self._assessed or self._described()
         if description is None:
             return None

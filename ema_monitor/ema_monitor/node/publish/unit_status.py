@@ -1,4 +1,4 @@
-"""The status of one monitored actuator on ``/diagnostics``."""
+"""Status of one monitored actuator on ``/diagnostics``."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -23,7 +23,7 @@ from ema_ros.status import (
 )
 
 _LARGEST_COUNT: Final = 2**64 - 1
-"""Largest count in a message; sample numbers that jump back and forth may add up to more."""
+"""Largest count that fits a message; jumping sample numbers may add up to more."""
 
 
 def telemetry_status(unit: ActuatorStatus, dropped: int = 0) -> TelemetryStatus:
@@ -42,7 +42,7 @@ def telemetry_status(unit: ActuatorStatus, dropped: int = 0) -> TelemetryStatus:
 
 
 def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Task]:
-    """Return the status of telemetry, health, and each fault and requirement.
+    """Return the status tasks of telemetry, health, and every fault and requirement.
 
     ``waiting`` is the number of queued windows of all actuators, and ``dropped`` the number of
     dropped windows of this actuator.
@@ -90,7 +90,7 @@ def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Tas
 def _shown_by(
     description: ActuatorDescription | None, faults: Iterable[FaultHealth]
 ) -> list[FaultHealth]:
-    """Return the faults that tests of an actuator can show."""
+    """Return the faults that tests of this actuator can detect."""
     if description is None or description.drive != "unknown":
         return list(faults)
     return [item for item in faults if item.name in FAULTS_OF_RECORDS.values()]
@@ -185,7 +185,7 @@ def _unit(item: FaultHealth, form: str) -> str:
 
 
 def _category(level: int, end: str, is_unknown: bool) -> str:
-    """Return the category of NAMUR NE 107 of a level; ``end`` is the category of ERROR."""
+    """Return the NAMUR NE 107 category of a level; ``end`` is the category for ERROR."""
     if is_unknown:
         return CHECK_FUNCTION
     return {OK: NORMAL, WARN: MAINTENANCE_REQUIRED}.get(level, end)

@@ -1,1 +1,1 @@
-"""Reception of a monitor: admitted messages become windows, measurements and counts."""
+"""Receiving part of a monitor: turns accepted messages into windows, measurements, counts."""

@@ -1,4 +1,4 @@
-"""Admission of actuators to a monitor: by a list, a shard and a limit; refusals are counted."""
+"""Admission of actuators to a monitor by list, shard and limit, with refusal counts."""
 
 import hashlib
 from collections import Counter
@@ -21,11 +21,11 @@ _REFUSED: Final = "messages of actuators beyond the limit"
 
 
 def shard_of(actuator_id: str, count: int, listed: Collection[str] = ()) -> int:
-    """Return the shard of an actuator among ``count``: the same in every process and release.
+    """Return the index of an actuator's shard among ``count``; stable across releases.
 
     It is the 8-byte BLAKE2b digest of the UTF-8 name, as a big-endian number, modulo ``count``.
-    Listed actuators are dealt out in the order of these numbers instead, so that the sizes of
-    shards differ by one at most.
+    Listed actuators are instead assigned round-robin in the order of these numbers, so that shard
+    sizes differ by at most one.
     """
     if actuator_id in listed:
         return sorted(listed, key=lambda name: (_number_of(name), name)).index(actuator_id) % count
@@ -39,7 +39,7 @@ def _number_of(actuator_id: str) -> int:
 
 @dataclass(frozen=True)
 class Shard(Checked):
-    """The shard of actuators that a monitor follows, if several monitors share them."""
+    """A monitor's share of the actuators when several monitors divide them."""
 
     index: int = quantity(0, "-", 0, 255, "which share of the actuators is followed, from 0")
     count: int = quantity(1, "-", 1, 256, "number of monitors that share the actuators")
@@ -82,10 +82,10 @@ class Selection(Checked):
 
 
 class Admission:
-    """Decides which actuators are followed; its record of the remaining ones is bounded.
+    """Decides which actuators are monitored. The memory of refused actuators is bounded.
 
-    An actuator is followed if it belongs to this shard and to the list, if there is one, until
-    ``most_actuators`` are followed.
+    An actuator is accepted if it belongs to this shard and to the list (if any), up to
+    ``most_actuators`` actuators.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class Admission:
         return "" if self._shard.has(actuator_id) else _OTHER_SHARDS
 
     def refuse(self, actuator_id: str, followed: Collection[str]) -> str | None:
-        """Return None if one more actuator may be followed, else the reason of the refusal.
+        """Return None if one more actuator may be monitored, or else the reason for refusal.
 
         The reason is empty after the first refusal.
         """
@@ -157,7 +157,7 @@ class Admission:
         return f"not monitored: the limit most_actuators = {most} is reached" if is_first else ""
 
     def note_wrong(self, actuator_id: str, reason: str) -> bool:
-        """Count a malformed message of an unmonitored actuator; return whether it is the first."""
+        """Count a malformed message of an unmonitored actuator. Return whether it is the first."""
         kind = _UNKNOWN if actuator_id else _UNNAMED
         self._count(kind, f"{actuator_id!r}: {reason}")
         return self._counts[kind] == 1

@@ -1,4 +1,4 @@
-"""Reception times of telemetry, which show whether it was stored before it was sent."""
+"""Reception times of telemetry, used to distinguish live from stored telemetry."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -6,23 +6,23 @@ from itertools import islice
 from typing import Final, NamedTuple
 
 _SPAN_NS: Final = 1_000_000_000
-"""Shortest duration of the telemetry whose pace is computed [ns]."""
+"""Minimum telemetry duration to compute a pace [ns]."""
 
 _LEAST_BLOCKS: Final = 5
-"""Smallest number of blocks of the telemetry whose pace is computed."""
+"""Minimum number of blocks to compute a pace."""
 
 _LEAST_PACE: Final = 0.5
 """Smallest ratio of reception time to measurement time of live telemetry [-]."""
 
 _STEADY_PACE: Final = (0.8, 1.25)
-"""Range of the same ratio for an actuator that streams by its clock; a slow sender of stored
-telemetry does not stay within it."""
+"""Range of this ratio for an actuator that streams in real time. A slow sender of stored telemetry
+does not stay within it."""
 
 _MOST_BLOCKS: Final = 1000
 
 
 class Arrival(NamedTuple):
-    """A block of telemetry: stamps of its first sample and its end, and its reception [ns]."""
+    """A received block of telemetry: start stamp, end stamp and reception time [ns]."""
 
     start_ns: int
     end_ns: int
@@ -32,8 +32,8 @@ class Arrival(NamedTuple):
 class Arrivals:
     """The latest blocks of telemetry of an actuator.
 
-    Telemetry that is sent while it is measured arrives as fast as it was measured. Stored
-    telemetry arrives at once, for any stamps.
+    Live telemetry arrives at the rate at which it is measured. Stored telemetry arrives in a burst,
+    regardless of its stamps.
 
     Attributes
     ----------
@@ -46,17 +46,17 @@ class Arrivals:
         self.has_streamed = False
 
     def add(self, start_ns: int, end_ns: int, steady_ns: int) -> None:
-        """Add a block with its stamps and its reception by a clock that never goes back [ns]."""
+        """Add a block with its stamps and its monotonic reception time [ns]."""
         self._blocks.append(Arrival(start_ns, end_ns, steady_ns))
         if not self.has_streamed:
             low, high = _STEADY_PACE
             self.has_streamed = all(low <= pace <= high for pace in _paces(self._run(0)))
 
     def are_live(self, end_ns: int) -> bool:
-        """Return whether the telemetry up to a stamp [ns] was received as it was measured.
+        """Return whether the telemetry up to the stamp ``end_ns`` was received live.
 
-        False if too few blocks were received to decide. If several blocks contain the stamp, all
-        of them have to be live.
+        Returns False if too few blocks were received to decide. If several blocks contain the
+        stamp, all must be live.
         """
         runs = [
             self._run(place)
@@ -66,7 +66,7 @@ class Arrivals:
         return bool(runs) and all(map(_is_live, runs))
 
     def _run(self, place: int) -> list[Arrival]:
-        """Return the latest blocks without a gap up to a place, the latest first.
+        """Return the latest contiguous blocks up to a position, latest first.
 
         ``place`` counts from the latest block, 0. Blocks that the pace does not need are omitted.
         """
@@ -84,7 +84,7 @@ class Arrivals:
 
 
 def _is_live(run: Sequence[Arrival]) -> bool:
-    """Return whether both halves of a run were received as fast as they were measured.
+    """Return whether both halves of a run of blocks were received in real time.
 
     After a pause, stored telemetry fills at most one half of a run.
     """
@@ -92,7 +92,7 @@ def _is_live(run: Sequence[Arrival]) -> bool:
 
 
 def _paces(run: Sequence[Arrival]) -> tuple[float, float]:
-    """Return the paces of both halves of a run; 0 if it has too few blocks."""
+    """Return the paces of both halves of a run; 0 if there are too few blocks."""
     if len(run) < _LEAST_BLOCKS:
         return 0.0, 0.0
     middle = len(run) // 2

@@ -1,4 +1,4 @@
-"""Reception of messages from actuators, and search for windows to identify."""
+"""Reception of actuator messages and detection of windows."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -31,7 +31,7 @@ _MOST_DESCRIBED: Final = 1000
 
 
 class Receiver:
-    """Receives messages in one thread, and queues the windows in the telemetry for the worker.
+    """Receives messages in one thread and queues detected windows for the worker.
 
     An impossible message is reported as a defect of its actuator, or of the node if it names no
     monitored actuator.
@@ -60,7 +60,7 @@ class Receiver:
         self._described: dict[str, ActuatorDescription] = {}
 
     def serve(self, node: ManagedNode) -> None:
-        """Offer the service ``~/forget_actuator`` of a node."""
+        """Create the service ``~/forget_actuator`` on a node."""
         # In the thread that receives telemetry: no message is received during the call.
         node.create_service(ForgetActuator, "~/forget_actuator", self._answer_forget)
 
@@ -81,7 +81,7 @@ class Receiver:
             node.create_subscription(kind, name, callback, topics.STREAM, callback_group=group)
 
     def receive_telemetry(self, message: Any) -> None:
-        """Search ``ema_interfaces/msg/TelemetryBlock`` for windows."""
+        """Detect windows in ``ema_interfaces/msg/TelemetryBlock``."""
         with self._actuators.lock:
             source = self._sources.get(message.actuator_id) or self._admit(message)
             if source is None:
@@ -102,7 +102,7 @@ class Receiver:
             self.add_defect(message.actuator_id, f"the description is impossible: {error}")
 
     def receive_measured(self, message: Any) -> None:
-        """Keep ``ema_interfaces/msg/MeasuredCauses``."""
+        """Store ``ema_interfaces/msg/MeasuredCauses``."""
         if not self._accepts(message, "measured causes"):
             return
         actuator_id = message.actuator_id
@@ -115,7 +115,7 @@ class Receiver:
             self.add_defect(actuator_id, str(error), is_monitored=actuator_id in self._sources)
 
     def receive_usage(self, message: Any) -> None:
-        """Record counted use from ``ema_interfaces/msg/Usage``."""
+        """Record usage counts from ``ema_interfaces/msg/Usage``."""
         if not self._accepts(message, "usage"):
             return
         actuator_id = message.actuator_id
@@ -143,7 +143,7 @@ class Receiver:
             self._log.info(text)
 
     def expect_described(self, described: ActuatorDescription) -> None:
-        """Apply the description of an actuator that publishes none."""
+        """Apply the configured description of an actuator that publishes none."""
         if reason := self._admission.why_not(described.actuator_id):
             name = described.actuator_id
             self._log.info(f"{name} of actuator_file is not followed: {reason}")
@@ -151,7 +151,7 @@ class Receiver:
             self.describe(described)
 
     def describe(self, description: ActuatorDescription) -> None:
-        """Apply the description of an actuator, if the actuator is followed."""
+        """Apply the description of an actuator, if the actuator is monitored."""
         with self._actuators.lock:
             source = self._get_or_add(description.actuator_id, description)
             if source is None:
@@ -197,7 +197,7 @@ class Receiver:
             self._log.report()
 
     def finish(self) -> list[Segment]:
-        """End the telemetry of all actuators; return the refusals of the open windows."""
+        """End the telemetry of all actuators. Return refusals for the open windows."""
         with self._actuators.lock:
             events = [
                 event for source in self._sources.values() for event in source.intake.finish()
@@ -205,7 +205,7 @@ class Receiver:
         return [_cut_off(event) for event in events if isinstance(event, Segment)]
 
     def forget(self, actuator_id: str) -> None:
-        """Stop following an actuator; its files stay on disk.
+        """Stop monitoring an actuator; its files are kept.
 
         Raises
         ------
@@ -240,7 +240,7 @@ class Receiver:
         return Task("input", level, message, hardware_id, figures)
 
     def _accepts(self, message: Any, what: str) -> bool:
-        """Return whether the actuator of a message may be followed; count the message if not."""
+        """Return whether a message's actuator may be monitored; count refused messages."""
         actuator_id = message.actuator_id
         if actuator_id in self._sources:
             return True
@@ -255,7 +255,7 @@ class Receiver:
         return True
 
     def _admit(self, message: Any) -> Source | None:
-        """Return the source of the first telemetry of an actuator; None if it is not followed."""
+        """Return the source for an actuator's first telemetry; None if it is not monitored."""
         if not self._accepts(message, "telemetry"):
             return None
         return self._get_or_add(message.actuator_id)
@@ -263,7 +263,7 @@ class Receiver:
     def _get_or_add(
         self, actuator_id: str, description: ActuatorDescription | None = None
     ) -> Source | None:
-        """Return the source of an actuator; None at the limit: its description is kept."""
+        """Return the actuator's source, adding it if new; None if admission refuses it."""
         if (source := self._sources.get(actuator_id)) is not None:
             return source
         if (reason := self._admission.refuse(actuator_id, self._sources)) is not None:
@@ -280,7 +280,7 @@ class Receiver:
         return source
 
     def _add(self, actuator_id: str) -> Source:
-        """Follow an actuator in all parts, and return its source."""
+        """Start monitoring an actuator in all parts. Return its source."""
         intake, arrivals = self._sources.new_intake(actuator_id), Arrivals()
         self._worker.follow(actuator_id)
         status = self._actuators.follow(actuator_id, intake.finder, arrivals)
@@ -307,7 +307,7 @@ class Receiver:
         self._log.warn(actuator_id, reason, is_first=is_first)
 
     def _remember(self, description: ActuatorDescription) -> None:
-        """Keep the description of an actuator that is not monitored."""
+        """Remember the description of an actuator that is not monitored."""
         self._described.pop(description.actuator_id, None)
         self._described[description.actuator_id] = description
         if len(self._described) > _MOST_DESCRIBED:
@@ -326,7 +326,7 @@ class Receiver:
 
 
 def _cut_off(segment: Segment) -> Segment:
-    """Return the refusal of a window, or of a record during which the monitor stops."""
+    """Return a refusal for a window or record cut off because the monitor stops."""
     window = segment.window
     if isinstance(window, Refusal):
         return segment

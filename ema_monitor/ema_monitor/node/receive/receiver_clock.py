@@ -1,4 +1,4 @@
-"""The time of a node by the clock of stamps, and by a clock that never goes back."""
+"""Stamp clock and monotonic clock of a node, with detection of backward steps."""
 
 import contextlib
 import json
@@ -14,13 +14,13 @@ _LEAST_STEP_NS: Final = 1_000_000_000
 """Smallest backward step of the clock that is detected [ns]; adjustments by NTP are slower."""
 
 _KEPT_TO_NS: Final = 100_000_000
-"""Smallest change of the offset between both clocks that is written to the file [ns]."""
+"""Smallest change of the clock offset that is written to the file [ns]."""
 
 _BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
 
 
 def boot_id() -> str:
-    """Return the identifier of the present boot of the machine; empty if unavailable."""
+    """Return the identifier of the current boot of the machine; empty if unavailable."""
     try:
         return _BOOT_ID.read_text(encoding="utf-8").strip()
     except OSError:
@@ -28,7 +28,7 @@ def boot_id() -> str:
 
 
 def boot_time_ns() -> int:
-    """Return the time since the boot of the machine [ns], including suspension."""
+    """Return the time since the machine booted [ns], including suspend time."""
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
 
@@ -40,15 +40,15 @@ class ReceiverClock:
     Parameters
     ----------
     read_ns
-        Returns the time of the clock of stamps [ns].
+        Returns the stamp-clock time [ns].
     is_simulated
-        Whether the clock of stamps shows simulated time.
+        Whether the stamp clock is simulated time.
     steady_ns
-        Returns the time of a steady clock [ns], which runs even if the node does not.
+        Returns the time of a steady clock [ns] that keeps running while the node is stopped.
     kept
-        File that stores the offset between both clocks for the next run of the node; None for none.
+        File that stores the clock offset for the next run of the node, or None.
     boot_id
-        Returns the identifier of the present boot of the machine, for which the offset holds.
+        Returns the identifier of the current boot, for which the offset is valid.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class ReceiverClock:
         self._is_continued = self._offset_ns is not None
 
     def read(self) -> tuple[Moment, int]:
-        """Return the time, and the backward step of the clock since the previous call [ns]."""
+        """Return the time and the backward clock step since the previous call [ns]."""
         clock_ns = self._read_ns()
         if self.is_simulated:
             return self._read_simulated(clock_ns)
@@ -84,7 +84,7 @@ class ReceiverClock:
         return moment, back_ns if back_ns >= _LEAST_STEP_NS else 0
 
     def _read_kept(self) -> int | None:
-        """Return the offset of an earlier run of the node [ns]; None if there is none."""
+        """Return the clock offset from an earlier run [ns]; None if there is none."""
         if self._kept is None or not self._boot_id:
             return None
         with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
@@ -94,7 +94,7 @@ class ReceiverClock:
         return None
 
     def _keep(self, offset_ns: int) -> None:
-        """Write the offset for the next run, if it has changed."""
+        """Write the offset for the next run if it has changed."""
         if self._kept is None:
             return
         if self._kept_ns is not None and abs(offset_ns - self._kept_ns) < _KEPT_TO_NS:

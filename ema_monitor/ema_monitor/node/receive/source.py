@@ -24,7 +24,7 @@ class Source:
     Attributes
     ----------
     intake
-        Finds the windows in its telemetry, and keeps the use of its units.
+        Finds windows in its telemetry and tracks the use of its units.
     arrivals
         Reception times of its telemetry.
     status
@@ -35,9 +35,9 @@ class Source:
         self.intake, self.arrivals, self.status = intake, arrivals, status
 
     def receive(self, message: Any, steady_ns: int) -> list[Segment | Defect]:
-        """Process ``ema_interfaces/msg/TelemetryBlock``, received at a steady time [ns].
+        """Process ``ema_interfaces/msg/TelemetryBlock`` received at ``steady_ns``.
 
-        Return the windows that the block completes, and its defects.
+        Returns the windows that the block completes, and defects of the block.
         """
         self.status.received_ns, self.status.is_silent = steady_ns, False
         try:
@@ -49,7 +49,7 @@ class Source:
 
 
 class Sources(dict[str, Source]):
-    """The sources by actuator; measured causes and counts may precede a source.
+    """Sources by actuator. Measured causes and counts may arrive before a source exists.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Sources(dict[str, Source]):
         self._lock = lock
 
     def new_intake(self, actuator_id: str) -> Intake:
-        """Return a new intake of an actuator, which shares the logs of all actuators."""
+        """Return a new intake for an actuator that uses the shared logs."""
         return Intake(
             actuator_id,
             self.trigger,
@@ -78,12 +78,12 @@ class Sources(dict[str, Source]):
         )
 
     def is_live(self, actuator_id: str, end_ns: int) -> bool:
-        """Return whether a test that ends at a stamp [ns] was received while it was measured."""
+        """Return whether the test that ends at the stamp ``end_ns`` was received live."""
         with self._lock:
             return actuator_id in self and self[actuator_id].arrivals.are_live(end_ns)
 
     def take_use(self, unit_key: UnitKey, end_ns: int) -> Use:
-        """Return the use of a unit up to a test that ends at a stamp [ns]; its duty only once."""
+        """Return the use of a unit up to a test that ends at ``end_ns``; duty is returned once."""
         with self._lock:
             if (source := self.get(unit_key[0])) is None:
                 return Use(self.counts.latest(unit_key, end_ns), NOTHING_FLOWN)

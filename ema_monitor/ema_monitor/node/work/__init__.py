@@ -1,1 +1,1 @@
-"""Work of a monitor: estimates, prognoses, and answers to calls, each in a separate thread."""
+"""Working part of a monitor: estimates, prognoses and service calls in separate threads."""

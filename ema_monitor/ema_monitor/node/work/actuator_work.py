@@ -1,4 +1,4 @@
-"""Work on the windows of one actuator."""
+"""Identification state of one actuator."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ from ema_monitor.windows.window import Window
 
 
 class ActuatorWork:
-    """Work on one actuator.
+    """Identification state of one actuator.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class ActuatorWork:
         self.diagnosis: Diagnosis | None = None
 
     def note(self, segment: Segment) -> None:
-        """Keep a window as the latest, and pass it to the calls that wait for it."""
+        """Store a window as the latest, and pass it to waiting calls."""
         if isinstance(segment.window, Window):
             self.latest = segment
         for queue in tuple(self.awaiting):
@@ -36,7 +36,7 @@ class ActuatorWork:
 
     @contextmanager
     def next_windows(self) -> Iterator[SimpleQueue[Segment]]:
-        """Yield a queue of the next windows, refused windows included."""
+        """Yield a queue that receives the next windows, including refused windows."""
         queue: SimpleQueue[Segment] = SimpleQueue()
         self.awaiting.append(queue)
         try:

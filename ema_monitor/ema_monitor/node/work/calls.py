@@ -1,4 +1,4 @@
-"""Calls to a monitor: calibration, and identification with a chosen algorithm."""
+"""Service and action calls: calibration, and identification with a chosen algorithm."""
 
 import threading
 import time
@@ -49,7 +49,7 @@ class MonitorCalls:
     Attributes
     ----------
     rejected
-        Why the latest goal was rejected; empty if it was accepted.
+        Reason why the latest goal was rejected; empty if it was accepted.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class MonitorCalls:
         return response
 
     def _require_no_alarm(self, description: ActuatorDescription) -> None:
-        """Raise ValueError if the newest test of the unit gives a warning or failure."""
+        """Raise ValueError if the latest test of the unit gives a warning or failure."""
         if alarm := self._prognosis.alarm(description):
             raise ValueError(
                 f"unit {description.serial_number!r} of {description.actuator_id!r} is not "
@@ -145,7 +145,7 @@ class MonitorCalls:
             )
 
     def _healthy_windows(self, actuator_id: str, number: int) -> Iterator[Window]:
-        """Yield the next windows of an actuator, without refused windows."""
+        """Yield the next windows of an actuator, skipping refused windows."""
         if not 1 <= number <= _MOST_WINDOWS:
             raise ValueError(f"windows = {number}: expected 1 to {_MOST_WINDOWS} healthy windows")
         unit, _ = self._actuators.find(actuator_id)
@@ -188,7 +188,7 @@ class MonitorCalls:
             raise ValueError(NOT_ACTIVE)
 
     def _accept_or_reject(self, request: IdentifyFaults.Goal) -> GoalResponse:
-        """Reject impossible goals, and goals beyond the number that may run at once."""
+        """Reject invalid goals, and goals beyond the limit of concurrent goals."""
         try:
             self._require_active()
             unit, _ = self._actuators.find(request.actuator_id)

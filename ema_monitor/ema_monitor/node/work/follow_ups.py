@@ -27,8 +27,8 @@ MOST_WAITING: Final = 400
 class FollowUps:
     """Publishes forecasts, advice and fits, and writes assessments, in the order of the tests.
 
-    No window waits for them. If the thread does not keep up, it drops the oldest: a later test
-    replaces them soon, and assessments are written with the next.
+    Identification never waits for follow-ups. If the thread cannot keep up, it drops the oldest:
+    later tests soon replace them, and assessments are written with the next test.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class FollowUps:
         self.thread.end(_JOIN_S)
 
     def follow_health(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
-        """Publish forecast and advice after a health, and write its assessment."""
+        """Queue the forecast, advice and assessment that follow a health."""
         outputs, costs = self._outputs, self._settings.costs.value
 
         def publish_advice() -> None:
@@ -87,7 +87,7 @@ class FollowUps:
         self._add(lambda: self._histories.write_assessment(description))
 
     def follow_estimate(self, diagnosed: Diagnosed, window: Window) -> None:
-        """Publish the fit of a published estimate to its window."""
+        """Queue the window fit of a published estimate."""
         calibration = self._store.of(diagnosed.description)
         if not isinstance(calibration, Calibration):
             return

@@ -1,4 +1,4 @@
-"""The monitored units, each with its history."""
+"""Monitored units and their histories."""
 
 import threading
 import time
@@ -18,11 +18,11 @@ from ema_monitor.unit import Unit
 from ema_ros.status import Task, hardware_name
 
 PROGNOSIS: Final = "the prognosis"
-"""Name of the step that fails together with a unit or its history, in log lines."""
+"""Name of the step in log lines when a unit or its history fails."""
 
 
 class Histories:
-    """Units with their histories, each opened at its first use; any thread may call.
+    """Units and their histories, opened on first use. Thread-safe.
 
     Attributes
     ----------
@@ -31,13 +31,13 @@ class Histories:
     settings
         Returns the current settings of prognoses.
     author
-        Name of the node, which signs the entries that it writes.
+        Node name, recorded in the entries that it writes.
     lock
         Held while a history is opened, resumed or closed.
     is_serving
         Whether histories may be opened.
     refusals
-        Why the latest test of a unit was not recorded; empty if it was.
+        Reason why the latest test of a unit was not recorded; empty if it was recorded.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Histories:
         self._logged: dict[UnitKey, str] = {}
 
     def of(self, description: ActuatorDescription) -> Unit:
-        """Return a unit; its history is opened at the first call."""
+        """Return a unit, opening its history on the first call."""
         key = description.unit_key
         unit = self._units.get(key)
         if unit is None:
@@ -76,7 +76,7 @@ class Histories:
         return unit
 
     def estimates(self, description: ActuatorDescription) -> list[Estimate]:
-        """Return the valid estimates in the history of a unit, in their order."""
+        """Return the valid estimates in a unit's history, in order."""
         try:
             entries = self.of(description).history.entries
         except Exception as error:
@@ -95,7 +95,7 @@ class Histories:
     def log(
         self, description: ActuatorDescription, unit: Unit, events: Iterable[UnitEvent] = ()
     ) -> None:
-        """Log a problem with a history, once, and events of the unit."""
+        """Log a history problem (once) and the events of a unit."""
         problem, key = unit.history.problem, description.unit_key
         if problem and self._logged.get(key) != problem:
             self._log.error(f"{description.actuator_id}: {problem}")
@@ -106,18 +106,18 @@ class Histories:
                 self._log.warning(f"{description.actuator_id}: {event}")
 
     def forget(self, actuator_id: str) -> None:
-        """Forget an actuator in this run; its files stay on disk."""
+        """Forget an actuator for this run; its files are kept."""
         with self.lock:
             for key in [key for key in self._units if key[0] == actuator_id]:
                 self._units.pop(key).history.close()
 
     def rewind(self, time_ns: int) -> None:
-        """Forget the tests after a time [ns], to which simulated time has stepped back."""
+        """Discard tests later than ``time_ns``, to which simulated time has stepped back."""
         for unit in list(self._units.values()):
             unit.rewind(time_ns)
 
     def close(self) -> None:
-        """Close the histories, and refuse to open more."""
+        """Close all histories and refuse to open more."""
         # Wait for a history that is being opened, and for a health that is being published.
         with self.lock:
             self.is_serving = False
@@ -126,7 +126,7 @@ class Histories:
             self._units.clear()
 
     def tasks(self, actuator_id: str = "") -> list[Task]:
-        """Return the status of each history of an actuator, or of all for an empty name."""
+        """Return the history status of an actuator; an empty name selects all actuators."""
         tasks = []
         for key, unit in list(self._units.items()):
             if actuator_id not in ("", key[0]):

@@ -1,4 +1,4 @@
-"""Compilation of the kernels of a monitor, before it receives windows."""
+"""Compilation of the monitor's kernels before it receives windows."""
 
 import threading
 import time
@@ -19,7 +19,7 @@ _REPORT_PERIOD_S: Final = 1.0
 
 
 def _compile_growth() -> None:
-    """Track a healthy actuator for some tests: kernels are compiled for the types of a call."""
+    """Compile the growth kernels by tracking a healthy actuator over a few tests."""
     tracker = Tracker()
     covariance, is_hidden = 1e-6 * np.eye(N_FAULTS), np.zeros(N_FAULTS, dtype=bool)
     for number in range(_FOLLOWED):
@@ -36,7 +36,7 @@ STEPS: Final[Mapping[str, Callable[[], object]]] = MappingProxyType(
         ),
     }
 )
-"""Compilations that estimates and health wait for, by name; each may load from the cache."""
+"""Compilation steps required for estimates and health, by name; each may use the cache."""
 
 
 def compile_monitor_kernels(
@@ -52,7 +52,7 @@ def compile_monitor_kernels(
     is_ending
         Returns whether the node ends.
     report_progress
-        Called once a second with a text on the current step.
+        Called once a second with a text about the current step.
 
     Raises
     ------

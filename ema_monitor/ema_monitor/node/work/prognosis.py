@@ -1,4 +1,4 @@
-"""Health and remaining life of each unit after a test, from its history."""
+"""Health and remaining life of each unit, computed from its history."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,19 +22,19 @@ _DAY_S: Final = 86_400.0
 
 
 class Reception(Protocol):
-    """Reception of telemetry and of usage counts."""
+    """Interface to the reception of telemetry and usage counts."""
 
     def take_use(self, unit_key: UnitKey, end_ns: int) -> Use:
-        """Return the use of a unit up to a test that ends at a stamp [ns]; its duty only once."""
+        """Return the use of a unit up to a test that ends at ``end_ns``; duty is returned once."""
         ...
 
     def is_live(self, actuator_id: str, end_ns: int) -> bool:
-        """Return whether a test that ends at a stamp [ns] was received while it was measured."""
+        """Return whether the test that ends at the stamp ``end_ns`` was received live."""
         ...
 
 
 class Prognosis:
-    """Health and remaining life of each unit; any thread may call."""
+    """Health and remaining life of each unit. Thread-safe."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class Prognosis:
         self._log = log
 
     def record(self, description: ActuatorDescription, estimate: Estimate) -> Outlook | None:
-        """Record a test; return health and life after it, None if they do not change.
+        """Record a test. Return the updated health and life; None if they are unchanged.
 
         If the test may not enter the history and the history is empty, the outlook of this test
         alone is returned, with the reason.
@@ -88,7 +88,7 @@ class Prognosis:
         return replace(unknown_outlook(reason).after_refusal(refused), claim=claim)
 
     def _why_not_recorded(self, stamp_ns: int, now_ns: int) -> str:
-        """Return why a test with a stamp [ns] may not enter a history; empty if it may."""
+        """Return why a test stamped ``stamp_ns`` cannot be recorded; empty if it can."""
         offset_s = (stamp_ns - now_ns) * 1e-9
         limit_s = self._operation.value.history_max_offset_s
         if self._histories.folder is None or abs(offset_s) <= limit_s:
@@ -102,7 +102,7 @@ class Prognosis:
         )
 
     def forecaster(self, description: ActuatorDescription, outlook: Outlook) -> Forecaster | None:
-        """Return the forecaster of a unit after an outlook; None if a forecast is impossible."""
+        """Return a forecaster that continues an outlook; None if no forecast is possible."""
         try:
             if self._histories.refusals.get(description.unit_key):
                 return None
@@ -112,21 +112,21 @@ class Prognosis:
             return None
 
     def parameters(self, description: ActuatorDescription) -> ActuatorParameters | None:
-        """Return the parameters of a unit by its calibration; None without a calibration."""
+        """Return a unit's parameters from its calibration; None without a calibration."""
         calibration = self._store.of(description)
         return None if isinstance(calibration, str) else calibration.unit_parameters
 
     def alarm(self, description: ActuatorDescription) -> str:
-        """Return a text with the reason for WARN or ERROR of a unit; "" at any other level."""
+        """Return the reason for a unit's WARN or ERROR as text; "" at other levels."""
         unit, settings = self._histories.of(description), self._histories.settings()
         return unit.alarm(self.parameters(description), settings)
 
     def change_baseline(
         self, description: ActuatorDescription, person: str, calibration_id: str, *, is_forced: bool
     ) -> Outlook | None:
-        """Record a new calibration of a unit; return the health after it.
+        """Record a new calibration of a unit. Return the resulting health.
 
-        Return None if the calibration is recorded already.
+        Returns None if the calibration is already recorded.
         """
         unit, now = self._histories.of(description), datetime.now(UTC)
         words = (

@@ -1,4 +1,4 @@
-"""Services of a monitor about a unit: its remaining life, its history, and notes on it."""
+"""Services for a unit's remaining life, history and notes."""
 
 from dataclasses import replace
 from datetime import UTC, datetime

@@ -1,4 +1,4 @@
-"""Results of a test: its estimate, the health after it, and the follow-ups."""
+"""Publication of test results: estimate, health and follow-ups."""
 
 from collections import deque
 
@@ -43,7 +43,7 @@ class Results:
         )
 
     def publish(self, diagnosed: Diagnosed, window: Window | Refusal | None = None) -> None:
-        """Publish an estimate and its results; ``window`` is its window, None if combined."""
+        """Publish an estimate and its results; ``window`` is None for combined stretches."""
         description, estimate = diagnosed.description, diagnosed.estimate
         actuator_id, change = description.actuator_id, ""
         self._outputs.publish_estimate(diagnosed)
@@ -69,19 +69,19 @@ class Results:
         self._log.report_on(actuator_id)
 
     def prepare(self, description: ActuatorDescription) -> None:
-        """Prepare for a unit that has just been described, or calibrated.
+        """Prepare a unit that has just been described or calibrated.
 
-        Another thread makes the requirements, opens the history and publishes the health.
+        A background thread computes the requirements, opens the history and publishes the health.
         """
         self._to_resume.append(description)
         self._resume_soon.trigger()
 
     def forget(self, actuator_id: str) -> None:
-        """Forget an actuator in this run; its files stay on disk."""
+        """Forget an actuator for this run; its files are kept."""
         self._histories.forget(actuator_id)
 
     def _resume_all(self) -> None:
-        """Make the requirements of units, read their histories, and publish their health."""
+        """Compute requirements, read histories and publish health for all prepared units."""
         while self._to_resume:
             description = self._to_resume.popleft()
             try:
@@ -113,7 +113,7 @@ class Results:
     def _follow(
         self, description: ActuatorDescription, outlook: Outlook | None, change: str | None
     ) -> None:
-        """Log a change of the level, and publish the follow-ups of a health."""
+        """Log a level change, and queue the follow-ups of a health."""
         if change:
             self._log.info(f"{description.actuator_id}: {change}")
         # After the health: the forecaster may wait for a prognosis in another thread.

@@ -1,4 +1,4 @@
-"""The queue of windows between the receiving and the identifying thread."""
+"""Queue of windows between the receiving and identifying threads."""
 
 import threading
 from collections import Counter, deque
@@ -14,31 +14,31 @@ from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 MOST_REFUSALS: Final = 100
-"""Number of queued refusals of each actuator beyond which the oldest are dropped, if live."""
+"""Maximum number of queued refusals per actuator; for live telemetry the oldest are dropped."""
 
 
 class QueueClosedError(Exception):
-    """A window was added to a queue that is closed."""
+    """Raised when a window is added to a closed queue."""
 
 
 class WindowQueue:
-    """Windows of each actuator in their order, the actuators in turn.
+    """Window queue, in order per actuator and round-robin across actuators.
 
-    A turn is one window, with the refusals before it: an actuator with many windows delays
-    another actuator by a single identification. If a live actuator exceeds its limit, its oldest
-    window is replaced by a refusal, so that order and numbers are kept and every window gets an
-    estimate. An actuator never drops windows of another actuator. Stretches of ordinary motion
-    and test cycles have separate limits. At most ``MOST_REFUSALS`` refusals of an actuator are
-    queued; older ones are never published.
+    Each turn is one window plus any refusals before it, so a busy actuator delays others by only
+    one identification. If a live actuator exceeds its limit, its oldest window is replaced by a
+    refusal, so that order and numbers are kept and every window gets an estimate. An actuator never
+    drops windows of another actuator. Stretches of ordinary motion and test cycles have separate
+    limits. At most ``MOST_REFUSALS`` refusals of an actuator are queued; older ones are never
+    published.
 
     Attributes
     ----------
     dropped
-        Number of dropped windows by actuator; forgotten actuators are counted under "".
+        Number of dropped windows by actuator; "" collects forgotten actuators.
     unanswered
-        Number of refusals that are never published, by actuator; under "" if forgotten.
+        Number of unpublished refusals by actuator; "" collects forgotten actuators.
     is_closed
-        Whether no more windows are accepted.
+        Whether the queue accepts no more windows.
     """
 
     def __init__(self) -> None:
@@ -57,7 +57,7 @@ class WindowQueue:
             return sum(map(_is_window, chain.from_iterable(self._queues.values())))
 
     def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
-        """Add a window or a refusal; return the windows that it displaces.
+        """Add a window or refusal. Return the windows that it displaces.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class WindowQueue:
         return dropped
 
     def forget(self, actuator_id: str) -> None:
-        """Remove the queued windows of an actuator, and move its counts to ""."""
+        """Remove an actuator's queued windows and move its counts to ""."""
         with self._changed:
             self._queues.pop(actuator_id, None)
             for counts in (self.dropped, self.unanswered):
@@ -116,9 +116,10 @@ class WindowQueue:
 
     @contextmanager
     def publishing(self, segment: Segment) -> Iterator[bool]:
-        """Yield whether the estimate of the window that ``next`` returned last may be published.
+        """Context that yields whether the estimate of the current window may be published.
 
-        It may be published, within this context only, unless the window was abandoned.
+        The current window is the last that ``next`` returned. Its estimate may be published within
+        this context only, and not if the window was abandoned.
         """
         with self._publishing:
             try:
@@ -127,7 +128,7 @@ class WindowQueue:
                 self._current = None
 
     def close(self) -> list[Segment]:
-        """Refuse more windows; return the queued windows, in order for each actuator."""
+        """Close the queue. Return the queued windows, in order per actuator."""
         with self._changed:
             self.is_closed = True
             waiting = list(chain.from_iterable(self._queues.values()))
@@ -136,9 +137,9 @@ class WindowQueue:
         return waiting
 
     def abandon(self) -> Segment | None:
-        """Return the window that is being identified, if any; it will not be published.
+        """Abandon and return the window being identified, if any; its estimate is not published.
 
-        If its estimate is being published, wait for the end of it, and return None.
+        If its estimate is already being published, waits until done and returns None.
         """
         with self._publishing:
             current, self._current = self._current, None
@@ -150,13 +151,13 @@ def _is_window(segment: Segment) -> bool:
 
 
 def _surplus(queue: deque[Segment], most: int, counts: Callable[[Segment], bool]) -> list[int]:
-    """Return the places of the oldest items of a kind, beyond the ``most`` newest."""
+    """Return the positions of all counted items except the ``most`` newest."""
     places = [place for place, item in enumerate(queue) if counts(item)]
     return places[: max(0, len(places) - most)]
 
 
 def _drop(queue: deque[Segment], is_stretch: bool, most: int) -> list[Segment]:
-    """Replace the oldest windows of a kind, beyond ``most``, by refusals; return the windows."""
+    """Replace the oldest windows of a kind beyond ``most`` by refusals. Return the windows."""
     reason = f"dropped: more than {counted(most, 'stretch' if is_stretch else 'window')} waited"
     dropped = []
     for place in _surplus(

@@ -1,4 +1,4 @@
-"""The working part of a monitor: identification, follow-ups and calls, with their threads."""
+"""Working part of a monitor: threads for identification, follow-ups and calls."""
 
 from collections.abc import Callable, Iterable
 
@@ -22,7 +22,7 @@ from ema_ros.status import Task
 
 
 class Work:
-    """Builds the parts that work, and starts and stops their threads.
+    """Creates the working parts, and starts and stops their threads.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Work:
         PrognosisCalls(node, histories, prognosis, actuators, log)
 
     def start(self) -> None:
-        """Start to identify, and publish the health of described units."""
+        """Start identification and publish the health of described units."""
         self._follow_ups.start()
         self.worker.start()
         with self._actuators.lock:
@@ -70,9 +70,9 @@ class Work:
                     self.results.prepare(status.description)
 
     def stop(self, finish: Callable[[], Iterable[Segment]]) -> None:
-        """Refuse the queued windows, then the open windows, and end the threads.
+        """Refuse queued windows, then open windows, and stop the threads.
 
-        ``finish`` ends the telemetry, and returns the refusals of the open windows.
+        ``finish`` ends the telemetry and returns refusals for the open windows.
         """
         self.worker.stop()
         for segment in finish():
@@ -80,7 +80,7 @@ class Work:
         self._follow_ups.stop()
 
     def count(self, status: NodeStatus) -> None:
-        """Add the counts of the work to the status of the node."""
+        """Add the work counters to the node status."""
         queue = self.worker.queue
         status.windows_waiting = len(queue)
         status.windows_dropped = sum(queue.dropped.values())

@@ -1,4 +1,4 @@
-"""Identification of windows in a separate thread, in the order in which they end."""
+"""Identification of windows in a separate thread, in order of completion."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -28,7 +28,7 @@ _JOIN_S = 1.0
 
 
 class IdentificationWorker:
-    """Identifies windows one after the other, the actuators in turn.
+    """Identifies windows one at a time, serving the actuators in turn.
 
     Every window gets an estimate or a refusal, except the refusals that ``WindowQueue`` drops. If
     the thread fails, its current window is refused and the thread is restarted. After ``stop``
@@ -44,9 +44,9 @@ class IdentificationWorker:
     queue
         The windows to identify.
     thread
-        Identifies the windows.
+        Thread that identifies windows.
     works
-        Work on each followed actuator.
+        Identification state of each monitored actuator.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class IdentificationWorker:
             self._log.warn(displaced.description.actuator_id, text)
 
     def stop(self) -> None:
-        """Stop, even within a window, and refuse the queued windows.
+        """Stop, even in the middle of a window, and refuse the queued windows.
 
         The stretches of ordinary motion combined so far are published, without the current one.
         """
@@ -147,7 +147,7 @@ class IdentificationWorker:
                     self._results.publish(diagnosed)
 
     def refuse(self, segment: Segment, reason: str, *, is_dropped: bool = False) -> None:
-        """Publish the refusal of a window: its refusal by the trigger, or else the reason.
+        """Publish a window's refusal by the trigger, or else a refusal with ``reason``.
 
         Refused stretches of ordinary motion are not published: they are frequent.
         """
@@ -167,7 +167,7 @@ class IdentificationWorker:
             self._identify_and_publish(segment, queue)
 
     def _note_end(self, queue: WindowQueue, failure: str, trace: str) -> None:
-        """Refuse the window during which the thread has failed; the queued windows stay."""
+        """Refuse the window during which the thread failed; queued windows remain."""
         self._log.report_end(failure, trace)
         current = queue.abandon()
         if current is not None:

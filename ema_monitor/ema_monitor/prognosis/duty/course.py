@@ -33,7 +33,7 @@ class FutureDuty:
     Raises
     ------
     ValueError
-        When the factor is not a number above 0.
+        If the factor is not a number above 0.
     """
 
     factor: float = 1.0

@@ -28,7 +28,7 @@ class Scenario(Checked):
     Raises
     ------
     ValueError
-        When a value is impossible; the message names its key, the value and the expected values.
+        If a value is impossible; the message names its key, the value and the expected values.
     """
 
     name: str = text("", "name of the scenario in the answer")
@@ -70,7 +70,7 @@ class Scenario(Checked):
         Raises
         ------
         NotComparableError
-            When the scenario has figures for which the unit has no data.
+            If the scenario has figures for which the unit has no data.
         """
         factor = factor * self.duty
         names = ("travel_per_hour", "loads", "winding")
@@ -135,7 +135,7 @@ def scenarios_of(rows: Sequence[Any]) -> tuple[Scenario, ...]:
     Raises
     ------
     ValueError
-        When there are too many scenarios, a name is repeated, or a scenario is impossible; the
+        If there are too many scenarios, a name is repeated, or a scenario is impossible; the
         message names it.
     """
     if len(rows) > MOST_SCENARIOS:
@@ -164,9 +164,9 @@ def read_scenarios(path: Path) -> tuple[Scenario, ...]:
     Raises
     ------
     ValueError
-        When the file is not a scenario file; the message names file, scenario, key and value.
+        If the file is not a scenario file; the message names file, scenario, key and value.
     OSError
-        When the file cannot be read.
+        If the file cannot be read.
     """
     content = load_yaml(path)
     try:

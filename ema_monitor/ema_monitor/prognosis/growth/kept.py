@@ -29,7 +29,7 @@ class Kept:
         Raises
         ------
         KeyError
-            When something is missing.
+            If something is missing.
         """
         for name in self.kept:
             value = state[f"{at}{name}"]

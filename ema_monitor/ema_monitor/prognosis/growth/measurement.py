@@ -26,7 +26,7 @@ class Measurement:
     Raises
     ------
     ValueError
-        When the hours are negative or not a number, a shape is wrong, or an observable component
+        If the hours are negative or not a number, a shape is wrong, or an observable component
         has no finite value or variance.
     """
 
@@ -70,7 +70,7 @@ class Measurement:
         Raises
         ------
         ValueError
-            When the estimate is not valid, or the hours are negative or not a number.
+            If the estimate is not valid, or the hours are negative or not a number.
         """
         if not estimate.valid:
             raise ValueError(f"an invalid estimate measures nothing: {estimate.reason}")

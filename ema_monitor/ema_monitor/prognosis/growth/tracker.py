@@ -137,7 +137,7 @@ class Tracker(Kept):
         Raises
         ------
         ValueError
-            When the service hour is before the latest test.
+            If the service hour is before the latest test.
         """
         if measurement.hours < self.hours:
             raise ValueError(
@@ -298,7 +298,7 @@ class Tracker(Kept):
         Raises
         ------
         ValueError
-            When the hours descend or are below 0.
+            If the hours descend or are below 0.
         """
         times = np.atleast_1d(np.asarray(hours, dtype=np.float64))
         if times.ndim != 1 or not np.all(np.diff(times, prepend=0.0) >= 0.0):

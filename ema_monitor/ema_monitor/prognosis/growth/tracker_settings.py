@@ -87,7 +87,7 @@ class KnownLaw(Checked):
     Raises
     ------
     ValueError
-        When the law is unknown or a figure is impossible.
+        If the law is unknown or a figure is impossible.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def known_law(fault: str, written: str) -> KnownLaw:
     Raises
     ------
     ValueError
-        When fault or law are unknown, a figure is missing or impossible, or the growth rate is
+        If fault or law are unknown, a figure is missing or impossible, or the growth rate is
         outside the range of the tracker.
     """
     if fault not in COMPONENTS:
@@ -206,7 +206,7 @@ class KnownLawTexts(settings_by_kind("_LawByKind", str, _law_of)):
     Raises
     ------
     ValueError
-        When a text is not a law; the message begins with the kind of fault.
+        If a text is not a law; the message begins with the kind of fault.
     """
 
     def __post_init__(self) -> None:
@@ -261,7 +261,7 @@ class TrackerSettings(Checked):
     Raises
     ------
     ValueError
-        When a figure is outside its range, or a component is unknown.
+        If a figure is outside its range, or a component is unknown.
     """
 
     laws: Mapping[str, KnownLaw] = field(default_factory=dict)

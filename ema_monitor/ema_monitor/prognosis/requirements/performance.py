@@ -132,7 +132,7 @@ class PerformanceModel:
     Raises
     ------
     ValueError
-        When the bandwidth is not positive, or the speed loop is so fast that its simulation has
+        If the bandwidth is not positive, or the speed loop is so fast that its simulation has
         too many steps.
 
     Notes
@@ -291,7 +291,7 @@ def as_faults(faults: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        When they have not eight components.
+        If they have not eight components.
     """
     array = np.atleast_2d(np.asarray(faults, dtype=np.float64))
     if array.shape[-1] != N_FAULTS:

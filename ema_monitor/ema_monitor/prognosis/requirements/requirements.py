@@ -97,7 +97,7 @@ class Requirements:
     Raises
     ------
     ValueError
-        When a healthy actuator misses a requirement.
+        If a healthy actuator misses a requirement.
     """
 
     def __init__(

@@ -38,7 +38,7 @@ def read_page() -> dict[str, Made]:
     Raises
     ------
     OSError
-        When a file cannot be read.
+        If a file cannot be read.
     """
     folder = files("ema_dashboard").joinpath("page")
     contents = {

@@ -83,7 +83,7 @@ class PlaybackControl:
         Raises
         ------
         ValueError
-            When the message is not a request for a playback, or there is no playback.
+            If the message is not a request for a playback, or there is no playback.
         """
         if data[:1] != b"\3" or not _REQUEST.size <= len(data) <= _MOST_BYTES:
             raise ValueError("expected a playback control request as binary message")

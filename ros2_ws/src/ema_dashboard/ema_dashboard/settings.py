@@ -22,7 +22,7 @@ class DashboardSettings(Checked):
     Raises
     ------
     ValueError
-        When a value is out of range, or the dashboard would be reachable from other machines
+        If a value is out of range, or the dashboard would be reachable from other machines
         without token and certificate.
     """
 
@@ -119,7 +119,7 @@ def bound_socket(host: str, port: int, ports: int) -> socket.socket:
     Raises
     ------
     OSError
-        When no port is free, or the address does not belong to this machine.
+        If no port is free, or the address does not belong to this machine.
     """
     last = min(port + ports, 65536) if port else 1
     failure = OSError()

@@ -100,7 +100,7 @@ class WebServer:
         Raises
         ------
         OSError
-            When the server cannot listen.
+            If the server cannot listen.
         """
         self.thread.start()
         asyncio.run_coroutine_threadsafe(self._open(), self._loop).result()

@@ -37,7 +37,7 @@ def load_description(path: Path, *, is_simulated: bool = False) -> ActuatorDescr
     Raises
     ------
     ValueError
-        When the file cannot be read, or a value is missing, unknown or out of range; the message
+        If the file cannot be read, or a value is missing, unknown or out of range; the message
         names the file.
     """
     return load_settings(

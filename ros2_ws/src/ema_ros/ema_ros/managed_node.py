@@ -199,7 +199,7 @@ class ManagedNode(LifecycleNode):
         Raises
         ------
         ValueError
-            When a name is not a valid topic name.
+            If a name is not a valid topic name.
         """
         try:
             return {self.resolve_topic_name(name) for name in names} or None

@@ -84,7 +84,7 @@ def telemetry_from_message(message: "msg.TelemetryBlock") -> Telemetry:
     Raises
     ------
     ValueError
-        When the columns differ in length or are empty, the period is out of range, or the block
+        If the columns differ in length or are empty, the period is out of range, or the block
         ends after the latest possible stamp.
     """
     block = Telemetry(
@@ -132,7 +132,7 @@ def description_from_message(message: "msg.ActuatorDescription") -> ActuatorDesc
     Raises
     ------
     ValueError
-        When a parameter is out of range, the id or serial number is empty, the period is not
+        If a parameter is out of range, the id or serial number is empty, the period is not
         positive or a constant is unknown.
     """
     older = {name: field for name, field in PARAMETER_FIELDS.items() if name != "lead"}
@@ -215,7 +215,7 @@ def measured_from_message(message: "msg.MeasuredCauses") -> tuple[int, list[Caus
     Raises
     ------
     ValueError
-        When there is no stamp, or a unit differs from the registry.
+        If there is no stamp, or a unit differs from the registry.
     """
     stamp_ns = stamp_from_message(message.header.stamp)
     if stamp_ns <= 0:

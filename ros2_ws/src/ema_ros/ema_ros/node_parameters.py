@@ -46,7 +46,7 @@ def declare(node: Node, definition: Any, prefix: str = "", *, constraint: str = 
     Raises
     ------
     ValueError
-        When an override is out of range.
+        If an override is out of range.
     """
     overrides = parameter_overrides(node)
     for parameter in parameters_of(definition, prefix):
@@ -73,7 +73,7 @@ def read(node: Node, definition: type[Definition], prefix: str = "") -> Definiti
     Raises
     ------
     ValueError
-        When a value is out of range; the message names the parameter.
+        If a value is out of range; the message names the parameter.
     """
     values = {
         item.field.name: item.from_node(node.get_parameter(item.name).value)
@@ -111,7 +111,7 @@ class LiveSettings(Generic[Definition]):
     Raises
     ------
     ValueError
-        When an initial value is out of range.
+        If an initial value is out of range.
     """
 
     def __init__(

@@ -110,7 +110,7 @@ class Bridge:
     Raises
     ------
     ValueError
-        When the mapping is one of columns, or a path in it is impossible.
+        If the mapping is one of columns, or a path in it is impossible.
     """
 
     def __init__(
@@ -191,7 +191,7 @@ class Bridge:
         Raises
         ------
         ValueError
-            When the rate of the samples is not a possible sample rate.
+            If the rate of the samples is not a possible sample rate.
         """
         primary = self.mapping.position.topic
         for topic, series in self.collector.take().items():

@@ -210,7 +210,7 @@ def import_series(
     Raises
     ------
     ValueError
-        When there are too few samples, or their period is out of range.
+        If there are too few samples, or their period is out of range.
     """
     primary = by_topic[mapping.position.topic]
     if len(primary) < 2:

@@ -64,7 +64,7 @@ def find_rate(stamps_ns: NDArray[np.int64], rate_hz: float = 0.0) -> Rate:
     Raises
     ------
     ValueError
-        When there are not two stamps apart.
+        If there are not two stamps apart.
     """
     steps = np.diff(stamps_ns)
     steps = steps[steps > 0].astype(np.float64)

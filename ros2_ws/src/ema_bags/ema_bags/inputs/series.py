@@ -107,7 +107,7 @@ class Collector:
     Raises
     ------
     ValueError
-        When a path or the clock is impossible.
+        If a path or the clock is impossible.
     """
 
     def __init__(self, mapping: Mapping) -> None:
