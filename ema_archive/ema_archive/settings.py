@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from functools import cache
 from typing import Any, Self
 
-from ema_core.growth_laws import LAWS
+from ema_core.growth_laws import GROWING_LAWS
 from ema_core.source_digest import source_digest
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.search_settings import SearchSettings
@@ -75,7 +75,7 @@ class ArchiveSettings:
             if not isinstance(known.law, str):
                 raise ValueError(
                     f"law {known.law} of {component}: an archive stores laws by name, expected one "
-                    f"of {', '.join(LAWS[1:])}"
+                    f"of {', '.join(GROWING_LAWS)}"
                 )
         values = asdict(self)
         # An archive knows no other units.

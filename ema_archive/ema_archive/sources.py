@@ -17,12 +17,11 @@ from fsspec.implementations.local import LocalFileSystem
 from fsspec.utils import get_protocol
 
 from ema_bags.metadata import METADATA_FILE
+from ema_bags.suffixes import BAGS
 from ema_core.description import UnitKey
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibrations import CALIBRATION_FILE, AnyCalibration, load_calibration
 
-# What is in sqlite3 storage is not read: it is listed so that it is refused with the remedy.
-_BAG_SUFFIXES: Final = (".mcap", ".db3")
 _OF_THE_LOCAL_DISK: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE)
 _CHANGE_MARKS: Final = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified")
 
@@ -83,7 +82,8 @@ def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
 
 def _bags_in(files: Any, folders: dict[str, Any], entries: dict[str, Any]) -> list[Listed]:
     """Return the bags of a folder; subfolders that are bags are not walked further."""
-    bags = [(info, [info]) for name, info in entries.items() if name.endswith(_BAG_SUFFIXES)]
+    # Bags in sqlite3 storage are listed so that reading them reports the remedy.
+    bags = [(info, [info]) for name, info in entries.items() if name.endswith(BAGS)]
     for name, info in sorted(folders.items()):
         inside = files.ls(info["name"], detail=True)
         if any(item["name"].endswith(f"/{METADATA_FILE}") for item in inside):

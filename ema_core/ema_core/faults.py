@@ -1,12 +1,12 @@
 """Registry of faults: definition, range, limit, typical growth and effect of each fault.
 
 Bounds, health limits, parameters, approach travel, prior laws, uncertainty and documents derive
-from ``FAULTS``. To add a fault, add an entry here, its physics in ``degrade``, a field of
-``FaultVector`` and of the message, and a row of docs/faults.md.
+from ``FAULTS``. CONTRIBUTING.md lists the steps to add a fault.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, make_dataclass
+from enum import IntEnum
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple, Self
 
@@ -18,9 +18,26 @@ from ema_core.parameters import PlantConstants
 from ema_core.wording import unknown_name
 
 
+class Damage(IntEnum):
+    """Measure of the use that makes a fault grow."""
+
+    WEAR = 0
+    """Travel, weighted by the load."""
+    AGEING = 1
+    """Hours, weighted by the temperature of the winding."""
+    HOURS = 2
+    """Hours in service."""
+
+
 @dataclass(frozen=True)
 class Fault:
-    """One component of the fault vector."""
+    """One component of the fault vector.
+
+    Raises
+    ------
+    ValueError
+        When only some of ``limit``, ``growth`` and ``damage`` are set.
+    """
 
     name: str
     """Name in code, messages and parameters."""
@@ -45,8 +62,19 @@ class Fault:
     fault and is neither assessed nor tracked."""
     growth: TypicalGrowth | None = None
     """Typical growth; None without a limit."""
+    damage: Damage | None = None
+    """Measure of the use that makes it grow; None without a limit."""
     shown_by: str = ""
     """Motion that shows the fault, as a phrase; "" without a limit."""
+
+    def __post_init__(self) -> None:
+        values = {"limit": self.limit, "growth": self.growth, "damage": self.damage}
+        missing = [name for name, value in values.items() if value is None]
+        if 0 < len(missing) < len(values):
+            raise ValueError(
+                f"fault {self.name}: {' and '.join(missing)} missing: set all of "
+                f"{', '.join(values)}, or none for a direction"
+            )
 
     @property
     def is_two_sided(self) -> bool:
@@ -84,6 +112,7 @@ def _short_circuit(phase: str) -> Fault:
         mismatch=1e-3,
         limit=0.25,
         growth=TypicalGrowth("self_heating", 1.5e-4, 6.0, latest_onset=400.0),
+        damage=Damage.AGEING,
         shown_by="quick back-and-forth motion, such as a test cycle",
     )
 
@@ -102,6 +131,7 @@ FAULTS: Final = (
         mismatch=7e-4,
         limit=0.5,
         growth=TypicalGrowth("exponential", 2e-3, 0.05),
+        damage=Damage.WEAR,
         shown_by="quick back-and-forth motion, such as a test cycle",
     ),
     Fault(
@@ -117,6 +147,7 @@ FAULTS: Final = (
         mismatch=1.1e-3,
         limit=0.5,
         growth=TypicalGrowth("archard", 3e-4, 3.0),
+        damage=Damage.WEAR,
         shown_by="motion that reverses",
     ),
     _short_circuit("A"),
@@ -135,6 +166,7 @@ FAULTS: Final = (
         mismatch=7e-4,
         limit=0.6,
         growth=TypicalGrowth("power", 1500.0, 1.6),
+        damage=Damage.HOURS,
         shown_by="motion over several turns of the motor",
     ),
     Fault(
@@ -162,6 +194,7 @@ FAULTS: Final = (
         mismatch=3e-4,
         limit=0.25,
         growth=TypicalGrowth("drift", 2.3e-4, diffusion=1e-3),
+        damage=Damage.HOURS,
         shown_by="motion of changing speed",
     ),
 )

@@ -10,7 +10,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-LAWS: Final = ("constant", "linear", "exponential", "archard", "self_heating", "power", "drift")
+EXACT_LAWS: Final = (
+    *("constant", "linear", "exponential", "archard", "self_heating", "power", "drift"),
+)
+"""Laws that ``increment`` and ``hours_until`` solve, which can be simulated."""
+
+GROWING_LAWS: Final = EXACT_LAWS[1:]
+"""Those by which a fault grows, which a user can name as the known law of a fault."""
+
+TIME_SCALE_LAWS: Final = frozenset({"power"})
+"""Laws whose rate is a time scale [h]: the longer it is, the slower the growth."""
 
 _LARGEST: Final = 700.0
 """Largest exponent whose exponential is a finite float [-]."""
@@ -21,7 +30,7 @@ class TypicalGrowth:
     """Growth of a fault in actuators of one type."""
 
     law: str
-    """One of ``LAWS``."""
+    """One of ``EXACT_LAWS``."""
     rate: float
     """Median of the rate a [1/h]; for ``power``, of the time scale c [h]."""
     shape: float = 0.0
@@ -42,7 +51,7 @@ def increment(
     Parameters
     ----------
     law
-        One of ``LAWS``.
+        One of ``EXACT_LAWS``.
     x
         Distance from healthy at the start [-].
     rate
@@ -92,7 +101,7 @@ def hours_until(
     Parameters
     ----------
     law
-        One of ``LAWS``.
+        One of ``EXACT_LAWS``.
     x
         Distance from healthy at the start [-].
     rate
@@ -135,4 +144,4 @@ def hours_until(
 
 
 def _unknown(law: str) -> ValueError:
-    return ValueError(f"law = {law!r} is unknown; known: {', '.join(LAWS)}")
+    return ValueError(f"law = {law!r} is unknown; known: {', '.join(EXACT_LAWS)}")

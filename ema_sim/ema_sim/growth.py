@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import FAULT_NAMES, FAULTS, Fault, fault_vector
-from ema_core.growth_laws import LAWS, increment
+from ema_core.growth_laws import EXACT_LAWS, increment
 from ema_core.quantity import Checked, quantity, text
 
 
@@ -29,7 +29,7 @@ class Growth(Checked):
     its magnitude is the parameter of the law. A drift is signed and may cross the healthy value.
     """
 
-    law: str = text("constant", "law by which the fault grows", LAWS)
+    law: str = text("constant", "law by which the fault grows", EXACT_LAWS)
     rate: float = quantity(0.0, "1/h", -1e6, 1e6, "rate a; of law power its time scale c, in h")
     shape: float = quantity(0.0, "-", 0.0, 100.0, "second parameter of the law: x_0, b or p")
     noise: float = quantity(

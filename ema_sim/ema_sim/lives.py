@@ -23,7 +23,7 @@ from ema_core.faults import (
     TYPICAL,
     healthy_faults,
 )
-from ema_core.growth_laws import TypicalGrowth
+from ema_core.growth_laws import TIME_SCALE_LAWS, TypicalGrowth
 from ema_core.quantity import Checked, quantity
 from ema_sim.growth import Growth, grow
 
@@ -208,8 +208,7 @@ def _drawn_growth(
     if typical.law == "drift":
         diffusion = typical.diffusion * math.sqrt(share)
         return Growth("drift", side * rate * share, noise=diffusion, onset=onset)
-    # The rate of the power law is a time scale: a longer time scale means slower growth.
-    rate = rate / share if typical.law == "power" else rate * share
+    rate = rate / share if typical.law in TIME_SCALE_LAWS else rate * share
     return Growth(typical.law, rate, typical.shape, noise=settings.process_noise, onset=onset)
 
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +53,7 @@ def test_registry_is_complete():
     assert list(KINDS) == ["friction", "backlash", "short_circuit", "eccentricity", "gain"]
     assert list(TYPICAL) == list(KINDS)
     for fault in FAULTS:
-        assert (fault.limit is None) == (fault.growth is None)
+        assert (fault.limit is None) == (fault.growth is None) == (fault.damage is None)
         assert fault.mismatch > 0.0
         alike = [one for one in FAULTS if one.kind == fault.kind]
         assert all(
@@ -62,7 +63,13 @@ def test_registry_is_complete():
     assert [fault.name for fault in FAULTS if fault.is_two_sided and fault.limit] == ["gain"]
 
 
-@pytest.mark.parametrize("index", range(8))
+def test_fault_with_a_limit_needs_a_measure_of_damage():
+    """Otherwise its growth would be counted by hours without notice."""
+    with pytest.raises(ValueError, match="fault friction: damage missing"):
+        replace(FAULTS[0], damage=None)
+
+
+@pytest.mark.parametrize("index", range(len(FAULTS)))
 @pytest.mark.parametrize("value", [-1e-9, 1.0 + 1e-9, math.nan, math.inf, -math.inf])
 def test_impossible_value_is_refused_by_name_value_and_range(index, value):
     fault = FAULTS[index]

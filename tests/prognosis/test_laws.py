@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from ema_core.faults import COMPONENTS
-from ema_core.growth_laws import LAWS as KNOWN
+from ema_core.growth_laws import GROWING_LAWS
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.cells import grid
-from ema_monitor.prognosis.growth.laws import LAWS
+from ema_monitor.prognosis.growth.laws import TRACKED_LAWS
 from ema_monitor.prognosis.growth.laws.interface import BENDS, Figures, Future, Levels
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth.tracker_settings import (
@@ -95,12 +95,12 @@ def ahead(hours: np.ndarray, n: int, rng: np.random.Generator, noise: float) -> 
 
 
 def test_every_law_that_grows_is_tested():
-    assert set(FIGURES) == set(LAWS) - {"constant"}
+    assert set(FIGURES) == set(TRACKED_LAWS) - {"constant"}
 
 
 @each
 def test_futures_by_a_law_pass_the_limit_when_its_lives_end(name):
-    law, n, rng = LAWS[name], 4000, np.random.default_rng(1)
+    law, n, rng = TRACKED_LAWS[name], 4000, np.random.default_rng(1)
     x, of = np.full(n, 0.25), figures(name, n)
     mean, shape = law.passage(x, of, NOISE_HOURS, rng)
     ends = np.where(shape > 0.0, rng.wald(mean, np.maximum(shape, 1e-9)), mean)
@@ -119,11 +119,13 @@ def test_what_is_at_its_limit_has_no_life_left(name):
         of = figures(name, 2)
         of = of._replace(limit=np.full(2, limit), shape=of.shape + limit)
         over = limit * np.array([1.0, 1.3])
-        assert np.all(LAWS[name].passage(over, of, NOISE_HOURS, np.random.default_rng())[0] == 0.0)
+        assert np.all(
+            TRACKED_LAWS[name].passage(over, of, NOISE_HOURS, np.random.default_rng())[0] == 0.0
+        )
 
 
 def test_growth_by_jumps_takes_the_mean_hours_and_the_jump_that_ends_it():
-    n, law = 40_000, LAWS["jumps"]
+    n, law = 40_000, TRACKED_LAWS["jumps"]
     of, x = figures("jumps", n), np.full(n, 0.25)
     hours, _ = law.passage(x, of, NOISE_HOURS, np.random.default_rng(0))
     first = of.third / of.rate / (1.0 + of.shape * x)
@@ -132,7 +134,7 @@ def test_growth_by_jumps_takes_the_mean_hours_and_the_jump_that_ends_it():
 
 @each
 def test_level_after_a_gap_is_that_after_as_many_hours_in_steps(name):
-    law, of = LAWS[name], figures(name, 2 * 49)
+    law, of = TRACKED_LAWS[name], figures(name, 2 * 49)
     found = []
     for steps in (1, 6):
         weight, mean, variance = np.full(98, 0.5), np.full(98, 0.2), np.full(98, 1e-6)
@@ -148,13 +150,13 @@ def test_level_after_a_gap_is_that_after_as_many_hours_in_steps(name):
 @pytest.mark.slow
 @each
 def test_life_by_a_law_is_predicted_after_a_gap_and_a_restart_and_forgotten_at_a_repair(name):
-    law, rng, of = LAWS[name], np.random.default_rng(3), figures(name, 1)
+    law, rng, of = TRACKED_LAWS[name], np.random.default_rng(3), figures(name, 1)
     begin = np.full(1, 0.1)
     until = float(law.hours_until(begin, of)[0])
     hours = np.arange(0.0, 0.7 * until, 10.0)
     values = law.future(begin, of, ahead(hours, 1, rng, 0.0), rng)[:, 0]
     rate, shape, third = FIGURES[name]
-    is_known = name in KNOWN
+    is_known = name in GROWING_LAWS
     laws = {"friction": KnownLaw.of(name, rate, third or shape)} if is_known else {}
     tracker, restored = (Tracker(settings=TrackerSettings(laws=laws)) for _ in range(2))
     is_shown = (hours < 0.3 * until) | (hours > 0.4 * until)
@@ -183,7 +185,7 @@ def test_life_by_a_law_is_predicted_after_a_gap_and_a_restart_and_forgotten_at_a
 @pytest.mark.parametrize("name", ["archard", "self_heating", "power"])
 def test_each_law_has_the_same_bends_and_one_between_two_errs_by_little(name):
     """Seen over three quarters of life: by less than half of the 20 % that a prediction may."""
-    law, bends, left = LAWS[name], [], []
+    law, bends, left = TRACKED_LAWS[name], [], []
     for curve in law.curves(LIMIT):
         of = Figures(*np.array([[1.0], [1.0], [curve.shape], [0.0], [LIMIT]]))
         until, hour = law.hours_until(np.zeros(1), of), np.full(1, 1e-8)

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Final, Self
 import click
 
 from ema_bags.recording import Recording
+from ema_bags.suffixes import TABLES
 from ema_bags.telemetry import read_telemetry
 from ema_cli.options import values_of_options
 from ema_cli.parameters import Command, Parameters
@@ -22,8 +23,6 @@ from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.records import LEAST_MOTION_S
 from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings
 from ema_monitor.windows.window import MIN_TRAVEL
-
-_TABLES: Final = (".csv", ".parquet", ".pq")
 
 ACTUATOR_OPTION: Final = click.option(
     "--actuator",
@@ -91,7 +90,7 @@ MEASURED_OPTION: Final = click.option(
 
 def open_recording(path: Path, source: ReadingOptions) -> tuple[Recording, ReadingOptions]:
     """Open a bag, or a table by the mapping in its folder; return it and the options for it."""
-    if path.suffix.lower() not in _TABLES:
+    if path.suffix.lower() not in TABLES:
         from ema_bags.reader import Bag  # rosbags and mcap only for bags
 
         return Bag(path), source

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.metadata import METADATA_FILE
+from ema_bags.suffixes import BAGS
 from ema_bags.telemetry import described_actuators
 from ema_cli.bags.predicting import Predicting
 from ema_cli.bags.reading import ReadingOptions, open_recording, read_windows, why_no_window
@@ -176,7 +177,7 @@ def _bags_in(path: Path) -> list[Path]:
     if not path.is_dir() or (path / METADATA_FILE).exists():
         return [path]
     folders = (item.parent for item in path.glob(f"*/{METADATA_FILE}"))
-    return sorted([*path.glob("*.mcap"), *path.glob("*.db3"), *folders])
+    return sorted([*(file for suffix in BAGS for file in path.glob(f"*{suffix}")), *folders])
 
 
 def _require_same_unit(

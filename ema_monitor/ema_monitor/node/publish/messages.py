@@ -5,13 +5,14 @@ from array import array
 from collections.abc import Sequence
 from dataclasses import is_dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from ema_core.arrays import Flags
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.description import ActuatorDescription
+from ema_core.faults import N_FAULTS
 from ema_core.levels import LEVEL_NAMES
 from ema_interfaces.msg import Advice as AdviceMessage
 from ema_interfaces.msg import (
@@ -47,9 +48,6 @@ from ema_ros.stamps import check_stamp, stamp_to_message
 _PLAIN = {"double": float, "boolean": bool, "string": str}
 """Conversion by ROS field type; fields of any other type are integers."""
 
-_ALL = 255
-"""Bit mask of all faults."""
-
 
 def estimate_to_message(
     estimate: Estimate, window: int, description: ActuatorDescription
@@ -64,8 +62,8 @@ def estimate_to_message(
         window_start=stamp_to_message(estimate.start_ns),
         window_end=stamp_to_message(estimate.end_ns),
         faults=faults_to_message(estimate.faults),
-        unobservable=_bits(estimate.unobservable),
-        insignificant=_bits(estimate.insignificant),
+        unobservable=fault_bits(FaultEstimate, "unobservable", estimate.unobservable),
+        insignificant=fault_bits(FaultEstimate, "insignificant", estimate.insignificant),
         causes=[_hidden_cause(cause, estimate) for cause in estimate.causes],
         measured=[_hidden_cause(cause) for cause in estimate.measured],
         quantities=_quantities(estimate.comparison),
@@ -91,8 +89,29 @@ def _hidden_cause(inferred: CauseEstimate, estimate: Estimate | None = None) -> 
     return _made(HiddenCause, cause, inferred, alternatives=stand_ins)
 
 
-def _bits(components: Flags) -> int:
-    return int(np.packbits(components, bitorder="little")[0])
+def fault_bits(message_class: Any, name: str, components: Flags) -> int:
+    """Return components of the fault vector, ``(n,)``, as bits of a field of a message.
+
+    Raises
+    ------
+    ValueError
+        If the field has fewer bits than there are components.
+    """
+    kind = message_class.get_fields_and_field_types()[name]
+    if components.size > int(kind.removeprefix("uint")):
+        raise ValueError(
+            f"{message_class.__name__}.{name} is {kind}: expected a bit for each of "
+            f"{components.size} faults; widen the field in {message_class.__name__}.msg and run "
+            "make setup"
+        )
+    return sum(1 << int(number) for number in np.flatnonzero(components))
+
+
+_ALL: Final = np.ones(N_FAULTS, dtype=np.bool_)
+# An import fails if a fault has no bit.
+_ALL_UNOBSERVABLE: Final = fault_bits(FaultEstimate, "unobservable", _ALL)
+fault_bits(FaultEstimate, "insignificant", _ALL)
+fault_bits(UnitTest, "insignificant", _ALL)
 
 
 def health_to_message(outlook: Outlook, description: ActuatorDescription) -> HealthMessage:
@@ -219,7 +238,7 @@ def _unit_test(test: KnownTest) -> UnitTest:
         verdict=VERDICTS.index(estimate.verdict),
         faults=np.where(unobservable, np.nan, np.array(estimate.faults)),
         sigmas=np.where(unobservable, np.nan, np.array(estimate.sigma)),
-        insignificant=_bits(estimate.insignificant),
+        insignificant=fault_bits(UnitTest, "insignificant", estimate.insignificant),
         health_index=assessment.health_index if assessment else math.nan,
         rul_known=bool(assessment and assessment.life),
         rul_05=life[0],
@@ -246,7 +265,7 @@ def unknown_estimate(actuator_id: str, reason: str) -> FaultEstimate:
     """Return the estimate for a response without a result: every figure is NaN."""
     message = _without_figures(FaultEstimate())
     message.actuator_id, message.reason = actuator_id, reason
-    message.verdict, message.unobservable = FaultEstimate.REFUSED, _ALL
+    message.verdict, message.unobservable = FaultEstimate.REFUSED, _ALL_UNOBSERVABLE
     return message
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ema_core.arrays import Array
-from ema_core.faults import COMPONENTS
+from ema_core.faults import FAULTS
 from ema_core.quantity import Checked, quantity, text
 
 LOAD_CLASSES: Final = 10
@@ -24,14 +24,9 @@ BOLTZMANN: Final = 8.617333e-5
 
 _ZERO_CELSIUS: Final = 273.15
 _REFERENCE_K: Final = 373.15
-WEAR, AGEING, HOURS = range(3)
-"""Measures of damage."""
 
-_MEASURES: Final = {"friction": WEAR, "backlash": WEAR} | {
-    f"short_circuit_{phase}": AGEING for phase in "abc"
-}
-MEASURE: Final = np.array([_MEASURES.get(name, HOURS) for name in COMPONENTS])
-"""Measure of each component, ``(7,)``."""
+MEASURE: Final = np.array([fault.damage for fault in FAULTS if fault.damage is not None])
+"""Measure of each component, a ``Damage``, ``(7,)``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,11 +7,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from ema_core.faults import Damage
 from ema_core.quantity import Checked, is_finite_number, quantity, text
 from ema_core.wording import unknown_name
 from ema_core.yaml_file import load_yaml
 from ema_monitor.prognosis.duty.course import DutyCourse, FutureDuty
-from ema_monitor.prognosis.duty.damage import AGEING, MEASURE, WEAR
+from ema_monitor.prognosis.duty.damage import MEASURE
 
 MOST_SCENARIOS: Final = 20
 """Largest number of scenarios in a request."""
@@ -86,9 +87,11 @@ class Scenario(Checked):
             by_load = wear / (travel or np.nan)
             if self.loads:
                 by_load = course.settings.wear(list(self.loads.values()), list(self.loads))
-            rates[WEAR] = (self.travel_per_hour or travel) * by_load
+            rates[Damage.WEAR] = (self.travel_per_hour or travel) * by_load
         if self.winding:
-            rates[AGEING] = course.settings.ageing(list(self.winding.values()), list(self.winding))
+            rates[Damage.AGEING] = course.settings.ageing(
+                list(self.winding.values()), list(self.winding)
+            )
         present, later = past.present.copy(), past.later.copy()
         for measure, hourly in rates.items():
             rate = hourly / course.reference[measure]

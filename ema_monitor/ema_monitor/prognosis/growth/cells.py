@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ema_core.arrays import Array, Flags
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.laws import LAWS
+from ema_monitor.prognosis.growth.laws import TRACKED_LAWS
 from ema_monitor.prognosis.growth.laws.external import External
 from ema_monitor.prognosis.growth.laws.interface import Curve, Figures, Law
 from ema_monitor.prognosis.growth.mechanisms import MECHANISMS, Mechanisms
@@ -101,7 +101,7 @@ def _grid(
     limits: HealthLimits, laws: tuple[tuple[str, KnownLaw], ...], mechanisms: Mechanisms
 ) -> Cells:
     known_laws = dict(laws)
-    every = dict(LAWS)
+    every = dict(TRACKED_LAWS)
     every |= {name: External(law.law) for name, law in laws if not isinstance(law.law, str)}
     by_law = {law: [np.zeros(0, _ROW)] for law in every}
     for number, name in enumerate(COMPONENTS):
@@ -172,7 +172,7 @@ def _check(component: str, law: External, shape: float, limit: float) -> None:
 
 def _unknown_blocks(limit: float, mechanisms: Mechanisms, *, two_sided: bool) -> Iterator[Block]:
     """Yield the cells of a component of unknown law."""
-    laws = [LAWS[name] for name in mechanisms.laws]
+    laws = [TRACKED_LAWS[name] for name in mechanisms.laws]
     laws = [law for law in laws if two_sided or not law.either_side]
     steady = 1.0 - mechanisms.wandering
     curves = [(law, curve) for law in laws if steady for curve in law.curves(limit)]
@@ -205,7 +205,7 @@ def _rows(
     # Hours of the law at rate 1: T is in proportion to 1 / a, and to c.
     figures = np.array([1.0, 1.0, curve.shape, curve.third, limit])
     at_one = float(law.hours_until(np.zeros(1), Figures(*figures[:, None]))[0])
-    rate = lives / at_one if law.name == "power" else at_one / lives
+    rate = lives / at_one if law.has_time_scale else at_one / lives
     rows["side"], rows["rate"], rows["base"] = 1.0, rate, rate
     rows["shape"], rows["third"], rows["is_random"] = curve.shape, curve.third, law.is_random
     rows["spacing"] = math.log(lives[1] / lives[0])

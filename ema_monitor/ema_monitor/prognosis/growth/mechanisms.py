@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 from typing import Final
 
-from ema_monitor.prognosis.growth.laws import LAWS
+from ema_monitor.prognosis.growth.laws import TRACKED_LAWS
 
 
 @dataclass(frozen=True)
 class Mechanisms:
     """Mechanisms of growth whose law is unknown, each with its prior."""
 
-    laws: tuple[str, ...] = tuple(LAWS)
+    laws: tuple[str, ...] = tuple(TRACKED_LAWS)
     """Names of the laws that a fault may follow."""
     wandering: float = 0.7
     """Probability that the rate of a component that grows wanders (P6a) [-]."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from ema_core.arrays import Array
 from ema_core.faults import COMPONENTS, KINDS, TYPICAL, kind_of, settings_by_kind
-from ema_core.growth_laws import LAWS, hours_until
+from ema_core.growth_laws import GROWING_LAWS, hours_until
 from ema_core.quantity import Checked, quantity, text
 from ema_core.wording import unknown_name
 from ema_monitor.health import HealthLimits
@@ -111,14 +111,14 @@ class KnownLaw(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if isinstance(self.law, str):
-            if self.law not in LAWS[1:]:
-                raise ValueError(f"law = {self.law!r} is unknown; known: {', '.join(LAWS[1:])}")
+            if self.law not in GROWING_LAWS:
+                raise ValueError(f"law = {self.law!r} is unknown; known: {', '.join(GROWING_LAWS)}")
         elif isinstance(self.law, type) or not (
             isinstance(self.law, GrowthLaw) and isinstance(self.law, Hashable)
         ):
             raise ValueError(
-                f"law = {self.law!r}: expected one of {', '.join(LAWS[1:])}, or a hashable object "
-                "with the methods increment and hours_until of GrowthLaw"
+                f"law = {self.law!r}: expected one of {', '.join(GROWING_LAWS)}, or a hashable "
+                "object with the methods increment and hours_until of GrowthLaw"
             )
         if self.law == "power" and self.shape == 0.0:
             raise ValueError("shape = 0: law power needs an exponent p above 0")
@@ -165,8 +165,8 @@ def known_law(fault: str, written: str) -> KnownLaw:
     if fault not in COMPONENTS:
         raise ValueError(unknown_name("fault", fault, COMPONENTS))
     law, *figures = written.split(":")
-    if law not in LAWS[1:]:
-        raise ValueError(unknown_name(f"law of {fault}", law, LAWS[1:]))
+    if law not in GROWING_LAWS:
+        raise ValueError(unknown_name(f"law of {fault}", law, GROWING_LAWS))
     nominal = NOMINAL_LAWS[fault]
     if not figures:
         if law != nominal.law:

@@ -1,6 +1,6 @@
-"""Laws of growth by name, in the order of their cells in the grid.
+"""Laws by which the tracker follows growth, by name, in the order of their cells in the grid.
 
-To add one, write it in a file of its own after ``interface.Law`` and name it here.
+CONTRIBUTING.md lists the steps to add a law.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from ema_monitor.prognosis.growth.laws.logistic import Logistic
 from ema_monitor.prognosis.growth.laws.power import Power
 from ema_monitor.prognosis.growth.laws.self_heating import SelfHeating
 
-LAWS: Final[Mapping[str, Law]] = {
+TRACKED_LAWS: Final[Mapping[str, Law]] = {
     law.name: law()
     for law in (Constant, Linear, Exponential, Archard, SelfHeating, Power, Logistic, Drift, Jumps)
 }

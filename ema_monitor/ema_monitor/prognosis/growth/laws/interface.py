@@ -7,7 +7,7 @@ from typing import ClassVar, Final, NamedTuple
 import numpy as np
 
 from ema_core.arrays import Array
-from ema_core.growth_laws import hours_until, increment
+from ema_core.growth_laws import TIME_SCALE_LAWS, hours_until, increment
 
 BENDS: Final = tuple(np.geomspace(1.15, 6.0, 12).tolist())
 """Bends of curves of unknown law [-].
@@ -30,7 +30,7 @@ class Figures(NamedTuple):
     """Figures of cells or samples that follow a law, ``(n,)`` each."""
 
     side: Array  # of healthy, on which it grows, -1 or 1
-    rate: Array  # of the law [1/h], of ``power`` its time scale [h]
+    rate: Array  # of the law [1/h], or its time scale [h]
     shape: Array
     third: Array  # as in `Curve`
     limit: Array  # distance from healthy at which life ends [-]
@@ -71,8 +71,16 @@ class Law:
     either_side: ClassVar[bool] = False
     """Whether the law is only for faults that can leave their healthy value to either side."""
 
+    @property
+    def has_time_scale(self) -> bool:
+        """Whether the rate of the law is a time scale [h], not a speed [1/h]."""
+        return (self.solution or self.name) in TIME_SCALE_LAWS
+
     def curves(self, limit: float) -> list[Curve]:
-        """Return the curves that a fault of unknown law may follow to a limit [-]."""
+        """Return the curves that a fault of unknown law may follow to a limit [-].
+
+        A law without curves is only used for faults whose law is known.
+        """
         return []
 
     def wandering(self, limit: float) -> list[float]:

@@ -10,6 +10,7 @@ from ema_bags.inputs.mapping import Mapping
 from ema_bags.inputs.series import Collector, Series
 from ema_bags.metadata import METADATA_FILE, PACKED_SUFFIX
 from ema_bags.recording import MalformedMessages, MessagePlace, Recorded, Topic
+from ema_bags.suffixes import MCAP, SQLITE
 from ema_core.files import require_regular_file
 from ema_core.wording import unknown_name
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 def is_bag(path: Path) -> bool:
     """Return whether a path may be a bag: a folder, or a file with a suffix of rosbag2."""
     name = path.name.removesuffix(PACKED_SUFFIX)
-    return path.is_dir() or path.suffix == ".db3" or name.endswith(".mcap")
+    return path.is_dir() or path.suffix == SQLITE or name.endswith(MCAP)
 
 
 class SqliteBag:
@@ -103,7 +104,7 @@ def open_bag(path: Path) -> AnyBag:
     from ema_bags.reader import Bag  # imports rosbags and mcap
 
     is_whole = (path / METADATA_FILE).exists()
-    is_sqlite = path.suffix == ".db3" or (
+    is_sqlite = path.suffix == SQLITE or (
         is_whole and any(path.glob("*.db3*")) and not any(path.glob("*.mcap*"))
     )
     return SqliteBag(path) if is_sqlite else Bag(path)

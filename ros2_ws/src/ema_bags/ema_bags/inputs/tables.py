@@ -19,11 +19,9 @@ from ema_bags.inputs.mapping import EPOCHS, TIMES_NS, Clock, Mapping, Table
 from ema_bags.inputs.on_demand import pd
 from ema_bags.inputs.plain_table import plain_parquet, read_plain_csv
 from ema_bags.inputs.series import NO_STAMP, Series
+from ema_bags.suffixes import PARQUET
 from ema_core.files import require_regular_file
 from ema_core.wording import unknown_name
-
-PARQUET: Final = (".parquet", ".pq")
-"""Suffixes of Parquet files; any file without them is read as CSV."""
 
 _PAUSE_NS: Final = 2_000_000_000
 _DAY_NS: Final = 86_400_000_000_000

@@ -14,7 +14,7 @@ export interface HistoryColumns {
   hours: Float64Array;
   faults: Float64Array[]; // one a component
   sigmas: Float64Array[];
-  insignificant: Uint8Array;
+  insignificant: Uint32Array; // bits
   level: Uint8Array;
   health_index: Float64Array;
   rul_05: Float64Array;
@@ -63,7 +63,7 @@ export class UnitRecord {
       hours: column((test) => test.flight_hours),
       faults: FAULTS.map((_, k) => column((test) => test.faults[k]!)),
       sigmas: FAULTS.map((_, k) => column((test) => test.sigmas[k]!)),
-      insignificant: Uint8Array.from(tests, (test) => test.insignificant),
+      insignificant: Uint32Array.from(tests, (test) => test.insignificant),
       level: Uint8Array.from(tests, (test) => test.level),
       health_index: column((test) => test.health_index),
       rul_05: life((test) => test.rul_05),
