@@ -1,3 +1,3 @@
-"""Numerics and data that simulator and monitor share."""
+"""Numerics and data types shared by simulator and monitor."""
 
 __version__ = "0.2.0"

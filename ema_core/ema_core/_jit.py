@@ -30,8 +30,8 @@ def kernel(*, nogil: bool = True) -> Callable[[Callable[..., Any]], Any]:
     """Return the decorator that compiles a kernel.
 
     Kernels divide by zero according to IEEE 754, release the interpreter lock, never raise and are
-    cached on disk if possible. A kernel of a few microseconds keeps the lock (``nogil`` is False):
-    to reacquire it, the kernel might wait for milliseconds.
+    cached on disk if possible. Kernels that take only microseconds should keep the lock
+    (``nogil=False``), because reacquiring it may take milliseconds.
     """
 
     def compile_kernel(function: Callable[..., Any]) -> Any:
@@ -71,7 +71,7 @@ def _log_once(text: str) -> None:
 
 
 class _CheckedFiles(IndexDataCacheFile):
-    """Index and data files of a kernel; a damaged file is removed and counts as missing."""
+    """Index and data files of a kernel. Damaged files are removed and treated as missing."""
 
     def _load_index(self) -> dict[Any, str]:
         version, stamp, overloads = self._read(Path(self._index_path)) or (None, None, {})
@@ -110,7 +110,7 @@ class _CheckedFiles(IndexDataCacheFile):
 
 
 class _KernelCache(FunctionCache):
-    """Cache of one kernel; if it is not writable, the kernel is compiled for this process."""
+    """Cache of one kernel. If it is not writable, the kernel is compiled for this process only."""
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)

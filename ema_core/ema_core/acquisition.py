@@ -1,4 +1,4 @@
-"""Acquisition of telemetry: meaning of a current sample, and measured columns."""
+"""Acquisition of telemetry: meaning of current samples, and which columns are measured."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -59,7 +59,7 @@ class Acquisition(Checked):
         return tuple(name for name, is_absent in absent.items() if is_absent)
 
     def contradiction(self, missing: Collection[str]) -> str:
-        """Return how telemetry with these empty columns contradicts the acquisition; "" if not."""
+        """Return how these empty telemetry columns contradict the acquisition; "" if they agree."""
         reasons = [
             f"the {name} is declared as measured ({self}), but its column is empty"
             if name in missing

@@ -13,24 +13,24 @@ from ema_core.quantity import is_finite_number
 from ema_core.wording import as_identifier, unknown_name
 
 GRAMMAR: Final = "NAME=VALUE[@START[..END]]"
-"""Text form of a cause: its value, with the time of a step, or start and end of a ramp [s]."""
+"""Text form of a cause: value, then optionally the step time or ramp start and end [s]."""
 
 _TEXT: Final = re.compile(r"\s*([^=]+?)\s*=\s*([^@=\s]+?)(?:@([^@=\s]+?)(?:\.\.([^@=\s]+))?)?\s*")
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Time profile of a cause: 0 until ``start_s``, ``value`` from ``end_s`` on, linear between."""
+    """Time profile of a cause: 0 before ``start_s``, a linear ramp, ``value`` after ``end_s``."""
 
     value: float
     """Final value, in the unit of the cause."""
     start_s: float = 0.0
-    """Start of the ramp, from the time at which the cause is set [s]."""
+    """Start of the ramp, relative to the time at which the cause is set [s]."""
     end_s: float = 0.0
     """End of the ramp [s]; equal to ``start_s`` for a step."""
 
     def at(self, time_s: ArrayLike) -> NDArray[np.float64]:
-        """Return the value of the cause at times [s], in their shape."""
+        """Return the value of the cause at ``time_s``, with the shape of ``time_s``."""
         t = np.asarray(time_s, dtype=np.float64)
         if self.end_s == self.start_s:
             return np.where(t >= self.start_s, self.value, 0.0)
@@ -112,7 +112,7 @@ def _cause(name: str) -> Cause:
 
 
 def _checked(cause: Cause, profile: Profile) -> Profile:
-    """Return a profile of floats; ValueError unless it is valid for its cause."""
+    """Return the profile with float values. Raises ValueError if it is invalid for its cause."""
     value, unit = profile.value, cause.unit
     expected = f"[{cause.lowest:g}, {cause.highest:g}] {unit} ({cause.label}: {cause.meaning})"
     if not is_finite_number(value):

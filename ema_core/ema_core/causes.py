@@ -9,16 +9,16 @@ from enum import StrEnum
 from typing import Final, NamedTuple
 
 COPPER: Final = 3.93e-3
-"""Relative rise of the resistance of copper with its temperature [1/K]."""
+"""Temperature coefficient of the resistance of copper [1/K]."""
 
 
 class Place(StrEnum):
     """Where a cause acts."""
 
     PLANT = "plant"
-    """Motor, supply, mechanics or load: it changes the motion."""
+    """Motor, supply, mechanics or load; the cause changes the motion."""
     SENSOR = "sensor"
-    """Only a published column; the loops of the drive use the true value."""
+    """Sensor: the cause changes only a published column; the drive's loops use the true value."""
     DEFECT = "defect"
     """A failed part: faults cannot be estimated while it is present."""
 

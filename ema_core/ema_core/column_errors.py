@@ -1,7 +1,7 @@
-"""Columns of telemetry that are wrong: which, by which factor, and which usual mistake that is.
+"""Errors of telemetry columns: wrong factors, and the common mistakes that explain them.
 
-Import and bridge judge the columns of a mapping, calibration and identification the columns of a
-window or a record. `column_wording` puts an error into words.
+Import and bridge check the columns of a mapping; calibration and identification check the columns
+of a window or record. `column_wording` formats errors as text.
 """
 
 import math
@@ -13,13 +13,13 @@ from typing import Final, NamedTuple, Self
 from ema_core.units import ANGLES, LENGTHS, SPEEDS
 
 NEAR: Final = 0.1
-"""Largest deviation of a factor from the factor of a mistake, as a share of it [-]. Sensors and
-faults change a relation between columns by a few per cent, and the factors of most mistakes differ
-by more than twice this share."""
+"""Relative tolerance for matching a factor to a mistake [-]. Sensors and faults change a relation
+between columns by a few per cent, and the factors of most mistakes differ by more than twice this
+share."""
 
 NEAR_MODEL: Final = 0.4
-"""The same of a column and the response of the actuator as described [-]: healthy windows of drawn
-units are off by at most 8 %, and a deviation that is to be fitted may add several times that."""
+"""The same tolerance relative to the described actuator's response [-]. Healthy windows of random
+units deviate by at most 8 %; deviations yet to be fitted may add several times that."""
 
 
 class Kind(Enum):
@@ -28,17 +28,17 @@ class Kind(Enum):
     SIGN = "sign"
     UNIT = "unit"
     SHAFT = "shaft"
-    """Values of the other side of the gear."""
+    """Values refer to the other side of the gear."""
     SCALE = "scale"
-    """Thousandths for whole units, or the reverse."""
+    """Values are in thousandths of the stated unit, or vice versa."""
     GEAR_RATIO = "gear ratio"
-    """The gear ratio twice, or missing."""
+    """The gear ratio was applied twice, or not at all."""
     AMPLITUDE = "amplitude"
-    """A peak for a root mean square, or the reverse."""
+    """Peak values instead of root mean square, or vice versa."""
 
 
 class Reference(Enum):
-    """Standard of comparison of a column."""
+    """Reference with which a column is compared."""
 
     POSITION = "position"
     SPEED = "speed"
@@ -51,35 +51,35 @@ class Reference(Enum):
 
 
 class Mistake(NamedTuple):
-    """A usual mistake, by which a column is ``factor`` times what it should be."""
+    """A common mistake that multiplies a column by ``factor``."""
 
     kind: Kind
     factor: float
     unit: str = ""
     """Unit or convention of the values."""
     stated: str = ""
-    """Unit or convention in which the values are read."""
+    """Unit or convention as which the values are interpreted."""
 
     @property
     def is_of_si(self) -> bool:
-        """Whether the values are read in SI units, or the unit does not matter."""
+        """Whether the values are interpreted in SI units, or the unit does not matter."""
         return self.kind is not Kind.UNIT or self.stated in ("rad", "rad/s")
 
 
 @dataclass(frozen=True)
 class ColumnError:
-    """Columns that are off by one factor.
+    """Columns that are wrong by a common factor.
 
     Attributes
     ----------
     columns
-        One of command, position, speed and current, or several.
+        Names of the wrong columns: command, position, speed or current.
     factor
-        Values over what they should be [-].
+        Ratio of the values to the expected values [-].
     reference
-        What they contradict.
+        Reference that the columns contradict.
     mistakes
-        Usual mistakes that together make this factor; empty if none does.
+        Common mistakes that together explain the factor; empty if there are none.
     """
 
     columns: tuple[str, ...]
@@ -89,10 +89,11 @@ class ColumnError:
 
     @classmethod
     def of(cls, columns: tuple[str, ...], factor: float, reference: Reference, tau: float) -> Self:
-        """Return the error with its usual mistakes.
+        """Return the error with the common mistakes that explain it.
 
-        A model of the actuator as described is compared with columns in SI units. Peaks and RMS are
-        left out there: their factor is near to 1, and may be of a wrong parameter as well.
+        Against the model of the described actuator, columns are compared in SI units. Confusion of
+        peak and RMS is then ignored: its factor is close to 1 and might also result from a wrong
+        parameter.
         """
         usual, within = [*usual_mistakes(columns[0], tau)], NEAR
         if reference is Reference.MODEL:
@@ -103,7 +104,7 @@ class ColumnError:
 
 @dataclass(frozen=True)
 class UnrelatedColumn:
-    """A column that does not follow what it should, with the correlation of both [-]."""
+    """A column that does not follow its reference, with their correlation [-]."""
 
     column: str
     correlation: float
@@ -111,9 +112,9 @@ class UnrelatedColumn:
 
 
 def mistaken_unit(sizes: dict[str, float], unit: str, stated: str) -> Mistake:
-    """Return the mistake to read values of a unit in the ``stated`` unit.
+    """Return the mistake of interpreting values in ``unit`` as values in ``stated``.
 
-    ``sizes`` has the sizes of both in SI units, by name.
+    ``sizes`` gives the size of both units in SI units, by name.
     """
     return Mistake(Kind.UNIT, sizes[stated] / sizes[unit], unit, stated)
 
@@ -141,15 +142,15 @@ _PAIRS: Final = {
         (_PER_MINUTE, "/s", "/min"),
     ],
 }
-"""Units by column that are usually confused: the unit of the values, and the stated unit. A command
-is compared with the position."""
+"""Commonly confused units by column: actual and stated unit. A command is compared with the
+position."""
 
 PEAK_FOR_RMS: Final = Mistake(Kind.AMPLITUDE, math.sqrt(2.0), "peak", "RMS")
 RMS_FOR_PEAK: Final = Mistake(Kind.AMPLITUDE, math.sqrt(0.5), "RMS", "peak")
 
 
 def usual_mistakes(column: str, tau: float) -> Iterator[Mistake]:
-    """Yield the usual mistakes of a column; ``tau`` is the gear ratio, user over motor speed."""
+    """Yield the common mistakes of a column; ``tau`` is the gear ratio, user over motor speed."""
     yield _SIGN
     yield _THOUSANDTHS
     yield _THOUSANDTHS._replace(factor=1e-3)
@@ -162,12 +163,12 @@ def usual_mistakes(column: str, tau: float) -> Iterator[Mistake]:
 
 
 def usual_mistake(column: str, factor: float, tau: float) -> Mistake | None:
-    """Return the usual mistake that multiplies a column by a factor, within 10 %, or None."""
+    """Return the common mistake that matches a column's factor within 10 %, or None."""
     return _nearest(factor, [*usual_mistakes(column, tau)], NEAR)
 
 
 def _mistakes_of(usual: Sequence[Mistake], factor: float, within: float) -> tuple[Mistake, ...]:
-    """Return the mistakes that make a factor: one, or the sign with another one."""
+    """Return the mistakes that explain a factor: one mistake, or a sign error plus another."""
     if mistake := _nearest(factor, usual, within):
         return (mistake,)
     if factor < 0.0 and (mistake := _nearest(-factor, usual, within)):

@@ -1,4 +1,4 @@
-"""Words for columns of telemetry that are wrong."""
+"""Texts about wrong telemetry columns."""
 
 from typing import Final
 
@@ -24,7 +24,7 @@ _REFERENCES: Final = {
 
 
 def question(column: str, mistake: Mistake, reference: Reference) -> str:
-    """Return the question whether a column has a mistake."""
+    """Return a question asking the user whether a column has a given mistake."""
     match mistake.kind:
         case Kind.SIGN:
             return "is its sign the other one?"
@@ -49,13 +49,13 @@ def question(column: str, mistake: Mistake, reference: Reference) -> str:
 
 
 def questions(error: ColumnError) -> str:
-    """Return the question whether a column has its usual mistakes, or "" without any."""
+    """Return a question asking whether a column has its likely mistakes; "" if there are none."""
     asked = [question(error.columns[0], item, error.reference) for item in error.mistakes]
     return ", and ".join(text.rstrip("?") for text in asked) + "?" * bool(asked)
 
 
 def error_text(error: ColumnError | UnrelatedColumn) -> str:
-    """Return the wrong column, its factor, and the question after its usual mistakes."""
+    """Return a text with the wrong column, its factor, and a question about likely mistakes."""
     reference = _REFERENCES[error.reference]
     if isinstance(error, UnrelatedColumn):
         return (

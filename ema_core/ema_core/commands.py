@@ -1,4 +1,4 @@
-"""Position commands as sampled arrays, and the test cycle around a command.
+"""Position commands as sampled arrays, and test cycles built around them.
 
 A command of ``n`` samples at period ``h`` holds the user-shaft angle [rad] at h, 2 h, ... n h; the
 angle at time 0 is zero. Models interpolate linearly between samples.
@@ -34,9 +34,9 @@ _ARRAYS = 2  # simultaneous arrays of the length of the command, without tempora
 class Command(Checked):
     """A command, defined by its shape and parameters.
 
-    A swing has the frequencies and the envelope of a chirp, but begins at rest: its first half
-    period leads from the start to the amplitude, each further half period from one turning point to
-    the next. After a whole number of half periods it ends at rest.
+    A swing has the frequencies and envelope of a chirp but starts at rest. Its first half period
+    moves from the start to the amplitude, each further half period between turning points. After a
+    whole number of half periods it ends at rest.
     """
 
     shape: str = text("chirp", "shape of the command", COMMAND_SHAPES)
@@ -75,8 +75,8 @@ class Command(Checked):
     def travel_warning(self, parameters: ActuatorParameters) -> str:
         """Return a warning if the command exceeds the end stops, else an empty text.
 
-        It is not an error, because a test may run an actuator against its stops on purpose. Usually
-        the angle has a wrong unit.
+        It is not an error, because a test may drive the actuator into its stops on purpose. The
+        usual cause is a wrong unit of the angle.
         """
         stop = parameters.theta_stop
         is_custom = self.shape == "custom"
@@ -90,7 +90,7 @@ class Command(Checked):
         )
 
     def sample(self, sample_period: float) -> NDArray[np.float64]:
-        """Return the samples of the command at a period [s], ``(n,)`` [rad].
+        """Sample the command at a period [s]. Return ``(n,)`` angles [rad].
 
         Raises
         ------
@@ -145,7 +145,7 @@ THESIS_CHIRP: Final = Command()
 
 
 class Cycle(NamedTuple):
-    """Samples of a whole test cycle [rad] and the position of the test command in it.
+    """Samples of a whole test cycle [rad], and where the test command lies in it.
 
     ``start`` is the index of the last sample at rest before the command, ``stop`` the index after
     the last sample of the command.
@@ -159,17 +159,17 @@ class Cycle(NamedTuple):
 def _smooth_move(
     start: float, stop: float, duration: float, h: float, most: float = math.inf
 ) -> NDArray[np.float64]:
-    """Return the samples of a move with zero speed at both ends, at most ``most`` samples."""
+    """Return at most ``most`` samples of a move with zero speed at both ends."""
     n = max(1.0, round(duration / h) if duration / h < most else duration / h)
     u = np.arange(1, int(min(n, most)) + 1) / n
     return start + (stop - start) * (1.0 - np.cos(math.pi * u)) / 2.0
 
 
 def approach_travel(parameters: ActuatorParameters) -> float:
-    """Return the travel of the command in one direction that closes the play [rad].
+    """Return the one-way command travel that closes the play [rad].
 
-    It is the sum of the widest backlash, and the position error that the highest friction holds at
-    the lowest gain, both at the user shaft.
+    It is the sum of the largest backlash and the position error sustained by the highest friction
+    at the lowest gain, both at the user shaft.
     """
     control, _, mechanics = constants(parameters)
     friction, backlash, gain = (FAULTS[i] for i in (FRICTION, BACKLASH, GAIN))

@@ -1,4 +1,4 @@
-"""Contradictions between coupled parameters of a description.
+"""Consistency checks for coupled parameters of an actuator description.
 
 Changing one parameter of the built-in example without its dependent parameters describes an
 actuator that does not exist. Each coupling is a ratio with its usual range. A ratio outside its
@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 from ema_core.parameters import ActuatorParameters
 
 TORQUE_PER_EMF: Final = {"six_step": 1.0, "field_oriented": math.sqrt(3.0) / 2.0}
-"""Torque constant over back-EMF constant by drive [-].
+"""Ratio of torque constant to back-EMF constant by drive [-].
 
 Both constants are between two terminals. Six-step commutation drives two phases in series. The
 current of field-oriented control is the amplitude i_q of the phase currents: the torque constant is
@@ -20,7 +20,7 @@ current of field-oriented control is the amplitude i_q of the phase currents: th
 
 
 class _Coupling(NamedTuple):
-    """A ratio of parameters with its usual range, and the remark outside of the range."""
+    """A ratio of parameters, its usual range, and the remark for values outside the range."""
 
     name: str
     ratio: Callable[[ActuatorParameters], float]
@@ -31,7 +31,7 @@ class _Coupling(NamedTuple):
 
 
 def _over(numerator: float, denominator: float) -> float:
-    """Return a quotient; NaN if the denominator is not positive: there is no coupling then."""
+    """Return a quotient; NaN (no coupling) if the denominator is not positive."""
     return numerator / denominator if denominator > 0.0 else math.nan
 
 
@@ -139,7 +139,7 @@ def torque_per_current(parameters: ActuatorParameters, drive: str) -> float:
 
 
 def standstill(parameters: ActuatorParameters, drive: str) -> str:
-    """Return why the described actuator can never move; empty if it can."""
+    """Return why the described actuator can never move; empty if it can move."""
     p = parameters
     if drive not in TORQUE_PER_EMF:
         return ""
@@ -154,9 +154,9 @@ def standstill(parameters: ActuatorParameters, drive: str) -> str:
 
 
 def remarks(parameters: ActuatorParameters, drive: str) -> tuple[str, ...]:
-    """Return the contradictions between coupled parameters of an actuator, a sentence each.
+    """Return one sentence per contradiction between coupled parameters of an actuator.
 
-    A drive with an unknown controller is not checked: most of its parameters are not used.
+    Drives with an unknown controller are not checked because most parameters are unused.
     """
     p = parameters
     if drive not in TORQUE_PER_EMF:

@@ -6,11 +6,11 @@ from typing import Final, NamedTuple
 from ema_core.parameters import ActuatorParameters
 
 LINEAR_RANGE: Final = 1.0 / math.sqrt(3.0)
-"""Largest amplitude of the phase voltages over the supply, with space-vector modulation [-]."""
+"""Largest ratio of phase voltage amplitude to supply with space-vector modulation [-]."""
 
 
 class CurrentLoop(NamedTuple):
-    """Constants of both current loops per phase, for kernels (equation M33).
+    """Per-phase constants of both current loops, for kernels (equation M33).
 
     ``K_p`` [ohm] and ``K_i`` [ohm/s] are the gains, ``L`` [H] and ``k`` [V.s/rad] inductance and
     back-EMF constant of the decoupling, ``P`` the pole pairs [-].
@@ -24,7 +24,7 @@ class CurrentLoop(NamedTuple):
 
 
 def current_loop(parameters: ActuatorParameters) -> CurrentLoop:
-    """Return the constants of loops with the bandwidth ``omega_c`` (M33)."""
+    """Return the constants of current loops with bandwidth ``omega_c`` (M33)."""
     p = parameters
     R, L = 0.5 * p.R_s, 0.5 * p.L_s
     return CurrentLoop(p.omega_c * L, p.omega_c * R, L, p.k_e / math.sqrt(3.0), float(p.P))

@@ -40,7 +40,7 @@ class ActuatorDescription:
     serial_number: str = "SIM-0001"
     """Serial number of the installed unit."""
     model: str = "bldc-flap-actuator"
-    """The manufacturer's type designation."""
+    """Manufacturer's type designation."""
     sample_period: float = SAMPLE_PERIOD
     """Sample period of the telemetry [s]."""
     parameters: ActuatorParameters = field(default_factory=ActuatorParameters)
@@ -51,7 +51,7 @@ class ActuatorDescription:
 
     @property
     def unit_key(self) -> UnitKey:
-        """Actuator id and serial number, the key under which data of a unit are stored."""
+        """Actuator id and serial number: the key for stored data of the unit."""
         return self.actuator_id, self.serial_number
 
     def __post_init__(self) -> None:
@@ -78,9 +78,9 @@ class ActuatorDescription:
 
 
 def check_name(what: str, name: object) -> None:
-    """Raise ``ValueError`` unless a name is valid for an actuator or unit in files and messages.
+    """Raise ``ValueError`` unless ``name`` is a valid actuator or unit name.
 
-    A valid name has 1 to 100 printable characters, without blanks at its ends.
+    A valid name has 1 to 100 printable characters and no leading or trailing blanks.
     """
     if not isinstance(name, str) or not name:
         raise ValueError(f"{what} = {name!r}: expected a name (text)")

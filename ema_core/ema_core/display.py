@@ -1,11 +1,11 @@
-"""Display of results in a prompt and a notebook."""
+"""Display of results at a Python prompt and in notebooks."""
 
 from abc import abstractmethod
 from html import escape
 
 
 class Displayed:
-    """Base of results: ``repr`` is one line, and a notebook shows ``str``.
+    """Base class of results: ``repr`` is one line, and notebooks show ``str``.
 
     A dataclass that inherits from it needs ``repr=False``.
     """

@@ -1,4 +1,4 @@
-"""Kernels shared by reference and monitor model: controller, mechanics, filter.
+"""Kernels shared by the reference and monitor models: controller, mechanics, filter.
 
 They accept single floats and lanes of `ema_core.simd`, except where a docstring states otherwise.
 """
@@ -16,7 +16,7 @@ LAG_TIME_CONSTANT: Final = 1e-5
 
 
 def lag_factor(dt: float) -> float:
-    """Return the relative approach of a first-order lag to its input in one step ``dt`` [s].
+    """Return the fraction by which a first-order lag approaches its input per step ``dt`` [s].
 
     The factor is exact for an input that is constant over the step, so that models with different
     steps delay the current by the same time.
@@ -25,7 +25,7 @@ def lag_factor(dt: float) -> float:
 
 
 class CurrentSampling(NamedTuple):
-    """Constants by which samples of the current are computed from its values in the steps (M6).
+    """Constants to compute current samples from the values at the steps (M6).
 
     A sample starts from ``carry`` times the final state of the previous sample. Each step updates
     the state to ``keep`` times the state plus ``gain`` times the value. The sample is the final
@@ -41,7 +41,7 @@ class CurrentSampling(NamedTuple):
 def current_sampling(acquisition: Acquisition, steps: int, dt: float) -> CurrentSampling:
     """Return the constants for samples of ``steps`` steps of ``dt`` [s].
 
-    A current that is not measured is averaged.
+    An unmeasured current is averaged.
     """
     if acquisition.current == "instantaneous":
         return CurrentSampling(0.0, 0.0, 1.0, 1.0)
@@ -75,7 +75,7 @@ def reference_current(c: ControlConstants, error, integral, last_error, disturba
 
 @kernel()
 def next_speed(m: MechanicalConstants, omega, torque, breakaway, dt):
-    """Motor speed after one step under ``torque``, motor less load, with dry friction (M7).
+    """Motor speed after one step under the net ``torque`` (motor minus load) with friction (M7).
 
     Borello's model: at rest, friction balances any torque up to ``breakaway``, at least ``f_d``; in
     motion it opposes the motion with ``f_d``; a step that would cross zero speed ends at zero.
@@ -92,7 +92,7 @@ def next_speed(m: MechanicalConstants, omega, torque, breakaway, dt):
 
 @kernel()
 def next_speed_of_lanes(m: MechanicalConstants, omega, torque, load, breakaway, friction, dt):
-    """Motor speed after one step, as `next_speed`, with selections in place of branches (M7).
+    """Branch-free version of `next_speed` for lanes (M7).
 
     ``friction`` is the dynamic friction, ``load`` opposes the ``torque`` of the motor [N.m]. Lanes
     cannot branch; the reference actuator, a single float, is 6 % faster with branches. The

@@ -48,15 +48,15 @@ class Fault:
     healthy: float
     """Healthy value of the normalised k [-]."""
     highest: float
-    """Largest k that can be simulated [-]."""
+    """Largest normalised value k that can be simulated [-]."""
     quantity: str
     """Physical quantity: ``base`` + ``slope`` k, in ``unit``."""
     base: float
     slope: float
     unit: str
     mismatch: float
-    """Least standard deviation that the mismatch of the monitor model adds to an estimate [-]. For
-    eccentricity and its phase it applies in their plane."""
+    """Minimum standard deviation that model mismatch adds to an estimate [-]. For eccentricity and
+    its phase it applies in their plane."""
     limit: float | None = None
     """Default distance from healthy at which life ends [-]; None for a direction, which is not a
     fault and is neither assessed nor tracked."""
@@ -65,7 +65,7 @@ class Fault:
     damage: Damage | None = None
     """Measure of the use that makes it grow; None without a limit."""
     shown_by: str = ""
-    """Motion that shows the fault, as a phrase; "" without a limit."""
+    """Motion that reveals the fault, as a phrase; "" without a limit."""
 
     def __post_init__(self) -> None:
         values = {"limit": self.limit, "growth": self.growth, "damage": self.damage}
@@ -90,7 +90,7 @@ class Fault:
         return f"{self.quantity} = ({formula}) {self.unit}".strip()
 
     def at(self, k: Any) -> Any:
-        """Return the physical values of normalised values of any shape, in ``unit``."""
+        """Convert normalised values of any shape to physical values in ``unit``."""
         return self.base + self.slope * k
 
     def physical(self, k: float) -> str:
@@ -272,7 +272,7 @@ def kind_of(component: str) -> str:
 
 
 def settings_by_kind(name: str, annotation: type, make: Callable[[str], Any]) -> Any:
-    """Return a frozen dataclass with a field for each kind of fault, as a base of settings."""
+    """Return a frozen dataclass with one field per kind of fault, as a base class of settings."""
     rows = [(kind, annotation, make(kind)) for kind in KINDS]
     return make_dataclass(name, rows, frozen=True)
 
@@ -288,8 +288,7 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
     Parameters
     ----------
     values
-        Values by name, with healthy values for missing names; or all eight values of one vector,
-        ``(8,)``, or of several, ``(..., 8)``.
+        Values by name (missing names are healthy), or complete vectors, ``(8,)`` or ``(..., 8)``.
 
     Returns
     -------
@@ -326,7 +325,7 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
 
 
 def eccentricity_angle(phase: Any) -> Any:
-    """Return the directions phi of eccentricities [rad] from their phases, of any shape."""
+    """Convert normalised eccentricity phases of any shape to directions phi [rad]."""
     return (2.0 * phase - 1.0) * np.pi
 
 
@@ -367,13 +366,13 @@ def with_eccentricity(
 
 
 def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
-    """Return the constants of a plant with faults; a healthy vector leaves them unchanged.
+    """Return plant constants with faults applied; a healthy vector leaves them unchanged.
 
     Parameters
     ----------
     faults
-        One fault vector, ``(8,)``, or several, ``(n, 8)``: the constants that faults change then
-        have shape ``(n,)``.
+        One fault vector, ``(8,)``, or several, ``(n, 8)``. With several, the changed constants have
+        shape ``(n,)``.
 
     Raises
     ------
@@ -408,7 +407,7 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
 def random_faults(rng: "np.random.Generator") -> NDArray[np.float64]:
     """Draw a random multiple fault from the distribution of the thesis, ``(8,)`` (section 7.2).
 
-    Most components are small, the phase is uniform, the gain is near its healthy value.
+    Most components are small, the phase is uniform, and the gain is near its healthy value.
     """
     r = rng.random(N_FAULTS)
     k = r**7
@@ -418,7 +417,7 @@ def random_faults(rng: "np.random.Generator") -> NDArray[np.float64]:
 
 
 def estimation_error(estimate: ArrayLike, truth: ArrayLike) -> float:
-    """Return the error of an estimated fault vector, in percent of the range.
+    """Return the error of an estimated fault vector in percent of the fault ranges.
 
     This form reproduces the printed errors of the thesis (equation M14): the phase is weighted with
     the estimated eccentricity. The phase difference is wrapped to half a turn.

@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 @contextmanager
 def complete_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path to write to; the file is renamed to ``path`` when the block ends.
+    """Yield a temporary path to write to; it is renamed to ``path`` when the block succeeds.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def complete_file(path: Path) -> Iterator[Path]:
 
 
 def _synchronise(path: Path) -> None:
-    """Wait until a file, or the entries of a directory, are on disk."""
+    """Flush a file, or the entries of a directory, to disk."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
@@ -51,7 +51,7 @@ def _synchronise(path: Path) -> None:
 
 @contextmanager
 def open_regular_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a regular file for reading; pipes and devices are refused without waiting.
+    """Open a regular file for reading; refuse pipes and devices without blocking.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def open_regular_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def require_regular_file(path: Path) -> None:
-    """Raise ``ValueError`` unless a path is a regular file: pipes and devices may never end."""
+    """Raise ``ValueError`` unless a path is a regular file; pipes and devices may block."""
     with open_regular_file(path):
         pass
 

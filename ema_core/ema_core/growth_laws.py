@@ -27,12 +27,12 @@ _LARGEST: Final = 700.0
 
 @dataclass(frozen=True)
 class TypicalGrowth:
-    """Growth of a fault in actuators of one type."""
+    """Typical growth of a fault in a type of actuator."""
 
     law: str
     """One of ``EXACT_LAWS``."""
     rate: float
-    """Median of the rate a [1/h]; for ``power``, of the time scale c [h]."""
+    """Median of the rate a [1/h], or of the time scale c [h] for ``power``."""
     shape: float = 0.0
     """Second parameter of the law [-]."""
     rate_sigma: float = 0.3
@@ -40,13 +40,13 @@ class TypicalGrowth:
     diffusion: float = 0.0
     """Diffusion s of ``drift`` [1/sqrt(h)]."""
     latest_onset: float = 0.0
-    """Upper limit of the start of growth, which is uniformly distributed from 0 [h]."""
+    """Latest start of growth [h]; the start is uniformly distributed from 0."""
 
 
 def increment(
     law: str, x: ArrayLike, rate: ArrayLike, shape: ArrayLike, hours: ArrayLike
 ) -> NDArray[np.float64]:
-    """Return the growth of a fault without process noise.
+    """Return the increment of a fault over some hours, without process noise.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def increment(
     shape
         Second parameter of the law [-]; ignored by laws without one.
     hours
-        Hours in service, at least 0 [h].
+        Duration in service, at least 0 [h].
 
     Returns
     -------

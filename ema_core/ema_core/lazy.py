@@ -1,4 +1,4 @@
-"""Public names of a package that are imported when they are first used (PEP 562)."""
+"""Lazy import of a package's public names on first use (PEP 562)."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -6,9 +6,9 @@ from typing import Any
 
 
 def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return ``__getattr__`` and ``__dir__`` of a package that exports ``__all__`` of its ``api``.
+    """Return ``__getattr__`` and ``__dir__`` that export ``__all__`` of a package's ``api``.
 
-    A node or a command imports single modules, and shall not import the whole library.
+    Nodes and commands import single modules and must not load the whole library.
     """
 
     def get(name: str) -> Any:

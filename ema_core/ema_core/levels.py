@@ -1,4 +1,4 @@
-"""Levels of a status or of health, as diagnostic_msgs/DiagnosticStatus numbers them."""
+"""Levels of status and health, numbered as in diagnostic_msgs/DiagnosticStatus."""
 
 from typing import Final
 

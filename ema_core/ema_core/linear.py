@@ -1,4 +1,4 @@
-"""Linear actuators: conversion of angles, speeds and torques to mm, mm/s and N by the lead."""
+"""Linear actuators: conversion of angle, speed and torque to mm, mm/s and N by the lead."""
 
 import math
 import re
@@ -17,7 +17,7 @@ _IN_SI: Final = {
     "N.s/m": ("N.m.s/rad", 1.0, 2),
     "kg": ("kg.m^2", 1.0, 2),
 }
-"""By unit: SI unit of the parameter, conversion factor, and exponent of the travel per radian."""
+"""By unit: SI unit, conversion factor, and exponent of the travel per radian."""
 
 _WITH_UNIT: Final = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(mm/s|mm|N\.s/m|N|kg)")
 _NEEDED: Final = {"lead": "the travel [m] for one turn of the user shaft", "tau": "the gear ratio"}
@@ -30,7 +30,7 @@ class DisplayUnit(NamedTuple):
     scale: float
 
     def text(self, value: float) -> str:
-        """Return a value in SI units as a text."""
+        """Format a value given in SI units."""
         return f"{self.scale * value:.4g} {self.unit}"
 
 
@@ -62,7 +62,7 @@ def motor_shown(parameters: ActuatorParameters) -> DisplayUnit:
 def physical(name: str, k: float, description: ActuatorDescription) -> str:
     """Return the physical value of a fault; for a linear actuator also its growth in N or mm.
 
-    The growth of friction is stated as a force at the rod, from the nominal friction. An unknown
+    Friction growth is given as a force at the rod, relative to the nominal friction. An unknown
     drive has no nominal friction. The text is empty if ``name`` is not a fault.
     """
     fault, p = FAULT_BY_NAME.get(name), description.parameters
@@ -77,7 +77,7 @@ def physical(name: str, k: float, description: ActuatorDescription) -> str:
 
 
 def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters of a file in SI units; ``lead`` and ``tau`` convert texts such as "60 mm".
+    """Convert file parameters to SI units; ``lead`` and ``tau`` convert texts like "60 mm".
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Environment for arrays of a few megabytes: single-threaded linear algebra, reuse of memory.
+"""Process environment for medium-sized arrays: single-threaded algebra, memory reuse.
 
 The programs divide their work among processors themselves. Threads of numpy's linear algebra would
 wait actively and occupy the processor of another worker, and their number may change the last bits
@@ -12,15 +12,15 @@ from typing import Final
 
 _THREADS: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_": str(1 << 26)}
-"""Size above which arrays are allocated outside the heap, and largest free part of the heap
+"""Size above which arrays are allocated outside the heap, and largest unused part of the heap
 [bytes]."""
 
 
 def array_environment(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Return the variables to add to an environment; existing variables take precedence.
+    """Return the variables to add to an environment without overriding existing ones.
 
-    In the present process they limit threads if numpy is not imported yet. In processes started
-    later they also apply to memory.
+    In the current process they limit threads if numpy is not imported yet. In child processes they
+    also affect memory.
     """
     threads = {} if "OMP_NUM_THREADS" in environment else dict.fromkeys(_THREADS, "1")
     return {name: value for name, value in (threads | _MEMORY).items() if name not in environment}

@@ -1,13 +1,13 @@
-"""Figures of whole moves, for drives that log no samples."""
+"""Figures of whole moves, for drives that do not log samples."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 
 class Move(NamedTuple):
-    """Figures of one move, or their medians over several equal moves."""
+    """Figures of one move, or medians over several equal moves."""
 
     stamp_ns: int
     """Stamp of the first move [ns]."""
     figures: Mapping[str, float]
-    """Figures by name; all are positive."""
+    """Figures by name; all positive."""

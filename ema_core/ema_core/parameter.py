@@ -1,4 +1,4 @@
-"""Fields of settings as parameters of nodes and commands, with name, unit and scale."""
+"""Conversion of settings fields to node and command parameters."""
 
 from contextlib import suppress
 from dataclasses import Field, fields
@@ -23,23 +23,23 @@ class SettingsParameter:
         self.name = prefix + name
 
     def to_node(self, value: Any) -> Any:
-        """Return the value of the parameter for a value of the field."""
+        """Convert a field value to a parameter value."""
         if "texts" in self.field.metadata:
             # An empty list has no type in a parameter file.
             return list(value) or [""]
         return value if self.scale is None else float(f"{value * self.scale:.12g}")
 
     def from_node(self, value: Any) -> Any:
-        """Return the value of the field for a value of the parameter."""
+        """Convert a parameter value to a field value."""
         if "texts" in self.field.metadata and isinstance(value, list | tuple):
             return tuple(item for item in value if item != "")
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         return value / self.scale if self.scale is not None and is_number else value
 
     def number_of(self, value: Any) -> Any:
-        """Return a number, or the text of a number, in the type of the field.
+        """Convert a number, or its text, to the type of the field.
 
-        Other values are returned unchanged. YAML 1.1 reads 1e-06 as a text, and 4 as an integer.
+        Other values are returned unchanged. YAML 1.1 parses 1e-06 as a text and 4 as an integer.
         """
         if "range" in self.field.metadata and type(value) in (str, int):
             with suppress(ValueError):

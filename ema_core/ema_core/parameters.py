@@ -110,7 +110,7 @@ class ActuatorParameters(Checked):
 
     @property
     def top_speed(self) -> float:
-        """Speed of the motor that neither controller nor supply exceed [rad/s]."""
+        """Highest motor speed that controller and supply allow [rad/s]."""
         return max(self.omega_max, self.V_max / self.k_e)
 
     def replace(self, values: Mapping[str, Any]) -> "ActuatorParameters":
@@ -141,11 +141,11 @@ def unit_of(name: str) -> str:
 NEUTRAL: Mapping[str, float] = MappingProxyType(
     {"tau": 1.0, "k_t": 1.0, "k_e": 1.0, "BLK": 0.0, "theta_stop": 1e6, "omega_max": 5e3}
 )
-"""Parameters of a machine without a description: nothing is converted or limited."""
+"""Neutral parameters of a machine without a description: no conversion, no limits."""
 
 
 class FieldOrientedParameters(ActuatorParameters):
-    """Parameters of a field-oriented drive, for functions that receive no description."""
+    """Parameters of a field-oriented drive, for functions without a description."""
 
 
 class PlantConstants(NamedTuple):

@@ -1,4 +1,4 @@
-"""Fields of settings with metadata, for validation, documents and parameters of nodes."""
+"""Dataclass fields with metadata for validation, documentation and node parameters."""
 
 import math
 from dataclasses import field, fields
@@ -17,7 +17,7 @@ _MISTAKEN_UNITS: Final = {
     "V.s/rad": (("mV.s/rad", 1e-3),),
     "kg.m^2": (("kg.cm^2", 1e-4), ("g.cm^2", 1e-7)),
 }
-"""Units that are often confused with a unit, each with its size in the right unit."""
+"""Units often mistaken for each unit, with their size in the correct unit."""
 
 
 def quantity(
@@ -34,19 +34,19 @@ def quantity(
     Parameters
     ----------
     default
-        Default value; an int makes a field of integers.
+        Default value; an int makes an integer field.
     unit
         Unit, "-" for a dimensionless number.
     lowest, highest
         Range, ends included.
     description
-        Description for messages and documents.
+        Description for messages and documentation.
     usual
         Usual range. The message for a value outside ``lowest`` to ``highest`` uses it to suggest
         the unit that was probably meant.
     shown
-        Name, unit, and number of these units per ``unit``, of the parameter of a node. Some tools
-        read a number with an exponent as a text; another unit avoids the exponent.
+        Name, unit, and scale (parameter units per ``unit``) of the node parameter. Some tools parse
+        numbers with an exponent as text; a different unit avoids the exponent.
     """
     of_number = {"unit": unit, "range": (lowest, highest), "usual": usual, "shown": shown}
     return field(default=default, metadata={"description": description, **of_number})
@@ -55,7 +55,7 @@ def quantity(
 def text(
     default: str, description: str, choices: tuple[str, ...] = (), *, compare: bool = True
 ) -> Any:
-    """Return a dataclass field for a text, restricted to ``choices`` if there are any.
+    """Return a dataclass field for a text, optionally restricted to ``choices``.
 
     With ``compare=False``, equality ignores the field.
     """
@@ -104,7 +104,7 @@ class Checked:
 
 
 def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> str:
-    """Return the usual range of a refused value, and the unit that was probably meant.
+    """Return a hint for a refused value: its usual range and the unit probably meant.
 
     The text ends an error message and begins with a semicolon; it is empty without a usual range.
     For a ratio, unit "-", the inverse is tried.
@@ -127,11 +127,11 @@ def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> 
 
 
 MOST_BYTES: Final = 1 << 28
-"""Largest memory of an array whose length depends on settings [B]."""
+"""Largest memory of an array with a settings-dependent length [B]."""
 
 
 def check_length(count: float, what: str, columns: int = 1) -> None:
-    """Raise ``ValueError`` unless ``columns`` of ``count`` samples fit into ``MOST_BYTES``.
+    """Raise ``ValueError`` if ``columns`` columns of ``count`` samples exceed ``MOST_BYTES``.
 
     ``count`` may be fractional or infinite; ``what`` names its origin in errors.
     """

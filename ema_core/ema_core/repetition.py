@@ -1,4 +1,4 @@
-"""Columns of samples that repeat each value: renewed more slowly than published."""
+"""Detection of columns that repeat values because they are updated slower than sampled."""
 
 from typing import Final
 
@@ -15,11 +15,11 @@ _ONE_COUNT: Final = 1.5
 
 
 def held_samples(values: Array) -> int:
-    """Return for how many samples a column, ``(n,)``, repeats each value; 1 if it does not.
+    """Return how often a column, ``(n,)``, repeats each value; 1 for no repetition.
 
-    An encoder of few counts also repeats its value, but changes by one count and less often the
-    slower it moves. A column that is renewed slowly changes at multiples of one time, by any
-    amount. 0 if too few changes show which it is.
+    A coarse encoder also repeats its value, but changes by one count at a time, less often at lower
+    speed. A slowly updated column changes at multiples of a fixed period, by any amount. Returns 0
+    if there are too few changes to decide.
     """
     finite = values[np.isfinite(values)]
     steps = np.diff(finite)
@@ -41,14 +41,14 @@ def held_samples(values: Array) -> int:
 
 
 def between_renewals(values: Array, held: int) -> Array:
-    """Return a column, ``(n,)``, on the line between the samples that renew its value.
+    """Interpolate a column, ``(n,)``, linearly between the samples that update it.
 
     Parameters
     ----------
     values
         The column, all finite.
     held
-        For how many samples it repeats each value (`held_samples`).
+        Number of samples per value, from `held_samples`.
     """
     renewed = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
     # After a rest, the value was renewed last `held` samples before it changes.

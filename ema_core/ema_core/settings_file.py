@@ -31,7 +31,7 @@ def load_settings(
     kind
         The dataclass.
     prepare
-        Functions that convert sections of the content, by name of the section.
+        Functions that convert sections of the content, by section name.
     complete
         Function that completes the content before its sections are converted.
 
@@ -59,10 +59,10 @@ def load_settings(
 
 
 def settings_from(kind: type[_Settings], content: Any, section: str = "") -> _Settings:
-    """Return a dataclass from plain values as a YAML file holds them.
+    """Build a dataclass from plain values, as parsed from a YAML file.
 
-    A field that is a dataclass is a section, which may be empty. A text in place of a section is
-    its ``source``.
+    A field that is a dataclass is a section, which may be empty. A text instead of a section is
+    taken as its ``source``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Vectors of lanes in kernels: code for one float computes all lanes.
+"""SIMD vectors in kernels: scalar code processes several lanes at once.
 
 A kernel loads a `Vector` from an array and uses it like a float; `select` replaces branches. LLVM
 maps the vectors to the registers of the processor. ``+ - * /``, unary
@@ -34,8 +34,8 @@ _kernel_function: Final[Any] = intrinsic
 _TUPLE: Final[Any] = types.BaseTuple
 
 LANES: Final = 16 if get_host_cpu_features().get("avx512f") else 8
-"""Lanes of a vector. Operations of a step depend on each other, so that 16 lanes take 1.3 times as
-long as 8 lanes in registers of 512 bits, and 1.7 times in registers of 256 bits.
+"""Number of lanes per vector. Operations of a step depend on each other, so that 16 lanes take 1.3
+times as long as 8 lanes in registers of 512 bits, and 1.7 times in registers of 256 bits.
 """
 
 _DOUBLES: Final = ir.VectorType(ir.DoubleType(), LANES)
@@ -186,7 +186,7 @@ def select(typingctx, condition, a, b):
 
 @_kernel_function
 def any_lane(typingctx, condition):
-    """Return whether a condition is true in any lane, for a branch that all lanes take together."""
+    """Return whether a condition is true in any lane, for a branch common to all lanes."""
 
     def lower(context, builder, sig, args):
         bits = builder.bitcast(args[0], ir.IntType(LANES))
@@ -207,7 +207,7 @@ def broadcast(typingctx, number):
 
 @_kernel_function
 def load(typingctx, values, start):
-    """Return arrays as vectors of their `LANES` values from ``start`` on.
+    """Load `LANES` values of each array from ``start`` as vectors.
 
     Arrays must be contiguous, ``(n,)``, with at least ``start + LANES`` values; this is not
     checked. In a tuple, named or nested, arrays become vectors and numbers remain numbers.

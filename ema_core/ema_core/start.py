@@ -1,4 +1,4 @@
-"""Start of a program: imports end at SIGINT without traceback, linear algebra has one thread."""
+"""Program start: quiet interruption of imports, single-threaded linear algebra."""
 
 import io
 import os
@@ -15,7 +15,7 @@ from ema_core.linear_algebra import array_environment
 
 @contextmanager
 def quiet_imports() -> Iterator[None]:
-    """Let SIGINT end the process at once, in place of KeyboardInterrupt."""
+    """Context in which SIGINT ends the process at once instead of raising KeyboardInterrupt."""
     before = signal.getsignal(signal.SIGINT)
     is_main = threading.current_thread() is threading.main_thread()
     if is_default := is_main and before is signal.default_int_handler:
@@ -28,10 +28,10 @@ def quiet_imports() -> Iterator[None]:
 
 
 def write_any_text() -> None:
-    """Let standard output and error accept any text under any locale.
+    """Make standard output and error accept any text under any locale.
 
-    Files and pipes use UTF-8, a terminal its encoding. A byte of a file name that is not text is
-    written as an escape sequence.
+    Files and pipes use UTF-8, terminals their own encoding. Undecodable bytes of file names are
+    written as escape sequences.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -40,7 +40,7 @@ def write_any_text() -> None:
 
 
 def program(module: str) -> Callable[[], Any]:
-    """Return a function that imports a module, which may take long, and calls its ``main``."""
+    """Return a function that imports a module (which may be slow) and calls its ``main``."""
 
     def main() -> Any:
         os.environ.update(array_environment())  # before numpy is imported

@@ -1,4 +1,4 @@
-"""Thread that is restarted and reported when its work ends unexpectedly."""
+"""Thread that is restarted, and reported, when its work ends unexpectedly."""
 
 import threading
 import time
@@ -14,16 +14,16 @@ _SETTLED_S: Final = 10.0
 
 
 class SteadyThread:
-    """Runs work in a thread until ``end`` is called, and restarts work that ends before.
+    """Runs work in a thread until ``end`` is called, restarting it if it ends earlier.
 
-    The first restart is after 1 s, each further restart after twice the time, at most 60 s. If the
-    work ran for longer than the last wait, the wait is 1 s again. After each unexpected end,
-    ``on_failure`` is called in the thread with the reason, one line, and the traceback.
+    The delay before a restart is 1 s, doubling up to 60 s. It resets to 1 s if the work ran for
+    longer than the last delay. After each unexpected end, ``on_failure`` is called in the thread
+    with the reason, one line, and the traceback.
 
     Attributes
     ----------
     ending
-        Event that is set when the thread shall end.
+        Event that is set to end the thread.
     ends
         Number of unexpected ends of the work.
     """
@@ -48,7 +48,7 @@ class SteadyThread:
 
     @property
     def failure(self) -> str:
-        """Reason and number of unexpected ends; empty without one, or 10 s after a restart."""
+        """Reason and number of unexpected ends; empty if none, or from 10 s after a restart."""
         if self._is_working and time.monotonic() - self._begun_s >= _SETTLED_S:
             return ""
         return self._failure
@@ -58,7 +58,7 @@ class SteadyThread:
         self._thread.start()
 
     def end(self, join_s: float | None = None) -> None:
-        """End the thread, and wait for its end, at most ``join_s`` [s]."""
+        """End the thread and wait for up to ``join_s`` [s]."""
         self.ending.set()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(join_s)

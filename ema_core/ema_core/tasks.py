@@ -1,4 +1,4 @@
-"""One interface for tasks on local processes, local threads, or a Dask cluster."""
+"""Common interface to run tasks on local processes, threads or a Dask cluster."""
 
 import multiprocessing
 import os
@@ -40,7 +40,7 @@ class ClusterLostError(RuntimeError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a task: its item, and the value or the error of the function.
+    """Result of a task: the item, and the returned value or raised error.
 
     The error is ``WorkerLostError`` if the task ended its workers.
     """
@@ -57,10 +57,10 @@ class Outcome:
 
 
 class Workers(AbstractContextManager["Workers", None]):
-    """Workers that call a function with many items; use them under ``with``.
+    """Pool of workers that call a function for many items; a context manager.
 
-    If the block raises an exception, tasks that have not started are dropped, and processes end at
-    once. A task whose worker process ends is repeated alone, up to three runs in total.
+    If the block raises an exception, pending tasks are dropped and processes end at once. If a
+    worker process dies, its task is retried alone, up to three runs in total.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Workers(AbstractContextManager["Workers", None]):
     number
         Number of parallel tasks on this machine; a scheduler has a fixed number of workers.
     scheduler
-        Address of a Dask scheduler; empty for a cluster of local processes.
+        Address of a Dask scheduler; empty for a local cluster.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def _dask_client(number: int, scheduler: str) -> Any:
 
 
 def _begin_worker(parent: Any) -> None:
-    """Ignore interrupts of the terminal, and end when the parent closes its end of the pipe.
+    """Ignore terminal interrupts, and exit when the parent closes its end of the pipe.
 
     The pipe is the only way to notice that the parent was killed.
     """

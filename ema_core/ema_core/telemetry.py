@@ -21,7 +21,7 @@ PERIODS = (1e-9, 1.0)
 """Shortest and longest permitted sample period [s]."""
 
 PAUSE_S: Final = 1.0
-"""Longest gap in which samples count as lost [s]; a longer gap is a pause."""
+"""Longest gap whose samples count as lost [s]; longer gaps are pauses."""
 
 _NO_SAMPLES: Final = np.zeros(0, dtype=bool)
 
@@ -86,12 +86,12 @@ class Telemetry:
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
-        """Time of the end of every sample, ``(n,)`` [ns]."""
+        """End time of each sample, ``(n,)`` [ns]."""
         steps = np.arange(len(self), dtype=np.int64)
         return self.stamp_ns + elapsed_ns(self.sample_period, self.first_index, steps)
 
     def stamp_at(self, sample: int) -> int:
-        """Return the time of the end of a sample, numbered from 0 [ns]."""
+        """Return the end time of a sample, numbered from 0 [ns]."""
         return self.stamp_ns + elapsed_ns(self.sample_period, self.first_index, sample)
 
     def part(self, start: int, stop: int) -> "Telemetry":
@@ -135,7 +135,7 @@ def elapsed_ns(sample_period: float, first_index: int, samples: Any) -> Any:
     first_index
         Running index of the sample from which the time is counted.
     samples
-        Numbers of samples after ``first_index``: an integer or an array of integers.
+        Sample offsets from ``first_index``: an integer or an integer array.
     """
     whole, over, per = _period_ns(sample_period)
     before = (first_index * over + per // 2) % per
@@ -144,7 +144,7 @@ def elapsed_ns(sample_period: float, first_index: int, samples: Any) -> Any:
 
 @lru_cache
 def _period_ns(sample_period: float) -> tuple[int, int, int]:
-    """Return a period as whole nanoseconds and a fraction: ``whole + over / per`` [ns].
+    """Return a period as ``(whole, over, per)``: ``whole + over / per`` nanoseconds.
 
     The result is exact for rates of whole hertz up to 1 MHz. The float period is not: at 48 kHz its
     error would reach a nanosecond within days.
@@ -177,8 +177,8 @@ def join(blocks: list[Telemetry]) -> Telemetry:
 def lost_between(last: Telemetry, block: Telemetry) -> Telemetry | None:
     """Return the samples lost between two blocks, interpolated linearly.
 
-    None if nothing is missing, or if interpolation is impossible: more than ``PAUSE_S`` is missing,
-    the period or the measured columns differ, or the stamps contradict the number of samples.
+    Returns None if nothing is missing or interpolation is impossible: the gap exceeds ``PAUSE_S``,
+    the period or measured columns differ, or the stamps contradict the number of samples.
     """
     h, begin = last.sample_period, last.first_index + len(last)
     count = block.first_index - begin

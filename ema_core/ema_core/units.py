@@ -1,4 +1,4 @@
-"""Sizes of units in SI units, by the names that mappings of telemetry use."""
+"""Sizes of units in SI units, by the unit names of telemetry mappings."""
 
 import math
 from typing import Final

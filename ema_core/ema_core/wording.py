@@ -1,4 +1,4 @@
-"""Wording shared by messages to users."""
+"""Wording shared by user messages."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -19,7 +19,7 @@ def beside_limit(value: float, limit: float, digits: int = 3) -> tuple[str, str]
 
 
 def one_line(name: str, text: str, most: int) -> str:
-    """Return a typed text as a single line; ValueError unless it has 1 to ``most`` characters."""
+    """Return a text as a single line. Raises ValueError unless it has 1 to ``most`` characters."""
     line = " ".join(text.split())
     if not 0 < len(line) <= most or not line.isprintable():
         raise ValueError(f"{name}: expected 1 to {most} printable characters, not {len(line)}")
@@ -37,7 +37,7 @@ def time_in_words(seconds: float) -> str:
 
 
 def unknown_name(kind: str, name: object, names: Iterable[str]) -> str:
-    """Return the message for an unknown name of a kind, with the closest and all valid names."""
+    """Return an error text for an unknown name, with the closest and all valid names."""
     by_lower_case = {item.lower(): item for item in names}
     close = get_close_matches(as_identifier(str(name)), by_lower_case, n=1)
     hint = f"did you mean {by_lower_case[close[0]]!r}? " if close else ""

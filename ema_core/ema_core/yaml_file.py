@@ -106,7 +106,7 @@ def _is_nested_deeply(content: bytes) -> bool:
 
 
 def _holds_too_much(content: Any) -> bool:
-    """Return whether there are too many values; each reference to a value counts."""
+    """Return whether there are too many values, counting every reference to a value."""
     count, level = 0, [content]
     while level:
         parts = [

@@ -60,10 +60,10 @@ from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.prognosis.shown import LastShown, recent_faults, recent_from_ns
 
 SHOWN_SHARE: Final = 0.05
-"""Share of its limit above which a fault is named when the baseline changes [-]."""
+"""Share of its limit above which a fault is named in a baseline change [-]."""
 
 KEPT_EVERY: Final = 50
-"""Tests after which the state of the tracker, 0.8 MB, is stored again."""
+"""Number of tests between two stored tracker states (0.8 MB each)."""
 
 
 class KnownTest(NamedTuple):
@@ -71,9 +71,9 @@ class KnownTest(NamedTuple):
 
     entry: Entry
     hours: float
-    """Service hours at the test [h]; NaN when unknown."""
+    """Service hours at the test [h]; NaN if unknown."""
     assessment: Assessment | None
-    """Assessment after the test; None when there is none."""
+    """Assessment after the test, or None."""
 
 
 class Unit:
@@ -144,7 +144,7 @@ class Unit:
         received_ns: int = 0,
         is_live: bool = False,
     ) -> Outlook | None:
-        """Record the estimate of a test and return the outlook after it.
+        """Record the estimate of a test and return the resulting outlook.
 
         The result is None if the window was skipped, or is refused and older than the newest test.
         If the order of tests is unknown, the test is refused.
@@ -154,22 +154,22 @@ class Unit:
         estimate
             Estimate of its window.
         parameters
-            Parameters of the unit; None when unknown.
+            Parameters of the unit; None if unknown.
         settings
-            Settings used from this test on.
+            Settings to use from this test on.
         count
-            Latest count of service hours that was read before the test; None when there is none.
+            Latest count of service hours read before the test, or None.
         flown
-            Duty since the previous test, valid or not, as far as it is known.
+            Known duty since the previous test, valid or not.
         received_ns
-            Time of reception by the clock of the receiver [ns]; 0 for a recording.
+            Reception time on the receiver's clock [ns]; 0 for a recording.
         is_live
-            Whether the test was received while it was measured: then it is the newest test.
+            Whether the test was received live; it is then the newest test.
 
         Notes
         -----
-        A repeated test changes nothing, unless it was refused before and has a valid estimate now:
-        then it does not count as a further cycle. A test whose service hours are unknown or not yet
+        A repeated test is ignored, unless it was refused before and now has a valid estimate. It
+        then does not count as another cycle. A test whose service hours are unknown or not yet
         confirmed is stored but does not enter the prognosis.
         """
         with self._lock:
@@ -222,7 +222,7 @@ class Unit:
             return self._outlook_with_events(parameters)
 
     def _place_of(self, estimate: Estimate, received_ns: int, is_live: bool) -> Place:
-        """Return the place of a test among the tests so far."""
+        """Return the position of a test among the recorded tests."""
         newest, newest_ns = self.history.newest, 0
         if newest is not None and self._received[0] == newest.stamp_ns:
             newest_ns = self._received[1]
@@ -230,7 +230,7 @@ class Unit:
         return place_of(estimate, self.history, received_ns, newest_ns, by_clock, is_live)
 
     def _refuse(self, test: UnusedCycle, parameters: ActuatorParameters | None) -> Outlook | None:
-        """Record a test without a valid estimate; return the outlook if the test is the newest."""
+        """Record a test without a valid estimate. Return the outlook if the test is the newest."""
         before = self.history.newest
         self.history.append(test)
         is_newest = self.history.newest is test
@@ -287,18 +287,18 @@ class Unit:
         counts: Sequence[Count] = (),
         flown: Sequence[tuple[int, FlownDuty]] = (),
     ) -> Iterator[tuple[Estimate, Outlook | None]]:
-        """Yield each estimate with the outlook after it, as ``update`` gives it.
+        """Call ``update`` for each estimate; yield the estimate with its outlook.
 
         Parameters
         ----------
         estimates, counts
             Tests, and counts of service life, each in order of time.
         parameters
-            Parameters of the unit; None when unknown.
+            Parameters of the unit; None if unknown.
         settings
             Settings to use.
         flown
-            Duty up to the ends of windows, by their stamps [ns], in order of time.
+            Duty up to the end of each window, by stamp [ns], in order of time.
         """
         # The log is limited: at each test it has only the counts that precede the test.
         waiting, log, pieces = deque(counts), CountLog(), deque(flown)
@@ -311,7 +311,7 @@ class Unit:
             yield estimate, self.update(estimate, parameters, settings, count, duty)
 
     def write(self) -> None:
-        """Store the state of growth if it has changed by ``KEPT_EVERY`` tests."""
+        """Store the growth state after every ``KEPT_EVERY`` tests."""
         with self._lock:
             # Under the lock: the state must include all tests of the history.
             if not 0 <= self.growth.tests - self._kept_tests < KEPT_EVERY:
@@ -321,13 +321,13 @@ class Unit:
     def resume(
         self, parameters: ActuatorParameters | None, settings: PrognosisSettings
     ) -> Outlook | None:
-        """Return the outlook after the latest test so far; None when there was none."""
+        """Return the outlook after the latest recorded test; None if there is none."""
         with self._lock:
             self._apply(settings)
             return self._outlook_with_events(parameters) if self.history.newest else None
 
     def rewind(self, time_ns: int) -> None:
-        """Drop tests and assessments after a time [ns], to which simulated time has gone back."""
+        """Discard tests and assessments later than ``time_ns`` after simulated time jumped back."""
         with self._lock:
             tests, assessments = self.history.tests, self.history.assessments
             self.history.close()
@@ -369,7 +369,7 @@ class Unit:
             self._intermittent.acknowledge(self._time_of(stamp_ns) if stamp_ns else newest_ns)
 
     def alarm(self, parameters: ActuatorParameters | None, settings: PrognosisSettings) -> str:
-        """Return the cause of a WARN or ERROR, also if the level has expired; "" without any."""
+        """Return the cause of a WARN or ERROR, even if the level has expired; "" if none."""
         with self._lock:
             self._apply(settings)
             if self.history.newest is None:
@@ -380,7 +380,7 @@ class Unit:
             return cause_of_level(outlook) or f"its level is {LEVEL_NAMES[outlook.known_level]}"
 
     def change_baseline(self, person: str, calibration_id: str) -> bool:
-        """Record that a person changes the unit's calibration; return whether it was recorded.
+        """Record that a person changed the unit's calibration. Return whether it was recorded.
 
         The change becomes an event of the newest valid test; without a valid test it is not
         recorded. The next outlook has the event; ``resume`` returns an outlook at once.
@@ -405,7 +405,7 @@ class Unit:
     def outlook(
         self, parameters: ActuatorParameters | None, settings: PrognosisSettings
     ) -> Outlook:
-        """Return the outlook under some settings, for example another duty; record nothing.
+        """Return the outlook under different settings, such as another duty, without recording it.
 
         Raises
         ------
@@ -421,7 +421,7 @@ class Unit:
     def under(
         self, scenario: Scenario, parameters: ActuatorParameters | None, settings: PrognosisSettings
     ) -> Outlook:
-        """Return the outlook under a scenario, and record nothing.
+        """Return the outlook under a scenario without recording it.
 
         The outlook is unknown, with the reason, if the scenario cannot be compared with the duty
         flown.
@@ -440,7 +440,7 @@ class Unit:
                 self._settings = settings
 
     def latest_tests(self, most: int) -> tuple[list[KnownTest], int]:
-        """Return the latest valid tests, oldest first, and the number of earlier ones left out.
+        """Return the latest valid tests, oldest first, and the number of omitted earlier tests.
 
         Parameters
         ----------
@@ -461,7 +461,7 @@ class Unit:
             return tests, left_out
 
     def forecaster(self, outlook: Outlook) -> Forecaster | None:
-        """Return a forecaster of the faults after an outlook, independent of later tests.
+        """Return a fault forecaster that continues an outlook, independent of later tests.
 
         The result is None if a later test has been added since the outlook.
         """
@@ -474,7 +474,7 @@ class Unit:
             return Forecaster(outlook, frozen, self._settings.limits)
 
     def _apply(self, settings: PrognosisSettings) -> None:
-        """Use settings; if the tracker's assumptions change, recompute the growth."""
+        """Apply settings. If the tracker's assumptions change, recompute the growth."""
         old, self._settings = self._settings, settings
         if old != settings:
             self._by_valid = None
@@ -487,7 +487,7 @@ class Unit:
             self._recompute_growth()
 
     def _growth_of_all(self, kept: bytes = b"") -> GrowthRecord:
-        """Return the growth by all tests so far, continued from a stored state if it fits."""
+        """Return the growth from all tests, resumed from a matching stored state if possible."""
         settings = self._settings
         tracker, self._fleet_in_words = settings.tracker, ""
         if settings.fleet is not None:
@@ -503,7 +503,7 @@ class Unit:
         return LastShown(self._settings.limits, (*self.history.entries, *self.history.late))
 
     def _intermittent_by_all(self) -> Intermittent:
-        """Return the intermittent faults by all tests, and by the notes after each."""
+        """Return the intermittent faults from all tests and their notes."""
         result, assessments = Intermittent(self._settings.limits), self.history.assessments
         for test in sorted(self.history.tests, key=lambda test: test.stamp_ns):
             if isinstance(test, UnusedCycle):
@@ -518,7 +518,7 @@ class Unit:
         return result
 
     def _time_of(self, end_ns: int) -> int:
-        """Return the time of the valid test whose window ends at a stamp [ns], or the stamp."""
+        """Return the time of the valid test that ends at ``end_ns``, or else ``end_ns``."""
         every = (*self.history.late, *reversed(self.history.entries))
         return next((entry.stamp_ns for entry in every if entry.end_ns == end_ns), end_ns)
 
@@ -550,7 +550,7 @@ class Unit:
         return replace(self._claimed(outlook), events=new)
 
     def _claimed(self, outlook: Outlook) -> Outlook:
-        """Return the outlook by the valid tests, adapted to the newest test, with its claim."""
+        """Return the outlook from the valid tests, adapted to the newest test, with validity."""
         newest = self.history.newest
         if newest is None:
             return outlook
@@ -571,7 +571,7 @@ class Unit:
         return replace(outlook, claim=claim)
 
     def _outlook(self, parameters: ActuatorParameters | None) -> Outlook:
-        """Return the outlook by the valid tests."""
+        """Return the outlook from the valid tests."""
         if not self.history.entries:
             return unknown_outlook("no valid test so far")
         wanted, requirements = self._settings.requirements, None
@@ -599,7 +599,7 @@ class Unit:
         )
 
     def _worn_baseline(self) -> str:
-        """Return who changed the newest test's baseline when the unit was worn; or ""."""
+        """Return who set the current baseline while the unit was worn; "" if nobody did."""
         newest = _baseline(self.history.entries[-1])
         earlier = (entry for entry in reversed(self.history.entries) if _baseline(entry) != newest)
         before = next(earlier, None)
@@ -622,10 +622,10 @@ class Unit:
         return from_ns
 
     def _confirmed(self, outlook: Outlook) -> Outlook:
-        """Return the outlook with earlier levels, and a departure, until tests confirm their end.
+        """Return the outlook with earlier levels and departures kept until tests confirm their end.
 
-        The end is confirmed by ``level_confirmations`` tests in a row. A record that judges nothing
-        does not count.
+        ``level_confirmations`` consecutive tests confirm the end. Records without a judgement do
+        not count.
         """
         newest = self.history.entries[-1].estimate
         earlier = (
@@ -645,7 +645,7 @@ class Unit:
         return replace(outlook, health=warned(outlook.health), departure=words)
 
     def _after_failures(self, outlook: Outlook) -> Outlook:
-        """Return the outlook with the failure of an earlier test until tests confirm its end.
+        """Return the outlook with an earlier failure kept until tests confirm its end.
 
         The end is confirmed by ``level_confirmations`` tests in a row. An intermittent failure must
         be acknowledged by a person.
@@ -684,7 +684,7 @@ class Unit:
         return STALE
 
     def _failed_since(self, outlook: Outlook) -> float:
-        """Return the service hour at which the present run of tests with ERROR began [h]."""
+        """Return the service hour at which the current run of ERROR tests started [h]."""
         if outlook.health.level != ERROR:
             return math.nan
         since = outlook.hours
@@ -697,7 +697,7 @@ class Unit:
         return since
 
     def _further_events(self, outlook: Outlook) -> list[UnitEvent]:
-        """Return the events that no test reveals: notes, a restart, and a changed calibration."""
+        """Return events not derived from tests: notes, a restart, and a changed calibration."""
         events, entries = self._notes.take(), self.history.entries
         if self._restarted:
             opened_ns, tests = self._restarted
@@ -714,7 +714,7 @@ class Unit:
     def _entry(
         self, estimate: Estimate, new_cycles: int, count: Count | None, flown: FlownDuty
     ) -> tuple[Entry, list[Finding]]:
-        """Return the entry of a test, and findings on ignored counts and missed tests."""
+        """Return the history entry of a test, with findings on ignored counts and missed tests."""
         latest = self.growth.service.latest
         each = self._settings.service.hours_per_cycle
         cycles = new_cycles + (latest.cycles if latest else 0)
@@ -748,12 +748,12 @@ def _counts(estimate: Estimate) -> bool:
 
 
 def _is_judged(estimate: Estimate) -> bool:
-    """Return whether a record shows that the unit has departed, or shows its friction."""
+    """Return whether a record shows a departure or determines the friction."""
     compared = estimate.comparison
     return compared is not None and (compared.has_departed or compared[FRICTION].is_judged)
 
 
 def _later(first: Count | None, second: Count | None, end_ns: int) -> Count | None:
-    """Return the later of two counts, if it was read by the end of a test [ns]; else the other."""
+    """Return the later of two counts that was read before the end of a test [ns]."""
     read = [count for count in (first, second) if count and count.stamp_ns <= end_ns]
     return max(read, key=lambda count: count.stamp_ns, default=None)

@@ -1,4 +1,4 @@
-"""Hidden causes outside the usual range of healthy units, which exclude the level OK."""
+"""Hidden causes outside the usual range of healthy units; they exclude the level OK."""
 
 from collections.abc import Iterable, Iterator
 from typing import Final
@@ -14,16 +14,16 @@ from ema_monitor.reason_texts import EQUAL_SHORTS
 TORQUE_CONSTANT: Final = "torque_constant"
 
 ONE_SIDED_95: Final = 1.645
-"""Standard deviations from the mean to a one-sided 95 % bound [-]."""
+"""Number of standard deviations from the mean to a one-sided 95 % bound [-]."""
 
 
 def usual_range(name: str) -> float:
-    """Return the largest usual change by a cause in both directions, with probability 90 % [-]."""
+    """Return the half-width of a cause's usual range (90 % probability) [-]."""
     return ONE_SIDED_95 * USUAL_SIGMA[name]
 
 
 def torque_change(estimate: Estimate) -> CauseEstimate | None:
-    """Return the estimated or else measured change of the torque constant; None without either.
+    """Return the estimated, or else measured, change of the torque constant, or None.
 
     Equal short circuits that the window does not separate from a weaker motor are such a change.
     """
@@ -38,7 +38,7 @@ def torque_change(estimate: Estimate) -> CauseEstimate | None:
 
 
 def unusual_causes(estimate: Estimate) -> dict[str, str]:
-    """Return a text for each cause of an estimate that excludes the level OK, by cause.
+    """Return one text per cause of an estimate that excludes the level OK, by cause name.
 
     An estimated or measured cause is unusual if its 95 % bound is outside the usual range. For a
     degraded estimate the value is used instead of the bound, as sigma includes the uncertainty of

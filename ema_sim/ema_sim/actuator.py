@@ -1,4 +1,4 @@
-"""Simulated actuator: state and parameters of the reference kernels, advanced block by block."""
+"""Simulated actuator that advances the reference kernels block by block."""
 
 import math
 from collections.abc import Mapping
@@ -44,18 +44,17 @@ class SimulatedActuator:
     sample_period
         Period of the telemetry [s], a whole multiple of 1 us.
     acquisition
-        Acquisition of the telemetry; by default the current is averaged and all columns are
+        Acquisition of the telemetry. By default the current is averaged and all columns are
         measured.
     noise_gain
         K_noise, power of the white noise on the reference current: its variance is
         ``K_noise`` 1e-6 / ``noise_hold_s`` [A^2].
     noise_hold_s
-        Time t_n for which a value of the noise is held [s], a whole multiple of 1 us that divides
-        the sample period.
+        Hold time t_n of each noise value [s]; a multiple of 1 us that divides the sample period.
     rng
-        Random numbers of the noise; only used if ``noise_gain`` is not 0.
+        Random generator for the noise; only used if ``noise_gain`` is not 0.
     stamp_ns
-        Time of the start [ns].
+        Start time [ns].
     drive
         One of ``SIMULATED_DRIVES``.
 
@@ -114,13 +113,13 @@ class SimulatedActuator:
 
     @property
     def faults(self) -> NDArray[np.float64]:
-        """Fault vector, ``(8,)``; an assignment takes effect with the next sample.
+        """Fault vector, ``(8,)``; assignments take effect at the next sample.
 
         Raises
         ------
         ValueError
-            If it is not a fault vector, or reduces the inductance of a phase so much that the
-            step of 1 us is too long.
+            If it is not a fault vector, or leaves a phase with too little inductance for the step
+            of 1 us.
         """
         return self._faults.copy()
 
@@ -135,15 +134,15 @@ class SimulatedActuator:
 
     @property
     def causes(self) -> dict[str, Profile]:
-        """Hidden causes by name; an assignment takes effect with the next sample.
+        """Hidden causes by name; assignments take effect at the next sample.
 
         Times count from the assignment. Causes of sensors have no effect on the actuator.
 
         Raises
         ------
         ValueError
-            If `ema_core.cause_profiles.cause_profiles` refuses them, or the winding is so hot
-            that the step of 1 us is too long.
+            If `ema_core.cause_profiles.cause_profiles` rejects them, or the winding is too hot for
+            the step of 1 us.
         """
         return dict(self._causes)
 
@@ -162,13 +161,13 @@ class SimulatedActuator:
         command
             User-shaft angle at the end of each sample, ``(n,)`` [rad].
         load
-            External torque on the motor shaft against positive motion at the end of each
-            sample, ``(n,)`` or one value for all [N.m].
+            External torque on the motor shaft at the end of each sample, positive against positive
+            motion, ``(n,)`` or a scalar [N.m].
 
         Returns
         -------
         Telemetry
-            The ``n`` samples; the column of an unmeasured quantity is empty.
+            The ``n`` samples; unmeasured columns are empty.
 
         Raises
         ------
@@ -225,7 +224,7 @@ def at_rest(theta_m: float = 0.0, theta_b: float = 0.0) -> State:
     Parameters
     ----------
     theta_m, theta_b
-        Angle of the motor, and of the fast shaft on the user side of the backlash [rad].
+        Angles of the motor and of the fast shaft on the user side of the backlash [rad].
     """
     currents_and_lags = (0.0,) * 3 + (1.0,) * 3 + (0.0,) * 6
     return State(float(theta_m), 0.0, float(theta_b), *currents_and_lags)

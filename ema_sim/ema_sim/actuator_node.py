@@ -1,4 +1,4 @@
-"""Node of the simulated actuator: runs test cycles and publishes the topics of an actuator."""
+"""ROS node of a simulated actuator: runs test cycles and publishes its topics."""
 
 import time
 from collections.abc import Iterable
@@ -41,7 +41,7 @@ _COMMAND_FIGURES: Final = tuple(
 
 
 class ActuatorNode(ManagedNode):
-    """Simulated actuator, run through test cycles.
+    """ROS node that runs a simulated actuator through test cycles.
 
     Raises
     ------
@@ -127,7 +127,7 @@ class ActuatorNode(ManagedNode):
         self._runner.start()
 
     def deactivate(self) -> None:
-        """Stop at the next block."""
+        """Stop the simulation at the next block."""
         self._runner.stop()
 
     def tasks(self) -> list[Task]:
@@ -166,7 +166,7 @@ class ActuatorNode(ManagedNode):
         self._report_pace()
 
     def _report_pace(self) -> None:
-        """Log once when the simulation falls behind, and once when it keeps up again."""
+        """Log when the simulation falls behind, and when it has caught up."""
         pace = self._runner.pace
         if pace.behind == self._reported_behind:
             return
@@ -225,5 +225,5 @@ def _command(request: SetCommand.Request) -> Command:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node."""
+    """Run the actuator node."""
     return run(ActuatorNode, args)

@@ -1,4 +1,4 @@
-"""The simulator as a library: telemetry of a faulty actuator in one call."""
+"""Public Python API of the simulator: telemetry of a faulty actuator in one call."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -41,14 +41,14 @@ def simulate(
     causes: Causes = (),
     seed: int = 0,
 ) -> Telemetry:
-    """Return the telemetry of an actuator in test cycles.
+    """Simulate test cycles of an actuator and return the telemetry.
 
     Parameters
     ----------
     faults
         Normalised faults by name, or all eight, ``(8,)`` [-].
     cycles
-        Number of test cycles, each with an approach to its start, the command and a return.
+        Number of test cycles, each with approach, command and return.
     description
         The actuator; None for the built-in actuator.
     parameters

@@ -45,22 +45,22 @@ class RunningCycle:
     number: int
     """Running number, from 0."""
     start_ns: int
-    """Time of its start [ns]."""
+    """Start time [ns]."""
     hours: float
-    """Service hours at its start [h]."""
+    """Service hours at the start [h]."""
     faults: NDArray[np.float64]
     """True fault vector, ``(8,)``."""
     samples: int
-    """Number of samples, the pause included."""
+    """Number of samples, including the pause."""
     blocks: Iterator[tuple[Telemetry, float]]
-    """Measured blocks, each with the motor torque at its end [N.m], computed on demand."""
+    """Measured blocks with the motor torque at their end [N.m], computed on demand."""
 
 
 class ActuatorBench:
     """Runs a simulated actuator through test cycles.
 
-    Command, faults and hidden causes take effect with the next cycle and may be set from any
-    thread. The samples do not depend on the length of the blocks.
+    Command, faults and hidden causes can be set from any thread and take effect with the next
+    cycle. The samples do not depend on the block length.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class ActuatorBench:
         growths: Mapping[str, Growth] | None = None,
         hours_per_cycle: float | None = None,
     ) -> None:
-        """Set the faults of the next cycle, and their further growth.
+        """Set the faults of the next cycle and their growth.
 
         Parameters
         ----------
@@ -156,8 +156,8 @@ class ActuatorBench:
         Raises
         ------
         ValueError
-            If a value is out of range, or the motor cannot be simulated; present faults and
-            growth remain in force.
+            If a value is out of range or the motor cannot be simulated; current faults and growth
+            remain.
         """
         k = fault_vector(faults)
         growths = check_growths(growths or {})
@@ -175,7 +175,7 @@ class ActuatorBench:
         Raises
         ------
         ValueError
-            If a cause is invalid; the present causes remain in force.
+            If a cause is invalid; the current causes remain.
         """
         profiles = self.check_causes(causes)
         with self._lock:
@@ -198,7 +198,7 @@ class ActuatorBench:
 
     @property
     def causes(self) -> dict[str, Profile]:
-        """Hidden causes of the next cycle, by name."""
+        """Hidden causes of the next cycle by name."""
         return dict(self._causes)
 
     @property
@@ -220,7 +220,7 @@ class ActuatorBench:
         return trial
 
     def begin_cycle(self, start_ns: int | None = None) -> RunningCycle:
-        """Begin the next test cycle, at a time [ns] or at the end of the last sample.
+        """Start the next test cycle at ``start_ns``, by default at the end of the last sample.
 
         Remaining blocks of the previous cycle are not computed.
         """
@@ -262,7 +262,7 @@ class ActuatorBench:
         growths: Mapping[str, Growth],
         causes: Mapping[str, Profile],
     ) -> None:
-        """Raise ``ValueError`` if the faults, present or fully grown, cannot be simulated."""
+        """Raise ``ValueError`` if the current or fully grown faults cannot be simulated."""
         trial = self._trial(causes)
         trial.faults = faults
         worst = faults.copy()

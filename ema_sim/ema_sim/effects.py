@@ -63,14 +63,14 @@ class Effects(NamedTuple):
 
 
 class Courses(NamedTuple):
-    """Hidden causes of a block: a row per sample, with a column for each field of `Effects`."""
+    """Hidden causes over a block: one row per sample, one column per field of `Effects`."""
 
     rows: NDArray[np.float64]
 
 
 NO_EFFECTS: Final = NoEffects()
 NO_PAUSES: Final = (0.0, 0.0, 0.0)
-"""Remaining dead times of the legs [steps], if no leg has switched recently."""
+"""Remaining dead times of the legs if no leg has switched recently [steps]."""
 
 _FIELDS: Final = len(Effects._fields)
 
@@ -78,9 +78,9 @@ _FIELDS: Final = len(Effects._fields)
 def courses(
     profiles: Mapping[str, Profile], sample_period: float, first: int, origin: int, n: int
 ) -> Courses | NoEffects:
-    """Return the hidden causes of a block, without causes of sensors.
+    """Return the hidden causes over a block, except sensor causes.
 
-    A cause is constant over a sample, with its value in the middle of the sample.
+    Each cause is constant over a sample, with its value at mid-sample.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def courses(
 
 
 def _by_effects(without: Any, with_causes: Any) -> Any:
-    """Return a function that calls one of two kernels, by the type of its first argument."""
+    """Return a function that selects one of two kernels by the type of its first argument."""
 
     def dispatch(effects, *arguments):
         raise NotImplementedError
@@ -128,7 +128,7 @@ def _still_none(effects: NoEffects, k):
 
 @kernel()
 def effects_of_sample(effects: Courses, k):
-    """Causes of a sample."""
+    """Hidden causes of a sample."""
     # pyright requires the first argument, which numba adds.
     return Effects(*to_fixed_tuple(effects.rows[k], _FIELDS))  # pyright: ignore[reportCallIssue]
 
@@ -142,7 +142,7 @@ def _same_plant(effects: NoEffects, motor, mech, phases):
 def changed_plant(
     effects: Effects, motor: MotorConstants, mech: MechanicalConstants, phases: Windings
 ):
-    """Motor, mechanics and windings of a sample (M20)."""
+    """Motor, mechanics and windings of a sample, changed by hidden causes (M20)."""
     V_max = motor.V_max * (1.0 + effects.supply_voltage)
     k_e = motor.k_e * (1.0 + effects.torque_constant)
     R_s = motor.R_s * (1.0 + COPPER * effects.winding_temperature)
@@ -175,7 +175,7 @@ def _plain_speed(effects: NoEffects, mech, P, omega, torque, theta_m, theta_b, d
 def disturbed_speed(
     effects: Effects, mech: MechanicalConstants, P, omega, torque, theta_m, theta_b, dt
 ):
-    """Motor speed after one step with load, cogging and dry friction of the causes (M22, M23)."""
+    """Motor speed after one step with load, cogging and dry friction from causes (M22, M23)."""
     if effects.jam != 0.0:
         return 0.0
     torque -= effects.load_torque + effects.load_stiffness * mech.tau * theta_b
@@ -214,7 +214,7 @@ def _no_pauses(effects: NoEffects, pauses, switches, dt):
 
 @kernel()
 def pauses_after(effects: Effects, pauses, switches, dt):
-    """Remaining dead times of the legs [steps], after some were commanded to switch (M24)."""
+    """Remaining dead times of the legs after switching commands [steps] (M24)."""
     # Rounding to a thousandth makes whole steps integers.
     pause = round(1e3 * effects.dead_time / dt) / 1e3
     return (
@@ -236,7 +236,7 @@ def leg_voltage(q, i, half_V, off):
 
 @kernel()
 def undisturbed_currents(effects: Effects | NoEffects, phases, pauses, half_V, omega, dt, q, i, k):
-    """Phase currents [A] and remaining dead times [steps] after an undisturbed step (M4)."""
+    """Phase currents [A] and remaining dead times [steps] after a step without causes (M4)."""
     v_a = half_V * q[0] - phases.R_a * i[0] - k[0] * omega
     v_b = half_V * q[1] - phases.R_b * i[1] - k[1] * omega
     v_c = half_V * q[2] - phases.R_c * i[2] - k[2] * omega
@@ -245,7 +245,7 @@ def undisturbed_currents(effects: Effects | NoEffects, phases, pauses, half_V, o
 
 @kernel()
 def disturbed_currents(effects: Effects, phases, pauses, half_V, omega, dt, q, i, k):
-    """Phase currents [A] and remaining dead times [steps] after a step (M24, M25).
+    """Phase currents [A] and remaining dead times [steps] after a step with causes (M24, M25).
 
     Rare cases have a separate function, so that this function is short enough to be inlined.
     """
@@ -311,7 +311,7 @@ def interrupted_currents(opens, offs, phases: Windings, half_V, dt, q, i, emf):
 
 @kernel()
 def _star_voltage(g_a, g_b, g_c, v_a, v_b, v_c):
-    """Voltage of the star point, weighted over the phases with ``g`` above 0 (M24)."""
+    """Voltage of the star point, averaged over the phases with weight ``g`` above 0 (M24)."""
     total = g_a + g_b + g_c
     return (g_a * v_a + g_b * v_b + g_c * v_c) / total if total > 0.0 else 0.0
 

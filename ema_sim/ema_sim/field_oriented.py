@@ -56,13 +56,13 @@ class Symmetric(NamedTuple):
 
 @kernel()
 def on_axes(a, b, c):
-    """Matrix on the stationary axes from the values of three phases of a star (M34)."""
+    """Stationary-axes matrix from the values of three star-connected phases (M34)."""
     return Symmetric((4.0 * a + b + c) / 6.0, (c - b) / (4.0 * _HALF_ROOT), 0.5 * (b + c))
 
 
 @kernel()
 def step_matrix(M: Symmetric, R: Symmetric, gain, dt):
-    """Inverse of ``M + dt (R + gain)``, the divisor of an implicit step."""
+    """Inverse of ``M + dt (R + gain)``, the matrix of an implicit step."""
     aa, ab, bb = M.aa + dt * (R.aa + gain), M.ab + dt * R.ab, M.bb + dt * (R.bb + gain)
     scale = 1.0 / (aa * bb - ab * ab)
     return Symmetric(scale * bb, -scale * ab, scale * aa)
@@ -104,7 +104,7 @@ def advance_sample(
     """Advance the state by the steps of a sample.
 
     The arguments are as in `ema_sim.reference.advance_sample`. Returns the new state and the final
-    state of the sample of the current.
+    state of the current sample.
     """
     steps, hold, dt, lag, sampling = stepping
     theta_m, omega, theta_b, i_alpha, i_beta, z_d, z_q = x[:7]
@@ -254,7 +254,7 @@ def field_oriented_at_rest(theta_m: float = 0.0, theta_b: float = 0.0) -> FieldO
 
 
 def unlike_causes(names: Container[str]) -> str:
-    """Return why some of these causes cannot be simulated; empty if all can."""
+    """Return why some of these causes cannot be simulated; empty if all can be."""
     wrong = [name for name in _NOT_AVERAGED if name in names]
     if not wrong:
         return ""

@@ -40,8 +40,8 @@ _MOST_DRAWS: Final = 1000
 class LifeSettings(Checked):
     """Settings of drawn lives.
 
-    A life whose length is not permitted is drawn again. The life of a repaired actuator counts from
-    its repair.
+    Lives outside the permitted length are redrawn. The length of a repaired actuator's life counts
+    from the repair.
 
     Raises
     ------
@@ -82,7 +82,7 @@ class SimulatedLife:
     end_hours: float
     """Service hour at which a fault reaches its limit [h]; infinite in a life without growth."""
     repair_hours: float = math.nan
-    """Service hour of the first test after the repair [h]; NaN without one."""
+    """Service hour of the first test after the repair [h]; NaN without a repair."""
 
 
 def run_to_failure(
@@ -199,7 +199,7 @@ def _windows(n: int, rng: np.random.Generator, settings: LifeSettings) -> tuple[
 def _drawn_growth(
     typical: TypicalGrowth, rng: np.random.Generator, share: float, settings: LifeSettings
 ) -> Growth:
-    """Draw the growth of a component, at a share of its rate."""
+    """Draw the growth of a component with its rate scaled by ``share``."""
     rate = typical.rate * math.exp(typical.rate_sigma * rng.standard_normal())
     onset = typical.latest_onset * rng.random()
     side = float(rng.choice([-1.0, 1.0]))
@@ -221,7 +221,7 @@ def _draw_life(
     *,
     with_repair: bool,
 ) -> SimulatedLife | None:
-    """Return a life, or None if it is too short or too long."""
+    """Draw a life; None if it is too short or too long."""
     names = {
         kind: KINDS[kind][int(rng.integers(len(KINDS[kind]))) if len(KINDS[kind]) > 1 else 0].name
         for kind in typical

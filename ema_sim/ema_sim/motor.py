@@ -1,4 +1,4 @@
-"""Kernels of motor and drive of the reference actuator: commutation, windings, eccentric gap.
+"""Motor and drive kernels of the reference actuator: commutation, windings, eccentric gap.
 
 The numbers (M2) to (M5) refer to equations in ``docs/model.md``.
 """
@@ -78,7 +78,7 @@ def commutation(shape):
 
 @kernel()
 def phase_in_sector(motor: MotorConstants, N, middle, half, shift):
-    """Sign, back-EMF constant and its slope, for a phase of ``N`` turns, ``shift`` rad after A."""
+    """Sign, back-EMF constant and its slope for a phase of ``N`` turns, ``shift`` rad after A."""
     sign = commutation(trapezoid(motor.P * middle - shift))
     before = clip(trapezoid(motor.P * (middle - half) - shift), 1.0)
     after = clip(trapezoid(motor.P * (middle + half) - shift), 1.0)
@@ -88,7 +88,7 @@ def phase_in_sector(motor: MotorConstants, N, middle, half, shift):
 
 @kernel()
 def sector_at(motor: MotorConstants, mech: MechanicalConstants, theta_m):
-    """Sector of a motor angle."""
+    """Commutation sector at a motor angle."""
     half = math.pi / 6.0 / motor.P
     middle = 2.0 * half * round(theta_m / (2.0 * half))
     s_a, k_a, dk_a = phase_in_sector(motor, motor.N_a, middle, half, 0.0)
@@ -131,7 +131,7 @@ def modulation(gap: AirGap, delta):
 
 @kernel()
 def overshoot(switch, current, target):
-    """Excess of a current over its target in the direction in which its leg drives it [A] (M3)."""
+    """Excess of a current over its target in the direction driven by its leg [A] (M3)."""
     return switch * (current - target)
 
 

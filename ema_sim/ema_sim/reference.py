@@ -25,7 +25,7 @@ DT: Final = 1e-6
 
 
 class Stepping(NamedTuple):
-    """Steps of a sample, for kernels.
+    """Time stepping within a sample, for kernels.
 
     A sample has ``steps`` steps of ``dt`` [s]; noise is held for ``hold`` steps. ``lag`` is
     ``lag_factor(dt)``; ``sampling`` has the constants for samples of the current.

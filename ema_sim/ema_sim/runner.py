@@ -11,7 +11,7 @@ from ema_core.telemetry import Telemetry
 from ema_sim.bench import ActuatorBench, RunningCycle
 
 TOLERANCE_S: Final = 0.1
-"""Largest delay that is made up for [s]; a longer delay shifts the schedule."""
+"""Largest delay that is caught up [s]; longer delays shift the schedule."""
 
 _MEASURED_S: Final = 1.0
 _JOIN_TIMEOUT_S: Final = 0.5
@@ -25,9 +25,9 @@ class Pace(NamedTuple):
     lag_s: float
     """Largest lag in this and the previous cycle [s]."""
     achieved_rate: float
-    """Simulated over wall time of the last one to two seconds [-]."""
+    """Ratio of simulated to wall time over the last one to two seconds [-]."""
     busy_share: float
-    """Share of wall time that was not spent waiting, in the last one to two seconds [-]."""
+    """Share of wall time not spent waiting, over the last one to two seconds [-]."""
 
 
 class _Mark(NamedTuple):
@@ -39,14 +39,13 @@ class _Mark(NamedTuple):
 class Pacer:
     """Waits until a block is due.
 
-    Delays of up to ``TOLERANCE_S`` are made up for. After a longer delay the schedule continues
-    from the present time, so that a suspended process does not publish the missed blocks in a
-    burst.
+    Delays up to ``TOLERANCE_S`` are caught up. After a longer delay the schedule continues from the
+    current time, so that a suspended process does not publish missed blocks in a burst.
 
     Parameters
     ----------
     rate
-        Simulated over wall time [-].
+        Ratio of simulated to wall time [-].
     clock
         Monotonic wall clock [s].
     """
@@ -60,7 +59,7 @@ class Pacer:
         self._marks = (self._mark(self._due),) * 2
 
     def begin_cycle(self, *, from_now: bool) -> None:
-        """Begin a cycle; its schedule starts now, or at the end of the previous cycle."""
+        """Start a cycle; its schedule starts now or at the end of the previous cycle."""
         self._lag_before_s, self._lag_s, self._skipped_s = self._lag_s, 0.0, 0.0
         if from_now:
             self._due = self._clock()
@@ -93,7 +92,7 @@ class Pacer:
         return not stop.is_set()
 
     def pace(self) -> Pace:
-        """Return lag and rate of the simulation; any thread may call this."""
+        """Return lag and rate of the simulation. Thread-safe."""
         mark = self._marks[0]
         elapsed = self._clock() - mark.wall_s
         lag = max(self._lag_s, self._lag_before_s)
@@ -117,12 +116,11 @@ class BenchRunner:
     Parameters
     ----------
     rate
-        Simulated over wall time [-].
+        Ratio of simulated to wall time [-].
     on_cycle
         Called when a cycle starts.
     on_block
-        Called with each block when its last sample is due, and the torque of the motor at the end
-        of the block [N.m].
+        Called with each block, and the motor torque at its end [N.m], when its last sample is due.
     on_failure
         Called with reason and traceback when the run has ended unexpectedly; it is restarted with
         a new cycle.
@@ -130,7 +128,7 @@ class BenchRunner:
     Attributes
     ----------
     activity
-        Present activity, as a phrase.
+        Current activity, as a phrase.
     thread
         Thread of the run.
     """

@@ -13,7 +13,7 @@ from ema_core.wording import unknown_name
 
 
 class Sensors:
-    """Sensors between the actuator and its telemetry; columns that are not measured stay empty.
+    """Sensors between actuator and telemetry; unmeasured columns stay empty.
 
     Parameters
     ----------
@@ -44,11 +44,11 @@ class Sensors:
         self._misreading: Misreading | None = None
 
     def set_causes(self, causes: Mapping[str, Profile]) -> None:
-        """Set the hidden causes of the columns by name; times count from the next block."""
+        """Set the sensor causes by name; their times count from the next block."""
         self._misreading = Misreading(causes) if causes else None
 
     def measure(self, block: Telemetry) -> Telemetry:
-        """Return the measured block."""
+        """Return a block as measured by the sensors."""
         if self._misreading is not None:
             block = self._misreading.read(block)
         if self._current_noise > 0.0 and "current" not in block.missing:
@@ -73,7 +73,7 @@ class Misreading:
         self._past: dict[str, NDArray[np.float64]] = {}
 
     def read(self, block: Telemetry) -> Telemetry:
-        """Return a block with the errors of the sensors; blocks must be contiguous."""
+        """Return a block with sensor errors; successive blocks must be contiguous."""
         h = block.sample_period
         if self._first is None:
             self._first = block.first_index

@@ -28,7 +28,7 @@ class ResolutionSettings(Checked):
     speed: float = quantity(0.0, "rad/s", 0.0, 1e4, "resolution of the speed; 0: perfect")
 
     def resolutions(self) -> dict[str, float]:
-        """Return the resolutions by column, without perfect sensors."""
+        """Return the resolution by column, omitting perfect sensors."""
         return {name: value for name, value in asdict(self).items() if value > 0.0}
 
 
