@@ -1,1 +1,1 @@
-"""Telemetry from third-party files, bags and topics."""
+"""Import of telemetry from third-party files, bags and topics."""

@@ -1,4 +1,4 @@
-"""Stamps of samples without stamps, from their times of arrival."""
+"""Reconstruction of time stamps from arrival times."""
 
 from typing import Final
 
@@ -15,22 +15,22 @@ _REWEIGHTS: Final = 8
 
 
 class ArrivalClock:
-    """Rebuilds the stamps of regular samples by regression of their arrival on their number.
+    """Reconstructs the stamps of regular samples by regressing arrival times on sample numbers.
 
-    Delays of arrival are noise and are regressed out, by a robust line over the last 5 s. Samples
-    are assumed to arrive in order, and a stalled queue to be emptied within 0.2 s of its first
-    late sample: its samples are counted. Samples that stay late for longer follow a loss.
-    A sample is therefore settled when the samples of the next 0.2 s, at least eight, have arrived.
+    A robust line over the last 5 s averages out transport delays. Samples are assumed to arrive in
+    order. A stalled queue is assumed to drain within 0.2 s of its first late sample; samples that
+    stay late for longer follow a loss. A stamp is therefore final once the next 0.2 s of samples,
+    and at least eight, have arrived.
 
     Parameters
     ----------
     period
-        Sample period [s], within 0.1 % of the true period.
+        Sample period, accurate to 0.1 % [s].
 
     Attributes
     ----------
     rebuilt
-        Number of rebuilt stamps.
+        Number of stamps reconstructed so far.
     """
 
     def __init__(self, period: float) -> None:
@@ -42,21 +42,21 @@ class ArrivalClock:
         self._waiting = np.empty(0, dtype=np.int64)
 
     def push(self, arrivals_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Add times of arrival, ``(n,)`` [ns]; return the stamps of the settled samples [ns].
+        """Add arrival times, ``(n,)`` [ns], and return the stamps that became final [ns].
 
-        Samples are settled in the order of their arrival. The stamps leave room for lost samples.
+        Stamps are returned in order of arrival, with gaps where samples were lost.
         """
         self._waiting = np.concatenate([self._waiting, arrivals_ns])
         count = self._count()
-        # The line is computed for several samples at once, to save time.
+        # To save time, the line is fitted for several samples at once.
         return self._settled(count if count >= self._settle // 2 else 0)
 
     def flush(self) -> NDArray[np.int64]:
-        """Return the stamps of the remaining samples [ns]."""
+        """Return the stamps of all remaining samples [ns]."""
         return self._settled(len(self._waiting))
 
     def _count(self) -> int:
-        """Return the number of samples with at least 0.2 s and eight samples after them."""
+        """Return the number of samples that are followed by at least 0.2 s and eight samples."""
         elapsed = _elapsed(self._waiting)
         count = int(np.searchsorted(elapsed, elapsed[-1] - _SETTLE_NS)) if len(elapsed) else 0
         return min(count, len(elapsed) - _SETTLE_LEAST)
@@ -69,7 +69,7 @@ class ArrivalClock:
         self._line_before: tuple[float, float] | None = None
 
     def _settled(self, count: int) -> NDArray[np.int64]:
-        """Settle the samples in parts, as the line follows the clock only between parts."""
+        """Stamp the samples part by part, so that the line can follow clock drift."""
         parts = [np.empty(0, dtype=np.int64)]
         while count > 0:
             part = min(count, self._settle * 4)
@@ -99,7 +99,7 @@ class ArrivalClock:
         numbers = self._with_losses(self._next + np.arange(len(ahead), dtype=float), arrivals)
         self._numbers = np.concatenate([self._numbers, numbers[:count]])[-self._span :]
         self._arrivals = np.concatenate([self._arrivals, arrivals[:count]])[-self._span :]
-        # With the samples ahead: at the start all earlier samples may come from a stalled queue.
+        # Include later samples: at the start, all earlier ones may come from a stalled queue.
         offset, slope = self._line(
             np.concatenate([self._numbers, numbers[count:]]),
             np.concatenate([self._arrivals, arrivals[count:]]),
@@ -108,7 +108,7 @@ class ArrivalClock:
         self._waiting = self._waiting[count:]
         stamps = offset + slope * numbers[:count]
         if self._line_before is not None:
-            # A step of the line would look like a gap: it is distributed over the part.
+            # Spread the shift of the line over the part, as a sudden step would look like a gap.
             before, slope_before = self._line_before
             move = stamps[0] - (before + slope_before * numbers[0])
             stamps -= move * np.linspace(1.0, 0.0, count + 1)[1:]
@@ -118,14 +118,14 @@ class ArrivalClock:
     def _with_losses(
         self, numbers: NDArray[np.float64], arrivals: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the numbers of samples, which skip the numbers of lost samples."""
+        """Return sample numbers that skip lost samples."""
         is_known = len(self._numbers) >= self._settle
         x, y = (self._numbers, self._arrivals) if is_known else (numbers, arrivals)
         offset, slope = self._line(x, y)
         usual = float(np.quantile(y - (offset + slope * x), 0.1))
         while True:
             late = (arrivals - (offset + slope * numbers) - usual) / slope
-            # The least lateness from here on: lasting lateness indicates a loss.
+            # Smallest lateness of this and all later samples; if it persists, samples were lost.
             least = np.minimum.accumulate(late[::-1])[::-1]
             lasting = np.flatnonzero(least[: max(1, len(least) - _SETTLE_LEAST + 1)] > _LOST)
             if not len(lasting):
@@ -137,10 +137,10 @@ class ArrivalClock:
     def _line(
         self, numbers: NDArray[np.float64], arrivals: NDArray[np.float64]
     ) -> tuple[float, float]:
-        """Return offset and slope of a line that is robust against outliers [ns].
+        """Fit a robust line to arrival times; return its offset and slope [ns].
 
-        It uses the weights of Huber, then of Tukey. The prior of the slope is the period within
-        0.1 %: at the start, most samples may come from two stalled queues.
+        Iteratively reweighted with Huber and then Tukey weights. A prior of 0.1 % on the slope
+        keeps the fit stable at the start, when most samples may come from two stalled queues.
         """
         middle = numbers.mean()
         x, y = numbers - middle, arrivals - self._period * numbers
@@ -151,7 +151,7 @@ class ArrivalClock:
             far = np.maximum(np.abs(left) / scale, 1e-9)
             weights = np.minimum(1.0, 1.345 / far)
             if number >= _REWEIGHTS // 2:
-                # The line is close by now: samples of a stalled queue get no weight.
+                # The line is close enough to reject samples from a stalled queue.
                 weights = np.maximum(1.0 - (far / 4.685) ** 2, 0.0) ** 2
             mean_x = np.average(x, weights=weights)
             mean_y = np.average(y, weights=weights)
@@ -163,5 +163,5 @@ class ArrivalClock:
 
 
 def _elapsed(arrivals_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the time since the first arrival; backward steps of the clock count as 0."""
+    """Return the time since the first arrival [ns]; backward clock steps count as zero."""
     return np.cumsum(np.maximum(np.diff(arrivals_ns, prepend=arrivals_ns[:1]), 0))

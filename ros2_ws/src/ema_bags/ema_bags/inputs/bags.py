@@ -1,4 +1,4 @@
-"""Series from bags: MCAP through ``ema_bags.reader``, sqlite3 through rosbags."""
+"""Series from rosbag2 bags: MCAP read by ``ema_bags.reader``, SQLite by rosbags."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path may be a bag: a folder, or a file with a suffix of rosbag2."""
+    """Return whether a path looks like a bag: a folder, or a file with a rosbag2 suffix."""
     name = path.name.removesuffix(PACKED_SUFFIX)
     return path.is_dir() or path.suffix == SQLITE or name.endswith(MCAP)
 
 
 class SqliteBag:
-    """A bag of rosbag2 in sqlite3 storage, a file or a folder, compressed or not.
+    """A rosbag2 bag in SQLite storage: a file or folder, optionally compressed.
 
     Parameters
     ----------
     path
-        The bag.
+        Path of the bag.
 
     Attributes
     ----------
@@ -60,15 +60,15 @@ class SqliteBag:
 
     @property
     def remarks(self) -> list[str]:
-        """Texts on the malformed messages read so far."""
+        """Descriptions of the malformed messages read so far."""
         return self._malformed.remarks()
 
     def messages(self, topics: Iterable[str]) -> Iterator[Recorded]:
-        """Read and decode messages in the order of reception; their publish time is 0."""
+        """Read and decode messages in order of reception; publish times are 0 (unknown)."""
         wanted = list(topics)
         with self._opened() as reader:
             chosen = [item for item in reader.connections if item.topic in wanted]
-            # The place of a message must not depend on the selected topics.
+            # The position of a message must not depend on which topics are selected.
             numbers = Counter[str]()
             for connection, received_ns, data in reader.messages(chosen):
                 topic, kind = connection.topic, connection.msgtype
@@ -84,7 +84,7 @@ class SqliteBag:
 
     @contextmanager
     def _opened(self) -> Iterator["AnyReader"]:
-        """Yield a reader; a bag without type definitions is read with the types of Jazzy."""
+        """Yield an open reader; bags without type definitions are read with the Jazzy types."""
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
 
@@ -111,7 +111,7 @@ def open_bag(path: Path) -> AnyBag:
 
 
 def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
-    """Return the mapped series of a bag by topic, and a remark on omitted messages.
+    """Return the mapped series of a bag by topic, and a remark on skipped messages ("" if none).
 
     Raises
     ------
@@ -124,12 +124,12 @@ def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
         if name not in bag.topics:
             raise ValueError(f"{bag.path}: {unknown_name('topic', name, bag.topics)}")
     for name, type_name in collector.types.items():
-        there = bag.topics[name].type_name
-        if type_name and there != type_name:
+        recorded_type = bag.topics[name].type_name
+        if type_name and recorded_type != type_name:
             raise ValueError(
-                f"{bag.path}: topic {name} holds {there}, the mapping says {type_name}"
+                f"{bag.path}: topic {name} holds {recorded_type}, the mapping says {type_name}"
             )
-    # Names may have been recorded after their first values.
+    # Read the names first: they may have been recorded after the first values.
     for part in (collector.names_topics, collector.topics):
         for item in bag.messages(part) if part else ():
             collector.add(item.topic, item.message, item.publish_time_ns, item.log_time_ns)
@@ -142,7 +142,7 @@ def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
 
 
 def joints_by_travel(bag: AnyBag, topic: str) -> list[str]:
-    """Return the joints of a topic of joint states, by decreasing travel."""
+    """Return the joints on a joint state topic, in order of decreasing travel."""
     reach: dict[str, tuple[float, float]] = {}
     for item in bag.messages([topic]):
         for name, position in zip(item.message.name, item.message.position, strict=False):

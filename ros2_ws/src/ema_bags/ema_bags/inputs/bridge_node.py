@@ -1,4 +1,4 @@
-"""The bridge node: publishes telemetry of actuators from third-party topics."""
+"""The bridge node, which converts third-party topics to actuator telemetry."""
 
 import time
 from collections.abc import Mapping
@@ -27,18 +27,17 @@ from ema_ros.status import Task, hardware_name
 
 _DISCOVERY_S: Final = 0.2
 _DEPTH: Final = 5000
-# Shortest time between the blocks of several joints: a block costs as much as many samples.
+# With several joints, blocks are at least this long, because each block has a fixed cost.
 _JOINTS_BLOCK_S: Final = 0.2
 
 
 class BridgeNode(ManagedNode):
-    """Publishes telemetry and descriptions of actuators from third-party topics.
+    """Converts third-party topics to actuator telemetry and descriptions.
 
-    With ``joints`` in the mapping, each joint is a separate actuator; otherwise there is one.
-
-    Parameters of the node are the fields of ``BridgeSettings``; ``docs/inputs.md`` describes the
-    mapping file. Message types are resolved by name, from the mapping or the graph: only the
-    message packages of the mapped topics are needed.
+    If the mapping lists ``joints``, each joint is a separate actuator; otherwise there is one
+    actuator. The node's parameters are the fields of ``BridgeSettings``; ``docs/inputs.md``
+    describes the mapping file. Message types are looked up by name, in the mapping or the ROS
+    graph, so only the message packages of the mapped topics must be installed.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -48,7 +47,7 @@ class BridgeNode(ManagedNode):
 
     @property
     def hardware_id(self) -> str:
-        """Name of the only actuator; with several actuators, the name of the node."""
+        """Name of the actuator if there is only one, else the name of the node."""
         if len(self._descriptions) == 1:
             return self._hardware_of(self._descriptions[0])
         return super().hardware_id
@@ -57,7 +56,7 @@ class BridgeNode(ManagedNode):
         return hardware_name(self.unit_namespace, unit.actuator_id, unit.serial_number)
 
     def configure(self) -> None:
-        """Read mapping and descriptions."""
+        """Read the mapping and the actuator descriptions."""
         settings = read(self, BridgeSettings)
         if not settings.mapping_file:
             raise ValueError("parameter mapping_file = '': expected a YAML file (docs/inputs.md)")
@@ -82,7 +81,7 @@ class BridgeNode(ManagedNode):
             if name == topics.TELEMETRY
         }
         kind, qos = topics.ACTUATOR_TOPICS[topics.DESCRIPTION]
-        # A separate publisher for each actuator, so that each description is latched.
+        # One publisher per actuator, so that every description stays latched.
         self._descriptors = {
             unit.actuator_id: self.add_publisher(kind, topics.DESCRIPTION, qos)
             for unit in self._descriptions
@@ -93,17 +92,17 @@ class BridgeNode(ManagedNode):
             self._outputs[topics.MEASURED_CAUSES] = measured
 
     def activate(self) -> None:
-        """Subscribe to the topics of the mapping as they appear."""
+        """Start subscribing to the mapped topics as they appear."""
         self._begin()
         self.add_timer(_DISCOVERY_S, self._discover)
         self._timer = self.add_timer(self._settings.block_s, self._advance)
 
     def deactivate(self) -> None:
-        """Mark all topics as not subscribed."""
+        """Forget the subscriptions."""
         self._inputs.clear()
 
     def tasks(self) -> list[Task]:
-        """Return the status of the input and of the mapping of each actuator."""
+        """Return the diagnostic tasks: input and mapping of each actuator."""
         reception = Reception(self.state, self._missing, self._has_source)
         return [task for unit in self._actuators.values() for task in unit.tasks(reception)]
 
@@ -128,7 +127,7 @@ class BridgeNode(ManagedNode):
         return BridgedActuator(bridge, self._hardware_of(unit), prefix, _DISCOVERY_S, SILENT_S)
 
     def counts(self) -> NodeStatus:
-        """Return the number of samples lost at the input."""
+        """Return the node status with the number of samples lost at the input."""
         lost = sum(unit.bridge.losses.lost for unit in self._actuators.values())
         return NodeStatus(kind=NodeStatus.BRIDGE, samples_lost=lost)
 
@@ -139,7 +138,7 @@ class BridgeNode(ManagedNode):
         return topic in self._inputs and bool(count)
 
     def _discover(self) -> None:
-        """Subscribe to topics with a publisher, with the offered quality of service."""
+        """Subscribe to each topic that has a publisher, with the QoS it offers."""
         for unit in self._actuators.values():
             unit.note()
         for topic in self._types:
@@ -161,14 +160,14 @@ class BridgeNode(ManagedNode):
             self._inputs.add(topic)
             self.get_logger().info(f"subscribed to {name}")
 
-    def _type_of(self, topic: str, there: set[str]) -> Any:
+    def _type_of(self, topic: str, published: set[str]) -> Any:
         mapped = self._types.get(topic)
-        if len(there) > 1 or (mapped and there != {mapped}):
+        if len(published) > 1 or (mapped and published != {mapped}):
             expected = mapped or "one type"
             raise ValueError(
-                f"topic {topic} is published as {', '.join(sorted(there))}: expected {expected}"
+                f"topic {topic} is published as {', '.join(sorted(published))}: expected {expected}"
             )
-        return _class_of(topic, next(iter(there)))
+        return _class_of(topic, next(iter(published)))
 
     def _receive(self, topic: str, message: Any, information: Mapping[str, Any]) -> None:
         sent_ns = int(information.get("source_timestamp") or 0)
@@ -185,7 +184,7 @@ class BridgeNode(ManagedNode):
                 unit.count(topic, is_left_out=not is_read)
 
     def _advance(self) -> None:
-        """Publish the complete samples of each actuator, after its description."""
+        """Publish each actuator's description, if it changed, and its completed samples."""
         if self._states is not None:
             self._states.share()
         for name, unit in self._actuators.items():
@@ -198,7 +197,7 @@ class BridgeNode(ManagedNode):
             if bridge.description not in (None, self._described.get(name)):
                 self._describe(name, unit)
             for rise in bridge.take_rises():
-                # Published before the telemetry to which it applies.
+                # Must be published before the telemetry it applies to.
                 measured = measured_to_message(rise.stamp_ns, [rise.cause], name)
                 self._outputs[topics.MEASURED_CAUSES].publish(measured)
             for block in blocks:
@@ -206,7 +205,7 @@ class BridgeNode(ManagedNode):
             self._report_withheld(name, bridge)
 
     def _describe(self, name: str, unit: BridgedActuator) -> None:
-        """Publish the description of an actuator after its rate was measured."""
+        """Publish the description of an actuator once its sample rate has been measured."""
         description, rate = unit.bridge.description, unit.bridge.rate
         assert description is not None
         assert rate is not None
@@ -222,7 +221,7 @@ class BridgeNode(ManagedNode):
         )
 
     def _report_withheld(self, name: str, bridge: Bridge) -> None:
-        """Log the begin and the end of a defect that withholds telemetry."""
+        """Log when a defect starts or stops withholding telemetry."""
         refused = {item.name: item for item in bridge.refused}
         reported = self._withheld.get(name, set())
         for defect in refused.keys() - reported:
@@ -236,7 +235,7 @@ class BridgeNode(ManagedNode):
 
 
 def _class_of(topic: str, kind: str) -> Any:
-    """Return the class of a message type; the error names the package to install."""
+    """Return the class of a message type; if missing, the error names the package to install."""
     try:
         return message_class(kind)
     except ValueError as error:
@@ -248,5 +247,5 @@ def _class_of(topic: str, kind: str) -> Any:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the bridge."""
+    """Run the bridge node."""
     return run(BridgeNode, args)

@@ -1,4 +1,4 @@
-"""An actuator of a bridge: its samples, rates and status."""
+"""Telemetry, message rates and diagnostics of one bridged actuator."""
 
 import time
 from collections import deque
@@ -19,36 +19,36 @@ _LEFT_OUT: Final = "left out [Hz]"
 
 
 class Reception(NamedTuple):
-    """State of the node and of its topics."""
+    """State of the node and its topics."""
 
     state: str
-    """State of the node's lifecycle."""
+    """Lifecycle state of the node."""
     missing: Mapping[str, str]
-    """Why a topic cannot be subscribed to, by topic."""
+    """Reason why a topic cannot be subscribed to, by topic."""
     has_source: Callable[[str], bool]
     """Returns whether a topic has a publisher."""
 
 
 class BridgedActuator:
-    """Collects the complete telemetry of one actuator, and reports its status.
+    """Collects the telemetry of one actuator and reports its status.
 
     Parameters
     ----------
     bridge
-        Converts its messages into telemetry.
+        Bridge that converts the actuator's messages to telemetry.
     hardware_id
         Namespace, name and serial number of the actuator.
     prefix
-        Prefix of the names of its tasks; "" if the node has a single actuator.
+        Prefix of the diagnostic task names; "" if the node has a single actuator.
     step_s
-        Time between two calls of `note` [s].
+        Interval between calls of `note` [s].
     silent_s
         Time without messages after which a topic is silent [s].
 
     Attributes
     ----------
     problem
-        Why the rate of the samples cannot be measured; empty if it can.
+        Reason why the sample rate cannot be measured; empty if it can.
     """
 
     def __init__(
@@ -59,28 +59,28 @@ class BridgedActuator:
         self._hardware_id = hardware_id
         self._prefix = f"{prefix} " if prefix else ""
         self._silent_s = silent_s
-        # Counts of messages by topic and of samples: now, and at times of the last seconds.
+        # Message and sample counts: current values, and a history covering the last seconds.
         rates = (_PUBLISHED, _CHECKED, _LEFT_OUT)
         self._counts = dict.fromkeys([*bridge.collector.topics, *rates], 0)
         times = round(silent_s / step_s) + 1
         self._past = deque([(time.monotonic(), self._counts.copy())], maxlen=times)
 
     def note(self) -> None:
-        """Save the counts, from which rates are computed."""
+        """Record the current counts for computing rates."""
         self._past.append((time.monotonic(), self._counts.copy()))
 
     def count(self, topic: str, *, is_left_out: bool = False) -> None:
-        """Count a message."""
+        """Count a received message."""
         self._counts[topic] += 1
         self._counts[_LEFT_OUT] += is_left_out
 
     def advance(self) -> list[Telemetry]:
-        """Return the telemetry completed since the previous call, in blocks.
+        """Return blocks of telemetry completed since the previous call.
 
         Raises
         ------
         ValueError
-            If the rate of the samples cannot be measured; ``problem`` then states the reason.
+            If the sample rate cannot be measured; ``problem`` holds the reason.
         """
         try:
             blocks = self.bridge.advance()
@@ -96,11 +96,11 @@ class BridgedActuator:
         return blocks
 
     def tasks(self, reception: Reception) -> list[Task]:
-        """Return the status of the input, and of the mapping."""
+        """Return the diagnostic tasks for the input and the mapping."""
         return [self._input_task(reception), self._mapping_task()]
 
     def _recent(self) -> dict[str, float]:
-        """Return the rates of messages by topic and of samples in the last seconds [Hz]."""
+        """Return recent message and sample rates by topic or counter [Hz]."""
         first_s, first = self._past[0]
         span_s = max(time.monotonic() - first_s, 1e-3)
         return {key: (count - first[key]) / span_s for key, count in self._counts.items()}
@@ -142,7 +142,7 @@ class BridgedActuator:
         silent = self._silent(recent) if is_long else {}
         if source in silent:
             return STALE, silent[source]
-        # A command or a temperature may be sent on change only; any further silent sensor has
+        # Held commands and temperatures may be sent only on change; any other silent source has
         # failed.
         needed = {
             item.topic
@@ -175,13 +175,13 @@ class BridgedActuator:
         return OK, "; ".join([rate, *(f"{text} is held" for text in silent.values())])
 
     def _silent(self, recent: dict[str, float]) -> dict[str, str]:
-        """Return the topics without messages for some seconds, with the reason."""
+        """Return a message for each topic that has been silent for `silent_s`."""
         silent: dict[str, str] = {}
         for key, _, item in self.bridge.mapping.wanted():
             if not recent[item.topic]:
-                begin = f"nothing received on {item.topic} for {self._silent_s:g} s: "
-                begin = f"{silent[item.topic]}, " if item.topic in silent else begin
-                silent[item.topic] = f"{begin}{key}"
+                prefix = f"nothing received on {item.topic} for {self._silent_s:g} s: "
+                prefix = f"{silent[item.topic]}, " if item.topic in silent else prefix
+                silent[item.topic] = f"{prefix}{key}"
         return silent
 
     def _mapping_task(self) -> Task:

@@ -37,15 +37,14 @@ _NOT_FINITE_S: Final = 3.0
 _CHECK_S: Final = 0.2
 _RECHECK_S: Final = 2.0
 _MOST_WAITING: Final = 200_000
-# Ratio of the usual step to the period from which on the samples have another rate: half of them
-# lost, or twice as many.
-_OTHER_RATE: Final = 1.5
+# The rate has changed if the median step differs from the period by more than this factor.
+_NEW_RATE: Final = 1.5
 _BLOCK_SAMPLES: Final = 20
 _SLOW_BLOCK_S: Final = 0.1
 
 
 class _Part(NamedTuple):
-    """Samples that were converted at once, and the counts before them."""
+    """Samples converted together, and the loss counts before them."""
 
     stamps_ns: NDArray[np.int64]
     columns: dict[str, NDArray[np.float64]]
@@ -77,40 +76,40 @@ class BridgeSettings(Checked):
 
 
 class Bridge:
-    """Turns messages into telemetry, with a little delay.
+    """Converts live messages to telemetry, with a short delay.
 
-    The rate is found in the first ``learn_s``; nothing of these is lost. Telemetry with a defect
-    that forbids estimates is withheld until the defect is gone. While more motion may refute the
-    defect, telemetry is published, and the defect is judged again.
+    The sample rate is measured during the first ``learn_s``; samples from this time are kept. A
+    certain defect that would make estimates wrong withholds telemetry until it disappears. While
+    more motion may still refute the defect, telemetry is published and checked again.
 
     Parameters
     ----------
     mapping
-        Mapping of topics.
+        Mapping whose sources are topics.
     description
         Description of the actuator; its sample period and acquisition are replaced.
     settings
-        How long to wait.
+        Waiting times and block length.
     collector
-        What reads the messages; by default one for these sources alone.
+        Reader of the messages; by default, a new one for this mapping.
 
     Attributes
     ----------
     collector
-        What reads the messages: topics, types, and messages that were refused.
+        Reader of the messages, with their topics, types and rejected messages.
     rate
-        Rate of the samples; None until it is known.
+        Sample rate; None until measured.
     defects
-        Defects in the samples of the last 10 s.
+        Defects found in the samples of the last 10 s.
     checked
-        Number of checked samples, published or not.
+        Number of samples checked for defects, whether published or withheld.
     withheld
-        Samples that were withheld as a defect forbids estimates.
+        Number of samples withheld because of a defect.
 
     Raises
     ------
     ValueError
-        If the mapping is one of columns, or a path in it is impossible.
+        If the sources are table columns, or a field path is invalid.
     """
 
     def __init__(
@@ -123,7 +122,7 @@ class Bridge:
         if mapping.is_table:
             raise ValueError("position has no topic: expected a mapping of topics, not of columns")
         self.mapping = mapping
-        self._given = description
+        self._description = description
         self.settings = settings
         self.collector = collector or Collector(mapping)
         self.rate: Rate | None = None
@@ -133,27 +132,27 @@ class Bridge:
         self._clock: ArrivalClock | None = None
         self._filled = 0
         self._waiting = self.collector.take()
-        # Stamps of the first waiting samples, and the number of samples passed to the clock.
+        # Final stamps of the first waiting samples, and the number of samples passed to the clock.
         self._settled = np.empty(0, dtype=np.int64)
         self._stamped = 0
         self._before_ns: int | None = None
-        # The latest converted samples, which are checked for defects.
+        # Latest converted samples, kept to check them for defects.
         self._latest: deque[_Part] = deque()
         self._unchecked = 0
-        # Latest stamps, by which a change of the rate is noticed [ns].
+        # Latest stamps, for detecting a rate change [ns].
         self._recent_ns = np.empty(0, dtype=np.int64)
 
     @property
     def description(self) -> ActuatorDescription | None:
-        """Description of the telemetry; None until its rate is known."""
+        """Description of the telemetry; None until the sample rate has been measured."""
         return self._stream.description if self._stream else None
 
     @property
     def block_s(self) -> float:
         """Time between two blocks [s].
 
-        A block costs the monitor as much as many samples. Before the rate is known, the settings'
-        value is used.
+        Blocks have at least 20 samples, or last 0.1 s, because each block has a fixed cost. Until
+        the rate is measured, this is ``block_s`` of the settings.
         """
         block_s = self.settings.block_s
         if self.description is None:
@@ -162,36 +161,36 @@ class Bridge:
 
     @property
     def losses(self) -> Losses:
-        """Losses between the samples since the rate was measured."""
+        """Lost and irregular samples since the rate was measured."""
         return self._stream.losses if self._stream else Losses()
 
     @property
     def rebuilt(self) -> int:
-        """How many stamps were rebuilt from arrival."""
+        """Number of stamps reconstructed from arrival times."""
         return (self._clock.rebuilt if self._clock else 0) + self._filled
 
     @property
     def refused(self) -> list[InputDefect]:
-        """Defects that withhold telemetry."""
+        """Certain errors that withhold telemetry."""
         return withholding(self.defects, self.mapping)
 
     @property
     def uncertain(self) -> list[InputDefect]:
-        """Defects that withhold telemetry if more motion does not refute them."""
+        """Errors that more motion may still confirm or refute; telemetry is published meanwhile."""
         return [item for item in refused(self.defects, self.mapping) if not item.is_certain]
 
     def take_rises(self) -> list[MeasuredRise]:
-        """Return the temperatures since the last call, one a second at most."""
+        """Return temperature rises since the previous call, at most one per second."""
         sampler = self._stream.rises if self._stream else None
         return sampler.take() if sampler else []
 
     def advance(self) -> list[Telemetry]:
-        """Return the telemetry that has become complete, in blocks.
+        """Return blocks of telemetry completed since the previous call.
 
         Raises
         ------
         ValueError
-            If the rate of the samples is not a possible sample rate.
+            If the measured sample rate is out of range.
         """
         primary = self.mapping.position.topic
         for topic, series in self.collector.take().items():
@@ -199,12 +198,12 @@ class Bridge:
                 self._waiting[topic] += series
         if self._stream is None:
             waiting = self._waiting[primary] = self._waiting[primary][-_MOST_WAITING:]
-            self._stream = self._learned(waiting)
+            self._stream = self._learn(waiting)
             if self._stream is None:
                 return []
         self._stamp(self._waiting[primary])
-        if self._has_other_rate():
-            self._learn_anew()
+        if self._has_new_rate():
+            self._restart_learning()
             return []
         count = self._complete(self._ordered())
         stamps = self._settled[:count]
@@ -223,14 +222,14 @@ class Bridge:
         h = self._stream.description.sample_period
         blocks: list[Telemetry] = []
         for run in runs:
-            # Alike in length: no block has the few samples that are left over.
+            # Split evenly, so that no short block remains.
             samples = len(run.stamps_ns)
             count = max(1, samples // max(1, round(self.block_s / h)))
             blocks += self._stream.blocks(run, -(-samples // count) * h)
         return blocks
 
-    def _learned(self, primary: Series) -> SampleStream | None:
-        """Find the rate, once there are samples of some time."""
+    def _learn(self, primary: Series) -> SampleStream | None:
+        """Measure the sample rate; return None until samples cover ``learn_s``."""
         if (
             len(primary) < LEAST_SAMPLES
             or 1e-9 * np.ptp(primary.arrivals_ns) < self.settings.learn_s
@@ -242,25 +241,25 @@ class Bridge:
         if by_arrival:
             self._clock = ArrivalClock(rate.measured_period)
             rate = replace(rate, jitter=0.0)
-        stream = SampleStream(self.mapping, self._given, rate)
+        stream = SampleStream(self.mapping, self._description, rate)
         self.rate = rate
         return stream
 
-    def _has_other_rate(self) -> bool:
-        """Return whether samples have come at another rate for as long as it takes to learn one."""
+    def _has_new_rate(self) -> bool:
+        """Return whether samples have arrived at a new, steady rate for at least ``learn_s``."""
         assert self._stream is not None
         if self._clock is not None or len(self._recent_ns) < LEAST_SAMPLES:
             return False
         if 1e-9 * np.ptp(self._recent_ns) < self.settings.learn_s:
             return False
-        # Steps of two publishers differ from each other.
+        # Uneven steps indicate two publishers rather than a new rate.
         short, usual, long = np.quantile(1e-9 * np.diff(self._recent_ns), (0.1, 0.5, 0.9))
         period = self._stream.description.sample_period
-        is_other = not period / _OTHER_RATE < usual < period * _OTHER_RATE
-        return is_other and bool(long < _OTHER_RATE * usual and usual < _OTHER_RATE * short)
+        is_new = not period / _NEW_RATE < usual < period * _NEW_RATE
+        return is_new and bool(long < _NEW_RATE * usual and usual < _NEW_RATE * short)
 
-    def _learn_anew(self) -> None:
-        """Forget the rate; it is learned from the samples that wait and those to come."""
+    def _restart_learning(self) -> None:
+        """Discard the rate and measure it again from the waiting and later samples."""
         self._stream, self.rate, self.defects = None, None, []
         self._settled, self._stamped = np.empty(0, dtype=np.int64), 0
         self._recent_ns = np.empty(0, dtype=np.int64)
@@ -268,7 +267,7 @@ class Bridge:
         self._unchecked = 0
 
     def _stamp(self, primary: Series) -> None:
-        """Pass the new samples to the clock."""
+        """Determine the stamps of the new samples."""
         fresh = primary[self._stamped :]
         self._stamped = len(primary)
         if self._clock is not None:
@@ -280,16 +279,16 @@ class Bridge:
         self._settled = np.concatenate([self._settled, stamps])
 
     def _latest_stamps(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the stamps of the time in which a rate is learned, up to the latest ones."""
+        """Return the latest stamps, including new ones, spanning twice ``learn_s`` [ns]."""
         recent = np.concatenate([self._recent_ns, stamps])[-_MOST_WAITING:]
         if not len(recent):
             return recent
-        # Twice as long, so that the samples cover the time of learning for any length of blocks.
+        # Twice ``learn_s``, so that the samples cover it for any block length.
         span_ns = round(2e9 * self.settings.learn_s)
         return recent[recent > recent[-1] - span_ns][-_MOST_WAITING:]
 
     def _ordered(self) -> int:
-        """Sort the samples that wait by their stamps, and return how many are in order."""
+        """Sort the waiting samples by stamp; return the number whose order is final."""
         assert self._stream is not None
         assert self.rate is not None
         if self._clock is not None:
@@ -303,9 +302,9 @@ class Bridge:
         return settled_samples(self._settled, self._before_ns, 1e9 * self.rate.measured_period)
 
     def _complete(self, count: int) -> int:
-        """Return how many samples have the earlier messages of all other topics."""
+        """Return the number of samples for which all other topics have caught up."""
         primary = self._waiting[self.mapping.position.topic]
-        # A slow temperature is not waited for.
+        # Do not wait for slow temperatures.
         awaited = {item.topic for _, item in self.mapping.telemetry_sources()}
         awaited_series = [
             series
@@ -317,13 +316,13 @@ class Bridge:
         latest = min(
             int(series.arrivals_ns[-1]) if len(series) else -(2**62) for series in awaited_series
         )
-        # A command may be sent on change only: its topic is not waited for longer than that.
+        # Commands may be sent only on change, so waiting is limited to ``wait_s``.
         waited = int(primary.arrivals_ns[-1]) - round(self.settings.wait_s * 1e9)
         late = np.flatnonzero(primary.arrivals_ns[:count] > max(latest, waited))
         return int(late[0]) if len(late) else count
 
     def _forget(self, count: int) -> None:
-        """Forget samples that were used; of the other topics the latest before stay."""
+        """Drop used samples; keep the recent history of the other topics."""
         self._settled = self._settled[count:]
         self._stamped -= count
         span_ns = round((self.settings.wait_s + 1.0) * 1e9)
@@ -335,7 +334,7 @@ class Bridge:
                 self._waiting[topic] = series[max(0, old - 2) :]
 
     def _check(self, part: _Part) -> None:
-        """Check the latest samples for defects periodically."""
+        """Add converted samples, and periodically check the latest 10 s for defects."""
         assert self._stream is not None
         h = self._stream.description.sample_period
         latest = self._latest
@@ -355,12 +354,12 @@ class Bridge:
         first, last_s = latest[0], round(_NOT_FINITE_S / h)
         assert self.rate is not None
         self.defects = [
-            *other_rate(self.rate, self._given),
+            *other_rate(self.rate, self._description),
             *([] if self._clock else two_publishers(times)),
             *stream_defects(
                 self.losses - first.losses,
                 self.rebuilt - first.rebuilt,
-                is_unknown=self._given.drive == "unknown",
+                is_unknown=self._description.drive == "unknown",
             ),
             *not_finite({name: column[-last_s:] for name, column in whole.items()}),
             *find_defects(whole, times, self.mapping, self._stream.description),

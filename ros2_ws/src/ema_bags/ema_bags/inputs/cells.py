@@ -1,4 +1,4 @@
-"""Numbers in cells of tables, with decimal commas, thousands separators and any minus sign."""
+"""Parsing of numbers in table cells: decimal commas, thousands separators, Unicode minus signs."""
 
 import re
 from dataclasses import dataclass
@@ -20,54 +20,54 @@ _MOSTLY: Final = 0.5
 
 @dataclass(frozen=True, eq=False)
 class WrittenNumbers:
-    """Numbers of a column of cells."""
+    """Numbers parsed from a column of cells."""
 
     values: NDArray[np.float64]
-    """Numbers, ``(n,)``; NaN for cells without a number."""
+    """Parsed numbers, ``(n,)``; NaN for cells without a number."""
 
     problem: str = ""
-    """Row and cell that cannot be read; empty if all cells can be read."""
+    """Row and content of a cell that cannot be parsed; empty if all can."""
 
     decimal: str = ""
-    """Decimal sign proved by a cell; empty without proof."""
+    """Decimal sign, if a cell proves it; else empty."""
 
     thousands: str = ""
-    """Mark read as the thousands separator, which may be a decimal sign; empty if unused."""
+    """Character read as thousands separator that could be a decimal sign; empty if none."""
 
     example: str = ""
-    """Row and cell with the mark in ``thousands``."""
+    """Row and content of a cell that contains ``thousands``."""
 
     unclear: str = ""
-    """Row and cell whose decimal sign may separate thousands.
+    """Row and content of a cell whose decimal sign could be a thousands separator.
 
-    It is empty if a cell such as 0.5, 12.75 or 1234.500 excludes that.
+    Empty if another cell, such as 0.5, 12.75 or 1234.500, rules this out.
     """
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Return whether a cell is a number with this decimal sign, without thousands separators."""
+    """Return whether a cell is a number with the given decimal sign and no thousands separators."""
     text = _plain(cell)
     return bool(re.match(_number(decimal), text)) or text.lower() in _LITERAL
 
 
 def may_be_number(cell: str) -> bool:
-    """Return whether a cell is a number, with any decimal sign and thousands separator."""
+    """Return whether a cell is a number with any decimal sign or thousands separator."""
     text = _plain(cell)
     return any(is_number(cell, mark) or re.match(_grouped(mark), text) for mark in ".,")
 
 
 def read_numbers(column: "pd.Series[Any]", decimal: str) -> WrittenNumbers | None:
-    """Return the numbers of a column of texts; None if most cells are not numbers.
+    """Parse a column of texts as numbers; return None if most cells are not numbers.
 
-    A cell with digits that is not a number is reported in ``problem``; a word becomes NaN.
+    Cells with digits that are not numbers are reported in ``problem``; words become NaN.
 
     Parameters
     ----------
     column
         The texts.
     decimal
-        Decimal sign of the table, "." or ",". If cells of the column contradict it and the
-        alternative sign fits all cells, the column is read with the alternative.
+        Decimal sign of the table, "." or ",". If it does not fit the column but the alternative
+        fits all cells, the alternative is used.
     """
     texts = _texts(column)
     missing = (column.isna() | texts.str.lower().isin(_MISSING)).to_numpy(bool)
@@ -86,12 +86,12 @@ def read_numbers(column: "pd.Series[Any]", decimal: str) -> WrittenNumbers | Non
 
 
 def shows_decimals(values: NDArray[Any]) -> bool:
-    """Return whether numbers have fractions that cannot be thousands with a separator."""
+    """Return whether some fraction cannot be a misread thousands separator."""
     parts = np.abs(values[np.isfinite(values)])
     parts = parts[parts % 1.0 != 0.0]
     thousands = parts * 1e3
     is_finer = np.abs(thousands - np.rint(thousands)) > 1e-6 * parts
-    # One to three digits precede a thousands separator.
+    # A thousands separator follows one to three digits.
     return bool(np.any((parts < 1.0) | (parts >= 1e3) | is_finer))
 
 
@@ -100,7 +100,7 @@ def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> 
     grouped = texts.str.match(_grouped(decimal)).to_numpy(bool)
     plain = texts.where(~grouped, texts.str.replace(rf"[ '{mark}]", "", regex=True))
     if decimal == ",":
-        # A point is not a decimal sign here.
+        # With a decimal comma, a point makes a cell invalid.
         plain = plain.where(~plain.str.contains(".", regex=False), "x0")
         plain = plain.str.replace(",", ".")
     values = pd.to_numeric(plain.where(~missing), errors="coerce").to_numpy(float)
@@ -112,7 +112,7 @@ def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> 
         problem = f"{_place(texts, int(np.argmax(bad)))} is no number"
     elif np.any(marked):
         example = _place(texts, int(np.argmax(marked)))
-        # A program separates thousands in all numbers with at least that many digits.
+        # A program that writes thousands separators writes them in all large numbers.
         least = np.min(np.abs(values[marked]))
         bare = ~grouped & np.isfinite(values) & (np.abs(values) >= least)
         bare &= ~texts.str.contains("e", case=False, regex=False).to_numpy(bool)
@@ -123,7 +123,7 @@ def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> 
             )
     cells = texts[~missing]
     shown = cells[cells.str.contains(decimal, regex=False)]
-    # Two groups, or both marks, are unambiguous.
+    # Two thousands groups, or both characters in one number, are unambiguous.
     doubtful = cells[marked[~missing]]
     is_sure = bool(
         (doubtful.str.count(re.escape(mark)) > 1).any()
@@ -145,12 +145,12 @@ def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> 
 
 
 def _texts(column: "pd.Series[Any]") -> "pd.Series[Any]":
-    # As objects: regular expressions of Arrow lack back references.
+    # Use object dtype: Arrow's regular expressions do not support back references.
     return pd.Series([_plain(str(cell)) for cell in column], column.index, dtype=object)
 
 
 def _plain(cell: str) -> str:
-    """Return a cell with ASCII signs and a leading minus."""
+    """Normalize a cell: ASCII signs, leading minus, ``e`` for exponents."""
     text = _FORTRAN.sub(r"\1e\2", cell.strip().translate(_MINUS).translate(_SPACES))
     match = _SIGNED.match(text)
     if match is None:
@@ -164,7 +164,7 @@ def _number(decimal: str) -> str:
 
 
 def _grouped(decimal: str) -> str:
-    """Return the pattern of a number with thousands separators."""
+    """Return the regular expression of a number with thousands separators."""
     mark = re.escape("," if decimal == "." else ".")
     return rf"^[+-]?[1-9]\d{{0,2}}([{mark} '])\d{{3}}(?:\1\d{{3}})*(?:{re.escape(decimal)}\d*)?$"
 

@@ -1,4 +1,4 @@
-"""Texts on changes of a mapping."""
+"""Wording of suggested mapping changes."""
 
 from typing import Any
 
@@ -6,12 +6,12 @@ from ema_bags.inputs.factors import MappingChange, Relations
 
 
 def change_remedy(change: MappingChange) -> str:
-    """Return the corrected entry of the mapping."""
+    """Return the corrected mapping entry as YAML text."""
     return f"{change.quantity}: {{{change.entry}: {_words(change.value)}}}"
 
 
 def change_reason(change: MappingChange) -> str:
-    """Return a text on the probable mistake in a mapping, with the evidence."""
+    """Describe the probable mistake in the mapping and its evidence."""
     return (
         f"{change.quantity} has {change.entry} {_words(change.stated)}, {_words(change.value)} was "
         f"probably meant ({', '.join(_facts(change.relations))})"

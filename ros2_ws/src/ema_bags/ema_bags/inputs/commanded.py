@@ -1,4 +1,4 @@
-"""Columns with commanded instead of measured values."""
+"""Detection of columns that contain setpoints instead of measurements."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -18,14 +18,14 @@ _CLEARLY: Final = 5.0
 
 
 def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Iterator[InputDefect]:
-    """Yield a defect for each column that follows the command or a control law exactly.
+    """Yield a defect for each column that exactly follows the command or a control law.
 
     Parameters
     ----------
     columns
         Columns in SI units, ``(n,)`` or empty.
     tau
-        Gear ratio, user over motor speed [-].
+        Gear ratio: user speed over motor speed [-].
     """
     present = {name: values for name, values in columns.items() if len(values)}
     if "command" not in present:
@@ -68,7 +68,7 @@ def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Itera
 
 
 def _lag_of_copy(command: NDArray[np.float64], position: NDArray[np.float64]) -> int | None:
-    """Return the delay with which a position repeats the command [samples]; None if it does not."""
+    """Return the lag at which the position copies the command [samples]; None if it does not."""
     moving = np.abs(np.diff(command, prepend=command[0])) > 0.0
     if np.count_nonzero(moving) < _LEAST_SAMPLES // 2:
         return None
@@ -84,17 +84,17 @@ def _lag_of_copy(command: NDArray[np.float64], position: NDArray[np.float64]) ->
 def _follows(
     speed: NDArray[np.float64], commanded: NDArray[np.float64], moved: NDArray[np.float64]
 ) -> bool:
-    """Return whether a speed is the derivative of the command, not of the position."""
+    """Return whether the speed is the derivative of the command rather than of the position."""
     of_command, of_position = (_residual(speed, (term,)) for term in (commanded, moved))
     return of_command < _EXACT and of_position > _CLEARLY * of_command
 
 
 def _residual(values: NDArray[np.float64], terms: tuple[NDArray[np.float64], ...]) -> float:
-    """Return the share of values that a weighted sum of terms does not explain [-]."""
+    """Return the relative residual of a least-squares fit of the terms to the values [-]."""
     size = float(np.std(values))
     sizes = [float(np.max(np.abs(term))) for term in terms]
     if size <= 0.0 or min(sizes) <= 0.0:
         return 1.0
     rows = np.column_stack([term / scale for term, scale in zip(terms, sizes, strict=True)])
-    left = values - rows @ np.linalg.lstsq(rows, values, rcond=None)[0]
-    return float(np.std(left)) / size
+    residuals = values - rows @ np.linalg.lstsq(rows, values, rcond=None)[0]
+    return float(np.std(residuals)) / size

@@ -1,4 +1,4 @@
-"""Conversion of source values to columns of telemetry in SI units."""
+"""Conversion of source values to telemetry columns in SI units."""
 
 import math
 from collections.abc import Mapping as Columns
@@ -23,14 +23,16 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.units import CURRENTS, LINEAR, UNITS
 
 _PEAK: Final = {"": 1.0, "peak": 1.0, "rms": math.sqrt(2.0), "power": math.sqrt(2.0 / 3.0)}
-"""Ratio of the phase current amplitude to i_q, by the convention of i_q [-]."""
+"""Phase current amplitude divided by i_q, for each i_q convention [-]."""
 
 _PHASE_TO_PHASE: Final = math.sqrt(3.0) / 2.0
-"""Ratio of the current of a phase-to-phase torque constant to the phase current amplitude, at equal
-torque T = 3/2 (k_t / sqrt(3)) i_q (M33) [-]."""
+"""Equivalent current for a phase-to-phase torque constant, per phase current amplitude [-].
+
+The torque is equal: T = 3/2 (k_t / sqrt(3)) i_q (M33).
+"""
 
 _NEUTRAL_LEAD: Final = 1.0
-"""Lead [m] of a linear axis without a screw; results in m and N do not depend on it."""
+"""Nominal lead of a linear axis without a screw; it does not affect results in m and N [m]."""
 
 _SMOOTHED: Final = 3
 _NOISES: Final = 5.0
@@ -39,10 +41,10 @@ _SLOW: Final = 0.3
 
 
 def with_lead(description: ActuatorDescription, mapping: Mapping) -> ActuatorDescription:
-    """Return the description of an unknown drive with the lead that converts lengths.
+    """Return the description with a lead for converting lengths, if its drive is unknown.
 
-    The lead comes from the description or the mapping. Without one, an arbitrary lead is used: a
-    linear motor or a prismatic joint has no screw.
+    The lead is taken from the description, else from the mapping. Linear motors and prismatic
+    joints have no screw; for them an arbitrary lead is used.
     """
     parameters, position = description.parameters, mapping.position
     if description.drive != "unknown" or parameters.lead or position.unit not in LINEAR:
@@ -57,25 +59,25 @@ def convert(
     description: ActuatorDescription,
     breaks: Sequence[int] = (),
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of telemetry, ``(n,)`` each; unmeasured columns are empty.
+    """Convert source values to telemetry columns, ``(n,)`` each; unmeasured columns are empty.
 
     Parameters
     ----------
     raw
-        Values of the sources, by the keys of ``Mapping.wanted``, ``(n,)``. The temperature is
-        ignored: it is not a column of telemetry.
+        Source values by the keys of ``Mapping.wanted``, ``(n,)`` each. The temperature is ignored
+        because it is not a telemetry column.
     mapping
         Sources of the columns.
     description
-        Description with torque constant, gear ratio, lead and drive.
+        Actuator description with torque constant, gear ratio, lead and drive.
     breaks
-        Indices of samples before which the motion is interrupted: directions of motion are not
-        interpolated across them.
+        Indices of samples that follow an interruption; motion directions are not interpolated
+        across interruptions.
 
     Raises
     ------
     ValueError
-        If a unit does not fit the drive, or a lead is missing or contradicts the description.
+        If a unit does not fit the drive, or the lead is missing or contradicts the description.
     """
     p = description.parameters
     raw = {
@@ -100,13 +102,13 @@ def convert(
         if source.kind == "magnitude":
             has_speed = bool(len(speed))
             pieces = np.split(speed if has_speed else position, breaks)
-            ways = [_way(piece, is_speed=has_speed) for piece in pieces]
-            current = current * np.concatenate(ways)
+            directions = [_direction(piece, is_speed=has_speed) for piece in pieces]
+            current = current * np.concatenate(directions)
     return {"command": command, "current": current, "position": position, "speed": speed}
 
 
 def degrees_celsius(raw: NDArray[np.float64], source: TemperatureSource) -> NDArray[np.float64]:
-    """Return a temperature, ``(n,)`` [degC]."""
+    """Convert source values to temperatures, ``(n,)`` [degC]."""
     factor, addition = TEMPERATURES[source.unit]
     values = _scaled(_decoded(raw, source.encoding), source.sign * source.scale, 0.0)
     return _scaled(values, factor, addition + source.offset)
@@ -115,7 +117,7 @@ def degrees_celsius(raw: NDArray[np.float64], source: TemperatureSource) -> NDAr
 def _turned(
     raw: NDArray[np.float64], source: AngleSource | SpeedSource, p: ActuatorParameters
 ) -> NDArray[np.float64]:
-    """Return the angle of the user shaft [rad], or the speed of the motor shaft [rad/s]."""
+    """Convert source values to user-shaft angle [rad] or motor-shaft speed [rad/s]."""
     to_user = p.tau if source.shaft == "motor" else 1.0
     shaft = to_user if isinstance(source, AngleSource) else to_user / p.tau
     turn = 1.0
@@ -132,7 +134,7 @@ def _turned(
 
 
 def _current_factor(source: CurrentSource, description: ActuatorDescription, lead: float) -> float:
-    """Return the equivalent current per unit of the source or of the phase magnitude [A]."""
+    """Return the factor from source values or phase magnitudes to equivalent current [A]."""
     p = description.parameters
     is_effort = source.kind in ("equivalent", "magnitude") and source.unit not in CURRENTS
     if is_effort and description.drive != "unknown":
@@ -164,11 +166,11 @@ def _current_factor(source: CurrentSource, description: ActuatorDescription, lea
 
 
 def _of_phases(raw: Columns[str, NDArray[np.float64]], is_sinusoidal: bool) -> NDArray[np.float64]:
-    """Return the equivalent current of two or three phases, whose sum is zero."""
+    """Return the equivalent current of two or three phase currents, which sum to zero."""
     a, b = raw["phase_a"], raw["phase_b"]
     c = raw["phase_c"] if "phase_c" in raw else -a - b
     if is_sinusoidal:
-        # The magnitude of the space vector is the peak of i_q, as i_d is zero.
+        # As i_d is zero, the magnitude of the space vector is the peak value of i_q.
         magnitude = np.sqrt((a * a + b * b + c * c) * (2.0 / 3.0))
     else:
         magnitude = (np.abs(a) + np.abs(b) + np.abs(c)) / 2.0
@@ -176,15 +178,15 @@ def _of_phases(raw: Columns[str, NDArray[np.float64]], is_sinusoidal: bool) -> N
 
 
 def _decoded(raw: NDArray[np.float64], encoding: str) -> NDArray[np.float64]:
-    """Return the signed numbers of registers that were read as unsigned."""
+    """Convert unsigned register values to signed numbers."""
     bit, times = ENCODINGS[encoding]
     if not bit:
         return raw
     return np.where(raw < bit, raw, bit - raw if times == 1 else raw - 2.0 * bit)
 
 
-def _way(motion: NDArray[np.float64], *, is_speed: bool) -> NDArray[np.float64]:
-    """Return the direction of a speed or position, 1 or -1; at rest, of the nearest motion."""
+def _direction(motion: NDArray[np.float64], *, is_speed: bool) -> NDArray[np.float64]:
+    """Return the direction of motion, 1 or -1; samples at rest take it from the nearest motion."""
     if len(motion) < 2:
         return np.where(motion < 0.0, -1.0, 1.0) if is_speed else np.ones(len(motion))
     speed = motion if is_speed else np.gradient(motion)
@@ -199,6 +201,6 @@ def _way(motion: NDArray[np.float64], *, is_speed: bool) -> NDArray[np.float64]:
 
 
 def _scaled(raw: NDArray[np.float64], factor: float, offset: float) -> NDArray[np.float64]:
-    # Without a conversion, values stay equal to the last bit.
+    # Skip neutral operations so that unconverted values stay bit-identical.
     values = raw if factor == 1.0 else raw * factor
     return values if offset == 0.0 else values + offset

@@ -1,4 +1,4 @@
-"""Dates and times of day in cells of tables, in common notations."""
+"""Parsing of dates and times of day in table cells, in common notations."""
 
 import re
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ema_bags.inputs.on_demand import pd
 
 ORDERS: Final = ("d/m/y", "m/d/y")
-"""Units of a column of dates with an ambiguous order of day and month."""
+"""Values of ``clock.unit`` that resolve an ambiguous order of day and month."""
 
 _NO_TIME: Final = -(2**63)
 _SECOND: Final = 1_000_000_000
@@ -39,29 +39,29 @@ _MONTHS: Final = (
 
 @dataclass(frozen=True, eq=False)
 class WrittenTimes:
-    """Times of a column of cells."""
+    """Times parsed from a column of cells."""
 
     values: NDArray[np.int64]
-    """Times since 1970, or since midnight or the start if ``is_of_day``, ``(n,)`` [ns].
+    """Time since 1970, or since midnight or the start if ``is_of_day``, ``(n,)`` [ns].
 
-    Cells without a time have the smallest integer.
+    The smallest int64 marks cells without a time.
     """
 
     is_of_day: bool = False
-    """Whether the cells have no date."""
+    """Whether the cells contain only times of day or durations, no dates."""
 
     exchanged: NDArray[np.int64] | None = None
-    """The values with day and month exchanged if the cells allow both orders, else None."""
+    """Values with day and month swapped, ``(n,)`` [ns]; None if the order is unambiguous."""
 
     problem: str = ""
-    """Row and cell without a valid time; empty if all cells are times."""
+    """Row and content of a cell that is not a valid time; empty if all are."""
 
     example: str = ""
-    """The first row and cell with a date."""
+    """Row and content of the first cell with a date."""
 
 
 def read_times(column: "pd.Series[Any]") -> WrittenTimes | None:
-    """Return the times of a column of dates or texts; None if its first cells are not times."""
+    """Parse a column of dates or texts as times; return None if it does not contain times."""
     if pd.api.types.is_datetime64_any_dtype(column.dtype):
         return WrittenTimes(_stamps(column))
     if pd.api.types.is_numeric_dtype(column.dtype):
@@ -121,7 +121,7 @@ def _problem(texts: "pd.Series[Any]", unread: NDArray[np.bool_]) -> str:
 
 
 def _of_day(parts: "pd.DataFrame") -> NDArray[np.int64]:
-    """Return the times since midnight [ns]; 0 where a cell has none."""
+    """Return UTC times since midnight [ns]; 0 for cells without a time of day."""
 
     def number(name: str) -> NDArray[np.int64]:
         if name not in parts:
@@ -139,7 +139,7 @@ def _of_day(parts: "pd.DataFrame") -> NDArray[np.int64]:
 
 
 def _zone_s(parts: "pd.DataFrame") -> NDArray[np.int64]:
-    """Return the offsets of the time zones from UTC [s]."""
+    """Return the offset of each time zone from UTC [s]."""
     if "zone" not in parts:
         return np.zeros(len(parts), dtype=np.int64)
     zone = parts["zone"].str.extract(r"(?P<sign>[+-])(?P<h>\d\d):?(?P<m>\d\d)")
@@ -149,7 +149,7 @@ def _zone_s(parts: "pd.DataFrame") -> NDArray[np.int64]:
 
 
 def _days(parts: "pd.DataFrame") -> tuple[NDArray[np.int64], NDArray[np.int64] | None]:
-    """Return days since 1970, ``(n,)``, and the same with day and month exchanged if allowed."""
+    """Return days since 1970, ``(n,)``, and the days with day and month swapped if ambiguous."""
     a, c = (pd.to_numeric(parts[name], errors="coerce") for name in "ac")
     names = parts["b"].str[:3].str.lower()
     months = names.map({name: i % 12 + 1 for i, name in enumerate(_MONTHS)})

@@ -1,4 +1,4 @@
-"""Defects of a mapping or of its data, reported before any estimate."""
+"""Detection of defects in a mapping or in its data, before any estimate."""
 
 from collections.abc import Iterable, Iterator
 from typing import Final
@@ -30,9 +30,9 @@ _SUDDEN: Final = 20.0
 _CATCHES_UP: Final = 1.5
 _FAR_BEYOND: Final = 2.0
 _JUMP_OF_RANGE: Final = 0.05
-_BESIDE: Final = 3
-"""Changes of the step on each side that a jump is compared with."""
-_KNOWN_BEFORE: Final = 20
+_NEIGHBOURS: Final = 3
+"""Number of step changes on each side with which a jump is compared."""
+_FIRST_JUDGED: Final = 20
 
 
 def find_defects(
@@ -41,15 +41,14 @@ def find_defects(
     mapping: Mapping,
     description: ActuatorDescription,
 ) -> list[InputDefect]:
-    """Return the defects of a mapping's columns of telemetry.
+    """Return the defects found in converted telemetry columns.
 
-    Defects that only motion can show, such as a sign or a unit, are only sought where there is
-    motion.
+    Wrong signs and units are only detected if the recording contains motion.
 
     Parameters
     ----------
     columns
-        As of ``ema_bags.inputs.conversion.convert``, ``(n,)`` or empty.
+        Columns returned by ``ema_bags.inputs.conversion.convert``, ``(n,)`` or empty.
     stamps_ns
         Stamps of the samples, ``(n,)`` [ns].
     """
@@ -62,7 +61,7 @@ def find_defects(
         return defects
     defects += _frozen(columns, motion, is_unknown=description.drive == "unknown")
     if not {"command_frozen", "position_frozen", "speed_frozen"} & {item.name for item in defects}:
-        # Of a position or speed that is held, the ratio is one of delays, not of gears.
+        # If position or speed repeats values, their ratio reflects delays, not gears.
         if not any(item.name == "values_repeat" and item.is_error for item in defects):
             defects += wrong_factors(motion, mapping, description)
         defects += find_commanded(columns, description.parameters.tau)
@@ -78,14 +77,14 @@ def find_defects(
 def stream_defects(
     losses: Losses, rebuilt: int, *, of_table: bool = False, is_unknown: bool = False
 ) -> Iterator[InputDefect]:
-    """Yield the defects of stamps and completeness of samples.
+    """Yield defects in time stamps and lost, repeated or impossible samples.
 
     Parameters
     ----------
     of_table
-        Whether they are rows of a table, which have no arrival.
+        Whether the samples are table rows, which have no arrival time.
     is_unknown
-        Whether the drive is unknown: its records bridge short gaps.
+        Whether the drive is unknown; its records are interpolated across short gaps.
     """
     n = max(losses.samples, 1)
     if losses.lost:
@@ -138,7 +137,7 @@ def stream_defects(
 
 
 def not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[InputDefect]:
-    """Yield the columns, as in ``find_defects``, with values that are not finite numbers."""
+    """Yield a defect if any column, ``(n,)`` or empty, contains NaN or infinite values."""
     bad = {name: ~np.isfinite(values) for name, values in columns.items() if len(values)}
     is_bad = np.any(list(bad.values()), axis=0)
     if not np.any(is_bad):
@@ -155,7 +154,7 @@ def not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[InputDefect]
 
 
 def other_rate(rate: Rate, description: ActuatorDescription) -> Iterator[InputDefect]:
-    """Yield that the samples come at a rate that differs by a few per cent from the description."""
+    """Yield a defect if the sample rate differs by 0.2 % to 10 % from the description."""
     described = description.sample_period
     if _SAME_RATE < abs(rate.period / described - 1.0) < _SIMILAR_RATE:
         text = f"the samples come at {1.0 / rate.period:.5g} Hz, described are {1.0 / described:g}"
@@ -165,9 +164,9 @@ def other_rate(rate: Rate, description: ActuatorDescription) -> Iterator[InputDe
 
 
 def renewed_slowly(rate: Rate, times: float) -> InputDefect:
-    """Return that all sensor columns are renewed at a rate below the rate of the samples.
+    """Return the defect that each value is published several times.
 
-    Each value is published some times.
+    ``rate`` is the rate at which values change, ``times`` the number of samples per value.
     """
     text = (
         f"the values repeat {round(times)} times: renewed at {1.0 / rate.period:.5g} Hz, published "
@@ -178,12 +177,12 @@ def renewed_slowly(rate: Rate, times: float) -> InputDefect:
 
 
 def refused(defects: Iterable[InputDefect], mapping: Mapping) -> list[InputDefect]:
-    """Return the defects that forbid estimates: errors that the mapping does not accept."""
+    """Return the errors that the mapping does not accept; they prevent estimates."""
     return [item for item in defects if item.is_error and item.name not in mapping.accept]
 
 
 def withholding(defects: Iterable[InputDefect], mapping: Mapping) -> list[InputDefect]:
-    """Return the defects that withhold live telemetry: ``refused`` and certain."""
+    """Return the certain errors that the mapping does not accept; they withhold live telemetry."""
     return [item for item in refused(defects, mapping) if item.is_certain]
 
 
@@ -202,9 +201,9 @@ def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator
 def _held(
     columns: dict[str, NDArray[np.float64]], stamps_ns: NDArray[np.int64], *, is_unknown: bool
 ) -> Iterator[InputDefect]:
-    """Yield sensor columns that are renewed at a rate below the rate of the samples.
+    """Yield a defect if sensor columns are updated more slowly than they are published.
 
-    The model of a known drive would take the steps for faults.
+    The model of a known drive would interpret the resulting steps as faults.
     """
     held = find_held(columns)
     if not held:
@@ -226,11 +225,12 @@ def _held(
 
 
 def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
-    """Yield that a position jumps: a step that no acceleration of the record explains.
+    """Yield a defect if the position jumps further than any acceleration in the recording explains.
 
-    The step changes far more before and after a jump than beside it and than it usually does, and
-    is longer than the usual longest step. Steps of zero are left out. A step is judged once motion
-    follows it, as the first step of a motion follows a rest as well.
+    Before and after a jump, the step size must change by more than 20 times both the largest nearby
+    change and the 95th percentile of all changes. The jump must also exceed 4 times the 99.5th
+    percentile of the steps. Zero steps are ignored. A step is only judged once more motion follows,
+    because the first step after a rest looks like a jump.
     """
     steps, usual_ns = np.diff(position), np.median(np.diff(stamps_ns))
     is_moving = (np.diff(stamps_ns) < _GAP * usual_ns) & np.isfinite(steps) & (steps != 0.0)
@@ -242,26 +242,36 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
     sizes = np.abs(moving)
     far = max(_JUMP * float(np.percentile(sizes, 99.5)), _JUMP_OF_RANGE * float(np.ptp(position)))
     is_far = sizes > far
-    # A motion is far for several steps in one direction. After a jump, another one may lead back.
-    way = np.where(is_far, np.sign(moving), 0.0)
-    is_alone = is_far & (np.append(way[1:], 0.0) != way) & (np.append(0.0, way[:-1]) != way)
-    beside_jump = is_alone | np.append(False, is_alone[:-1])
-    padded = np.concatenate(
-        [np.zeros(_BESIDE), np.where(beside_jump, 0.0, changes), np.full(_BESIDE + 1, np.inf)]
+    # Fast motion takes several long steps in one direction; a jump takes one, and may reverse.
+    direction = np.where(is_far, np.sign(moving), 0.0)
+    is_isolated = (
+        is_far
+        & (np.append(direction[1:], 0.0) != direction)
+        & (np.append(0.0, direction[:-1]) != direction)
     )
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 2)
-    beside = np.max(np.delete(around, [_BESIDE, _BESIDE + 1], axis=1), axis=1)
-    sudden = _SUDDEN * np.maximum(beside, float(np.percentile(changes, 95.0)))
-    is_jump = is_alone & (np.minimum(changes, np.append(changes[1:], np.inf)) > sudden)
-    # After values that repeat within a motion, a step catches up with it.
+    next_to_jump = is_isolated | np.append(False, is_isolated[:-1])
+    padded = np.concatenate(
+        [
+            np.zeros(_NEIGHBOURS),
+            np.where(next_to_jump, 0.0, changes),
+            np.full(_NEIGHBOURS + 1, np.inf),
+        ]
+    )
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 2)
+    nearby = np.max(np.delete(around, [_NEIGHBOURS, _NEIGHBOURS + 1], axis=1), axis=1)
+    sudden = _SUDDEN * np.maximum(nearby, float(np.percentile(changes, 95.0)))
+    is_jump = is_isolated & (np.minimum(changes, np.append(changes[1:], np.inf)) > sudden)
+    # After repeated values during motion, one longer step catches up.
     repeated = np.diff(rows, prepend=-1)
-    padded = np.pad(sizes, _BESIDE)
-    speeds = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
-    speed = np.minimum(np.max(speeds[:, :_BESIDE], axis=1), np.max(speeds[:, -_BESIDE:], axis=1))
+    padded = np.pad(sizes, _NEIGHBOURS)
+    speeds = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 1)
+    speed = np.minimum(
+        np.max(speeds[:, :_NEIGHBOURS], axis=1), np.max(speeds[:, -_NEIGHBOURS:], axis=1)
+    )
     is_late = (repeated > 1) & (sizes < _CATCHES_UP * repeated * speed)
     is_jump &= ~is_late
     # The step before the first rows is unknown.
-    jumps = sizes[is_jump & (rows >= _KNOWN_BEFORE)]
+    jumps = sizes[is_jump & (rows >= _FIRST_JUDGED)]
     if 0 < len(jumps) <= _MANY * len(steps):
         text = (
             f"the position jumps {counted(len(jumps), 'time')}, at most by "
@@ -274,7 +284,7 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
 def _beyond_travel(
     command: NDArray[np.float64], position: NDArray[np.float64]
 ) -> Iterator[InputDefect]:
-    """Yield that a command goes far beyond all travel for a while, and comes back."""
+    """Yield a defect if the command temporarily lies far outside the usual range of motion."""
     if not np.any(np.isfinite(command)):
         return
     usual = np.concatenate([command, position])
@@ -294,21 +304,21 @@ def _beyond_travel(
 def _frozen(
     columns: dict[str, NDArray[np.float64]], motion: ThinnedMotion, *, is_unknown: bool
 ) -> Iterator[InputDefect]:
-    # A joint may settle after its command has ended.
+    # A joint may still be settling after its command has stopped.
     is_certain = not is_unknown or motion.is_ample
     moves = {name: motion.travel(name) > _LEAST_TRAVEL for name in ("command", "position")}
     moves["command"] &= len(columns["command"]) > 0
     moves["speed"] = motion.has_speed and motion.turned > _LEAST_TRAVEL
     for name in ("command", "position", "speed", "current"):
         values = columns[name]
-        others = [column for column, moving in moves.items() if moving and column != name]
-        # A blocked shaft stands still in position and speed alike: not a defect of the data.
+        moving = [column for column, is_moving in moves.items() if is_moving and column != name]
+        # A blocked shaft shows neither position change nor speed: that is not a data defect.
         if name in ("position", "speed") and not moves["position" if name == "speed" else "speed"]:
             continue
         finite = values[np.isfinite(values)]
-        if not others or not len(finite) or np.ptp(finite) > 0.0:
+        if not moving or not len(finite) or np.ptp(finite) > 0.0:
             continue
-        text = f"in all {counted(len(finite), 'sample')} while {others[0]} moves"
+        text = f"in all {counted(len(finite), 'sample')} while {moving[0]} moves"
         if name == "current" and finite[0] == 0.0:
             text = f"current is 0 {text}: the drive does not publish it"
             remedy = "current: {sampling: none, ...}, or leave current out"

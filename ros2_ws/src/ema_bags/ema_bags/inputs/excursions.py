@@ -1,4 +1,4 @@
-"""Samples that leave a series and return within a few samples, faster than the series moves."""
+"""Excursions: spikes of a few samples that are faster than the rest of the series."""
 
 from typing import Final, NamedTuple
 
@@ -9,7 +9,7 @@ MOST_IN_A_ROW: Final = 3
 """Longest excursion, in samples."""
 
 FEWEST: Final = 50
-"""Samples that show how a series moves."""
+"""Fewest samples from which the pace of a series is estimated."""
 
 _USUAL_CHANGE: Final = 90.0
 _TIMES_USUAL: Final = 8.0
@@ -21,19 +21,19 @@ _NEAR: Final = 8
 
 
 class Pace(NamedTuple):
-    """How fast a series moves, per sample and in its own unit."""
+    """Thresholds above which a step of a series counts as a jump, in the unit of the series."""
 
     least_step: float
-    """A shorter step is no jump."""
+    """Smallest step that counts as a jump."""
     least_change: float
-    """A smaller change from step to step is no jump."""
+    """Smallest change between successive steps that counts as a jump."""
 
     @classmethod
     def of(cls, values: NDArray[np.float64]) -> "Pace":
-        """Return the pace of a series, ``(n,)``.
+        """Estimate the thresholds from a series, ``(n,)``.
 
-        The fastest motion lasts two steps in one direction: a jump lasts one. Most changes of the
-        step are usual ones, also if 3 % of the samples are excursions.
+        Motion takes at least two steps in one direction; a jump takes one. The usual change of the
+        step is the 90th percentile, which tolerates excursions in 3 % of the samples.
         """
         steps = np.diff(values)
         sustained = np.where(
@@ -51,9 +51,10 @@ class Excursions(NamedTuple):
     """Excursions of a series."""
 
     parts: list[tuple[int, int]]
-    """First sample and end of each."""
+    """Start and end (exclusive) of each excursion."""
     first_open: int | None
-    """First sample that may be one, if the series returns in the samples to come."""
+    """First sample of a possible excursion that more samples must confirm; None if there is none.
+    """
 
 
 def find_excursions(
@@ -61,18 +62,19 @@ def find_excursions(
 ) -> Excursions:
     """Return the excursions of a series.
 
-    An excursion begins and ends with a jump. Both are twice as fast as the fastest motion, and
-    change the step by 8 usual changes and by 6 times the largest change in the 8 samples before
-    and after. So impacts, play, bang-bang moves, and counts of a coarse encoder are none.
+    An excursion starts and ends with a jump. Each jump is more than twice as fast as the fastest
+    motion. It changes the step by more than 8 times the usual change, and by more than 6 times the
+    largest change within 8 samples on either side. Impacts, backlash, bang-bang motion and coarse
+    encoder counts therefore do not qualify.
 
     Parameters
     ----------
     values
-        The series without values that are not finite, ``(n,)``.
+        The series, finite values only, ``(n,)``.
     first
-        First sample that may be one. Those before show how the series moves.
+        First sample to search. Earlier samples only contribute to the pace.
     is_last
-        Whether no more samples come.
+        Whether these are the last samples.
     """
     n = len(values)
     if n < FEWEST:
@@ -101,7 +103,7 @@ def find_excursions(
 def _return_of(
     values: NDArray[np.float64], steps: NDArray[np.float64], after: NDArray[np.bool_], step: int
 ) -> int | None:
-    """Return the step with which a series comes back from the jump of a step."""
+    """Return the step that reverses the jump at `step`; None if the series does not return."""
     for back in range(step + 1, min(step + MOST_IN_A_ROW + 1, len(steps))):
         is_opposite = steps[back] * steps[step] < 0.0
         distance = abs(values[back + 1] - values[step])
@@ -113,7 +115,7 @@ def _return_of(
 def _sudden(
     candidates: list[tuple[int, int]], changes: NDArray[np.float64]
 ) -> list[tuple[int, int]]:
-    """Return the excursions whose jumps are far larger than the changes around them."""
+    """Return the candidates whose jumps are much larger than the changes around them."""
     quiet = changes.copy()
     for first, end in candidates:
         quiet[max(first - 2, 0) : end] = 0.0

@@ -1,12 +1,12 @@
-"""Units, signs and shafts that explain the relations of position, command and speed.
+"""Detection of wrong units, signs and shafts from relations between position, command and speed.
 
-With the right factors the position follows the command, its derivative is the speed times the gear
-ratio, and no motion exceeds the limits of the actuator. Of all such combinations, the combination
-with the fewest changes of the mapping is chosen.
+With the right factors, the position follows the command, its derivative equals the speed times the
+gear ratio, and no motion exceeds the actuator's limits. Among the factors that satisfy this, those
+with the fewest changes to the mapping are chosen.
 
-A drive whose controller is unknown may have an elastic gear, a sensor with lag, or few samples per
-stroke. Its relations are accepted within a factor of 2, and only a factor near the factor of a
-mistaken unit, sign or shaft is a mistake.
+An unknown drive may have an elastic gear, a lagging sensor, or few samples per stroke. Its
+relations are therefore accepted within a factor of 2. Beyond that, a factor counts as a mistake
+only if it is close to the factor of a common mistake.
 """
 
 import itertools
@@ -37,48 +37,48 @@ _OVER_SPEED: Final = 3.0
 
 @dataclass(frozen=True)
 class Relations:
-    """Relations of the columns of an unchanged mapping."""
+    """Measured relations between the columns under the unchanged mapping."""
 
     gain: float | None
-    """Travel of the position over travel of the command [-]; None if unknown."""
+    """Travel of the position divided by travel of the command [-]; None if unknown."""
 
     speed_ratio: float | None
-    """Derivative of the position over speed times gear ratio [-]; None if unknown."""
+    """Derivative of the position divided by speed times gear ratio [-]; None if unknown."""
 
     reach: float
-    """Largest angle of the position [rad]."""
+    """Largest absolute position [rad]."""
 
     end_stop: float | None
-    """Angle of the end stop [rad]; None if unknown or not exceeded."""
+    """End stop angle [rad]; None if unknown or not exceeded."""
 
 
 @dataclass(frozen=True)
 class MappingChange:
-    """A change of an entry of a mapped quantity, with its evidence."""
+    """Suggested change of a mapping entry, with its evidence."""
 
     quantity: str
-    """Name of the wrong column."""
+    """Mapped quantity to change, such as ``position``."""
 
     mistake: Mistake
-    """The mistake in the mapping of the column."""
+    """Kind and factor of the mistake."""
 
     stated: Any
-    """Value of the entry in the mapping."""
+    """Current value of the entry."""
 
     value: Any
-    """Value that was probably meant."""
+    """Suggested value of the entry."""
 
     relations: Relations
-    """Relations that the change explains."""
+    """Measured relations that the change explains."""
 
     @property
     def entry(self) -> str:
-        """The entry of the mapping."""
+        """Name of the entry to change, such as ``unit``."""
         return self.mistake.kind.value
 
 
 class _Option(NamedTuple):
-    """An interpretation of a quantity; ``factor`` multiplies the factor of the mapping."""
+    """Alternative interpretation of a quantity; ``factor`` multiplies the mapped factor."""
 
     factor: float
     changes: tuple[tuple[Mistake, Any], ...]
@@ -88,13 +88,13 @@ class _Option(NamedTuple):
 def explain(
     motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
 ) -> list[MappingChange] | None:
-    """Return the fewest changes of a mapping that make its columns agree with each other.
+    """Return the smallest set of mapping changes that makes the columns consistent.
 
-    The list is empty if the columns agree without a change. Return None if no changes explain the
-    columns.
+    The list is empty if the columns are consistent already. Return None if no set of changes makes
+    them consistent.
     """
     p = description.parameters
-    # The limits of an unknown drive are unknown as well.
+    # An unknown drive has no known limits.
     is_known = description.drive != "unknown"
     gain = motion.gain
     ratio = motion.speed_ratio if is_known else motion.stroke_ratio
@@ -132,7 +132,7 @@ def explain(
     best: dict[str, _Option] | None = None
     least = np.inf
     if ratio is not None and _NEAR_RATIO[0] < ratio < _NEAR_RATIO[1]:
-        # A wrong gear ratio is likelier than two mistakes whose product is this factor.
+        # A wrong gear ratio is more likely than two mistakes that multiply to this factor.
         least = _WEIGHT_OF_RATIO if agrees(unchanged | {"speed": ratio}) else np.inf
     for combination in itertools.product(*(_options(source, p.tau) for source in sources.values())):
         weight = sum(item.weight for item in combination)
@@ -156,34 +156,35 @@ def explain(
 
 
 def _scales_both(chosen: dict[str, _Option]) -> bool:
-    """Return whether both position and speed change by more than a sign.
+    """Return whether both position and speed are rescaled, not just reversed.
 
-    The product of two such changes is close to any factor by chance.
+    The product of two rescalings can match almost any factor by chance.
     """
     both = [chosen[name].factor for name in ("position", "speed") if name in chosen]
     return len(both) == 2 and all(abs(abs(factor) - 1.0) > 1e-9 for factor in both)
 
 
 def _is_explained(value: float, change: float, changes: int) -> bool:
-    """Return whether the ratio of two columns is plausible after a change of their factors."""
+    """Return whether the ratio of two columns is plausible after changing their factors."""
     left = value * change
     if left <= 0.0:
         return False
     if abs(abs(change) - 1.0) < 1e-9:
         within = _PLAUSIBLE
     else:
-        # Products of two changes are close to more factors by chance.
+        # Products of two changes match more factors by chance, so be stricter.
         within = _NEAR_UNIT if changes == 1 else _NEAR_UNITS
     return 1.0 / within < left < within
 
 
 def _options(source: AngleSource | SpeedSource, tau: float) -> Iterator[_Option]:
-    """Yield interpretations of a quantity; unusual interpretations have larger weights."""
+    """Yield possible interpretations of a quantity; less likely ones have larger weights."""
     is_angle = isinstance(source, AngleSource)
     units = ANGLES if is_angle else SPEEDS
     if source.unit not in units:  # a length, whose lead is stated or guessed
         units = {source.unit: 1.0}
-    # From the mapped shaft to the second; angles refer to the user shaft, speeds to the motor.
+    # Factor from the mapped shaft to the other; angles refer to the user shaft, speeds to the
+    # motor.
     to_second = tau if is_angle else 1.0 / tau
     if source.shaft != SHAFTS[0 if is_angle else 1]:
         to_second = 1.0 / to_second
@@ -198,7 +199,7 @@ def _options(source: AngleSource | SpeedSource, tau: float) -> Iterator[_Option]
             factor *= to_second
         if sign < 0:
             changes.append((Mistake(Kind.SIGN, -1.0), -source.sign))
-        # Units unusual for a whole angle are a last resort.
+        # Prefer common units to rare ones.
         rare = 0.5 * (unit in ("arcmin", "mrad/s", "mrad")) + 0.2 * is_second
         yield _Option(factor, tuple(changes), len(changes) + rare)
     for scale in (1e3, 1e-3):

@@ -1,4 +1,4 @@
-"""Paths of fields in messages, such as ``position[name=flap_joint]``."""
+"""Paths to numbers in messages, such as ``position[name=flap_joint]``."""
 
 import re
 from collections.abc import Sequence
@@ -10,25 +10,25 @@ _JOINT_NAMES: Final = ("name", "joint_names")
 
 
 class FieldPath:
-    """Path of a number in a message.
+    """Path to a number in a message.
 
-    Names of fields are separated by dots. An element of an array is selected by its number,
-    ``data[0]``, or by a name, ``position[name=flap_joint]``: its number is then the index of
-    ``flap_joint`` in the array ``name``, which is in the same message or in a containing message.
-    For names on a separate topic, their latest message is used. If the path leads to an array of
-    numbers and a joint is given, the element of the joint is selected.
+    Field names are separated by dots. An array element is selected by index, ``data[0]``, or by
+    name, ``position[name=flap_joint]``. In the latter case, the index is the position of
+    ``flap_joint`` in the array ``name`` of the same or an enclosing message. Names published on a
+    separate topic are taken from its latest message. If the path leads to an array of numbers and a
+    joint is given, the element of that joint is used.
 
     Parameters
     ----------
     text
         The path.
     joint
-        Name of a joint in the arrays ``name`` or ``joint_names``; empty for none.
+        Name of a joint in the array ``name`` or ``joint_names``; empty for none.
 
     Raises
     ------
     ValueError
-        If the text is not a path.
+        If the text is not a valid path.
     """
 
     def __init__(self, text: str, joint: str = "") -> None:
@@ -50,12 +50,12 @@ class FieldPath:
         message
             The message.
         names
-            Message of a separate topic with the arrays of names; None if the message has them.
+            Message with the arrays of names, if published on a separate topic.
 
         Raises
         ------
         ValueError
-            If there is no number at the path; the message names the value there.
+            If there is no number at the path; the error describes the value found there.
         """
         value: Any = message
         outer: list[Any] = [] if names is None else [names]
@@ -97,8 +97,8 @@ class FieldPath:
                 listed = list(names)
                 if wanted in listed:
                     return listed.index(wanted)
-                there = ", ".join(map(str, listed)) or "none"
-                raise self._error(f": {wanted!r} is not in {key}, which has {there}")
+                listing = ", ".join(map(str, listed)) or "none"
+                raise self._error(f": {wanted!r} is not in {key}, which has {listing}")
         raise self._error(
             f": there is no array {' or '.join(keys)} of names for {wanted!r}: choose an element "
             "by its number, as data[0]"

@@ -1,4 +1,4 @@
-"""A third-party file or bag, and its content."""
+"""Reading of third-party files and bags."""
 
 from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as ByTopic
@@ -25,9 +25,9 @@ class InputFile:
     Parameters
     ----------
     path
-        The file, or the folder of a bag.
+        Path of the file or of the bag folder.
     mapping
-        Mapping with the format of a CSV file; None detects it.
+        Mapping that defines the CSV format; None to detect it.
 
     Raises
     ------
@@ -50,7 +50,7 @@ class InputFile:
 
     @property
     def remarks(self) -> list[str]:
-        """Remarks on problems while reading."""
+        """Remarks on problems encountered while reading."""
         damage = [] if isinstance(self._held, TableColumns) else self._held.remarks
         return [remark for remark in ("; ".join(damage), self._problem) if remark]
 
@@ -60,7 +60,7 @@ class InputFile:
         Raises
         ------
         ValueError
-            If a mapped column or topic is missing, or the mapping is for the wrong kind of file.
+            If a mapped column or topic is missing, or the mapping is for a different kind of file.
         """
         if isinstance(self._held, TableColumns):
             if mapping.is_table:
@@ -85,12 +85,12 @@ class InputFile:
         return series
 
     def parts(self, columns: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
-        """Yield the runs of rows with constant values in some columns, after these values.
+        """Split a table where the given columns change; yield their values and the rows.
 
         Raises
         ------
         ValueError
-            If the file is not a table, or lacks a column.
+            If the file is not a table, or a column is missing.
         """
         if not isinstance(self._held, TableColumns):
             raise ValueError(f"{self.path} is a bag: a table has columns")
@@ -100,19 +100,20 @@ class InputFile:
             yield values, part
 
     def guess(self, description: ActuatorDescription, clock: Clock | None = None) -> Guess:
-        """Return a mapping guessed from the content of the file.
+        """Guess a mapping from the content of the file.
 
         Parameters
         ----------
         description
             Description of the actuator.
         clock
-            The clock of a table; None to guess it.
+            Known clock of a table; None to guess it.
 
         Raises
         ------
         ValueError
-            If no column or topic seems to be the position, or the command that the drive needs.
+            If no column or topic looks like the position, or like a command that the drive
+            requires.
         """
         held, needs_command = self._held, description.drive != "unknown"
         if isinstance(held, TableColumns):
@@ -127,7 +128,7 @@ class InputFile:
         return refine(first, join_topics(series, first.mapping, stamps), stamps, description)
 
     def contents(self) -> list[str]:
-        """Return the content of the file, one line per column or topic."""
+        """Describe the content of the file, one line per column or topic."""
         if not isinstance(self._held, TableColumns):
             topics = list(self._held.topics.items())[:_MOST_LISTED]
             return [f"topic {name}: {topic.count} of {topic.type_name}" for name, topic in topics]

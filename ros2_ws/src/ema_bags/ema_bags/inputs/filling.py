@@ -17,18 +17,18 @@ _SCATTERS: Final = 2.0
 class GapFiller:
     """Interpolates lost samples linearly, except where the motion reverses.
 
-    The motion reverses if command or position move in both directions in the three steps around a
-    gap, each faster than a tenth of the mean speed so far and than twice the mean change between
-    steps, which is noise. A gap longer than 1 s is a pause, and is not filled.
+    The motion reverses if the command or position moves in both directions within the three steps
+    around a gap. Each movement must exceed a tenth of the mean speed so far and twice the mean
+    change between steps (the noise). Gaps longer than 1 s are pauses and are not filled.
 
     Parameters
     ----------
     period_ns, widest_ns
-        Period of the samples, and the longest step that is not a gap [ns].
+        Sample period, and longest step that does not count as a gap [ns].
     most
         Largest number of consecutive lost samples that are filled.
     columns
-        Indices of the columns of command and position.
+        Indices of the command and position columns.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class GapFiller:
         self.filled = 0
         self._period_ns, self._widest_ns = period_ns, widest_ns
         self._most, self._columns = most, columns
-        # The latest samples, and the number of them that were returned.
+        # The latest samples, and how many of them have been returned.
         self._stamps_ns, self._values = np.empty(0, dtype=np.int64), np.empty((0, 0))
         self._passed = 0
         # Sums of the speeds of the steps so far, and of the changes between steps.
@@ -50,12 +50,12 @@ class GapFiller:
     def push(
         self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64], *, is_last: bool
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return samples, ``(n,)`` [ns] and ``(n, m)``, with interpolated lost samples.
+        """Return stamps, ``(n,)`` [ns], and values, ``(n, m)``, with lost samples interpolated.
 
-        A sample after a gap is returned together with the next sample, which shows whether the
-        motion reverses, unless ``is_last`` is set.
+        The sample after a gap is held back until the next sample shows whether the motion reverses.
+        ``is_last`` releases it.
         """
-        begun = max(len(self._stamps_ns) - 1, 0)
+        first_new = max(len(self._stamps_ns) - 1, 0)
         if len(self._stamps_ns):
             stamps_ns = np.concatenate([self._stamps_ns, stamps_ns])
             values = np.concatenate([self._values, values])
@@ -64,7 +64,7 @@ class GapFiller:
         widths_ns = steps * self._period_ns
         is_short = (widths_ns > self._widest_ns) & (widths_ns <= 1e9 * PAUSE_S)
         is_short &= lost <= self._most
-        reverses = self._reversals(steps, values[:, self._columns], begun)
+        reverses = self._reversals(steps, values[:, self._columns], first_new)
         gaps = 1 + np.flatnonzero(is_short[1:-1] & ~reverses)
         gaps = gaps[gaps + 1 >= self._passed]
         before = np.repeat(gaps, lost[gaps])
@@ -82,18 +82,18 @@ class GapFiller:
         )
 
     def _reversals(
-        self, steps: NDArray[np.float64], motion: NDArray[np.float64], begun: int
+        self, steps: NDArray[np.float64], motion: NDArray[np.float64], first_new: int
     ) -> NDArray[np.bool_]:
-        """Return whether the motion reverses, for each step except the first and the last."""
+        """Return, for each interior step, whether the motion reverses there."""
         is_step = (steps > NEAR)[:, None]
         speeds = np.where(is_step, np.diff(motion, axis=0), 0.0)
         speeds /= np.where(is_step, steps[:, None], 1.0)
         # The sums include the earlier steps, and the changes between them.
-        new = np.arange(len(speeds)) >= begun
-        travelled = self._travelled + np.cumsum(np.abs(speeds) * new[:, None], axis=0)
+        is_new = np.arange(len(speeds)) >= first_new
+        travelled = self._travelled + np.cumsum(np.abs(speeds) * is_new[:, None], axis=0)
         changes = np.abs(np.diff(speeds, axis=0, prepend=speeds[:1]))
-        changed = self._changed + np.cumsum(changes * new[:, None], axis=0)
-        counts = self._steps + np.cumsum(new)
+        changed = self._changed + np.cumsum(changes * is_new[:, None], axis=0)
+        counts = self._steps + np.cumsum(is_new)
         if len(speeds):
             self._travelled, self._changed = travelled[-1], changed[-1]
             self._steps = int(counts[-1])

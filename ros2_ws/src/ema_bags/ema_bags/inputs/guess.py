@@ -1,4 +1,4 @@
-"""Guess of a mapping from names, magnitudes and relations, which the user has to confirm."""
+"""Guessing a mapping from names, magnitudes and physical relations, for the user to confirm."""
 
 import re
 from collections.abc import Mapping as ByName
@@ -56,31 +56,31 @@ class Guess:
     """A guessed mapping and its reasons."""
 
     mapping: Mapping
-    """The mapping."""
+    """The guessed mapping."""
 
     remarks: list[str]
-    """One text for each reason."""
+    """Reasons and open questions to show to the user."""
 
 
 def guess_columns(
     columns: TableColumns, clock: Clock | None = None, *, needs_command: bool = True
 ) -> Guess:
-    """Return a guessed mapping of the columns of a table.
+    """Guess the mapping of the columns of a table.
 
     Parameters
     ----------
     columns
         The table.
     clock
-        The clock; None to guess it.
+        Known clock of the table; None to guess it.
     needs_command
         Whether the drive needs a position command.
 
     Raises
     ------
     ValueError
-        If no column seems to be the position or the needed command, or if a column seems to be
-        the time but is not a clock.
+        If no column looks like the position or the required command, or if a column looks like the
+        time but is not monotonic.
     """
     remarks = [f"column {name!r} holds no numbers" for name in columns.texts]
     if clock is None:
@@ -140,7 +140,7 @@ def guess_columns(
 def _chosen(
     columns: TableColumns, clock: Clock, kinds: ByName[str, set[str]], remarks: list[str]
 ) -> dict[str, str]:
-    """Return the columns by quantity, from the motion if it identifies them, else by name."""
+    """Return a column name per quantity, identified from the motion or else from the names."""
     joints = _joints(columns, clock, list(kinds))
     physical = dict(joints[0].columns) if joints else {}
     if not joints:
@@ -150,36 +150,35 @@ def _chosen(
         for quantity, column in physical.items()
     }
     for quantity, without in _UNLIKE.items():
-        able = [
+        matches = [
             name
             for name, quantities in kinds.items()
             if quantity in quantities and not quantities & without and name not in taken.values()
         ]
-        if able and quantity not in taken:
-            # With several joints, columns that share words with the position belong to its joint.
+        if matches and quantity not in taken:
+            # With several joints, prefer columns that share words with the position's name.
             position = words_of(taken.get("position", ""))
-            taken[quantity] = max(able, key=lambda name: len(words_of(name) & position))
-            able.remove(taken[quantity])
+            taken[quantity] = max(matches, key=lambda name: len(words_of(name) & position))
+            matches.remove(taken[quantity])
             if physical and quantity not in ("temperature", "error"):
                 remarks.append(f"{quantity} {taken[quantity]!r} is a guess by its name alone")
         key = "effort" if quantity == "current" else quantity
         if key in physical and not physical[key].is_confirmed:
             by = "its name alone" if quantity in kinds[taken[quantity]] else "its values alone"
             remarks.append(f"{quantity} {taken[quantity]!r} is a guess by {by}")
-        able += [
+        matches += [
             joint.columns[key].name
             for joint in joints[1:]
-            if key in joint.columns and joint.columns[key].name not in able
+            if key in joint.columns and joint.columns[key].name not in matches
         ]
-        if able and quantity in taken:
-            remarks.append(
-                f"{quantity} {taken[quantity]!r} is a guess; others: {', '.join(map(repr, able))}"
-            )
+        if matches and quantity in taken:
+            listed = ", ".join(map(repr, matches))
+            remarks.append(f"{quantity} {taken[quantity]!r} is a guess; others: {listed}")
     return taken
 
 
 def _joints(columns: TableColumns, clock: Clock, names: list[str]) -> list[JointColumns]:
-    """Return the joints identified by the motion in some columns."""
+    """Identify joints from the motion in the named columns."""
     if clock.source:
         stamps = columns.stamps(clock)
         steps = np.abs(np.diff(stamps[stamps != NO_STAMP]))
@@ -197,22 +196,21 @@ def _joints(columns: TableColumns, clock: Clock, names: list[str]) -> list[Joint
 def guess_topics(
     topics: ByName[str, str], joints: ByName[str, list[str]], *, needs_command: bool = True
 ) -> Guess:
-    """Return a guessed mapping of the topics of a bag, by their types and names.
+    """Guess the mapping of the topics of a bag from their types and names.
 
     Parameters
     ----------
     topics
-        Types by topic.
+        Message type by topic.
     joints
-        Names of the joints, by decreasing travel, by topic of type
-        ``sensor_msgs/msg/JointState``.
+        Joint names in order of decreasing travel, for each ``sensor_msgs/msg/JointState`` topic.
     needs_command
         Whether the drive needs a position command.
 
     Raises
     ------
     ValueError
-        If there is no joint state, or no topic seems to be the needed command.
+        If there is no joint state topic, or no topic looks like the required command.
     """
     remarks: list[str] = []
     states = [name for name, names in joints.items() if names]
@@ -251,7 +249,7 @@ def refine(
     stamps_ns: NDArray[np.int64],
     description: ActuatorDescription,
 ) -> Guess:
-    """Return a guess with the units, signs and shafts that make its columns agree."""
+    """Refine a guess: choose units, signs and shafts so that the columns agree."""
     mapping, remarks = guess.mapping, list(guess.remarks)
     for name in ("position", "command", "error", "speed"):
         source = getattr(mapping, name)
@@ -291,7 +289,7 @@ def refine(
     motion = moving(mapping)
     if mapping.current is not None and motion is not None:
         if description.drive == "unknown":
-            # Inertia and friction of such a drive are unknown: only the sign can be determined.
+            # Without known inertia and friction, only the sign can be determined.
             dissipation = motion.dissipation
             relation = None if dissipation is None else (1.0, dissipation)
         else:
@@ -302,9 +300,9 @@ def refine(
 
 
 def _encoding(values: NDArray[np.float64]) -> str:
-    """Return the encoding of a signed register read as unsigned; empty if there is none.
+    """Return the encoding of a signed register that was read as unsigned, or "".
 
-    Negative values of such a register are far above its positive values.
+    Read as unsigned, negative values are much larger than the positive values.
     """
     values = values[np.isfinite(values)]
     for bits in (16, 32):
@@ -326,7 +324,7 @@ def _refined(
     description: ActuatorDescription,
     remarks: list[str],
 ) -> CurrentSource:
-    """Return a current with the sign and shaft that inertia and friction require."""
+    """Return the current source with the sign and shaft that match inertia and friction."""
     if relation is None or abs(relation[1]) < 0.4:
         remarks.append("sign and unit of the current cannot be checked")
         return current
@@ -366,7 +364,7 @@ def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
 def _command_topic(topics: ByName[str, str]) -> AngleSource | None:
     for name in sorted(topics, key=lambda name: "command" not in roles_of(name)):
         if path := _COMMANDS.get(topics[name]):
-            # A set point of a type without a stamp is held until the next message.
+            # A setpoint without a stamp holds until the next message.
             between = "hold" if topics[name].startswith("std_msgs") else "linear"
             return AngleSource(path, name, between=between)
     return None

@@ -1,4 +1,4 @@
-"""Guess of the clock of a table from names, units and values."""
+"""Guessing the clock of a table from column names, units and values."""
 
 import re
 from typing import Any, Final
@@ -14,7 +14,7 @@ from ema_core.wording import counted
 
 _EPOCHS: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s"))
 _LEAST_STEP_S: Final = 9.5e-5
-"""Smallest step of a time without a unit that is read as seconds; faster logs state a unit [s]."""
+"""Smallest time step read as seconds if no unit is stated [s]."""
 
 _FASTEST_NS: Final = 1e4
 _SLOWEST_NS: Final = 1e9
@@ -23,12 +23,12 @@ _STEPS: Final = ((5e4, "ns"), (50.0, "us"), (0.2, "ms"))
 
 
 def guess_clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[str]]:
-    """Return the clock and the names of the remaining columns.
+    """Guess the clock; return it and the names of the remaining columns.
 
     Raises
     ------
     ValueError
-        If a column seems to be the time, but no column is a clock.
+        If a column looks like the time, but no column is a valid clock.
     """
     names = list(columns.values)
     named = [name for name in names if name in columns.dates or _is_time(columns, name)]
@@ -69,19 +69,19 @@ def guess_clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[
 
 
 def _is_time(columns: TableColumns, name: str) -> bool:
-    """Return whether name and unit, if any, of a column denote a time."""
+    """Return whether the name of a column, and its unit if it has one, denote a time."""
     unit = unit_of(columns.units.get(name, "")) or unit_in_name(name)
     return "time" in roles_of(name) and (not unit or unit in TIMES_NS)
 
 
 def _may_be_time(columns: TableColumns, name: str) -> bool:
-    """Return whether a column may be a time: it has no unit of a different quantity."""
+    """Return whether the unit of a column, if it has one, allows a time."""
     unit = columns.units.get(name, "")
     return not unit or unit.lower() in _NO_UNITS or unit_of(unit) in TIMES_NS
 
 
 def _dated(columns: TableColumns, named: list[str]) -> list[str]:
-    """Return the sum of a column of days and a column of times of day, if both exist."""
+    """Return the sum of a date column and a time-of-day column, if the table has both."""
     of_day = [name for name in named if name in columns.of_day]
     days = [
         name
@@ -94,7 +94,7 @@ def _dated(columns: TableColumns, named: list[str]) -> list[str]:
 
 
 def _clock_of(columns: TableColumns, name: str) -> Clock:
-    """Return the clock of a column, with the unit from its name or from the size of its values."""
+    """Return a column as a clock, with the unit from its name or its values."""
     if name not in columns.values or name in columns.dates:
         return Clock(name, "ns")
     is_named = _is_time(columns, name)
@@ -116,7 +116,7 @@ def _clock_of(columns: TableColumns, name: str) -> Clock:
 
 
 def _time_unit(columns: TableColumns, name: str) -> str:
-    """Return the unit of a time in its heading; empty without a unit.
+    """Return the time unit in a column heading; empty if none is stated.
 
     Raises
     ------
@@ -135,20 +135,20 @@ def _time_unit(columns: TableColumns, name: str) -> str:
 
 
 def _is_clock(columns: TableColumns, clock: Clock) -> bool:
-    """Return whether times ascend from row to row, or descend (newest row first)."""
+    """Return whether at least 90 % of the time steps have the same sign, in either direction."""
     stamps = columns.stamps(clock)
     steps = np.diff(stamps[stamps != NO_STAMP])
     return len(steps) > 0 and bool(np.mean(steps > 0) > 0.9 or np.mean(steps < 0) > 0.9)
 
 
 def _counts(values: NDArray[Any]) -> bool:
-    """Return whether values are numbers of rows."""
+    """Return whether the values are row numbers."""
     steps = np.diff(values[np.isfinite(values)])
     return len(steps) > 0 and bool(np.mean(steps == 1) > 0.9)
 
 
 def _disorder(columns: TableColumns, name: str) -> str:
-    """Return why a column of times is not a clock."""
+    """Explain why a column of times is not a clock."""
     if name in columns.texts:
         cells = columns.texts[name]
         return f"its cells are no times: {next((cell for cell in cells if cell == cell), '')!r}"
@@ -167,9 +167,9 @@ def _disorder(columns: TableColumns, name: str) -> str:
 
 
 def _epoch_of(values: NDArray[Any]) -> str:
-    """Return the unit of times with an epoch other than 1970; empty if there is none.
+    """Return the unit of times whose epoch is not 1970; empty if no such unit fits.
 
-    Such times lie in the years 2000 to 2060, at a plausible sample rate.
+    A unit fits if the times lie between 2000 and 2060, at a plausible sample rate.
     """
     finite = values[np.isfinite(values)].astype(float)
     if len(finite) < 2:
@@ -185,13 +185,13 @@ def _epoch_of(values: NDArray[Any]) -> str:
 
 
 def _step_of(values: NDArray[Any]) -> float:
-    """Return the median step of a column; 0 with fewer than two values."""
+    """Return the absolute median step of a column; 0 for fewer than two values."""
     finite = values[np.isfinite(values)].astype(float)
     return abs(float(np.median(np.diff(finite)))) if len(finite) > 1 else 0.0
 
 
 def _date_in(values: NDArray[Any]) -> float:
-    """Return the first value if all are dates written as numbers, yyyymmddhhmmss; else 0."""
+    """Return the first value if all values are dates in the form yyyymmddhhmmss, else 0."""
     whole = np.floor(values[np.isfinite(values)].astype(float))
     if not len(whole):
         return 0.0
@@ -208,7 +208,7 @@ def _unit_of_times(values: NDArray[Any]) -> str:
     finite = values[np.isfinite(values)].astype(float)
     step = abs(float(np.median(np.diff(finite)))) if len(finite) > 1 else 0.0
     for least, unit in _EPOCHS:
-        # Since 1970, and at a plausible sample rate.
+        # Plausible as a time since 1970 at a usual sample rate.
         if abs(finite[-1]) > least and _FASTEST_NS < step * TIMES_NS[unit] < _SLOWEST_NS:
             return unit
     return next((unit for least, unit in _STEPS if step > least), "s")

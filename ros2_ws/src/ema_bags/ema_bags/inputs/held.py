@@ -1,4 +1,4 @@
-"""Sensor columns that hold their value for several samples: renewed more slowly than published."""
+"""Detection of sensor columns that are updated more slowly than they are published."""
 
 from collections.abc import Mapping as ByName
 from itertools import pairwise
@@ -15,25 +15,25 @@ _TOGETHER: Final = 0.9
 
 
 def find_held(columns: ByName[str, NDArray[np.float64]]) -> dict[str, int]:
-    """Return the samples for which each sensor column holds its values, if more than 1."""
-    there = {name: columns[name] for name in SENSORS if len(columns.get(name, ()))}
-    by_column = {name: held_samples(values) for name, values in there.items()}
+    """Return the number of samples per update of each sensor column, if greater than 1."""
+    present = {name: columns[name] for name in SENSORS if len(columns.get(name, ()))}
+    by_column = {name: held_samples(values) for name, values in present.items()}
     return {name: held for name, held in by_column.items() if held > 1}
 
 
 def renewed_rows(columns: ByName[str, NDArray[np.float64]]) -> NDArray[np.int64] | None:
-    """Return the rows at which all sensor columns are renewed; None if they have no such rows.
+    """Return the rows at which all sensor columns are updated together, or None.
 
-    While nothing changes, rows follow at the time that values are held.
+    While no value changes, rows are spaced by the update period.
     """
-    there = [columns[name] for name in SENSORS if len(columns.get(name, ()))]
+    present = [columns[name] for name in SENSORS if len(columns.get(name, ()))]
     held = find_held(columns)
-    if not held or len(held) < len(there) or max(held.values()) > min(held.values()) + 1:
+    if not held or len(held) < len(present) or max(held.values()) > min(held.values()) + 1:
         return None
     period = round(float(np.median(list(held.values()))))
-    changes = np.array([np.diff(values, prepend=np.nan) != 0.0 for values in there])
+    changes = np.array([np.diff(values, prepend=np.nan) != 0.0 for values in present])
     changed = np.flatnonzero(np.any(changes, axis=0))
-    # Columns that are renewed one after the other have no row in common.
+    # Columns that are updated one after another share no row.
     if (
         min(np.mean(np.diff(np.flatnonzero(change)) >= period - 1) for change in changes)
         < _TOGETHER

@@ -1,4 +1,4 @@
-"""Telemetry from the samples of a file or bag."""
+"""Import of telemetry from the samples of a file or bag."""
 
 from collections.abc import Iterator
 from collections.abc import Mapping as ByName
@@ -33,36 +33,36 @@ from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, PAUSE_S, Telemetry
 
 BLOCK_S: Final = 0.05
-"""Length of a block of telemetry in a bag [s]."""
+"""Default block length in imported bags [s]."""
 
 _BLOCK_SAMPLES: Final = 20
 
 
 class Converted(NamedTuple):
-    """Samples in SI units."""
+    """Converted samples and the gapless runs made from them."""
 
     stamps_ns: NDArray[np.int64]
-    """Their stamps, ``(n,)`` [ns]."""
+    """Stamps of the samples, ``(n,)`` [ns]."""
     columns: dict[str, NDArray[np.float64]]
-    """Their columns before they are resampled, ``(n,)`` or empty."""
+    """Columns in SI units before resampling, ``(n,)`` or empty."""
     runs: list[GaplessRun]
-    """The runs that they make."""
+    """Resampled runs."""
 
 
 class SampleStream:
-    """Turns series into runs of telemetry: a file at once, live series part by part.
+    """Converts series to runs of telemetry, either a whole file or live data in parts.
 
     Parameters
     ----------
     description
-        Description of the actuator; its sample period and acquisition are replaced.
+        Actuator description; its sample period and acquisition are replaced by measured values.
     rate
-        Rate of the samples.
+        Sample rate.
 
     Attributes
     ----------
     rises
-        What samples the temperature; None where it is not measured.
+        Sampler of the measured temperature; None if not measured.
     """
 
     def __init__(self, mapping: Mapping, description: ActuatorDescription, rate: Rate) -> None:
@@ -84,16 +84,16 @@ class SampleStream:
 
     @property
     def losses(self) -> Losses:
-        """Losses between the samples so far."""
+        """Lost and irregular samples so far."""
         return self._resampler.losses
 
     def push(
         self, by_topic: ByName[str, Series], stamps_ns: NDArray[np.int64], *, is_last: bool = False
     ) -> Converted:
-        """Return the next samples in SI units, and the runs that they make.
+        """Convert the next samples to SI units and gapless runs.
 
-        Arguments are as in ``join_topics`` and ``Resampler.push``. Samples wait for the next ones
-        if these show whether they are possible.
+        The arguments match ``join_topics`` and ``Resampler.push``. Samples are held back if they
+        cannot be judged without the next samples.
         """
         return self.push_joined(
             join_topics(by_topic, self._mapping, stamps_ns), stamps_ns, is_last=is_last
@@ -106,7 +106,7 @@ class SampleStream:
         *,
         is_last: bool = False,
     ) -> Converted:
-        """Do as ``push`` with the result of ``join_topics`` for the stamps."""
+        """Convert samples already joined by ``join_topics``; otherwise like ``push``."""
         raw = dict(raw)
         temperature = raw.pop("temperature", None)
         if self.rises is not None and temperature is not None:
@@ -124,7 +124,7 @@ class SampleStream:
         )
 
     def blocks(self, run: GaplessRun, block_s: float, shift_ns: int = 0) -> Iterator[Telemetry]:
-        """Yield a run in blocks of a length at most; columns that are not measured are empty."""
+        """Split a run into blocks of at most ``block_s``; unmeasured columns are empty."""
         h = self.description.sample_period
         size = max(1, round(block_s / h))
         for start in range(0, len(run.stamps_ns), size):
@@ -140,44 +140,35 @@ class SampleStream:
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """Telemetry that was imported.
-
-    Attributes
-    ----------
-    mapping, stream
-        What it was imported with.
-    rate
-        Rate of the samples as their stamps give it.
-    columns
-        The columns before they were resampled, in SI units, ``(n,)`` or empty.
-    runs
-        The columns after, in the order of ``stream.filled``.
-    rebuilt
-        How many stamps were rebuilt.
-    defects
-        Defects of the mapping and of the samples.
-    rises
-        Measured rises of the temperature, one a second at most.
-    """
+    """Imported telemetry, with its rate and defects."""
 
     mapping: Mapping
+    """Mapping used for the import."""
     stream: SampleStream
+    """Converter used for the import."""
     rate: Rate
+    """Sample rate measured from the stamps."""
     columns: dict[str, NDArray[np.float64]]
+    """Columns in SI units before resampling, ``(n,)`` or empty."""
     runs: list[GaplessRun]
+    """Resampled runs, with columns in the order of ``stream.filled``."""
     rebuilt: int
+    """Number of stamps reconstructed from arrival times."""
     defects: list[InputDefect]
+    """Defects of the mapping and of the samples."""
     rises: list[MeasuredRise]
+    """Measured temperature rises, at most one per second."""
 
     @property
     def description(self) -> ActuatorDescription:
-        """Description with the sample period and acquisition of the samples."""
+        """Actuator description with the measured sample period and acquisition."""
         return self.stream.description
 
     def blocks(self, block_s: float = BLOCK_S) -> Iterator[Telemetry]:
-        """Yield the telemetry in blocks of a length, or of 20 samples if these last longer.
+        """Split the telemetry into blocks of ``block_s``, or of 20 samples if these are longer.
 
-        Each block costs as much to read as many samples. No stamp is before the epoch.
+        Blocks have at least 20 samples because each has a fixed cost. Stamps are shifted by
+        ``shift_ns``.
         """
         block_s = max(block_s, _BLOCK_SAMPLES * self.description.sample_period)
         for run in self.runs:
@@ -185,7 +176,7 @@ class Imported:
 
     @property
     def shift_ns(self) -> int:
-        """Shift of the stamps after which none is before the epoch [ns]."""
+        """Shift that moves all stamps to 1970 or later [ns]; 0 if they are already."""
         first_s = min(int(run.stamps_ns[0]) for run in self.runs) // 1_000_000_000
         return -min(first_s, 0) * 1_000_000_000
 
@@ -196,21 +187,21 @@ def import_series(
     description: ActuatorDescription,
     period: float | None = None,
 ) -> Imported:
-    """Return the telemetry in the series of a file or bag.
+    """Import the series of a file or bag as telemetry.
 
     Parameters
     ----------
     by_topic
         Series by topic; a table has the topic ``""``.
     description
-        Description of the actuator; its sample period and acquisition are replaced by those found.
+        Actuator description; its sample period and acquisition are replaced by measured values.
     period
-        Sample period of the telemetry [s]; None: the period of the samples.
+        Sample period of the telemetry [s]; None to keep the period of the samples.
 
     Raises
     ------
     ValueError
-        If there are too few samples, or their period is out of range.
+        If there are too few samples, or the sample period is out of range.
     """
     primary = by_topic[mapping.position.topic]
     if len(primary) < 2:
@@ -222,7 +213,7 @@ def import_series(
         stamps, by_topic = stamps[order], {**by_topic, mapping.position.topic: primary[order]}
     rate = find_rate(stamps, mapping.clock.rate_hz)
     if rebuilt == len(primary):
-        # They are on a line, whose motion as it follows the clock is not jitter of the samples.
+        # Reconstructed stamps have no jitter; they only drift with the clock.
         rate = replace(rate, jitter=0.0)
     raw, notes = join_topics(by_topic, mapping, stamps), list(other_rate(rate, description))
     doubled = [] if rebuilt else list(two_publishers(stamps))
@@ -231,7 +222,7 @@ def import_series(
         rate = _renewed_rate(stamps[rows], times, mapping)
         raw, stamps = {name: values[rows] for name, values in raw.items()}, stamps[rows]
         notes = [renewed_slowly(rate, times)]
-        # The values that the other publisher repeats are left out.
+        # Values repeated by a second publisher are already dropped.
         doubled = [replace(defect, is_error=False) for defect in doubled]
     if period is not None:
         rate, notes = replace(rate, period=period), []
@@ -246,10 +237,12 @@ def import_series(
         )
     defects = find_defects(columns, stamps, mapping, stream.description)
     if rows is not None:
-        few = f"{1.0 / rate.period:.4g} Hz may be too few for this motion: have the source renew "
-        few += "its values faster"
+        too_slow = (
+            f"{1.0 / rate.period:.4g} Hz may be too few for this motion: have the source renew "
+        )
+        too_slow += "its values faster"
         defects = [
-            replace(defect, remedy=few) if defect.name == "gear_ratio" else defect
+            replace(defect, remedy=too_slow) if defect.name == "gear_ratio" else defect
             for defect in defects
         ]
     defects = [
@@ -271,7 +264,7 @@ def import_series(
 
 
 def _renewed_rate(stamps_ns: NDArray[np.int64], times: float, mapping: Mapping) -> Rate:
-    """Return the rate of the samples at which values are renewed, each published some times."""
+    """Return the rate at which values are updated, if each is published `times` times."""
     rate = find_rate(stamps_ns)
     if not mapping.clock.rate_hz:
         return rate
@@ -279,12 +272,12 @@ def _renewed_rate(stamps_ns: NDArray[np.int64], times: float, mapping: Mapping) 
 
 
 def uses_arrival(series: Series, mapping: Mapping) -> bool:
-    """Return whether the samples of a topic have no stamps except their times of arrival."""
+    """Return whether the samples of a topic are stamped by their arrival times."""
     return mapping.clock.source in ("sent", "arrival") or not series.is_stamped
 
 
 def primary_stamps(primary: Series, mapping: Mapping) -> tuple[NDArray[np.int64], int]:
-    """Return the stamps of samples, and how many were rebuilt."""
+    """Return the sample stamps [ns] and the number reconstructed from arrival times."""
     if mapping.is_table or not uses_arrival(primary, mapping):
         return primary.stamped()
     clock = ArrivalClock(find_rate(primary.arrivals_ns, mapping.clock.rate_hz).measured_period)

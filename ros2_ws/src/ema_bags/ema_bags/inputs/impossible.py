@@ -1,4 +1,4 @@
-"""Samples that no actuator can give: messages that are all zero, values beyond any unit, spikes."""
+"""Physically impossible samples: all-zero messages, absurdly large values and spikes."""
 
 from collections.abc import Mapping as ByName
 from types import MappingProxyType
@@ -20,53 +20,55 @@ _COMMANDS: Final = ("command", "error")
 
 
 class _Findings(NamedTuple):
-    """Samples of a block."""
+    """Impossible samples in a block of `n` samples."""
 
     bridged: NDArray[np.bool_]
-    """Whether all columns are replaced, ``(n,)``."""
+    """True where all columns are interpolated, ``(n,)``."""
     dropped: NDArray[np.bool_]
-    """Whether the sample is left out, ``(n,)``."""
+    """True where the sample is dropped, ``(n,)``."""
     commands: dict[str, NDArray[np.bool_]]
-    """Whether a command is replaced, ``(n,)`` each."""
+    """True where only the command is interpolated, by command name, ``(n,)`` each."""
     first_open: int
-    """First sample that the samples to come decide on."""
+    """Index of the first sample that cannot be judged before more samples arrive."""
 
     @property
     def is_impossible(self) -> NDArray[np.bool_]:
-        """Whether something is wrong with a sample, ``(n,)``."""
+        """True where a sample is impossible for any reason, ``(n,)``."""
         return np.any([self.bridged, self.dropped, *self.commands.values()], axis=0)
 
 
 class ImpossibleSamples:
-    """Finds samples that no actuator can give, and puts them on the line between their neighbours.
+    """Replaces physically impossible samples by linear interpolation.
 
-    Such a sample is beyond 1e15, or 0 in all sensor columns between samples that are not. Or its
-    position or command leaves and returns within three samples: for the position of a modelled
-    drive by 10 usual steps and twice the travel at top speed in a sample, else as an excursion
-    (``find_excursions``). For a modelled drive, a speed or current beyond 3 times the limit is
-    impossible, too. More than three in a row are left as they are. Up to 200 samples that are 0 in
-    all sensor columns are left out if the position jumps to 0 and back.
+    A sample is impossible if a value exceeds 1e15, if all sensor columns are 0 although its
+    neighbours are not, or if its position or command is part of an excursion of at most three
+    samples (see ``find_excursions``). For a modelled drive, a position excursion must instead
+    exceed 10 times the 98th percentile of the steps and twice the travel per sample at top speed; a
+    speed or current above 3 times its limit is impossible as well.
+
+    Runs of more than three impossible samples are kept unchanged. The exception is an all-zero run:
+    up to 200 samples are dropped if the position jumps to 0 and back.
 
     Parameters
     ----------
     limits
-        Largest step of the position, speed and current of a modelled drive, in the units of their
-        sources; empty for another drive.
+        Largest position step, speed and current of a modelled drive, in source units. Empty for an
+        unknown drive.
 
     Attributes
     ----------
     count
-        Number of such samples so far.
+        Number of impossible samples so far.
     """
 
     def __init__(self, mapping: Mapping, limits: ByName[str, float] = MappingProxyType({})) -> None:
         self.count = 0
         self._limits = limits
         self._commands = [name for name in _COMMANDS if getattr(mapping, name) is not None]
-        # Samples whose neighbours have not come yet.
+        # Samples that cannot be judged until the next samples arrive.
         self._stamps_ns = np.empty(0, dtype=np.int64)
         self._waiting: dict[str, NDArray[np.float64]] = {}
-        # What was passed on: the latest finite values, and the last sample.
+        # The latest finite values returned, and the last sample returned.
         self._past: dict[str, NDArray[np.float64]] = {}
         self._before: dict[str, float] = {}
 
@@ -77,10 +79,10 @@ class ImpossibleSamples:
         *,
         is_last: bool = False,
     ) -> tuple[NDArray[np.int64], dict[str, NDArray[np.float64]]]:
-        """Return stamps and columns, ``(n,)`` each, without such samples.
+        """Return stamps and columns, ``(n,)`` each, with impossible samples replaced or dropped.
 
-        Call it for each block in order. Samples at the end of a block wait for the next block if
-        only these show whether they are possible.
+        Blocks must be passed in order. Samples at the end of a block are held back if they cannot
+        be judged without the next block; ``is_last`` releases all of them.
         """
         if self._waiting:
             stamps_ns = np.concatenate([self._stamps_ns, stamps_ns])
@@ -124,7 +126,7 @@ class ImpossibleSamples:
             )
             commands[name] = flaws | spikes
             first_open = min(first_open, open_spike, _last_run(commands[name]))
-        # A line ends at a sample that is certain.
+        # Interpolation must end at a sample that has been judged valid.
         flaws = np.any([bridged, *commands.values()], axis=0)
         while 0 < first_open < n and flaws[first_open - 1]:
             first_open -= 1
@@ -133,7 +135,7 @@ class ImpossibleSamples:
     def _bridged(
         self, name: str, values: NDArray[np.float64], bad: NDArray[np.bool_]
     ) -> NDArray[np.float64]:
-        """Return a column on the line between good samples; after the last, its value is held."""
+        """Interpolate bad samples linearly, in place; the last good value is held at the end."""
         if not np.any(bad):
             return values
         kept = np.flatnonzero(~bad)
@@ -148,7 +150,7 @@ class ImpossibleSamples:
     def _remember(
         self, columns: ByName[str, NDArray[np.float64]], dropped: NDArray[np.bool_]
     ) -> None:
-        """Keep what the next block is compared with."""
+        """Store the last samples, with which the next block is compared."""
         kept = np.flatnonzero(~dropped)
         if not len(kept):
             return
@@ -161,9 +163,10 @@ class ImpossibleSamples:
     def _empty(
         self, sensors: ByName[str, NDArray[np.float64]], n: int, *, is_last: bool
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], int]:
-        """Return where messages are empty: bridged, dropped, ``(n,)``, and the first open sample.
+        """Return masks of empty messages, and the first sample that cannot be judged yet.
 
-        All columns are 0 in an empty message, and two of them are not before and after.
+        All sensor columns are 0 in an empty message; at least two are nonzero before and after. The
+        masks, ``(n,)`` each, mark the messages to interpolate and the messages to drop.
         """
         bridged, dropped = np.zeros(n, bool), np.zeros(n, bool)
         zero = np.all([values == 0.0 for values in sensors.values()], axis=0)
@@ -189,7 +192,7 @@ class ImpossibleSamples:
         return bridged, dropped, first_open
 
     def _is_jump(self, position: NDArray[np.float64], row: int) -> bool:
-        """Return whether a position jumps to a sample from the sample before."""
+        """Return whether the position jumps between the previous sample and this one."""
         before = position[row - 1] if row else self._before.get("position", position[row])
         step = abs(float(position[row] - before))
         if "position" in self._limits:
@@ -204,7 +207,7 @@ class ImpossibleSamples:
     def _spikes(
         self, name: str, values: NDArray[np.float64], *, is_last: bool
     ) -> tuple[NDArray[np.bool_], int]:
-        """Return where a column leaves and returns, ``(n,)``, and the first open sample."""
+        """Return a mask of excursions, ``(n,)``, and the first sample that cannot be judged yet."""
         spikes = np.zeros(len(values), bool)
         rows = np.flatnonzero(np.isfinite(values))
         past = self._past.get(name, np.empty(0))
@@ -222,7 +225,7 @@ class ImpossibleSamples:
     def _beyond_limit(
         self, positions: NDArray[np.float64], first: int, *, is_last: bool
     ) -> Excursions:
-        """Return where the position of a modelled drive leaves and returns faster than it can."""
+        """Return position excursions that are faster than the modelled drive can move."""
         if len(positions) < FEWEST:
             return Excursions([], None)
         steps = np.abs(np.diff(positions))
@@ -242,7 +245,7 @@ class ImpossibleSamples:
         return Excursions(parts, first_open)
 
     def _excessive(self, sensors: ByName[str, NDArray[np.float64]], n: int) -> NDArray[np.bool_]:
-        """Return where a speed or current is beyond its limit for a few samples, ``(n,)``."""
+        """Return a mask, ``(n,)``, of speeds or currents that briefly exceed their limit."""
         beyond = np.zeros(n, bool)
         for name in ("speed", "current"):
             if name in self._limits and name in sensors:
@@ -254,12 +257,12 @@ class ImpossibleSamples:
 
 
 def _runs(chosen: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return first row and end of each run of chosen rows."""
+    """Return start and end (exclusive) of each run of true values."""
     edges = np.flatnonzero(np.diff(chosen, prepend=False, append=False))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _last_run(chosen: NDArray[np.bool_]) -> int:
-    """Return the first row of the run of chosen rows at the end; their number without one."""
+    """Return the start of the trailing run of true values; the length if there is none."""
     rows = np.flatnonzero(~chosen)
     return int(rows[-1]) + 1 if len(rows) else 0

@@ -8,22 +8,25 @@ class InputDefect:
     """A defect of a mapping or of its data."""
 
     name: str
-    """Stable name, by which a mapping can accept the defect."""
+    """Stable identifier, listed in the mapping's ``accept`` to accept the defect."""
 
     text: str
-    """Description, with values."""
+    """Description of the defect, including the measured values."""
 
     remedy: str
     """Correction of the mapping, or the next thing to check."""
 
     is_error: bool = True
-    """Whether estimates would be wrong; else some data are lost, or it is a remark."""
+    """Whether the defect makes estimates wrong. Otherwise it only costs data or is informative."""
 
     is_certain: bool = True
-    """Whether more motion cannot refute the defect; only then live telemetry is withheld."""
+    """Whether the defect is proven.
+
+    Live telemetry is withheld only for proven defects; more motion may refute the others.
+    """
 
     needs_action: bool = True
-    """Whether the user should change or check something; else the defect is a remark."""
+    """Whether the user should change or check something. Otherwise the defect is informative."""
 
     def __str__(self) -> str:
         return f"{self.name}: {self.text}: {self.remedy}"

@@ -1,4 +1,4 @@
-"""Joint states of a robot, read once for all joints."""
+"""Reading of a robot's joint states once for all its joints."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -11,13 +11,13 @@ from ema_bags.inputs.series import NO_STAMP, Series
 from ema_core.wording import counted
 
 FIELDS: Final = ("position", "velocity", "effort")
-"""Arrays of ``sensor_msgs/msg/JointState`` with a value for each joint."""
+"""Per-joint arrays of ``sensor_msgs/msg/JointState``."""
 
 _MOST_ORDERS: Final = 100
 
 
 def reads_joint_states(mapping: Mapping) -> bool:
-    """Return whether a mapping reads all quantities of a joint from one topic of joint states."""
+    """Return whether all mapped quantities come from a single joint state topic."""
     return mapping.clock.source in ("", *CLOCKS) and all(
         item.topic == mapping.position.topic
         and text in FIELDS
@@ -27,15 +27,15 @@ def reads_joint_states(mapping: Mapping) -> bool:
 
 
 class JointStates:
-    """Reads messages of joint states for several joints.
+    """Distributes joint state messages to the series of several joints.
 
-    Two publishers may share the topic, with different joints. The order of the joints may change
-    from message to message.
+    Several publishers with different joints may share the topic, and the order of the joints may
+    change between messages.
 
     Parameters
     ----------
     mapping
-        Mapping with the joints; `reads_joint_states` holds for it.
+        Mapping that lists the joints; `reads_joint_states` must be true.
     """
 
     def __init__(self, mapping: Mapping) -> None:
@@ -47,17 +47,17 @@ class JointStates:
         self._columns = {
             joint: JointColumns(self, joint, mapping.position.type) for joint in mapping.joints
         }
-        # Index of each joint in a message by the names in the message, -1 if absent.
+        # Index of each joint in a message, -1 if absent, by the tuple of names in the message.
         self._orders: dict[tuple[str, ...], NDArray[np.intp]] = {}
         self._rows: list[tuple[int, int, NDArray[np.intp], list[Any]]] = []
 
     @property
     def topic(self) -> str:
-        """The topic."""
+        """Joint state topic."""
         return self._topic
 
     def of_joint(self, joint: str) -> "JointColumns":
-        """Return the columns of a joint."""
+        """Return the collector of one joint."""
         return self._columns[joint]
 
     def add(self, message: Any, sent_ns: int, received_ns: int) -> None:
@@ -66,9 +66,9 @@ class JointStates:
         Parameters
         ----------
         message
-            The message.
+            A ``sensor_msgs/msg/JointState`` message.
         sent_ns, received_ns
-            Times of publication, 0 if unknown, and of reception [ns].
+            Publication time (0 if unknown) and reception time [ns].
         """
         names = tuple(message.name)
         order = self._orders.get(names)
@@ -88,11 +88,11 @@ class JointStates:
         )
 
     def share(self) -> None:
-        """Distribute the messages since the previous call to the joints."""
+        """Distribute the messages received since the previous call to the joints."""
         rows, self._rows = self._rows, []
         first = 0
         for last in range(1, len(rows) + 1):
-            # Messages with one order of names are converted at once.
+            # Convert consecutive messages with the same order of names together.
             if last == len(rows) or _form(rows[last]) != _form(rows[first]):
                 self._share(rows[first:last])
                 first = last
@@ -101,7 +101,7 @@ class JointStates:
         stamps = np.array([row[0] for row in rows], dtype=np.int64)
         arrivals = np.array([row[1] for row in rows], dtype=np.int64)
         order = rows[0][2]
-        # (n, joints in the message) for each field; empty where the message has no values.
+        # (n, joints in the message) per field; (n, 0) if the messages have no values for it.
         tables = [
             np.array([row[3][k] for row in rows], dtype=float) for k in range(len(self._keys))
         ]
@@ -120,17 +120,17 @@ class JointStates:
 
 
 def _form(row: tuple[int, int, NDArray[np.intp], list[Any]]) -> tuple[int, ...]:
-    """Return a key that is equal for rows that can be converted at once."""
+    """Return a key that is equal for rows that can be converted together."""
     return (id(row[2]), *map(len, row[3]))
 
 
 class JointColumns:
-    """Series of one joint, with the methods of a `Collector` that a bridge needs.
+    """Collector of one joint; provides the `Collector` methods that a bridge uses.
 
     Attributes
     ----------
     missed
-        Number of messages without the joint.
+        Number of messages that lack the joint.
     """
 
     def __init__(self, states: JointStates, joint: str, kind: str) -> None:
@@ -148,31 +148,31 @@ class JointColumns:
 
     @property
     def topics(self) -> list[str]:
-        """The topic of the joint states."""
+        """The joint state topic, as a list."""
         return [self._states.topic]
 
     @property
     def types(self) -> dict[str, str]:
-        """Type of the topic; empty if the mapping does not state it."""
+        """Message type of the topic; empty if the mapping does not state it."""
         return {self._states.topic: self._kind}
 
     @property
     def names_topics(self) -> list[str]:
-        """Empty: joint states have the names."""
+        """Empty list, because joint states contain the names."""
         return []
 
     def give(self, series: Series) -> None:
-        """Add samples."""
+        """Append a series of samples."""
         self.received += len(series)
         self._series.append(series)
 
     def take(self) -> dict[str, Series]:
-        """Return the series since the previous call, by topic."""
+        """Return the series collected since the previous call, by topic."""
         series, self._series = self._series, []
         return {self._states.topic: sum(series, start=self._empty)}
 
     def problem(self) -> str:
-        """Return a text if all messages lack the joint, with their number; else empty."""
+        """Return a message if no received message contains the joint, else ""."""
         if self.received or not self.missed:
             return ""
         return f"joint {self._joint!r} is in none of {counted(self.missed, 'message')}"

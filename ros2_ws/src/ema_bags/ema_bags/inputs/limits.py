@@ -1,4 +1,4 @@
-"""Steps, speeds and currents that no motor of a description exceeds, in the units of sources."""
+"""Physical limits on position steps, speeds and currents, in source units."""
 
 import math
 from typing import Final
@@ -15,7 +15,9 @@ _LIMITS: Final = 3.0
 def limits_of(
     mapping: Mapping, description: ActuatorDescription, period: float
 ) -> dict[str, float]:
-    """Return the limits that no motor of a description exceeds, for ``ImpossibleSamples``.
+    """Return the largest possible position step, speed and current, for ``ImpossibleSamples``.
+
+    The limits are in source units. Quantities without a known limit are omitted.
 
     Parameters
     ----------
@@ -39,7 +41,7 @@ def limits_of(
 
 
 def _size(source: AngleSource | SpeedSource, parameters: ActuatorParameters) -> float:
-    """Return the angle or speed of the motor for 1 of a source [rad, rad/s]; 0 if unknown."""
+    """Return motor angle [rad] or speed [rad/s] per source unit; 0 if unknown."""
     size = abs(source.scale) * UNITS[source.unit]
     if source.unit in LINEAR:
         size *= 2.0 * math.pi / lead if (lead := source.lead or parameters.lead) else 0.0

@@ -1,4 +1,4 @@
-"""Mapping from third-party files, bags and topics to the columns of telemetry."""
+"""Mapping from third-party files, bags and topics to telemetry columns."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -16,22 +16,22 @@ from ema_core.units import ANGLES, CURRENTS, FORCES, LENGTHS, LINEAR, LINEAR_SPE
 from ema_core.wording import unknown_name
 
 TEMPERATURES: Final = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5.0 / 9.0, -160.0 / 9.0)}
-"""Factor and addition that convert each unit to degC."""
+"""Factor and offset that convert each temperature unit to degC."""
 TIMES_NS: Final = {
     **{"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1},
     **{"min": 60_000_000_000, "h": 3_600_000_000_000, "day": 86_400_000_000_000},
     **{"excel_day": 86_400_000_000_000, "matlab_day": 86_400_000_000_000},
     **{"s_1904": 1_000_000_000, "filetime": 100, "dotnet_ticks": 100},
 }
-"""Units of a time [ns]."""
+"""Duration of each time unit [ns]."""
 EPOCHS: Final = {
     **{"excel_day": 25_569, "matlab_day": 719_529, "s_1904": 2_082_844_800},
     **{"filetime": 116_444_736_000_000_000, "dotnet_ticks": 621_355_968_000_000_000},
 }
-"""The beginning of 1970 in units with a different epoch."""
+"""Start of 1970, expressed in the units whose epoch is not 1970."""
 
 SHAFTS: Final = ("user", "motor")
-"""Shafts at which an angle or speed is measured."""
+"""Shafts to which an angle or speed can refer."""
 
 ENCODINGS: Final = {
     "": (0, 0),
@@ -40,11 +40,13 @@ ENCODINGS: Final = {
     "twos_complement_16": (1 << 15, 2),
     "twos_complement_32": (1 << 31, 2),
 }
-"""Signed registers read as unsigned: the sign bit, and how often it is subtracted (once for a sign
-bit, twice for a two's complement)."""
+"""Signed registers read as unsigned: value of the sign bit, and how many times to subtract it.
+
+The sign bit is subtracted once for sign-magnitude and twice for two's complement.
+"""
 
 CLOCKS: Final = ("header", "sent", "arrival")
-"""Clocks of topics: stamp in the message, time of publication, time of reception."""
+"""Clocks of topics: message header, publication time, reception time."""
 
 DEFECTS: Final = (
     *("current_zero", "command_frozen", "position_frozen", "speed_frozen", "current_frozen"),
@@ -56,7 +58,7 @@ DEFECTS: Final = (
     *("position_jumps", "impossible_samples", "temperature_range"),
     *("two_publishers", "values_repeat"),
 )
-"""Names of defects that are errors and that a mapping can accept."""
+"""Names of error defects that ``Mapping.accept`` can list."""
 
 _ANY_JOINT: Final = "{joint}"
 _QUANTITIES: Final = ("position", "command", "error", "speed", "current")
@@ -64,21 +66,22 @@ _KINDS: Final = (
     *("equivalent", "i_q", "phase_currents", "motor_torque", "joint_torque", "magnitude"),
     "force",
 )
-# Conventions of i_q: peak or root mean square of a phase current, or peak times sqrt(3/2) in the
-# power-invariant transformation.
+# Conventions of i_q: peak or RMS phase current, or peak times sqrt(3/2) for the power-invariant
+# transformation.
 _AMPLITUDES: Final = ("", "peak", "rms", "power")
-# Written to the text of a mapping even with their default values.
+# Entries that are written even if they have their default values.
 _ALWAYS_SHOWN: Final = ("unit", "shaft", "sampling", "kind")
 
 
 @dataclass(frozen=True)
 class Source(Checked):
-    """Source of a quantity; its value in SI units is ``sign scale unit raw + offset``.
+    """Source of a quantity. Value in SI units: ``sign * scale * unit * raw + offset``.
 
     Raises
     ------
     ValueError
-        If a value is impossible; the message names the entry, its value and the expectation.
+        If an entry has an invalid value; the error names the entry, its value and the expected
+        values.
     """
 
     source: str = text("", "column of a table, or path of a field in a message")
@@ -107,7 +110,7 @@ class Source(Checked):
             raise ValueError(f"{entry} = {getattr(self, entry)!r} without topic: expected both")
 
     def numbers(self, name: str = "") -> dict[str, str]:
-        """Return the columns, or paths of fields, that are read for a quantity, by key."""
+        """Return the columns or field paths to read for a quantity, by key."""
         return {name: self.source}
 
 
@@ -146,7 +149,7 @@ class CurrentSource(Source):
     Raises
     ------
     ValueError
-        If the unit does not fit the kind, or an entry of the kind is missing or does not apply.
+        If the unit does not match the kind, or an entry is missing or not applicable to the kind.
     """
 
     unit: str = text("A", "unit of the source", (*CURRENTS, *TORQUES, *FORCES))
@@ -164,7 +167,7 @@ class CurrentSource(Source):
         if self.kind == "force":
             units = FORCES
         elif self.kind in ("equivalent", "magnitude"):
-            # An effort in any unit: only drives with a modelled controller need amperes.
+            # Any unit of effort is allowed; only drives with a modelled controller need amperes.
             units = CURRENTS | TORQUES | FORCES
         if self.unit not in units:
             raise ValueError(
@@ -186,7 +189,7 @@ class CurrentSource(Source):
             )
 
     def numbers(self, name: str = "") -> dict[str, str]:
-        """Return the columns, or paths of fields, that are read for a quantity, by key."""
+        """Return the columns or field paths to read for a quantity, by key."""
         if not self.phases:
             return super().numbers(name)
         named = {f"phase_{letter}": path for letter, path in zip("abc", self.phases, strict=False)}
@@ -195,7 +198,7 @@ class CurrentSource(Source):
 
 @dataclass(frozen=True)
 class TemperatureSource(Source):
-    """Source of the temperature on which friction depends: of motor, gear or oil."""
+    """Source of the motor, gear or oil temperature, on which friction depends."""
 
     unit: str = text("degC", "unit of the source", tuple(TEMPERATURES))
     between: str = text("hold", "value between two messages", ("linear", "hold"))
@@ -203,7 +206,7 @@ class TemperatureSource(Source):
 
 @dataclass(frozen=True)
 class Clock(Checked):
-    """Clock of the samples; an impossible value raises ValueError."""
+    """Clock of the samples; invalid values raise ValueError."""
 
     source: str = text("", "column of a table; header, sent, arrival or a field path of a message")
     unit: str = text("s", "unit of a column or field", (*TIMES_NS, *ORDERS))
@@ -212,7 +215,7 @@ class Clock(Checked):
 
 @dataclass(frozen=True)
 class Table(Checked):
-    """Format of a table; empty entries are detected, and an impossible value raises ValueError."""
+    """Format of a table; empty entries are detected, invalid values raise ValueError."""
 
     separator: str = text("", "character between the columns", ("", ",", ";", "\t", "|", " "))
     decimal: str = text("", "decimal sign", ("", ".", ","))
@@ -221,33 +224,27 @@ class Table(Checked):
 
 @dataclass(frozen=True)
 class Mapping(Checked):
-    """Sources of the columns of telemetry.
-
-    Attributes
-    ----------
-    position
-        Angle of the user shaft or of the motor shaft.
-    command, error
-        The command, or instead the position error (command minus position). A drive whose
-        controller is unknown may have neither.
-    speed, current, temperature
-        None if not measured.
-    joints
-        Several joints instead of one, each a separate actuator.
+    """Sources of the telemetry columns.
 
     Raises
     ------
     ValueError
-        If both command and error are given, if sources are partly columns and partly topics, or
-        if a name in ``accept`` is not the name of a defect.
+        If both ``command`` and ``error`` are given, if columns and topics are mixed, or if
+        ``accept`` contains an unknown defect.
     """
 
     position: AngleSource
+    """Angle of the user shaft or the motor shaft."""
     command: AngleSource | None = None
+    """Position command; None if ``error`` is given or the controller is unknown."""
     error: AngleSource | None = None
+    """Position error (command minus position), as an alternative to ``command``."""
     speed: SpeedSource | None = None
+    """Speed; None if not measured."""
     current: CurrentSource | None = None
+    """Current or effort; None if not measured."""
     temperature: TemperatureSource | None = None
+    """Temperature; None if not measured."""
     joint: str = text("", "joint that is meant wherever a source names none, or as {joint}")
     joints: tuple[str, ...] = texts("instead of joint: several, each an actuator of its own")
     clock: Clock = Clock()
@@ -300,12 +297,12 @@ class Mapping(Checked):
         return not self.position.topic
 
     def of_joint(self, name: str) -> Self:
-        """Return the mapping of one joint; without ``joints``, the unchanged mapping.
+        """Return the mapping for one joint; unchanged if ``joints`` is empty.
 
         Raises
         ------
         ValueError
-            If ``joints`` does not contain the name.
+            If ``joints`` does not contain ``name``.
         """
         if not self.joints:
             return self
@@ -315,7 +312,7 @@ class Mapping(Checked):
 
     @property
     def acquisition(self) -> Acquisition:
-        """Acquisition of the telemetry."""
+        """How current, speed and command are acquired."""
         current, speed = self.measured_current, self.speed is not None
         if current is None:
             return Acquisition("none", 0.0, speed, self.has_command)
@@ -329,33 +326,33 @@ class Mapping(Checked):
 
     @property
     def measured_current(self) -> CurrentSource | None:
-        """Source of the current, unless it is declared as not measured."""
+        """Source of the current; None if it is not measured."""
         if self.current is None or self.current.sampling == "none":
             return None
         return self.current
 
     def telemetry_sources(self) -> Iterator[tuple[str, Source]]:
-        """Yield name and source of the columns of telemetry."""
+        """Yield name and source of each telemetry column."""
         for name in _QUANTITIES:
             item = self.measured_current if name == "current" else getattr(self, name)
             if item is not None:
                 yield name, item
 
     def sources(self) -> Iterator[tuple[str, Source]]:
-        """Yield name and source of all mapped quantities."""
+        """Yield name and source of each mapped quantity, including the temperature."""
         yield from self.telemetry_sources()
         if self.temperature is not None:
             yield "temperature", self.temperature
 
     def wanted(self) -> Iterator[tuple[str, str, Source]]:
-        """Yield key, source text and section of every number to read."""
+        """Yield key, column or field path, and source of each number to read."""
         for name, item in self.sources():
             for key, path in item.numbers(name).items():
                 yield key, path.replace(_ANY_JOINT, item.joint or self.joint), item
 
 
 def load_mapping(path: Path) -> Mapping:
-    """Read a mapping.
+    """Load a mapping from a YAML file.
 
     Raises
     ------
@@ -366,7 +363,7 @@ def load_mapping(path: Path) -> Mapping:
 
 
 def mapping_text(mapping: Mapping) -> str:
-    """Return a mapping as the text of a YAML file, without default values except units."""
+    """Return a mapping as YAML text, omitting most default values."""
     return yaml.safe_dump(_shown(mapping), sort_keys=False, allow_unicode=True)
 
 

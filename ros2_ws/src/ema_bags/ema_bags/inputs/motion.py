@@ -23,34 +23,34 @@ _SURE_S: Final = 5.0
 
 @dataclass(frozen=True, eq=False)
 class ThinnedMotion:
-    """Columns thinned to steps of about 10 ms without missing samples."""
+    """Columns downsampled to steps of about 10 ms, without steps that contain gaps."""
 
     command: NDArray[np.float64]
-    """Command at start and end of each step, ``(m, 2)`` [rad]; ``(0, 2)`` without a command."""
+    """Command at the start and end of each step, ``(m, 2)`` [rad]; ``(0, 2)`` if not measured."""
 
     position: NDArray[np.float64]
-    """Position at start and end of each step, ``(m, 2)`` [rad]."""
+    """Position at the start and end of each step, ``(m, 2)`` [rad]."""
 
     angle: NDArray[np.float64]
-    """Integral of the speed over each step, on the user shaft, ``(m,)`` [rad]; empty without."""
+    """User-shaft rotation per step, from the speed, ``(m,)`` [rad]; empty if not measured."""
 
     current: NDArray[np.float64] | None
-    """Mean current of each step, ``(m,)`` [A]; None without a current."""
+    """Mean current per step, ``(m,)`` [A]; None if not measured."""
 
     seconds: NDArray[np.float64]
-    """Length of each step, ``(m,)`` [s]."""
+    """Duration of each step, ``(m,)`` [s]."""
 
     joins: NDArray[np.bool_]
-    """Whether a step begins at the end of the previous step, ``(m,)``."""
+    """Whether each step starts where the previous one ended, ``(m,)``."""
 
     tau: float
-    """Gear ratio of the description [-]."""
+    """Gear ratio from the actuator description [-]."""
 
     @classmethod
     def of(
         cls, columns: dict[str, NDArray[np.float64]], stamps_ns: NDArray[np.int64], tau: float
     ) -> "ThinnedMotion | None":
-        """Return the motion in columns in SI units; None with too few samples."""
+        """Downsample columns in SI units; return None if there are too few samples."""
         names = [name for name, values in columns.items() if len(values)]
         finite = np.all([np.isfinite(columns[name]) for name in names], axis=0)
         present = {name: columns[name][finite] for name in names}
@@ -94,21 +94,21 @@ class ThinnedMotion:
 
     @property
     def has_speed(self) -> bool:
-        """Whether there is a speed."""
+        """Whether the speed is measured."""
         return len(self.angle) > 0
 
     @property
     def turned(self) -> float:
-        """Total rotation of the user shaft by the speed [rad]."""
+        """Total rotation of the user shaft, integrated from the speed [rad]."""
         return float(np.sum(np.abs(self.angle)))
 
     @property
     def fastest(self) -> float:
-        """Largest speed of the user shaft, from the motor speed [rad/s]; 0 without a speed."""
+        """Largest user-shaft speed [rad/s]; 0 if the speed is not measured."""
         return float(np.max(np.abs(self.angle) / self.seconds)) if self.has_speed else 0.0
 
     def travel(self, name: str) -> float:
-        """Return the range of the command or position [rad]; 0 if it is missing."""
+        """Return the range of the command or position [rad]; 0 if not measured."""
         values = getattr(self, name)
         return float(np.ptp(values)) if len(values) else 0.0
 
@@ -116,13 +116,13 @@ class ThinnedMotion:
     def gain(self) -> float | None:
         """Ratio of the range of the position to the range of the command [-].
 
-        It is negative if they move in opposite directions. It is None without motion, or if the
-        position does not follow the command.
+        Negative if they move in opposite directions; None if there is no motion or the position
+        does not follow the command.
         """
         command, position = self.command[:, 1], self.position[:, 1]
         if not len(command) or np.ptp(command) <= 0.0 or np.ptp(position) <= 0.0:
             return None
-        # Steps of the position lag; ranges do not.
+        # Ranges, unlike steps, are insensitive to lag.
         size = float(np.ptp(position) / np.ptp(command))
         correlation = np.corrcoef(command, position)[0, 1]
         if abs(correlation) < _FOLLOWS:
@@ -133,14 +133,14 @@ class ThinnedMotion:
     def speed_ratio(self) -> float | None:
         """Ratio of the position change to the integral of the motor speed, ideally 1 [-].
 
-        Only fast motion is used, in which the gear rests on one flank. It is None without speed or
-        fast motion.
+        Only fast motion is used, during which the gear stays on one flank. None if the speed is not
+        measured or there is no fast motion.
         """
         if not self.has_speed:
             return None
         size = np.abs(self.angle)
         fast = size > _FAST * np.max(size)
-        # Both adjacent steps are fast and in the same direction: no reversal within.
+        # Two adjacent fast steps in the same direction contain no reversal.
         inner = fast.copy()
         inner[1:] &= fast[:-1] & (np.sign(self.angle[1:]) == np.sign(self.angle[:-1]))
         chosen = inner if np.count_nonzero(inner) >= _LEAST_POINTS // 2 else fast
@@ -151,11 +151,11 @@ class ThinnedMotion:
 
     @cached_property
     def strokes(self) -> NDArray[np.float64]:
-        """Travel of each stroke by the position, and by the speed, ``(k, 2)`` [rad].
+        """Travel of each stroke from the position and from the speed, ``(k, 2)`` [rad].
 
-        A stroke is a motion between two reversals of the position. Reversals below 5 % of the
-        range and strokes below 20 % of the longest stroke are ignored. Without speed the second
-        column is 0. Lag, an elastic gear and backlash hardly change the travel of a whole stroke.
+        A stroke is the motion between two reversals of the position. Reversals smaller than 5 % of
+        the range and strokes shorter than 20 % of the longest are ignored. Without a speed, the
+        second column is 0. Whole strokes are nearly insensitive to lag, elasticity and backlash.
         """
         ends = _reversals(self.position[:, 1])
         steps = self.position[:, 1] - self.position[:, 0]
@@ -167,9 +167,9 @@ class ThinnedMotion:
 
     @cached_property
     def stroke_ratio(self) -> float | None:
-        """Median ratio of travel by the position to travel by the speed, ideally 1 [-].
+        """Median ratio of the travel from the position to the travel from the speed, ideally 1 [-].
 
-        It is None without speed or strokes.
+        None if the speed is not measured or there are no strokes.
         """
         strokes = self.strokes
         moved = strokes[np.abs(strokes[:, 1]) > 0.0]
@@ -177,15 +177,15 @@ class ThinnedMotion:
 
     @property
     def is_ample(self) -> bool:
-        """Whether the motion suffices to be certain of a unit or sign: 3 strokes, or 5 s."""
+        """Whether there is enough motion to judge a unit or sign: 3 strokes or 5 s."""
         return len(self.strokes) >= _SURE_STROKES or float(np.sum(self.seconds)) >= _SURE_S
 
     @property
     def dissipation(self) -> float | None:
-        """Correlation of the current with the speed, without inertia, gravity and constant load.
+        """Correlation of current and speed without inertia, gravity and constant load [-].
 
-        Friction dissipates energy: the correlation is positive if the sign of the current is
-        right. It is None without current, or without fast motion in both directions.
+        Because friction dissipates energy, it is positive if the sign of the current is right. None
+        if the current is not measured or there is no fast motion in both directions.
         """
         if self.current is None:
             return None
@@ -202,19 +202,19 @@ class ThinnedMotion:
         terms = [np.ones(len(angle)), angle, np.sin(angle), np.cos(angle), acceleration]
         matrix = np.column_stack([term / max(np.max(np.abs(term)), 1e-300) for term in terms])
         both = np.column_stack([speed[chosen], self.current[chosen]])
-        left = both - matrix @ np.linalg.lstsq(matrix, both, rcond=None)[0]
-        sizes = np.sqrt(np.sum(left**2, axis=0))
+        residuals = both - matrix @ np.linalg.lstsq(matrix, both, rcond=None)[0]
+        sizes = np.sqrt(np.sum(residuals**2, axis=0))
         if np.any(sizes <= 1e-9 * np.sqrt(np.sum(both**2, axis=0))):
             return None
-        return float(left[:, 0] @ left[:, 1] / np.prod(sizes))
+        return float(residuals[:, 0] @ residuals[:, 1] / np.prod(sizes))
 
     @property
     def work_share(self) -> float:
-        """Net work of the effort over the work of its magnitude, -1 to 1 [-]; 0 without current.
+        """Net work of the effort relative to its absolute work, -1 to 1 [-]; 0 without a current.
 
-        Kinetic and potential energy return to their initial values, and friction dissipates
-        energy: a negative value would mean that the effort gains energy from the motion. A
-        constant load is subtracted.
+        Over a cycle, only friction consumes energy. A negative value would mean that the motion
+        supplies energy to the motor, so the sign of the effort is probably wrong. A constant load
+        is subtracted.
         """
         if self.current is None:
             return 0.0
@@ -224,10 +224,10 @@ class ThinnedMotion:
         return float(np.sum(work)) / size if size > 0.0 else 0.0
 
     def current_against_torque(self, p: ActuatorParameters) -> tuple[float, float] | None:
-        """Compare the current with the current that inertia and friction require.
+        """Compare the measured current with the current that inertia and friction require.
 
-        Return the ratio of their root mean squares and their correlation [-]; None without current
-        or motion.
+        Return the ratio of their RMS values and their correlation [-]; None if the current is not
+        measured or there is no motion.
         """
         if self.current is None:
             return None
@@ -235,7 +235,7 @@ class ThinnedMotion:
         omega = steps / self.seconds / self.tau
         acceleration = np.zeros(len(omega))
         middles = (self.seconds[1:] + self.seconds[:-1]) / 2.0
-        # Mean of two changes of speed: the current of a step belongs between them.
+        # Average the speed changes at both ends of a step, as its current lies between them.
         change = np.diff(omega) / middles
         change[~self.joins[1:]] = 0.0
         acceleration[:-1] += change / 2.0
@@ -255,18 +255,18 @@ class ThinnedMotion:
 
 
 def _reversals(position: NDArray[np.float64]) -> list[int]:
-    """Return the indices of the first sample, of the reversals, and of the last sample."""
+    """Return the indices of the first sample, all reversals and the last sample."""
     least = _REVERSAL * float(np.ptp(position))
     if least <= 0.0:
         return []
-    ends, extreme, way = [0], 0, 0
+    ends, extreme, direction = [0], 0, 0
     values = position.tolist()
     for number, value in enumerate(values):
         gain = value - values[extreme]
-        if way * gain > 0.0:
+        if direction * gain > 0.0:
             extreme = number
         elif abs(gain) > least:
-            if way:
+            if direction:
                 ends.append(extreme)
-            way, extreme = (1 if gain > 0.0 else -1), number
+            direction, extreme = (1 if gain > 0.0 else -1), number
     return [*ends, len(values) - 1]

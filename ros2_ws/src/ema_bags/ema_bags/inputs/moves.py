@@ -1,4 +1,4 @@
-"""Tests of units from tables with one row per move, of drives that log no samples."""
+"""Tests from tables with one row per move, for drives that do not log samples."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +17,12 @@ from ema_core.wording import unknown_name
 
 @dataclass(frozen=True)
 class MovesMapping(Checked):
-    """Meaning of the columns of a table of moves.
+    """Column mapping of a table with one row per move.
 
     Raises
     ------
     ValueError
-        If time or figures are missing, or the unit of time is unknown.
+        If ``time`` or ``figures`` is missing, or ``time_unit`` is unknown.
     """
 
     time: str = text("", "time of the move: dates, or numbers in ``time_unit``")
@@ -39,7 +39,7 @@ class MovesMapping(Checked):
 
 
 def load_moves_mapping(path: Path) -> MovesMapping:
-    """Read the mapping of a table of moves.
+    """Read the column mapping of a table of moves.
 
     Raises
     ------
@@ -50,12 +50,15 @@ def load_moves_mapping(path: Path) -> MovesMapping:
 
 
 def read_moves(path: Path, mapping: MovesMapping) -> dict[str, list[Move]]:
-    """Return the tests of each unit in the order of time; names of figures include conditions.
+    """Return the tests of each unit in chronological order.
+
+    A test has the median of each figure under each operating condition; the figure's name includes
+    the condition.
 
     Raises
     ------
     ValueError
-        If the file is not a table, a column is missing or not numeric, or a row has no time.
+        If the file is not a table, a column is missing or not numeric, or a row has no time stamp.
     OSError
         If the file cannot be read.
     """

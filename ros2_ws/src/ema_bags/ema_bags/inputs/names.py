@@ -1,4 +1,4 @@
-"""Quantity, role and unit of columns from their names."""
+"""Inference of the role and unit of columns from their names."""
 
 import re
 from typing import Final
@@ -52,12 +52,12 @@ _QUANTITIES: Final = {
     **dict.fromkeys([*CURRENTS, *TORQUES, *FORCES], "effort"),
     **dict.fromkeys(TEMPERATURES, "temperature"),
 }
-"""Quantity of each unit."""
+"""Quantity that each unit measures."""
 _BRACKETS: Final = re.compile(r"[\[(].*?[\])]")
 
 
 def unit_of(text: str) -> str:
-    """Return the unit denoted by a text, such as "1/min"; empty if it is unknown."""
+    """Return the unit that a text such as "1/min" denotes; empty if unknown."""
     plain = text.strip().lower().replace("²", "^2").replace("·", ".")
     for unit, spellings in _UNITS.items():
         if plain in spellings or plain == unit.lower():
@@ -66,20 +66,20 @@ def unit_of(text: str) -> str:
 
 
 def unit_in_name(name: str) -> str:
-    """Return the unit at the end of a name, as in ``pos_deg``; empty without one."""
+    """Return the unit at the end of a name such as ``pos_deg``; empty if there is none."""
     words = _words(name)
     for count in (2, 1):
         if len(words) > count:
             joined = " ".join(words[-count:])
             unit = unit_of(joined)
-            # A single letter at the end is more often a phase or an axis than a unit.
+            # A single trailing letter usually denotes a phase or an axis, not a unit.
             if unit and (len(joined) > 1 or joined == "s"):
                 return unit
     return ""
 
 
 def roles_of(name: str) -> set[str]:
-    """Return the possible roles of a column by its name: mapping keys, "time", "phase_a" to "c"."""
+    """Return the roles that a column name suggests: mapping keys, time, phase_a to phase_c."""
     words = _words(_BRACKETS.sub(" ", name))
     text = " ".join(words)
     roles = {
@@ -95,7 +95,7 @@ def roles_of(name: str) -> set[str]:
 
 
 def hint_of(name: str, unit: str = "") -> Hint:
-    """Return the hint of a name and a unit at the quantity of a column."""
+    """Return the quantities that the name and unit of a column suggest."""
     roles = roles_of(name)
     quantities = roles & {"position", "speed", "temperature"} | {"error"} & roles
     if roles & {"current"}:
@@ -110,7 +110,7 @@ def hint_of(name: str, unit: str = "") -> Hint:
 
 
 def words_of(name: str) -> set[str]:
-    """Return the words of a name without its unit in brackets."""
+    """Return the words in a name, excluding text in brackets."""
     return set(_words(_BRACKETS.sub(" ", name)))
 
 

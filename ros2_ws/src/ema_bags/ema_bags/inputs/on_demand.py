@@ -1,4 +1,4 @@
-"""pandas, imported at its first use, as tables of plain numbers do not need it."""
+"""Lazy import of pandas, which tables of plain numbers do not need."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -1,4 +1,4 @@
-"""Order of samples that are displaced by a few places, for example by two threads."""
+"""Sorting of samples that arrive slightly out of order, for example from two threads."""
 
 from typing import Final
 
@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_DISPLACED: Final = 4
-"""Largest displacement of a sample from its place in the order of stamps [samples]."""
+"""Largest displacement that is corrected [samples]."""
 
 
 def sorting_order(stamps_ns: NDArray[np.int64]) -> NDArray[np.intp] | None:
-    """Return the order of samples by their stamps, ``(n,)``; None if nothing is to be sorted.
+    """Return the indices that sort samples by stamp, ``(n,)``; None if no sorting is needed.
 
-    Samples are sorted where each is out of order by at most four samples. A clock that goes back
-    by more divides the samples.
+    Only samples displaced by at most four places are sorted. Larger backward clock steps split the
+    samples into parts that are sorted separately.
     """
     steps = np.diff(stamps_ns)
     forward = steps[steps > 0]
@@ -32,16 +32,16 @@ def sorting_order(stamps_ns: NDArray[np.int64]) -> NDArray[np.intp] | None:
 
 
 def settled_samples(stamps_ns: NDArray[np.int64], before_ns: int | None, period_ns: float) -> int:
-    """Return how many samples no later sample belongs between or before.
+    """Return the number of leading samples whose order is final.
 
-    A sample that is missing among the last four may still come.
+    A sample missing among the last four may still arrive.
 
     Parameters
     ----------
     stamps_ns
-        Stamps in their order, ``(n,)`` [ns].
+        Sorted stamps, ``(n,)`` [ns].
     before_ns
-        Stamp of the sample before; None without one [ns].
+        Stamp of the preceding sample [ns]; None if there is none.
     period_ns
         Sample period [ns].
     """

@@ -1,4 +1,4 @@
-"""Tables of plain numbers, read without pandas into the same columns as with pandas."""
+"""Reading of purely numeric tables without pandas, with identical results."""
 
 import re
 import warnings
@@ -16,18 +16,18 @@ _MOST_DIGITS: Final = 18  # fit in 64 bits
 def read_plain_csv(
     path: Path, names: Sequence[str], rows: Sequence[Sequence[str]], separator: str, **options: Any
 ) -> dict[str, NDArray[Any]] | None:
-    """Return the columns of a CSV file whose cells are all plain numbers; None for other files.
+    """Read a CSV file if all its cells are plain numbers, else return None.
 
     Parameters
     ----------
     path
         The file.
     names
-        Names of the columns.
+        Column names.
     rows
-        Cells of the first rows: columns of whole numbers in them become integers.
+        Cells of the first rows; columns that are integers in these rows are read as integers.
     separator
-        Separator of the cells.
+        Cell separator.
     options
         Further arguments of ``numpy.loadtxt``.
     """
@@ -52,9 +52,9 @@ def read_plain_csv(
 
 
 def plain_parquet(table: Any) -> dict[str, NDArray[Any]] | None:
-    """Return the columns of a ``pyarrow.Table`` of numbers; None if pandas is needed.
+    """Return the columns of a numeric ``pyarrow.Table``; None if pandas is needed.
 
-    Missing numbers, an index and several levels of headings need pandas.
+    Missing values, an index and multi-level headings need pandas.
     """
     import pyarrow as pa
 
@@ -68,7 +68,7 @@ def plain_parquet(table: Any) -> dict[str, NDArray[Any]] | None:
     if not (table.num_rows and is_of_rows and are_numbers and is_whole and has_one_heading):
         return None
     return {
-        # The conversion by pyarrow imports pandas.
+        # pyarrow's own conversion would import pandas.
         name: np.concatenate([np.from_dlpack(chunk) for chunk in column.chunks])
         for name, column in zip(table.column_names, table.columns, strict=True)
     }

@@ -1,4 +1,4 @@
-"""Detection of two publishers of one joint from stamps."""
+"""Detection of a second publisher of a joint from time stamps."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -16,10 +16,10 @@ _COUNTS: Final = 1.5
 
 
 def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
-    """Yield a defect if stamps, ``(n,)`` [ns], come from two publishers.
+    """Yield a defect if the stamps, ``(n,)`` [ns], interleave two publishers.
 
-    The samples of a second publisher, at the same rate or a fraction of it, divide one of several
-    steps in two. Both publishers would be read as a single series with a higher rate.
+    A second publisher at the same rate, or at a fraction of it, splits steps at regular intervals.
+    Undetected, both would be read as one series at a higher rate.
     """
     steps = np.diff(stamps_ns).astype(float)
     if len(steps) < _LEAST_STEPS or np.any(steps[:2] <= 0.0):
@@ -29,7 +29,7 @@ def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
         pattern = _pattern(steps, times + 1)
         if pattern is None or np.ptp(pattern) <= _COUNTS * count_ns:
             continue
-        # The steps of the pattern, with the divided steps first.
+        # Rotate the pattern so that the two parts of the split step come first.
         ahead = [np.roll(pattern, -first) for first in range(times + 1)]
         regular = [np.array([steps[0] + steps[1], *steps[2:]]) for steps in ahead]
         first = int(np.argmin([np.ptp(steps) for steps in regular]))
@@ -50,10 +50,10 @@ def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
 
 
 def _pattern(steps: NDArray[np.float64], length: int) -> NDArray[np.float64] | None:
-    """Return the steps that repeat after a number of steps, and not before, or None."""
+    """Return the pattern of steps if they repeat after exactly `length` steps, else None."""
     whole = steps[: len(steps) // length * length].reshape(-1, length)
     usual = float(np.median(whole.mean(axis=1)))
-    # Of neighbours and of the next in the pattern, as clocks that drift change the steps slowly.
+    # Compare nearby steps only, because clock drift changes the pattern slowly.
     near, again = (np.abs(steps[k:] - steps[:-k]) / usual for k in (1, length))
     is_pattern = np.percentile(again, 90.0) <= _ALTERNATING / 2.0
     if not is_pattern or np.percentile(near, 100.0 - 50.0 / length) < _ALTERNATING:

@@ -1,4 +1,4 @@
-"""The rate of samples by their stamps."""
+"""Estimation of the sample rate from time stamps."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -23,28 +23,20 @@ _STILL: Final = 1e-3
 
 @dataclass(frozen=True)
 class Rate:
-    """The rate of samples.
-
-    Attributes
-    ----------
-    period
-        Nominal sample period: the period of a common rate, if the stamps fit one [s].
-    measured_period
-        Sample period as the stamps give it [s].
-    jitter
-        Robust standard deviation of the stamps around regular ones [s].
-    resolution
-        Step in which the stamps are counted [s].
-    """
+    """Sample rate and regularity of the stamps."""
 
     period: float
+    """Nominal sample period [s]: the period of a common rate if the stamps match one."""
     measured_period: float
+    """Sample period measured from the stamps [s]."""
     jitter: float
+    """Robust standard deviation of the stamps from regular ones [s]."""
     resolution: float
+    """Resolution of the stamps [s]."""
 
     @property
     def is_regular(self) -> bool:
-        """Whether samples are regular within the resolution, so that none must be interpolated."""
+        """Whether samples are regular enough to be used without interpolation."""
         rounded = self.jitter <= 0.5 * self.resolution
         return (rounded or self.jitter <= _STILL * self.period) and abs(
             self.measured_period / self.period - 1.0
@@ -52,19 +44,19 @@ class Rate:
 
 
 def find_rate(stamps_ns: NDArray[np.int64], rate_hz: float = 0.0) -> Rate:
-    """Return the rate of samples whose stamps may jitter, jump and miss some.
+    """Estimate the sample rate from stamps with jitter, clock jumps and lost samples.
 
     Parameters
     ----------
     stamps_ns
         Stamps in the order of the samples, ``(n,)`` [ns].
     rate_hz
-        Nominal rate; 0 finds it [Hz].
+        Nominal rate [Hz]; 0 to estimate it.
 
     Raises
     ------
     ValueError
-        If there are not two stamps apart.
+        If all stamps are equal or decreasing.
     """
     steps = np.diff(stamps_ns)
     steps = steps[steps > 0].astype(np.float64)
@@ -73,8 +65,8 @@ def find_rate(stamps_ns: NDArray[np.int64], rate_hz: float = 0.0) -> Rate:
             f"{len(stamps_ns)} samples have no two stamps that differ: expected stamps that grow"
         )
     period = _first_period(stamps_ns, steps)
-    # Each pass measures the period over a longer stretch without lost samples. The error falls with
-    # the length, so that the next pass can distinguish a longer period from a lost sample.
+    # Each pass measures the period over a longer stretch without lost samples. The error decreases
+    # with length, so the next pass can distinguish a longer period from a lost sample.
     reach = 2
     while reach <= min(_LONGEST_REACH, len(stamps_ns) - 1):
         spans = (stamps_ns[reach:] - stamps_ns[:-reach]).astype(np.float64)
@@ -100,7 +92,7 @@ def _first_period(stamps_ns: NDArray[np.int64], steps: NDArray[np.float64]) -> f
 
 
 def _common_period(period: float) -> float:
-    """Return the period of the nearest common rate; else of whole hertz; else the period itself."""
+    """Round the period to a common rate, or else to whole hertz, if within 0.2 %."""
     rate = 1.0 / period
     nearest = min(_COMMON, key=lambda item: abs(item / rate - 1.0))
     if abs(nearest / rate - 1.0) <= _COMMON_WITHIN:
@@ -111,20 +103,20 @@ def _common_period(period: float) -> float:
 
 
 def _jitter(stamps_ns: NDArray[np.int64], period_ns: float) -> float:
-    """Return the robust standard deviation of stamps around a line, in stretches of samples."""
+    """Return the robust standard deviation of the stamps around fitted regular stamps [ns]."""
     length = min(_LONGEST_REACH, len(stamps_ns))
     if length < 3:
         return 0.0
     whole = len(stamps_ns) // length * length
     rows = (stamps_ns[:whole].reshape(-1, length) - stamps_ns[:whole:length, None]).astype(float)
-    left = rows - period_ns * np.arange(length)
-    left -= np.median(left, axis=1, keepdims=True)
-    # Per stretch, then over stretches: those with a loss count as outliers.
-    return float(np.median(1.4826 * np.median(np.abs(left), axis=1)))
+    residuals = rows - period_ns * np.arange(length)
+    residuals -= np.median(residuals, axis=1, keepdims=True)
+    # The median over stretches rejects stretches with lost samples.
+    return float(np.median(1.4826 * np.median(np.abs(residuals), axis=1)))
 
 
 def resolution_of(stamps_ns: NDArray[np.int64]) -> float:
-    """Return the step in which stamps are counted [ns]: a power of ten of nanoseconds."""
+    """Return the resolution of the stamps, a power of ten [ns]."""
     offsets = stamps_ns - stamps_ns[0]
     resolution = 1
     while resolution < 1_000_000_000 and not np.any(offsets % (10 * resolution)):

@@ -1,7 +1,7 @@
-"""Recognition of position, speed, effort and command of joints in the columns of a log, by physics.
+"""Identification of joint positions, speeds, efforts and commands in a log, from physics.
 
-A speed is the derivative of a position. The position follows a command. An effort is the sum of
-inertia, friction and gravity in a motion. Names support the physics, and decide if it cannot.
+The speed is the derivative of the position, the position follows the command, and the effort is the
+sum of inertia, friction and gravity. Column names corroborate, or break ties.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,10 +18,10 @@ _MOST_ROWS: Final = 40_000
 _LEAST_ROWS: Final = 50
 _LEAST_DISTINCT: Final = 4
 _STEP_S: Final = 0.005
-# Time constant of the filter [s], and its smallest value in samples.
+# Time constant of the low-pass filter [s], and its lower limit in samples.
 _SMOOTH_S: Final = 0.03
 _SMOOTH_SAMPLES: Final = 2.0
-# Lags up to which columns are compared [s], and in shares of the period of the motion.
+# Largest lag at which columns are compared [s], and as a fraction of the motion's period.
 _LAG_S: Final = 0.5
 _LAG_SHARE: Final = 1.0 / 8.0
 _RATE: Final = 0.8
@@ -36,40 +36,40 @@ _FRICTION_SPEED: Final = 0.02
 
 
 class Hint(NamedTuple):
-    """Hint at the quantity of a column from its name."""
+    """Quantity of a column as suggested by its name."""
 
     quantities: frozenset[str]
-    """Quantities that fit the name; empty if the name is no hint."""
+    """Quantities that the name suggests; empty if it suggests none."""
 
     is_commanded: bool = False
-    """Whether the name denotes a commanded value."""
+    """Whether the name suggests a commanded value."""
 
     def supports(self, quantity: str) -> float:
-        """Return the support of the name for a quantity, from -1 to 1 [-]."""
+        """Return 1 if the name suggests the quantity, -1 if it suggests others, 0 if none."""
         if not self.quantities:
             return 0.0
         return 1.0 if quantity in self.quantities else -1.0
 
 
 class Finding(NamedTuple):
-    """A column for a quantity."""
+    """Column identified for a quantity."""
 
     name: str
-    """Name of the column."""
+    """Column name."""
 
     is_confirmed: bool
-    """Whether physics supports the choice, not only the name."""
+    """Whether the motion confirms the choice, rather than the name alone."""
 
 
 @dataclass(frozen=True)
 class JointColumns:
-    """Columns of one joint."""
+    """Columns identified for one joint."""
 
     columns: Mapping[str, Finding]
-    """Columns by quantity: position, command, speed, effort."""
+    """Columns by quantity: ``position``, ``command``, ``speed``, ``effort``."""
 
     travel: float
-    """Range of the position, in its unit."""
+    """Range of the position, in the unit of its column."""
 
 
 _RATE_RATIOS: Final = np.array(
@@ -85,38 +85,38 @@ _RATE_RATIOS: Final = np.array(
         1e-3,
     ]
 )
-"""Ratios of a speed to the derivative of a position, in the usual pairs of units."""
+"""Ratios of speed to position derivative for common pairs of units."""
 _COPY_RATIOS: Final = np.array([1.0, ANGLES["rad"] / ANGLES["deg"], ANGLES["deg"], 1e3, 1e-3])
-"""Ratios of a position to its command, in the usual pairs of units."""
+"""Ratios of position to command for common pairs of units."""
 
 
 class _Relation(NamedTuple):
-    """Relation of a column to its prediction by a second column."""
+    """How well one column predicts another."""
 
     correlation: float
     """Correlation at the best lag [-]."""
 
     ratio: float
-    """Ratio of the column to its prediction."""
+    """Ratio of the column to the prediction."""
 
     lag_s: float
-    """Best lag [s]."""
+    """Lag with the highest correlation [s]."""
 
     at_once: float
-    """Correlation without a lag [-]."""
+    """Correlation at zero lag [-]."""
 
 
 class Recognizer:
-    """Compares the columns of a log with each other.
+    """Identifies joints by comparing the columns of a log with each other.
 
     Parameters
     ----------
     columns
-        Columns of numbers by name, ``(n,)`` each, at regular times.
+        Numeric columns by name, ``(n,)`` each, sampled at regular times.
     period
-        Their sample period [s].
+        Sample period [s].
     hint_of
-        Returns the hint of a name.
+        Function that returns the hint for a column name.
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class Recognizer:
         return len(self.names) > 1 and self.values.shape[1] >= _LEAST_ROWS
 
     def joints(self) -> list[JointColumns]:
-        """Return the joints, by decreasing certainty."""
+        """Return the identified joints in order of decreasing certainty."""
         if not self.can_judge:
             return []
         scores = np.array([self._position_score(a) for a in range(len(self.names))])
@@ -155,7 +155,7 @@ class Recognizer:
             joint = self._joint_of(int(a), taken)
             joints.append(joint)
             taken |= {self.names.index(item.name) for item in joint.columns.values()}
-            # Copies of this position are not further joints.
+            # Copies of this position do not form further joints.
             taken |= {
                 b for b in range(len(self.names)) if self._is_copy(int(a), b) and b not in taken
             }
@@ -175,7 +175,7 @@ class Recognizer:
         effort = self._effort_of(a, taken | used)
         if effort is not None:
             columns["effort"] = effort
-        # An explained effort, or a followed command, confirms the name of a position.
+        # An effort that the motion explains, or a command that it follows, confirms the position.
         if self._hints[a].supports("position") > 0.0 and any(
             item.is_confirmed for item in (command, effort) if item
         ):
@@ -221,8 +221,8 @@ class Recognizer:
         )
         follows = max((self._copy[b][a].correlation for b in rest), default=0.0)
         if rate < 1.0:
-            # Without a speed, a column is a position if it explains an effort, in particular if
-            # it follows a second column as a position follows its command.
+            # Without a speed, a column is a position if it explains an effort, especially if it
+            # also follows a command.
             efforts = [b for b in rest if not self._is_copy(a, b)]
             explained = max((self._explained_effort(a, b) for b in efforts), default=0.0)
             rate = max(explained if follows > _FOLLOWS else 0.5 * explained, 0.0)
@@ -239,8 +239,8 @@ class Recognizer:
         return a != b and abs(relation.correlation) > _SAME
 
     def _command_of(self, a: int, taken: set[int]) -> Finding | None:
-        """Return the command that a position follows."""
-        able: dict[int, tuple[float, bool]] = {}
+        """Return the command that a position follows, or None."""
+        candidates: dict[int, tuple[float, bool]] = {}
         for b in range(len(self.names)):
             if b in taken:
                 continue
@@ -251,21 +251,21 @@ class Recognizer:
                 continue
             if not hint.is_commanded and not (is_followed and leads):
                 continue
-            able[b] = (
+            candidates[b] = (
                 relation.correlation
                 + hint.is_commanded
                 + 0.3 * is_followed
                 + 0.4 * hint.supports("position"),
                 is_followed and leads and hint.is_commanded,
             )
-        if not able:
+        if not candidates:
             return None
-        best = max(able, key=lambda b: able[b][0])
-        return Finding(self.names[best], able[best][1])
+        best = max(candidates, key=lambda b: candidates[b][0])
+        return Finding(self.names[best], candidates[best][1])
 
     def _effort_of(self, a: int, taken: set[int]) -> Finding | None:
-        """Return the column that inertia, friction and gravity of a joint explain best."""
-        able: dict[int, tuple[float, bool]] = {}
+        """Return the column best explained by inertia, friction and gravity, or None."""
+        candidates: dict[int, tuple[float, bool]] = {}
         for b in range(len(self.names)):
             hint = self._hints[b]
             if b in taken or self._is_copy(a, b) or hint.supports("effort") < 0.0:
@@ -274,15 +274,15 @@ class Recognizer:
             if explained < _EXPLAINED and not hint.supports("effort") > 0.0:
                 continue
             score = explained + 0.5 * hint.supports("effort") - 0.3 * hint.is_commanded
-            able[b] = (score, explained >= _EXPLAINED and hint.supports("effort") > 0.0)
-        if not able:
+            candidates[b] = (score, explained >= _EXPLAINED and hint.supports("effort") > 0.0)
+        if not candidates:
             return None
-        best, *rest = sorted(able, key=lambda b: -able[b][0])
-        is_alone = all(able[best][0] - able[b][0] > _ALIKE for b in rest)
-        return Finding(self.names[best], able[best][1] and is_alone)
+        best, *rest = sorted(candidates, key=lambda b: -candidates[b][0])
+        is_alone = all(candidates[best][0] - candidates[b][0] > _ALIKE for b in rest)
+        return Finding(self.names[best], candidates[best][1] and is_alone)
 
     def _explained_effort(self, a: int, b: int) -> float:
-        """Return the share of a column explained by the motion of a position, cross-validated."""
+        """Return the cross-validated share of a column that a position's motion explains [-]."""
         terms, effort = self._motion_terms(a), self._smooth[b]
         block = np.arange(len(effort)) * _BLOCKS // len(effort) % 2 == 0
         explained = []
@@ -293,7 +293,7 @@ class Recognizer:
         return min(explained)
 
     def _motion_terms(self, a: int) -> NDArray[np.float64]:
-        """Return the terms of acceleration, friction and gravity of a position, ``(n, 6)``."""
+        """Return acceleration, friction and gravity regressors of a position, ``(n, 6)``."""
         position = (self._smooth[a] - np.mean(self._smooth[a])) / np.std(self._smooth[a])
         speed = np.gradient(position, self.period)
         acceleration = np.gradient(speed, self.period)
@@ -303,7 +303,7 @@ class Recognizer:
 
     @cached_property
     def _weights(self) -> NDArray[np.float64]:
-        """Square of a Gaussian low-pass filter by frequency."""
+        """Squared frequency response of a Gaussian low-pass filter."""
         width = max(_SMOOTH_S, _SMOOTH_SAMPLES * self.period)
         return np.asarray(np.exp(-((self._omega * width) ** 2)), dtype=np.float64)
 
@@ -314,7 +314,7 @@ class Recognizer:
 
     @cached_property
     def _spectra(self) -> NDArray[np.complex128]:
-        """Spectra of the columns minus the lines between their ends."""
+        """Spectra of the columns after subtracting the line between their end points."""
         n = self.values.shape[1]
         lines = np.linspace(self.values[:, 0], self.values[:, -1], n, axis=1)
         return np.fft.rfft(self.values - lines, axis=1)
@@ -327,14 +327,14 @@ class Recognizer:
 
     @cached_property
     def _rate(self) -> list[list[_Relation]]:
-        """Relations of each column (second index) to the derivative of each column (first)."""
+        """Relation of each column (second index) to the derivative of each column (first index)."""
         slopes = self._spectra * (1j * self._omega)
-        # The mean of a rate is the slope of the line between the ends of a position.
+        # The mean rate, excluded here, is the slope between the end points of the position.
         return self._relations(slopes, self._spectra)
 
     @cached_property
     def _copy(self) -> list[list[_Relation]]:
-        """Relations of each column (second index) to each column (first)."""
+        """Relation of each column (second index) to each column (first index)."""
         slopes = self._spectra * (1j * self._omega)
         return self._relations(slopes, slopes)
 
@@ -344,7 +344,7 @@ class Recognizer:
         n, weights = self.values.shape[1], self._weights.copy()
         weights[0] = 0.0
         energy = [np.sum(weights * np.abs(causes) ** 2, axis=1) for causes in (causes, effects)]
-        # Angular frequency of the motion, from the energies of slope and column.
+        # Period of the motion, from the energies of the columns and of their slopes.
         of_motion = np.sum(weights * np.abs(self._spectra) ** 2, axis=1)
         of_slope = np.sum(weights * np.abs(self._spectra * self._omega) ** 2, axis=1)
         periods = 2.0 * np.pi * np.sqrt(of_motion / np.maximum(of_slope, 1e-300))
@@ -374,7 +374,7 @@ class Recognizer:
 
 
 def _is_near(relation: _Relation, ratios: NDArray[np.float64]) -> bool:
-    """Return whether a ratio is in a list, within the bias by the noise of either column."""
+    """Return whether the ratio matches one of `ratios`, allowing for bias from noise."""
     least, most = relation.ratio, relation.ratio / max(relation.correlation**2, 1e-9)
     low, high = ratios * (1.0 - _UNIT_TOLERANCE), ratios * (1.0 + _UNIT_TOLERANCE)
     return bool(np.any((most >= low) & (least <= high)))
@@ -399,7 +399,7 @@ def _thinned(values: NDArray[np.float64], stride: int) -> NDArray[np.float64]:
 
 
 def _liveliest(values: NDArray[np.float64]) -> slice:
-    """Return the ``_MOST_ROWS`` rows in which the columns change most."""
+    """Return the window of ``_MOST_ROWS`` rows in which the columns change most."""
     n = values.shape[1]
     if n <= _MOST_ROWS:
         return slice(0, n)

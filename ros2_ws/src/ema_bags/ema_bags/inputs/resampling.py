@@ -1,4 +1,4 @@
-"""Samples at a fixed period from samples whose stamps jitter, jump and miss some."""
+"""Resampling to a fixed period, tolerating jitter, clock jumps and lost samples."""
 
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass
@@ -13,46 +13,32 @@ from ema_core.telemetry import PAUSE_S, elapsed_ns
 
 @dataclass
 class Losses:
-    """What was found between the samples.
-
-    Attributes
-    ----------
-    samples
-        Samples that were given.
-    lost, gaps
-        Samples that are missing, and in how many places.
-    filled
-        Samples that were missing too, and were filled in.
-    pauses
-        Gaps of more than 1 s: nothing was lost there, nothing was published.
-    jumps
-        Times at which the stamps went back.
-    repeated
-        Samples left out because they have the stamp of the one before, and other values.
-    duplicates
-        Samples left out because they have stamp and values of the one before.
-    missing
-        Samples left out because a value is not a finite number.
-    impossible
-        Samples that no actuator can give, put on the line between their neighbours.
-    wraps
-        Times at which the register of an angle began again, and the angle was continued.
-    reordered
-        Samples that were sorted by their stamps.
-    """
+    """Counts of lost, dropped and corrected samples."""
 
     samples: int = 0
+    """Samples received."""
     lost: int = 0
+    """Samples missing in gaps."""
     gaps: int = 0
+    """Gaps: places where samples are missing."""
     filled: int = 0
+    """Lost samples that were interpolated; not included in ``lost``."""
     pauses: int = 0
+    """Interruptions of more than 1 s, which do not count as losses."""
     jumps: int = 0
+    """Backward clock steps."""
     repeated: int = 0
+    """Samples dropped because they repeat the previous stamp with different values."""
     duplicates: int = 0
+    """Samples dropped because they repeat the previous stamp and values."""
     missing: int = 0
+    """Samples dropped because a value is not finite."""
     impossible: int = 0
+    """Physically impossible samples, which were replaced by interpolation or dropped."""
     wraps: int = 0
+    """Angle register wraps that were removed."""
     reordered: int = 0
+    """Samples that were out of order and sorted by stamp."""
 
     def __sub__(self, earlier: "Losses") -> "Losses":
         return Losses(
@@ -62,29 +48,34 @@ class Losses:
 
 @dataclass(frozen=True, eq=False)
 class GaplessRun:
-    """Samples at a fixed period without a gap, a column of ``values`` a quantity."""
+    """Consecutive samples at a fixed period, without gaps."""
 
     first_index: int
+    """Index of the first sample."""
     stamps_ns: NDArray[np.int64]
+    """Stamps, ``(n,)`` [ns]."""
     values: NDArray[np.float64]
+    """Values, ``(n, m)``, one column per quantity."""
 
 
 class Resampler:
-    """Turns samples with stamps into runs at a fixed period, in the order they come.
+    """Resamples time-stamped samples into gapless runs at a fixed period.
 
-    Samples that are regular stay as they are; others are interpolated on their stamps. A gap, a
-    pause or a clock that goes back ends a run: the index of the next run leaves room for the
-    missing samples, at least one. The index of the first sample is 1.
+    Regular samples are returned unchanged; irregular samples are interpolated by their stamps. A
+    gap, a pause or a backward clock step ends a run. Indices start at 1 and skip the missing
+    samples between runs, at least one.
 
     Parameters
     ----------
+    rate
+        Sample rate and jitter of the stamps.
     most_filled
-        How many lost samples in a row are filled in (``GapFiller``).
+        Largest number of consecutive lost samples to interpolate (see ``GapFiller``).
     motion
-        Columns of command and position, for that.
+        Indices of the command and position columns, which ``GapFiller`` checks for reversals.
     nearest
-        Columns that are not interpolated between samples with jitter, but taken from the nearest
-        sample: their noise counts, which interpolation would smooth.
+        Indices of columns resampled to the nearest sample, because interpolation would smooth their
+        noise.
     """
 
     def __init__(
@@ -97,7 +88,7 @@ class Resampler:
         self.losses = Losses()
         self._rate = rate
         self._period_ns = rate.period * 1e9
-        # Two samples apart is a loss, however much the stamps jitter.
+        # A step of two periods is always a loss, regardless of jitter.
         self._widest_ns = 1e9 * min(
             1.9 * rate.period, max(1.5 * rate.period, rate.period + 5.6 * rate.jitter)
         )
@@ -117,16 +108,16 @@ class Resampler:
     def push(
         self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64], *, is_last: bool = False
     ) -> list[GaplessRun]:
-        """Take samples in their order, and return the runs that they make.
+        """Add samples, in order, and return the completed runs.
 
         Parameters
         ----------
         stamps_ns
             Stamps of the samples, ``(n,)`` [ns].
         values
-            ``(n, m)``.
+            Values of the samples, ``(n, m)``.
         is_last
-            Whether no more samples come.
+            Whether these are the last samples.
         """
         self.losses.samples += len(stamps_ns)
         finite = np.all(np.isfinite(values), axis=1)
@@ -144,7 +135,7 @@ class Resampler:
     def _increasing(
         self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-        """Yield stretches with growing stamps, and restart before each backward clock step."""
+        """Yield segments with increasing stamps, split at backward clock steps."""
         nearest = NEAR * self._period_ns if self._rate.is_regular else 1.0
         while len(stamps_ns):
             first = stamps_ns[0] if self._last_ns is None else self._last_ns
@@ -172,7 +163,7 @@ class Resampler:
     def _regular(
         self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
     ) -> list[GaplessRun]:
-        """Return runs of samples as they are."""
+        """Return runs of the samples without interpolation."""
         before = stamps_ns[0] if self._last_ns is None else self._last_ns
         steps = np.diff(stamps_ns, prepend=np.int64(before)) / self._period_ns
         counts = np.maximum(np.rint(steps), 1.0).astype(np.int64)
@@ -184,7 +175,7 @@ class Resampler:
     def _between(
         self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
     ) -> list[GaplessRun]:
-        """Return runs of values between the samples, at regular times."""
+        """Return runs interpolated at regular times."""
         if self._last_ns is None:
             self._origin_ns, self._next = int(stamps_ns[0]), 0
             self._origin_index = self._index + (2 if self._index else 1)
@@ -218,7 +209,7 @@ class Resampler:
         values: NDArray[np.float64],
         last_ns: np.int64,
     ) -> list[GaplessRun]:
-        """Divide samples where an index is missing, and continue from the last one."""
+        """Split the samples into runs of consecutive indices."""
         self._last_ns = int(last_ns)
         if not len(indices):
             return []
@@ -227,7 +218,7 @@ class Resampler:
         return [GaplessRun(int(indices[i[0]]), stamps_ns[i], values[i]) for i in parts]
 
     def _note_gaps(self, steps: NDArray[np.float64]) -> None:
-        """Count the missing samples from the steps between stamps, in periods."""
+        """Count pauses, gaps and lost samples; `steps` are stamp differences in periods."""
         wide = steps[steps * self._period_ns > self._widest_ns]
         is_pause = wide * self._rate.period > PAUSE_S
         self.losses.pauses += int(np.count_nonzero(is_pause))

@@ -1,4 +1,4 @@
-"""Mapped series of a table or topic, and topics joined to a single series."""
+"""Mapped series of tables and topics, and joining of topics."""
 
 from collections.abc import Mapping as ByName
 from dataclasses import dataclass, field
@@ -12,28 +12,21 @@ from ema_bags.inputs.mapping import CLOCKS, EPOCHS, TIMES_NS, Mapping
 from ema_core.wording import counted
 
 NO_STAMP: Final = -(2**63)
-"""Stamp of a sample that carries none [ns]."""
+"""Stamp of a sample without a stamp [ns]."""
 
 _WIDEST: Final = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Samples of one table or topic, in the order they came.
-
-    Attributes
-    ----------
-    stamps_ns
-        Stamps that they carry, ``NO_STAMP`` where there is none, ``(n,)`` [ns].
-    arrivals_ns
-        When they were sent or, where that is not known, received, ``(n,)`` [ns].
-    values
-        By key, ``(n,)`` each, as the source gives them.
-    """
+    """Samples of one table or topic, in the order they arrived."""
 
     stamps_ns: NDArray[np.int64]
+    """Stamps of the samples, ``(n,)`` [ns]; ``NO_STAMP`` where missing."""
     arrivals_ns: NDArray[np.int64]
+    """Publication times, or reception times if unknown, ``(n,)`` [ns]."""
     values: ByName[str, NDArray[np.float64]]
+    """Source values by key, ``(n,)`` each."""
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -54,13 +47,13 @@ class Series:
 
     @property
     def is_stamped(self) -> bool:
-        """Whether some samples carry a stamp."""
+        """Whether any sample has a stamp."""
         return bool(np.any(self.stamps_ns != NO_STAMP))
 
     def stamped(self) -> tuple[NDArray[np.int64], int]:
-        """Return the stamps of samples, ``(n,)`` [ns], and how many of them were rebuilt.
+        """Return sample stamps, ``(n,)`` [ns], and the number estimated from arrival times.
 
-        Where only some samples carry a stamp, the others have their arrival less the usual delay.
+        A missing stamp is the arrival time minus the median delay of the stamped samples.
         """
         missing = self.stamps_ns == NO_STAMP
         if not np.any(missing):
@@ -72,7 +65,7 @@ class Series:
 
 @dataclass
 class _Topic:
-    """Reader of the samples of one topic, with the samples since the last call."""
+    """Field readers of one topic, and the samples read since the last call."""
 
     clock: FieldPath | None
     readers: dict[str, tuple[FieldPath, str]] = field(default_factory=dict)
@@ -90,7 +83,7 @@ class _Topic:
 
 
 class Collector:
-    """Reads the mapped fields of messages as they arrive, live or from a bag.
+    """Reads the mapped fields of live or recorded messages.
 
     Parameters
     ----------
@@ -100,14 +93,14 @@ class Collector:
     Attributes
     ----------
     types
-        Types of the topics where the mapping gives them, else empty.
+        Message types by topic; empty if the mapping does not state the type.
     reason
-        Why the latest message was refused; empty without any.
+        Reason why the latest rejected message was rejected; empty if none was.
 
     Raises
     ------
     ValueError
-        If a path or the clock is impossible.
+        If a field path or the clock is invalid.
     """
 
     def __init__(self, mapping: Mapping) -> None:
@@ -125,7 +118,7 @@ class Collector:
         self._names: dict[str, Any] = {}
         self.types: dict[str, str] = {}
         for key, text, item in mapping.wanted():
-            # Only the clock of the position: other messages need not have such a field.
+            # Only messages with the position need the clock field.
             is_primary = item.topic == mapping.position.topic
             topic = self._topics.setdefault(item.topic, _Topic(clock if is_primary else None))
             self.types[item.topic] = self.types.get(item.topic) or item.type
@@ -135,23 +128,23 @@ class Collector:
 
     @property
     def names_topics(self) -> list[str]:
-        """Topics on which names of values are published apart from them."""
+        """Topics that publish the names for values on other topics."""
         return list(self._names)
 
     @property
     def topics(self) -> list[str]:
-        """Mapped topics, including topics of names."""
+        """Mapped topics, including topics with names."""
         return [*self._topics, *self._names]
 
     def add(self, topic: str, message: Any, sent_ns: int, received_ns: int) -> bool:
-        """Add a message; one without the mapped fields is counted and omitted: False.
+        """Add a message; return False if it lacks a mapped field and is skipped.
 
         Parameters
         ----------
         sent_ns
-            When it was sent; 0 where that is not known [ns].
+            Publication time [ns]; 0 if unknown.
         received_ns
-            When it was received [ns].
+            Reception time [ns].
         """
         if topic in self._names:
             self._names[topic] = message
@@ -171,11 +164,11 @@ class Collector:
         return True
 
     def take(self) -> dict[str, Series]:
-        """Return the series collected since the last call, by topic."""
+        """Return the series collected since the previous call, by topic."""
         return {name: topic.taken() for name, topic in self._topics.items()}
 
     def problem(self) -> str:
-        """Return how many messages were refused, and why; empty without any."""
+        """Return the number of rejected messages and the latest reason, or ""."""
         return f"{counted(self._refused, 'message')} left out: {self.reason}" * bool(self._refused)
 
     def _value(self, message: Any, path: FieldPath, names_topic: str) -> float:
@@ -196,17 +189,16 @@ class Collector:
 def join_topics(
     by_topic: ByName[str, Series], mapping: Mapping, stamps_ns: NDArray[np.int64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the sources' values at the samples of the position, by the keys of ``wanted``.
+    """Return the values of all sources at the position samples, by the keys of ``Mapping.wanted``.
 
-    Each is ``(n,)``; not a number where a source has nothing.
+    Each array is ``(n,)``, NaN where a source has no value.
 
     Parameters
     ----------
     by_topic
-        Series by topic. The series of the position may have more samples than stamps: the later
-        samples are ignored.
+        Series by topic. Position samples beyond the number of stamps are ignored.
     stamps_ns
-        Stamps of the samples of the position, ``(n,)`` [ns].
+        Stamps of the position samples, ``(n,)`` [ns].
     """
     primary = by_topic[mapping.position.topic][: len(stamps_ns)]
     raw = dict(primary.values)
@@ -214,8 +206,8 @@ def join_topics(
         if item.topic == mapping.position.topic:
             continue
         source = by_topic[item.topic]
-        # Series without stamps are compared by their times of publication: the clocks of stamps
-        # and transport may differ, and a late loop delays command and position equally.
+        # Compare unstamped series by publication time: the stamp and transport clocks may differ,
+        # and a late control loop delays command and position equally.
         times, at = source.arrivals_ns, primary.arrivals_ns
         if source.is_stamped:
             times, at = source.stamped()[0], stamps_ns
@@ -228,14 +220,14 @@ def join_topics(
 def _held(
     times: NDArray[np.int64], values: NDArray[np.float64], at: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Return the latest value at some times; not a number before the first."""
+    """Return the most recent value at each time; NaN before the first."""
     return np.concatenate([[np.nan], values])[np.searchsorted(times, at, side="right")]
 
 
 def _between(
     times: NDArray[np.int64], values: NDArray[np.float64], at: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Return values on the line between samples; not a number outside of them and in gaps."""
+    """Interpolate linearly; return NaN in gaps and outside the samples."""
     if len(times) < 2:
         return np.full(len(at), np.nan)
     right = np.clip(np.searchsorted(times, at), 1, len(times) - 1)

@@ -1,4 +1,4 @@
-"""Columns of numbers from CSV and Parquet files."""
+"""Reading of CSV and Parquet files."""
 
 import csv
 import re
@@ -23,6 +23,9 @@ from ema_bags.suffixes import PARQUET
 from ema_core.files import require_regular_file
 from ema_core.wording import unknown_name
 
+PARQUET: Final = (".parquet", ".pq")
+"""Suffixes of Parquet files; files with other suffixes are read as CSV."""
+
 _PAUSE_NS: Final = 2_000_000_000
 _DAY_NS: Final = 86_400_000_000_000
 _SUM: Final = r"\s([+-])\s"
@@ -41,43 +44,43 @@ _UNIT: Final = re.compile(
 
 @dataclass(frozen=True)
 class TableColumns:
-    """Columns of a file."""
+    """Columns of a table file."""
 
     path: Path
-    """The file."""
+    """Path of the file."""
 
     values: dict[str, NDArray[Any]]
-    """Columns of numbers by name, ``(n,)`` each; dates in nanoseconds."""
+    """Numeric columns by name, ``(n,)`` each; dates are in nanoseconds."""
 
     units: dict[str, str]
-    """Units by column, as written in the file."""
+    """Unit by column name, as written in the file."""
 
     dates: tuple[str, ...]
-    """Names of columns of dates or times of day [ns]."""
+    """Names of the columns with dates or times of day."""
 
     texts: dict[str, NDArray[Any]]
-    """Columns without numbers, by name."""
+    """Non-numeric columns by name."""
 
     format: Table
     """Format of the file."""
 
     of_day: tuple[str, ...] = ()
-    """Names of columns of times without a date [ns]."""
+    """Names of the columns with times of day but no date."""
 
     exchanged: dict[str, NDArray[np.int64]] = field(default_factory=dict)
-    """Dates with day and month exchanged, for columns that allow both orders [ns]."""
+    """Dates with day and month swapped [ns], for columns with an ambiguous order."""
 
     problems: dict[str, str] = field(default_factory=dict)
-    """Why a column cannot be used, with row and cell, by column."""
+    """Reason why a column cannot be used, with row and cell, by column name."""
 
     notes: dict[str, str] = field(default_factory=dict)
-    """Interpretation of each ambiguous column."""
+    """How ambiguous cells were interpreted, by column name."""
 
     def __len__(self) -> int:
         return len(next(iter(self.values.values())))
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a column of numbers, or a sum or difference of columns such as ``"a - b"``.
+        """Return a numeric column, or a sum or difference of columns such as ``"a - b"``.
 
         Raises
         ------
@@ -90,19 +93,19 @@ class TableColumns:
         return np.sum([sign * self.values[term].astype(float) for sign, term in terms], axis=0)
 
     def notes_of(self, names: Iterable[str]) -> list[str]:
-        """Return the interpretations of ambiguous columns, including terms of sums."""
+        """Return the notes on ambiguous columns among the given columns or sums."""
         terms = [term for name in names if name for _, term in self._terms(name)]
         return [f"column {name!r}, {self.notes[name]}" for name in terms if name in self.notes]
 
     def stamps(self, clock: Clock) -> NDArray[np.int64]:
-        """Return the times of a column, or of a sum of dates, times of day and numbers [ns].
+        """Return the times in a column, or in a sum of dates, times of day and numbers [ns].
 
-        Cells without a time are ``NO_STAMP``. Times of day continue after midnight.
+        Cells without a time give ``NO_STAMP``. Times of day keep increasing past midnight.
 
         Raises
         ------
         ValueError
-            If the column does not exist, its unit is wrong, or the order of day and month is
+            If the column does not exist, its unit does not fit, or the order of day and month is
             ambiguous.
         """
         terms = self._terms(clock.source)
@@ -130,7 +133,7 @@ class TableColumns:
         return np.where(is_read, total, NO_STAMP)
 
     def _moments(self, name: str, unit: str) -> NDArray[np.int64]:
-        """Return the times of a term of a sum with dates [ns]."""
+        """Return the times in one term of a sum with dates [ns]."""
         if name not in self.dates:
             return stamps_of(self.values[name], TIMES_NS.get(unit, 1))
         if name in self.exchanged:
@@ -143,7 +146,7 @@ class TableColumns:
         return self.values[name]
 
     def _terms(self, text: str) -> list[tuple[int, str]]:
-        """Return sign and name of each column of a sum.
+        """Split a sum into the sign and name of each column.
 
         Raises
         ------
@@ -164,12 +167,12 @@ class TableColumns:
         return terms
 
     def _cell(self, name: str) -> str:
-        """Return a text with the first filled cell of a column of texts, and its row."""
+        """Return row and content of the first non-empty cell of a text column, for messages."""
         filled = np.flatnonzero(~pd.isna(self.texts[name]))
         return f": row {filled[0] + 1}: {self.texts[name][filled[0]]!r}" if len(filled) else ""
 
     def parts(self, names: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
-        """Yield the runs of rows with constant values in some columns, after these values.
+        """Split the table where the given columns change; yield their values and the rows.
 
         Raises
         ------
@@ -181,7 +184,7 @@ class TableColumns:
             yield shown, self._rows(slice(start, end))
 
     def is_newest_first(self, clock: Clock) -> bool:
-        """Return whether the times of the clock descend from row to row."""
+        """Return whether the clock decreases from row to row."""
         if not clock.source:
             return False
         stamps = self.stamps(clock)
@@ -189,7 +192,7 @@ class TableColumns:
         return len(steps) > 0 and float(np.mean(steps < 0)) > _MOST
 
     def reversed(self) -> Self:
-        """Return the table with its last row first."""
+        """Return the table with its rows in reverse order."""
         return self._rows(slice(None, None, -1))
 
     def _rows(self, rows: slice) -> Self:
@@ -200,7 +203,7 @@ class TableColumns:
         return replace(self, values=values, texts=texts, exchanged=exchanged)
 
     def bounds(self, names: Sequence[str]) -> list[int]:
-        """Return the first row, the rows at which any of these columns changes, and the end.
+        """Return the row numbers at which any of the columns changes, including 0 and the end.
 
         Raises
         ------
@@ -215,7 +218,7 @@ class TableColumns:
 
 
 _Columns = ByName[str, "pd.Series[Any] | NDArray[Any]"]
-"""Columns by name: arrays of plain numbers, or series of pandas."""
+"""Columns by name: numeric arrays or pandas series."""
 
 
 def read_columns(path: Path, table: Table | None = None) -> TableColumns:
@@ -224,7 +227,7 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
     Parameters
     ----------
     table
-        Format of a CSV file; unspecified entries are detected.
+        Format of a CSV file; missing entries are detected.
 
     Raises
     ------
@@ -253,7 +256,7 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
             columns.values[name] = column.dt.total_seconds().to_numpy(float)
             units[name] = "s"
         elif pd.api.types.is_numeric_dtype(column.dtype):
-            # Arrays of integers cannot represent missing values.
+            # Integer arrays cannot represent missing values.
             missing = {"dtype": float, "na_value": np.nan} if column.hasnans else {}
             columns.values[name] = column.to_numpy(**missing)
             if shows_decimals(columns.values[name]):
@@ -288,7 +291,7 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
 
 
 def _with_times(columns: TableColumns, name: str, times: WrittenTimes) -> TableColumns:
-    """Return a table with an additional column of times."""
+    """Return the table with a column of times added."""
     columns.values[name] = times.values
     if times.problem:
         columns.problems[name] = times.problem
@@ -300,7 +303,7 @@ def _with_times(columns: TableColumns, name: str, times: WrittenTimes) -> TableC
 
 
 def table_series(columns: TableColumns, mapping: Mapping) -> Series:
-    """Return the mapped series of a file, stamped by its clock or else by the rate.
+    """Return the mapped series of a table, stamped by its clock column or by a fixed rate.
 
     Raises
     ------
@@ -321,7 +324,7 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
     is_stamped = stamps != NO_STAMP
     if np.count_nonzero(is_stamped) < 2:
         raise ValueError(f"{columns.path}: column {clock.source!r} has no two times")
-    # Rows replace the arrival: one sample after the other, at the rate of the surrounding stamps.
+    # Tables have no arrival times; interpolate them between the stamped rows.
     first = stamps[is_stamped][0]
     arrivals = first + np.rint(
         np.interp(rows, rows[is_stamped], (stamps[is_stamped] - first).astype(float))
@@ -331,9 +334,9 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
 
 
 def _without_strays(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return stamps without isolated stamps that are far from their neighbours.
+    """Replace isolated stamps that are more than a day from their neighbours by ``NO_STAMP``.
 
-    Such a stamp comes from a clock that was read before it was set, or from a damaged row.
+    They come from a clock read before it was set, or from a damaged row.
     """
     rows = np.flatnonzero(stamps != NO_STAMP)
     if len(rows) < 3:
@@ -350,7 +353,7 @@ def _without_strays(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
 def _paused(
     stamps: NDArray[np.int64], arrivals: NDArray[np.int64], bounds: Sequence[int]
 ) -> NDArray[np.int64]:
-    """Return stamps [ns] with a pause before each separate record, from the arrival of rows."""
+    """Shift stamps so that a pause of at least 2 s precedes each separate record [ns]."""
     shifts = np.zeros(len(stamps), dtype=np.int64)
     for start in bounds[1:-1]:
         shifts[start:] += _PAUSE_NS - min(_PAUSE_NS, arrivals[start] - arrivals[start - 1])
@@ -358,22 +361,22 @@ def _paused(
 
 
 def stamps_of(times: NDArray[Any], unit_ns: int, epoch: int = 0) -> NDArray[np.int64]:
-    """Return times as stamps, ``(n,)`` [ns]; ``NO_STAMP`` for times that are not numbers.
+    """Convert times to stamps, ``(n,)`` [ns]; NaN becomes ``NO_STAMP``.
 
     Parameters
     ----------
     times
-        Times, ``(n,)``.
+        Times in any unit, ``(n,)``.
     unit_ns
-        Unit of the times [ns].
+        Duration of one unit of ``times`` [ns].
     epoch
-        The beginning of 1970 in the unit of the times.
+        Start of 1970 in the unit of ``times``.
     """
     if np.issubdtype(times.dtype, np.integer):
         return (times.astype(np.int64) - epoch) * unit_ns
     finite = np.isfinite(times)
     whole = np.where(finite, np.floor(times), 0.0)
-    # Whole units and fractions separately: a product would lose the last digits of late times.
+    # Convert integer part and fraction separately to keep full precision.
     fraction = np.where(finite, times - whole, 0.0)
     stamps = (whole.astype(np.int64) - epoch) * unit_ns + np.rint(fraction * unit_ns).astype(
         np.int64
@@ -404,7 +407,7 @@ def _read_parquet(path: Path) -> _Columns:
 
 
 def _flat(names: "pd.Index[Any]") -> list[str]:
-    """Return the names of columns; levels of headings are joined, without constant levels."""
+    """Return flat column names: join heading levels, omitting constant levels."""
     if not isinstance(names, pd.MultiIndex):
         return [str(name) for name in names]
     levels = [
@@ -431,7 +434,7 @@ def _read_csv(path: Path, table: Table) -> tuple[_Columns, dict[str, str], Table
             plain = read_plain_csv(path, names, rows, separator, skiprows=first, encoding=encoding)
         if plain is not None and not any(map(_may_have_thousands, plain.values())):
             return plain, units, written
-        # Separators at the ends of lines create empty columns.
+        # Trailing separators create empty columns.
         extra = [_unnamed(i + 1) for i in range(len(names), max(map(len, rows), default=0))]
         options: dict[str, Any] = {
             "sep": r"\s+" if separator == " " else separator,
@@ -467,7 +470,7 @@ def _too_many(path: Path, expected: int, line: int, cells: int) -> ValueError:
 
 
 def _may_have_thousands(column: "pd.Series[Any] | NDArray[Any]") -> bool:
-    """Return whether numbers may have thousands separators: 1.885 next to 885 may be 1885."""
+    """Return whether a thousands separator is possible: 1.885 next to 885 may mean 1885."""
     if getattr(column.dtype, "kind", "") != "f":
         return False
     values = np.asarray(column, dtype=float)
@@ -477,11 +480,11 @@ def _may_have_thousands(column: "pd.Series[Any] | NDArray[Any]") -> bool:
 
 
 def _first_lines(path: Path) -> tuple[str, list[str]]:
-    """Return the encoding of a file and its first lines."""
+    """Return the encoding and the first lines of a file."""
     with path.open("rb") as file:
         data = b"".join(file.readline() for _ in range(_SAMPLE_LINES))
         if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            # In UTF-16, readline would cut a character.
+            # readline would split UTF-16 characters.
             file.seek(0)
             text = file.read(_WIDE_BYTES).decode("utf-16", errors="ignore")
             return "utf-16", text.splitlines()[:-1][:_SAMPLE_LINES] or text.splitlines()
@@ -494,9 +497,9 @@ def _first_lines(path: Path) -> tuple[str, list[str]]:
 
 
 def _style(path: Path, lines: Sequence[str], table: Table) -> tuple[str, str]:
-    """Return the separator and decimal sign with which most lines are rows of numbers."""
+    """Return the separator and decimal sign for which most cells are numbers."""
     best, chosen = 0.0, None
-    # A heading is at the top.
+    # Skip the top third, which may contain headings.
     filled = [line for line in lines if line.strip()]
     if len(filled) < 2:
         raise ValueError(f"{path} has no second line: expected a heading and rows of numbers")
@@ -524,9 +527,9 @@ def _style(path: Path, lines: Sequence[str], table: Table) -> tuple[str, str]:
 
 
 def _head(lines: Sequence[str], separator: str) -> tuple[list[str], dict[str, str], int]:
-    """Return names and units of the columns and the number of the first line of numbers."""
+    """Return column names, column units and the index of the first data line."""
     rows = [_cells(_COMMENT.sub("", line), separator) for line in lines]
-    # Separators at the end of a line create a column only if another line has a cell in it.
+    # Trailing separators form a column only if another line has a cell there.
     filled = [_filled(row) for row in rows]
     width = max(filled[-20:], default=0)
 
@@ -546,12 +549,12 @@ def _head(lines: Sequence[str], separator: str) -> tuple[list[str], dict[str, st
         )
     heads = [i for i in range(first) if len(rows[i]) >= width and filled[i] > 1]
     if heads:
-        # A column may be empty in the first rows and have a heading.
+        # A column with a heading may be empty in the first rows.
         width = max(width, filled[heads[-1]])
         heads = [i for i in heads if len(rows[i]) >= width]
     rows = [row[:width] for row in rows]
     units: list[str] = []
-    # A row of units follows a row that names all columns.
+    # A row of units must follow a row that names all columns.
     is_below = len(heads) > 1 and filled[heads[-2]] == width
     if is_below and all(_UNIT.match(cell) for cell in rows[heads[-1]]):
         units = [cell.strip("[]() ") for cell in rows[heads.pop()]]
@@ -565,7 +568,7 @@ def _head(lines: Sequence[str], separator: str) -> tuple[list[str], dict[str, st
 
 
 def _filled(row: Sequence[str]) -> int:
-    """Return the number of cells of a row up to its last filled cell."""
+    """Return the number of cells up to the last non-empty cell."""
     return max((number for number, cell in enumerate(row, 1) if cell), default=0)
 
 
@@ -584,7 +587,7 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _likelihood(cell: str, decimal: str) -> float:
-    """Return 1 for a time or a number with a decimal sign, else 0.5 for any number, else 0."""
+    """Return 1 for times and numbers with this decimal sign, 0.5 for other numbers, else 0."""
     if is_number(cell, decimal) or is_time(cell):
         return 1.0
     return 0.5 * may_be_number(cell)

@@ -1,4 +1,4 @@
-"""Conversion of measured temperatures to the measured cause ``winding_temperature``."""
+"""Conversion of temperatures to the measured cause ``winding_temperature``."""
 
 from collections.abc import Iterator
 from typing import Final, NamedTuple
@@ -13,10 +13,10 @@ from ema_bags.inputs.series import NO_STAMP
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 
 CAUSE: Final = "winding_temperature"
-"""Measured cause that carries the temperature."""
+"""Name of the measured cause that represents the temperature."""
 
 REFERENCE_DEGC: Final = 20.0
-"""Reference temperature of rises [degC]."""
+"""Temperature at which the rise is zero [degC]."""
 
 _SIGMA: Final = 2.0  # of a sensor at the motor [K]
 _SECOND_NS: Final = 1_000_000_000
@@ -24,25 +24,27 @@ _HOLDS_BEFORE_NS: Final = 10 * _SECOND_NS
 
 
 class MeasuredRise(NamedTuple):
-    """Rise of the temperature over ``REFERENCE_DEGC`` [K] at a stamp [ns]."""
+    """Temperature rise above ``REFERENCE_DEGC`` at a time."""
 
     stamp_ns: int
+    """Time of the measurement [ns]."""
     rise: float
+    """Temperature rise [K]."""
 
     @property
     def cause(self) -> CauseEstimate:
-        """The measured cause."""
+        """The rise as an estimate of the cause ``winding_temperature``."""
         return CauseEstimate(CAUSE, self.rise, _SIGMA)
 
 
 class RiseSampler:
-    """Samples the first measured temperature of each second.
+    """Samples the temperature once per second.
 
     Attributes
     ----------
     impossible
-        Largest temperature outside the range of the cause in the latest samples [degC]; None
-        without one. Such samples are ignored.
+        Most extreme out-of-range temperature in the latest block [degC]; None if all are in range.
+        Out-of-range samples are ignored.
     """
 
     def __init__(self, source: TemperatureSource) -> None:
@@ -52,7 +54,7 @@ class RiseSampler:
         self._rises: list[MeasuredRise] = []
 
     def push(self, stamps_ns: NDArray[np.int64], raw: NDArray[np.float64]) -> None:
-        """Add stamps [ns] and source values of the next samples, ``(n,)`` each."""
+        """Add stamps [ns] and source values of the next samples, both ``(n,)``."""
         celsius = degrees_celsius(raw, self._source)
         rises = celsius - REFERENCE_DEGC
         cause = CAUSE_BY_NAME[CAUSE]
@@ -67,12 +69,12 @@ class RiseSampler:
         self._rises += map(MeasuredRise, stamps_ns[first].tolist(), rises[first].tolist())
 
     def take(self) -> list[MeasuredRise]:
-        """Return the rises measured since the previous call."""
+        """Return the temperature rises sampled since the previous call."""
         rises, self._rises = self._rises, []
         return rises
 
     def defects(self) -> Iterator[InputDefect]:
-        """Yield a defect if a temperature is impossible, which indicates a wrong unit."""
+        """Yield a defect if a temperature is out of range, which suggests a wrong unit."""
         if self.impossible is not None:
             cause = CAUSE_BY_NAME[CAUSE]
             lowest, highest = REFERENCE_DEGC + cause.lowest, REFERENCE_DEGC + cause.highest
@@ -85,9 +87,9 @@ class RiseSampler:
 
 
 def held_from(first_ns: int, rises: list[MeasuredRise]) -> list[MeasuredRise]:
-    """Return rises with the first rise moved to the first sample [ns], by at most 10 s.
+    """Repeat the first rise at the first telemetry sample if that is at most 10 s earlier.
 
-    A sensor that is read every few seconds has no value yet at the start of the telemetry.
+    A sensor that is read every few seconds may have no value at the start of the telemetry.
     """
     if not rises or not 0 < rises[0].stamp_ns - first_ns <= _HOLDS_BEFORE_NS:
         return rises

@@ -1,4 +1,4 @@
-"""Continuous angles from registers that wrap after a turn or after their last count."""
+"""Unwrapping of angles that wrap after a turn or at the end of their register."""
 
 import math
 from collections.abc import Mapping as ByName
@@ -24,19 +24,19 @@ _FULL: Final = 0.9
 
 @dataclass
 class _Angle:
-    """State of an angle, in the unit of its source."""
+    """Unwrapping state of an angle, in source units."""
 
     turn: float
-    """A full turn; infinity for a length."""
+    """Size of a full turn; infinity for a length."""
 
     last: float = math.nan
-    """Latest value of the source."""
+    """Latest source value."""
 
     offset: float = 0.0
-    """Offset added to the latest value."""
+    """Offset currently added to source values."""
 
     steps: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
-    """Latest steps, without wraps."""
+    """Latest steps, with wraps removed."""
 
     lowest: float = math.inf
     highest: float = -math.inf
@@ -46,17 +46,17 @@ class _Angle:
 
 
 class Unwrapper:
-    """Removes the wraps of registers from angles, block by block.
+    """Unwraps angles block by block.
 
-    A step of about a full turn is a wrap if the steps around it are short, and if the step without
-    the turn is similar to them. A register of whole numbers wraps after a power of two.
+    A step of about one full turn is a wrap if the neighbouring steps are short and the step minus
+    the turn is similar to them. An integer register wraps at a power of two.
 
     Attributes
     ----------
     wraps
-        Number of wraps by quantity.
+        Number of wraps so far, by quantity.
     periods
-        Size of a wrap by quantity, in the unit of the source.
+        Size of a wrap, by quantity, in source units.
     """
 
     def __init__(self, mapping: Mapping) -> None:
@@ -71,7 +71,7 @@ class Unwrapper:
                 self._angles[name] = _Angle(math.inf if is_length else 2.0 * math.pi / size)
 
     def push(self, raw: ByName[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
-        """Return the columns with continuous angles; ``raw`` are source values, ``(n,)`` each."""
+        """Return the columns with unwrapped angles; ``raw`` holds source values, ``(n,)`` each."""
         changed = dict(raw)
         if "command" in self._angles:
             self._align(raw)
@@ -80,7 +80,7 @@ class Unwrapper:
         return changed
 
     def _align(self, raw: ByName[str, NDArray[np.float64]]) -> None:
-        """Start the command in the turn of the position, if it has wrapped before the position."""
+        """Align the command to the position if their first values differ by a wrap."""
         command, position = self._angles["command"], self._angles["position"]
         both = np.isfinite(raw["command"]) & np.isfinite(raw["position"])
         if not math.isnan(command.last) or not np.any(both) or command.turn != position.turn:
@@ -120,7 +120,7 @@ class Unwrapper:
         return continued
 
     def _periods(self, angle: _Angle) -> list[float]:
-        """Return the possible wrap periods of an angle: a turn, or the counts of its register."""
+        """Return the possible wrap periods: one turn, or the register's number of counts."""
         periods = [angle.turn] if math.isfinite(angle.turn) else []
         if angle.is_whole and angle.lowest >= 0.0:
             counts = (2.0**bits for bits in _BITS)
@@ -131,7 +131,7 @@ class Unwrapper:
 def _wraps(
     steps: NDArray[np.float64], period: float, before: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return which steps are wraps, ``(n,)``."""
+    """Return a mask of the steps that are wraps, ``(n,)``."""
     sizes = np.abs(steps)
     wraps = (sizes > _LEAST_STEP * period) & (sizes < _MOST_STEP * period)
     if not np.any(wraps):

@@ -1,4 +1,4 @@
-"""Defects of a mapping: wrong units, signs, shafts and scales of columns."""
+"""Detection of wrong units, signs, shafts and scales in a mapping."""
 
 import math
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ _NAMES: Final = {
 def wrong_factors(
     motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
 ) -> Iterator[InputDefect]:
-    """Yield a defect for each unit, sign or shaft that contradicts the relations of the columns."""
+    """Yield a defect for each unit, sign or shaft that is inconsistent with the other columns."""
     is_unknown = description.drive == "unknown"
     changes = explain(motion, mapping, description)
     if changes:
@@ -66,7 +66,7 @@ def wrong_factors(
 
 
 def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
-    """Yield a defect for each difference between columns that no unit explains."""
+    """Yield defects for inconsistent columns that no wrong unit, sign or shaft explains."""
     if not motion.is_ample:
         return
     strokes, ratio, gain = len(motion.strokes), motion.stroke_ratio, motion.gain
@@ -86,12 +86,12 @@ def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
 def wrong_current(
     motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
 ) -> Iterator[InputDefect]:
-    """Yield a defect if sign or size of the current contradict acceleration and friction."""
+    """Yield a defect if the sign or size of the current contradicts acceleration and friction."""
     source = mapping.measured_current
     if description.drive == "unknown":
         correlation = motion.dissipation
         is_opposed = correlation is not None and correlation < -_OPPOSED
-        # After a step, a correct effort brakes a fast joint; only a wrong sign gains energy.
+        # After a step command, a correct effort may brake; only a wrong sign gains net energy.
         if source is not None and is_opposed and motion.work_share < -_GAINS_ENERGY:
             yield InputDefect(
                 "current_sign_reversed",
