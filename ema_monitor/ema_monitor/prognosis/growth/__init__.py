@@ -1,1 +1,1 @@
-"""Growth of the faults: measured, tracked and extrapolated."""
+"""Fault growth: measurement, tracking and extrapolation."""

@@ -1,8 +1,8 @@
-"""A bank of Gaussian filters, with a filter for each cell of the grid (P5).
+"""Bank of Gaussian filters, one per cell of the grid (P5).
 
-Within a cell, law, shape and rate are fixed: the only state is the distance from healthy, described
-by a Gaussian. This is the multiple-model estimator, with the merging of the interacting
-multiple-model estimator for onset, changes and wandering rates (Bar-Shalom, Li and Kirubarajan
+Law, shape and rate are fixed within a cell, so the only state is the distance from healthy, which
+is modelled as a Gaussian. This is a multiple-model estimator. Onset, changes and wandering rates
+use the mixing step of the interacting multiple-model estimator (Bar-Shalom, Li and Kirubarajan
 2001, section 11.6).
 """
 
@@ -22,16 +22,16 @@ _LEAST_VARIANCE = 1e-14
 
 
 class Bank(Kept):
-    """Mean and variance of every cell.
+    """Gaussian filters of all cells.
 
     Attributes
     ----------
     mean, variance
-        Signed distance from healthy in each cell [-].
+        Mean [-] and variance [-] of the signed distance from healthy in each cell, ``(n,)``.
     two_sided
-        Components that can leave their healthy value to either side, ``(7,)``.
+        Whether each component can deviate to either side of healthy, ``(7,)``.
     kind
-        0 for cells without growth, 1 for cells with a permanent law, 2 for cells that wander.
+        Kind of each cell, ``(n,)``: 0 no growth, 1 permanent law, 2 wandering rate.
     """
 
     kept = ("mean", "variance")
@@ -48,8 +48,8 @@ class Bank(Kept):
         self._laws = [
             (cells.laws[name], at, cells.figures(at)) for name, at in cells.slices.items()
         ]
-        # A change leads to any kind of growth, and rarely to none: wrongly detected growth must be
-        # reversible, but not by a few tests in which real growth does not show.
+        # A change rarely leads to no growth: false growth must be reversible, but a few tests that
+        # do not show real growth must not end it.
         arriving = cells.prior * np.where(self._is_constant, _STANDSTILL, 1.0)
         self._arriving = arriving / self._sums(arriving)[cells.component]
         self._leaving = np.where(
@@ -58,14 +58,14 @@ class Bank(Kept):
         self.two_sided = self._sums((cells.side < 0.0).astype(float)) > 0.0
 
     def rates(self) -> Array:
-        """Return the signed growth of each cell in the next hour [1/h]."""
+        """Return the signed growth rate of each cell [1/h], ``(n,)``."""
         rates, x = np.empty_like(self.mean), np.clip(self.cells.side * self.mean, 0.0, 1.0)
         for law, part, of in self._laws:
             rates[part] = of.side * np.minimum(law.increment(x[part], of, np.ones(1)), 1.0)
         return rates
 
     def advance(self, weight: Array, hours: Array) -> None:
-        """Advance the cells over hours of growth of their component, ``(7,)`` [h]; mix paces."""
+        """Propagate all cells in time, by the hours of each component, ``(7,)`` [h]; mix paces."""
         cell_hours = hours[self.cells.component]
         if cell_hours.any():
             mix_paces(
@@ -76,7 +76,7 @@ class Bank(Kept):
             law.advance(levels, figures, cell_hours[part], self._settings.noise_hours)
 
     def change(self, weight: Array) -> None:
-        """Apply the probabilities that growth begins or changes, as set in the settings."""
+        """Apply the onset and change probabilities of the settings."""
         owner = self.cells.component
         out = self._leaving * weight
         mass = np.maximum(self._sums(out), LEAST_PROBABILITY)
@@ -93,20 +93,21 @@ class Bank(Kept):
         weight[:] = total
 
     def measure(self, test: Measurement, plain: Flags, near: Flags) -> tuple[Array, Array]:
-        """Update the levels by a test.
+        """Update all cells with a test.
 
         Parameters
         ----------
         test
             The test.
         plain, near
-            Components with a measured value, and components set to healthy, ``(7,)``.
+            Components with a measured value, and components that the estimate set to healthy,
+            ``(7,)``.
 
         Returns
         -------
         tuple of numpy.ndarray
-            Logarithms of the likelihoods of the cells, and their predicted probabilities of a
-            smaller value, ``(n,)`` each; 0 for components not shown.
+            Log-likelihood of each cell and its predicted probability of a smaller value, ``(n,)``
+            each; 0 for components that the test does not show.
         """
         owner = self.cells.component
         log_likelihood, below = np.zeros_like(self.mean), np.zeros_like(self.mean)
@@ -125,6 +126,6 @@ class Bank(Kept):
         return log_likelihood, below
 
     def restart(self, number: int, value: float, variance: float) -> None:
-        """Reset the level of a component to a signed distance from healthy [-]."""
+        """Reset a component to a signed distance from healthy with the given variance."""
         at = self.cells.component == number
         self.mean[at], self.variance[at] = value, variance

@@ -1,8 +1,8 @@
-"""The grid over laws, shapes and rates on which a tracker weighs how each component grows (P6).
+"""Grid of growth laws, shapes and rates over which a tracker distributes probability (P6).
 
-A rate is stated by the hours from healthy to the limit, a shape by the bend of its curve: so one
-grid serves components and limits of any kind, and laws whose second figures cannot be compared.
-Besides cells with a steady rate, there are cells whose rate wanders about a law's (``wander``).
+Rates are parametrized by the hours from healthy to the limit, and shapes by the bend of the curve,
+so that one grid fits all components, limits and laws. Cells have either a steady rate or a rate
+that wanders around a nominal value (``wander``).
 """
 
 import math
@@ -29,49 +29,64 @@ CONSTANT_PRIOR: Final = 0.5
 """Prior probability that a component does not grow [-]."""
 
 N_RATES: Final = 33
-"""Number of rates of a curve about which a rate wanders, and that a fleet distinguishes."""
+"""Number of nominal rates per curve for wandering rates and for fleet priors."""
 RATE_SPACING: Final = math.log(LIFE_HOURS[-1] / LIFE_HOURS[0]) / (N_RATES - 1)
-"""Distance of these rates in the logarithm [-]."""
+"""Spacing of the logarithms of these rates [-]."""
 
 _CONSISTENT: Final = 1e-3
-"""Relative error that the methods of a law defined by a user may have against each other [-]."""
+"""Relative tolerance for consistency of the methods of a user-defined law [-]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Cells of the grid, ``(n,)`` each; the cells of a law are adjacent."""
+    """Cells of the grid, as columns of shape ``(n,)``; cells of the same law are adjacent."""
 
-    laws: dict[str, Law]  # by name, of a law defined by a user by component
-    slices: dict[str, slice]  # where the cells of each law are
-    component: NDArray[np.intp]  # number of the component among those tracked
-    side: Array  # of healthy, on which it grows, -1 or 1
-    rate: Array  # of the law now, its pace included
+    laws: dict[str, Law]
+    """Growth laws by name; a user-defined law is listed under its component."""
+    slices: dict[str, slice]
+    """Range of cells of each law."""
+    component: NDArray[np.intp]
+    """Component index."""
+    side: Array
+    """Direction of growth from healthy, -1 or 1."""
+    rate: Array
+    """Rate of the law, including the pace."""
     shape: Array
-    third: Array  # as in `Curve`
-    is_random: Flags  # whether they follow a law whose growth is random
-    limit: Array  # distance from healthy at which life ends [-]
-    prior: Array  # sums to 1 over the cells of a component
-    base: Array  # the rate without its pace
-    spacing: Array  # of neighbouring rates in the logarithm [-]
+    """Second parameter of the law."""
+    third: Array
+    """Third parameter of the law, see `Curve`."""
+    is_random: Flags
+    """Whether the law is random by nature (drift or jumps)."""
+    limit: Array
+    """Distance from healthy at which life ends [-]."""
+    prior: Array
+    """Prior probability; sums to 1 over the cells of a component."""
+    base: Array
+    """Rate without the pace."""
+    spacing: Array
+    """Spacing of neighbouring rates in the logarithm [-]."""
     wanders: Flags
-    pace: Array  # its logarithm [-], 0 where the rate does not wander
-    place: NDArray[np.intp]  # N_RATES times the curve's number, plus the rate's number; or -1
+    """Whether the rate wanders."""
+    pace: Array
+    """Log-pace [-]; 0 if the rate does not wander."""
+    place: NDArray[np.intp]
+    """Curve index times ``N_RATES`` plus rate index; -1 for cells without growth."""
 
     def figures(self, at: slice | NDArray[np.intp]) -> Figures:
-        """Return the figures of some cells of a law."""
+        """Return the law parameters of the selected cells."""
         every = self.side, self.rate, self.shape, self.third, self.limit
         return Figures(*(column[at] for column in every))
 
 
 class Owners:
-    """Sums of cell values by component, fast because the cells of a component form few runs."""
+    """Fast summation of cell values by component, given that its cells form few runs."""
 
     def __init__(self, component: NDArray[np.intp]) -> None:
         self._starts = np.flatnonzero(np.diff(component, prepend=-1))
         self._of_runs = component[self._starts]
 
     def sums(self, values: Array) -> Array:
-        """Return the sums of values over each component, ``(7,)``."""
+        """Sum the values, ``(n,)``, by component; return ``(7,)``."""
         sums = np.bincount(self._of_runs, np.add.reduceat(values, self._starts), len(COMPONENTS))
         return sums.astype(np.float64, copy=False)
 
@@ -89,9 +104,9 @@ _ROW: Final = np.dtype(
 def grid(
     limits: HealthLimits, settings: TrackerSettings, mechanisms: Mechanisms = MECHANISMS
 ) -> Cells:
-    """Return the cells for all components, by limits, known laws and mechanisms of growth.
+    """Build the grid for the given limits, known laws and growth mechanisms.
 
-    Units with the same limits and laws share the cells: the columns are read-only.
+    The grid is cached and shared between units, so its columns are read-only.
     """
     return _grid(limits, tuple(settings.laws.items()), mechanisms)
 
@@ -140,7 +155,7 @@ Block = tuple[str, NDArray[np.void]]  # the law of a curve, and its cells on the
 def _known_blocks(
     component: str, prior: KnownLaw, laws: Mapping[str, Law], limit: float
 ) -> Iterator[Block]:
-    """Yield the cells of a component with a known law."""
+    """Yield the cells of a component whose law is known."""
     name = prior.law if isinstance(prior.law, str) else component
     law = laws[name]
     if isinstance(law, External):
@@ -148,14 +163,14 @@ def _known_blocks(
     third = prior.diffusion if law.is_random else 0.0
     rows = _rows(law, Curve(prior.shape, 1.0, third), limit, LIFE_HOURS)
     away = (np.log(rows["rate"] / prior.rate) / prior.rate_sigma) ** 2
-    # For a rate far outside the grid, the nearest rate gets all probability.
+    # If the rate is far outside the grid, the nearest rate gets all the probability.
     peak = np.exp(0.5 * (away.min() - away))
     rows["prior"] = 0.5 * rows["prior"] + 0.5 * (1.0 - CONSTANT_PRIOR) * peak / peak.sum()
     yield name, rows
 
 
 def _check(component: str, law: External, shape: float, limit: float) -> None:
-    """Raise ``ValueError`` if the methods of a law defined by a user contradict each other."""
+    """Raise ``ValueError`` if the methods of a user-defined law are inconsistent."""
     once = Figures(*np.array([[1.0], [1.0], [shape], [0.0], [limit]]))
     start, twice = np.zeros(1), once._replace(rate=np.full(1, 2.0))
     hours = law.hours_until(start, once)
@@ -171,8 +186,8 @@ def _check(component: str, law: External, shape: float, limit: float) -> None:
 
 
 def _unknown_blocks(limit: float, mechanisms: Mechanisms, *, two_sided: bool) -> Iterator[Block]:
-    """Yield the cells of a component of unknown law."""
-    laws = [TRACKED_LAWS[name] for name in mechanisms.laws]
+    """Yield the cells of a component whose law is unknown."""
+    laws = [LAWS[name] for name in mechanisms.laws]
     laws = [law for law in laws if two_sided or not law.either_side]
     steady = 1.0 - mechanisms.wandering
     curves = [(law, curve) for law in laws if steady for curve in law.curves(limit)]
@@ -197,12 +212,12 @@ def _unknown_blocks(limit: float, mechanisms: Mechanisms, *, two_sided: bool) ->
 def _rows(
     law: Law, curve: Curve, limit: float, lives: Array, kind: float = 1.0, share: float = 1.0
 ) -> NDArray[np.void]:
-    """Return equally probable cells of a curve, for hours from healthy to the limit [h].
+    """Return the cells of a curve, with equal priors, one for each of ``lives`` [h].
 
-    Their prior is a share of the prior of the curves of a kind of growth.
+    Their priors sum to ``kind * (1 - CONSTANT_PRIOR) * share``.
     """
     rows = np.zeros(lives.size, _ROW)
-    # Hours of the law at rate 1: T is in proportion to 1 / a, and to c.
+    # Hours to the limit at rate 1; they are proportional to 1 / a, or to c for law power.
     figures = np.array([1.0, 1.0, curve.shape, curve.third, limit])
     at_one = float(law.hours_until(np.zeros(1), Figures(*figures[:, None]))[0])
     rate = lives / at_one if law.has_time_scale else at_one / lives

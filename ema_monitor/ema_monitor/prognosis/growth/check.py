@@ -1,9 +1,9 @@
-"""Calibration check: a unit's predictions against its later tests (P13a).
+"""Calibration check: comparison of a unit's predictions with its later tests (P13a).
 
 The probability integral transform (PIT) of a test is the predicted probability of a value below the
-measured value. It is uniform if predictions are calibrated (Dawid 1984; Diebold, Gunther and Tay
-1998). It is recorded for predictions one test and twenty tests ahead; the latter widen intervals,
-but never narrow them.
+measured one. It is uniformly distributed if predictions are calibrated (Dawid 1984; Diebold,
+Gunther and Tay 1998). It is recorded for predictions one test and twenty tests ahead. The latter
+can widen intervals but never narrow them.
 """
 
 import math
@@ -21,25 +21,25 @@ from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 AHEAD: Final = 20
-"""Number of tests from a prediction to the test by which it is judged."""
+"""Number of tests between a prediction and the test that evaluates it."""
 
 EVERY: Final = 5
-"""Number of tests from one such prediction to the next."""
+"""Number of tests between stored predictions."""
 
 WIDTHS: Final = np.array([0.4, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8])
-"""Factors of the width of a prediction on the grid [-]."""
+"""Grid of interval width factors [-]."""
 
 SAMPLES: Final = 256
-"""Samples of a prediction that is stored for the check."""
+"""Number of samples per stored prediction."""
 
 _WIDTH_SIGMA: Final = 0.35
-"""Standard deviation of the logarithm of such a factor before any test [-]."""
+"""Prior standard deviation of the logarithm of the width factor [-]."""
 
 _KEPT: Final = 0.98
-"""Factor of the weight of earlier tests at each new test [-]."""
+"""Discount applied to earlier tests at each new test [-]."""
 
 _LEAST: Final = 5.0
-"""Fewest tests for a statement about calibration."""
+"""Fewest tests for reporting calibration."""
 
 _PENDING: Final = AHEAD // EVERY
 _SLOTS: Final = _PENDING + 1  # one more: a component may miss the test that is due
@@ -54,18 +54,20 @@ LOG_PRIOR: Final = -0.5 * (np.log(WIDTHS) / _WIDTH_SIGMA) ** 2
 
 @dataclass(frozen=True)
 class TrackRecord:
-    """Agreement of a fault's predictions with its tests."""
+    """Calibration of a fault's predictions."""
 
     one_step: float = math.nan
     ahead: float = math.nan
-    """Root mean square of the normal scores of the PIT, for predictions one test and twenty tests
-    ahead [-]: 1 when intervals are right, above 1 when too narrow; NaN with too few tests."""
+    """RMS of the PIT's normal scores, for predictions one and twenty tests ahead [-].
+
+    1 if intervals are right, above 1 if they are too narrow, NaN if there are too few tests.
+    """
     widening: float = math.nan
-    """Factor by which intervals are widened, 1 or more [-]; NaN when unknown."""
+    """Factor by which intervals are widened, at least 1 [-]; NaN if unknown."""
 
 
 class PredictionCheck(Kept):
-    """Scores of past predictions, and the predictions that wait for their tests."""
+    """Scores of evaluated predictions, and predictions that await their tests."""
 
     kept = (
         *("_scores", "_log_widths", "_since", "_ahead", "_quantiles", "_made", "_open", "_grows"),
@@ -76,14 +78,14 @@ class PredictionCheck(Kept):
         self._large = settings.occasional_error
         self._rare = settings.occasional_probability
         n = len(COMPONENTS)
-        # Number of scores and sum of their squares, the next test and ahead.
+        # Count and sum of squared scores, for predictions one test and AHEAD tests ahead.
         self._scores = np.zeros((2, n, 2))
         self._log_widths = np.tile(LOG_PRIOR, (n, 1))
-        # Hours of growth at which each prediction was made, and the hours that it looks ahead.
+        # Growth hours at which each prediction was made, and its horizons in hours.
         self._since = np.full((_SLOTS, n), np.nan)
         self._ahead = np.full((_SLOTS, _LADDER.size), np.nan)
         self._quantiles = np.zeros((_SLOTS, _LADDER.size, n, _QUANTILES.size))
-        # The test at which each prediction was made, and the components still to be judged.
+        # Test number of each prediction, and components still to be evaluated.
         self._made = np.zeros(_SLOTS, dtype=np.intp)
         self._open = np.zeros((_SLOTS, n), dtype=bool)
         self._grows = np.zeros((_SLOTS, n), dtype=bool)
@@ -91,9 +93,10 @@ class PredictionCheck(Kept):
         self._first_hours = math.nan
 
     def restart(self, number: int, *, is_new: bool) -> None:
-        """Drop the predictions of a component whose level has changed.
+        """Discard the predictions of a component whose level has changed abruptly.
 
-        After a repair (``is_new``) its scores are dropped as well: they belong to another part.
+        After a repair (``is_new``), its scores are discarded as well, because they belong to the
+        old part.
         """
         self._open[:, number] = False
         if is_new:
@@ -101,7 +104,7 @@ class PredictionCheck(Kept):
             self._log_widths[number] = LOG_PRIOR
 
     def one_step(self, pit: Array, plain: Flags) -> None:
-        """Add the PIT of a test by the previous prediction, for the plain components, ``(7,)``."""
+        """Record the PIT of one-step predictions, ``(7,)``, for the components in ``plain``."""
         for number in np.flatnonzero(plain):
             self._add(0, int(number), float(pit[number]))
 
@@ -110,9 +113,9 @@ class PredictionCheck(Kept):
         self._scores[which, number] = _KEPT * self._scores[which, number] + [1.0, score**2]
 
     def observe(self, measurement: Measurement, used: Flags) -> None:
-        """Judge the predictions that are due by the used components of a test, ``(7,)``.
+        """Evaluate due predictions against a test, for the components in ``used``, ``(7,)``.
 
-        A component that the due test does not show is judged by the next test that shows it.
+        If the test does not show a component, the next test that shows it is used.
         """
         if math.isnan(self._first_hours):
             self._first_hours = measurement.hours
@@ -139,7 +142,7 @@ class PredictionCheck(Kept):
         middle = np.median(quantiles)
         away = value - middle - WIDTHS[:, None] * (quantiles - middle)
         of_sizes = np.mean(np.exp(-0.5 * (away / sizes[..., None]) ** 2), axis=2) / sizes
-        # Predictions overlap: four cover each hour of growth.
+        # Four overlapping predictions cover each hour of growth.
         gain = np.log(np.maximum(shares @ of_sizes, LEAST_PROBABILITY)) / _PENDING
         evidence = self._log_widths[number] - LOG_PRIOR
         log_widths = LOG_PRIOR + _KEPT * evidence + gain
@@ -147,25 +150,26 @@ class PredictionCheck(Kept):
 
     @property
     def is_due(self) -> bool:
-        """Whether a prediction is to be stored after this test."""
+        """Whether a prediction must be stored after this test."""
         return self._tests % EVERY == 0 and self._tests >= EVERY
 
     def hours_ahead(self, hours: float) -> Array:
-        """Return the hours ahead of a prediction at a service hour [h], ``(m,)``."""
+        """Return the horizons at which to predict, ``(m,)`` [h], given the current service hour."""
         interval = (hours - self._first_hours) / max(self._tests - 1, 1)
         return max(interval, 1e-3) * AHEAD * _LADDER
 
     def keep(self, since: Array, ahead: Array, samples: Array, shown: Flags, grows: Flags) -> None:
-        """Store a prediction until its test.
+        """Store a prediction for later evaluation.
 
         Parameters
         ----------
         since, ahead
-            Hours of growth of each component now, and at ``hours_ahead`` [h].
+            Current growth hours of each component, ``(7,)`` [h], and the horizons from
+            ``hours_ahead``, ``(m,)`` [h].
         samples
-            Signed distances from healthy at each, ``(m, 7, n)``.
+            Predicted signed distances from healthy, ``(m, 7, n)``.
         shown, grows
-            Components whose level is known, and those judged to grow, ``(7,)``.
+            Components with a known level, and components considered growing, ``(7,)``.
         """
         slot = (self._tests // EVERY) % _SLOTS
         self._since[slot], self._ahead[slot] = since, ahead
@@ -174,12 +178,12 @@ class PredictionCheck(Kept):
         self._made[slot], self._open[slot], self._grows[slot] = self._tests, shown, grows
 
     def widening(self) -> Array:
-        """Return the factor by which the intervals of each component are widened, ``(7,)``."""
+        """Return the width factor of each component's intervals, at least 1, ``(7,)`` [-]."""
         p = np.exp(self._log_widths - self._log_widths.max(axis=1, keepdims=True))
         return np.maximum(np.exp(p @ np.log(WIDTHS) / p.sum(axis=1)), 1.0)
 
     def of(self, number: int) -> TrackRecord:
-        """Return the track record of a component."""
+        """Return the calibration of a component."""
         counts, sums = self._scores[:, number, 0], self._scores[:, number, 1]
         one_step, ahead = (
             math.sqrt(total / count) if count >= _LEAST else math.nan
@@ -190,14 +194,14 @@ class PredictionCheck(Kept):
 
 
 def widened_lives(hours: Array, factor: Array) -> Array:
-    """Return remaining lives with a wider spread about the median of each component [h].
+    """Widen the distribution of remaining lives around the median of each component [h].
 
     Parameters
     ----------
     hours
         Samples of the remaining lives, ``(7, n)`` [h].
     factor
-        Factor of the spread of their logarithms, 1 or more, ``(7,)`` [-].
+        Factor applied to the spread of the log-lives, at least 1, ``(7,)`` [-].
     """
     middle = np.quantile(hours, 0.5, axis=1, keepdims=True, method="inverted_cdf")
     result = hours.copy()
@@ -207,7 +211,7 @@ def widened_lives(hours: Array, factor: Array) -> Array:
 
 
 def widened(values: Array, factor: Array) -> Array:
-    """Return samples, ``(m, 7, n)``, with their distance from the median scaled, ``(7,)`` [-]."""
+    """Scale the distance of samples, ``(m, 7, n)``, from their median by ``factor``, ``(7,)``."""
     within = np.clip(values, -_FARTHEST, _FARTHEST)
     middle = np.median(within, axis=2, keepdims=True)
     return middle + factor[:, None] * (within - middle)

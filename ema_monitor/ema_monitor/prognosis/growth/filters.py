@@ -1,4 +1,4 @@
-"""Updates of Gaussian filters by tests with occasional large errors."""
+"""Updates of Gaussian filters that are robust to occasional large errors."""
 
 import math
 from typing import Final, NamedTuple
@@ -10,7 +10,7 @@ from ema_core.arrays import Array, Flags
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 LEAST_PROBABILITY: Final = 1e-280
-"""Lower bound of probabilities, so that their logarithm is finite [-]."""
+"""Lower bound of probabilities, to keep logarithms finite [-]."""
 
 _TAIL: Final = -6.0
 _ROOT_2: Final = math.sqrt(2.0)
@@ -18,16 +18,20 @@ _ROOT_2_PI: Final = math.sqrt(2.0 * math.pi)
 
 
 class Correction(NamedTuple):
-    """Update of a state by an innovation, from two merged Gaussians."""
+    """State update from a two-component Gaussian mixture, merged into one Gaussian."""
 
-    log_likelihood: Array  # of the innovation, up to a constant
-    gain: Array  # change of the mean over innovation and covariance with it
-    shrinking: Array  # loss of covariance over the square of that covariance
-    below: Array  # probability of a smaller innovation [-]
+    log_likelihood: Array
+    """Log-likelihood of the innovation, up to a constant."""
+    gain: Array
+    """Change of the mean per innovation and per covariance of state and innovation."""
+    shrinking: Array
+    """Decrease of the covariance per squared covariance of state and innovation."""
+    below: Array
+    """Predicted probability of a smaller innovation [-]."""
 
 
 def corrected(innovation: Array, usual: Array, settings: TrackerSettings) -> Correction:
-    """Return the updates by innovations with occasional large errors."""
+    """Compute the updates for innovations whose noise has occasional large errors."""
     rare, squared = settings.occasional_probability, innovation**2
     wide = usual + settings.occasional_error**2
     log_usual = math.log1p(-rare) - 0.5 * (squared / usual + np.log(usual))
@@ -43,7 +47,7 @@ def corrected(innovation: Array, usual: Array, settings: TrackerSettings) -> Cor
 
 @kernel()
 def _below(away: Array, share: float, total: Array) -> None:
-    """Add a share of the probabilities of smaller standard normal numbers."""
+    """Add ``share`` times the standard normal CDF at ``away`` to ``total``, in place."""
     for i in range(away.size):
         total[i] += share * 0.5 * math.erfc(-away[i] / _ROOT_2)
 
@@ -57,12 +61,13 @@ def near_healthy_update(
     two_sided: Flags,
     log_likelihood: Array,
 ) -> None:
-    """Update Gaussians in place, ``(n,)``, knowing that x + error was set to healthy.
+    """Update Gaussians in place, ``(n,)``, given that the estimate was set to healthy.
 
-    The error, of a variance ``noise``, is then within ``reach`` of its standard deviations, above
-    or, where ``two_sided``, on either side of healthy. Moments of a Gaussian under a probit
-    likelihood: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, section 3.9.
-    Far in the tail the probit is a Gaussian at its edge.
+    The value plus an error of variance ``noise`` then lies at most ``reach`` standard deviations of
+    the error above healthy, or within this distance on either side where ``two_sided``. The moments
+    are those of a Gaussian with a probit likelihood (Rasmussen and Williams, Gaussian Processes for
+    Machine Learning, 2006, section 3.9). Far in the tail, the probit is approximated by a Gaussian
+    at its edge.
     """
     for i in range(mean.size):
         m, sigma = mean[i], math.sqrt(noise[i])
@@ -77,7 +82,7 @@ def near_healthy_update(
         if upper < _TAIL:
             mean[i] = sign * (m + gain * upper * root)
             variance[i] *= 1.0 - gain
-            # Mills' ratio joins both forms where they meet.
+            # Mills' ratio makes both forms continuous.
             log_likelihood[i] = -0.5 * upper * upper - math.log(-upper * _ROOT_2_PI)
             continue
         mass = 0.5 * math.erfc(-upper / _ROOT_2)

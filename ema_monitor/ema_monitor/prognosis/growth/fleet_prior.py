@@ -1,8 +1,8 @@
-"""Prior of a unit's growth from other units: curves and rates over a fleet (P26).
+"""Prior of a unit's growth curves and rates, learnt from a fleet (P26).
 
-Each unit gives, for each fault that grows, the likelihood of its tests under every curve and rate
-of the grid. The distribution over the units is fitted to these by empirical Bayes (Laird 1978),
-smoothed over the rates (Silverman et al. 1990). Only the likelihoods leave a site.
+Each unit contributes, for each growing fault, the likelihood of its tests under every curve and
+rate of the grid. The fleet distribution is fitted to these by empirical Bayes (Laird 1978), with
+smoothing over the rates (Silverman et al. 1990). Only the likelihoods leave a site.
 """
 
 import hashlib
@@ -20,43 +20,42 @@ from ema_monitor.prognosis.growth.cells import N_RATES, RATE_SPACING, Cells, gri
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 LEAST_LOG: Final = -30.0
-"""Logarithm below the highest at which a likelihood is cut off [-]."""
+"""Lower bound of log-likelihoods relative to the maximum [-]."""
 _KEPT: Final = 0.8
-"""Weight of the prior without a fleet, because the unit may differ from the fleet [-]."""
+"""Weight of the fleet-independent prior, because the unit may differ from the fleet [-]."""
 _UNITS_OF_CURVES: Final = 4.0
 _UNITS_OF_RATES: Final = 2.0
-"""Weight of the distribution without a fleet in the fleet's distribution [units]."""
+"""Equivalent number of units by which the fleet-independent prior is weighted."""
 _SMOOTHING: Final = 0.25
-"""Width of the smoothing over the logarithm of the rate [-]."""
+"""Smoothing width in the logarithm of the rate [-]."""
 _STEPS: Final = 60
 
 
 class GrownFault(NamedTuple):
-    """Evidence of a unit's tests on the growth of a fault."""
+    """Evidence from a unit's tests about the growth of one fault."""
 
     kind: str
     """Kind of the fault."""
     log_likelihood: NDArray[np.float16]
-    """Log-likelihood of each curve and rate, 0 for the likeliest, at least ``LEAST_LOG``,
-    ``(curves, rates)``."""
+    """Log-likelihood relative to the maximum, ``(curves, rates)``; at least ``LEAST_LOG``."""
 
 
 def _table(cells: Cells, number: int, values: Array) -> Array:
-    """Return sums of values of the growing cells of a component, ``(curves, rates)``."""
+    """Sum the values of a component's growing cells by curve and rate, ``(curves, rates)``."""
     at = np.flatnonzero((cells.component == number) & (cells.place >= 0))
     sums = np.bincount(cells.place[at], values[at]).astype(np.float64, copy=False)
     return sums.reshape(-1, N_RATES)
 
 
 def grown_faults(cells: Cells, weight: Array, growing: Flags) -> dict[str, GrownFault]:
-    """Return a tracker's evidence on the growing faults, by component.
+    """Return the evidence about each growing fault, by component.
 
     Parameters
     ----------
     cells, weight
-        Grid of the tracker, and the probability of each cell [-].
+        Grid of the tracker, and probability of each cell, ``(n,)`` [-].
     growing
-        Which components are judged to grow, ``(7,)``.
+        Components considered growing, ``(7,)``.
     """
     grown = {}
     for number in np.flatnonzero(growing).tolist():
@@ -71,14 +70,14 @@ def grown_faults(cells: Cells, weight: Array, growing: Flags) -> dict[str, Grown
 
 
 def curves_without_fleet(limits: HealthLimits) -> dict[str, Array]:
-    """Return the prior of curves and rates by kind, ``(curves, rates)`` each; sums to 1."""
+    """Return the fleet-independent prior of each kind, ``(curves, rates)``; each sums to 1."""
     cells = grid(limits, TrackerSettings())
     tables = {kind_of(name): _table(cells, n, cells.prior) for n, name in enumerate(COMPONENTS)}
     return {kind: table / table.sum() for kind, table in tables.items()}
 
 
 def with_fleet(cells: Cells, settings: TrackerSettings) -> Cells:
-    """Return a grid with a fleet's prior of curves and rates for faults without a known law."""
+    """Return the grid with the fleet prior applied to faults of unknown law."""
     prior, shares = cells.prior.copy(), settings.fleet.shares if settings.fleet else {}
     for number, name in enumerate(COMPONENTS):
         share = shares.get(kind_of(name))
@@ -95,7 +94,7 @@ def with_fleet(cells: Cells, settings: TrackerSettings) -> Cells:
 
 
 def grid_digest(limits: HealthLimits) -> str:
-    """Return a digest of the curves and rates to which likelihoods refer."""
+    """Return a digest of the grid, which identifies compatible likelihoods."""
     cells = grid(limits, TrackerSettings())
     digest = hashlib.sha256(repr(cells.slices).encode())
     columns = cells.side, cells.base, cells.shape, cells.third
@@ -105,21 +104,21 @@ def grid_digest(limits: HealthLimits) -> str:
 
 
 def distribution(likelihoods: Sequence[NDArray[np.float16]], prior: Array) -> Array:
-    """Return the distribution of curves and rates over units, ``(curves, rates)``; sums to 1.
+    """Fit the fleet's distribution of curves and rates, ``(curves, rates)``; it sums to 1.
 
     Parameters
     ----------
     likelihoods
-        Log-likelihoods of each unit, ``(curves, rates)``.
+        Log-likelihoods of each unit, ``(curves, rates)`` each.
     prior
-        Distribution without any unit, ``(curves, rates)``.
+        Fleet-independent prior, ``(curves, rates)``.
     """
     units = np.exp(np.stack(likelihoods), dtype=np.float64) * prior
     of_curves, of_rates = prior.sum(axis=1), prior.sum(axis=0)
     steps = np.arange(of_rates.size)
-    # Smoothing over neighbouring rates.
+    # Smoothing kernel over neighbouring rates.
     kernel = np.exp(-0.5 * ((steps[:, None] - steps) * RATE_SPACING / _SMOOTHING) ** 2)
-    # Ratio of the probability of each curve, and of each rate, with and without the fleet.
+    # Probability ratios, fleet to prior, of each curve and each rate.
     curves, rates = np.ones_like(of_curves), np.ones_like(of_rates)
     for _ in range(_STEPS):
         on_curves = np.einsum("ucr,r->uc", units, rates) * curves

@@ -1,8 +1,9 @@
-"""Samples of the estimated growth, continued into the future.
+"""Monte Carlo forecasts of fault growth.
 
-A fault grows by its law in an effective time with random increments of mean 1 (P7): to first order
-a Wiener process with drift, whose first passage is inverse Gaussian (P10). Growth of unknown law
-may change its rate permanently at a random hour; an increase is more probable than a decrease.
+A fault follows its law in an effective time with random increments (P7). To first order, this is a
+Wiener process with drift, whose first-passage time is inverse Gaussian (P10). If the law is
+unknown, the rate may change permanently at a random time; an increase is more likely than a
+decrease.
 """
 
 from collections.abc import Iterator
@@ -24,21 +25,31 @@ _PACE_SPACING: Final = float(PACES[1] - PACES[0])
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """Samples of state and growth, ``(7, n)`` each."""
+    """Samples of the current state and growth, ``(7, n)`` each."""
 
     cells: Cells
-    noise_hours: float  # variance of the effective time of growth per hour [h]
-    cell: NDArray[np.intp]  # a sample under a wave has the cell without growth
-    x: Array  # distance from healthy to the side of the cell, with its wave [-]
-    rate: Array  # of the law at pace 1
-    pace: Array  # its logarithm [-]
-    change: Array  # hours of growth from now on until it changes [h]
-    changed: Array  # how many times as fast it then is, 1 where it never changes [-]
+    """Grid of the tracker."""
+    noise_hours: float
+    """Variance of the effective growth time per hour [h]."""
+    cell: NDArray[np.intp]
+    """Cell of each sample; for samples with a wave, the cell without growth."""
+    x: Array
+    """Distance from healthy in the direction of growth, including the wave [-]."""
+    rate: Array
+    """Rate of the law at pace 1."""
+    pace: Array
+    """Log-pace [-]."""
+    change: Array
+    """Growth hours until the rate changes [h]."""
+    changed: Array
+    """Factor of the rate after the change; 1 if it never changes [-]."""
     is_wave: Flags
-    waves: WaveDraw  # the samples under a wave
+    """Whether the sample has a wave."""
+    waves: WaveDraw
+    """States of the samples with a wave."""
 
     def by_law(self) -> Iterator[tuple[Law, Flags, Figures]]:
-        """Return each law with the samples that follow it, and their figures."""
+        """Yield each law, the mask of samples that follow it, and their parameters."""
         for name, part in self.cells.slices.items():
             at = (self.cell >= part.start) & (self.cell < part.stop)
             yield (
@@ -49,24 +60,24 @@ class Draw:
 
 
 def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) -> Draw:
-    """Return samples of the state and growth of a unit.
+    """Draw samples of the state and growth of a unit.
 
     Parameters
     ----------
     mixture
-        Probabilities of cells and waves.
+        Probabilities of all cells and waves.
     n
         Number of samples.
     observed
-        Hours of growth over which each growing component was observed, 0 for other components,
-        ``(7,)`` [h].
+        Hours over which each growing component has been observed, ``(7,)`` [h]; 0 for components
+        that do not grow.
     rng
-        Random numbers.
+        Random number generator.
     """
     bank, cells = mixture.bank, mixture.bank.cells
     chosen = np.empty((len(mixture.members), n), dtype=np.intp)
     for number, of_it in enumerate(mixture.members):
-        # Systematic sampling: the shares come out exact to one sample.
+        # Systematic sampling reproduces the probabilities to within one sample.
         at = np.cumsum(mixture.weight[of_it])
         points = (rng.random() + np.arange(n)) / n * at[-1]
         chosen[number] = rng.permutation(
@@ -80,10 +91,10 @@ def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) ->
     sd = np.sqrt(bank.variance[cell])
     x = cells.side[cell] * (bank.mean[cell] + sd * rng.standard_normal(cell.shape))
     x[is_wave] = waves.state[:, 0] + waves.state[:, 2]
-    # The grid's rates and paces also represent the values between them.
+    # Spread rates and paces uniformly between grid points.
     rate = cells.base[cell] * np.exp(cells.spacing[cell] * (rng.random(cell.shape) - 0.5))
     pace = cells.pace[cell] + cells.wanders[cell] * _PACE_SPACING * (rng.random(cell.shape) - 0.5)
-    # Growth observed for u hours continues for t more with a probability of u / (u + t).
+    # Growth observed for u hours continues for at least t more with probability u / (u + t).
     change = observed[:, None] * np.expm1(rng.standard_exponential(cell.shape))
     slowest, fastest = mixture.mechanisms.changed
     changed = slowest * (fastest / slowest) ** rng.random(cell.shape)
@@ -93,11 +104,11 @@ def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) ->
 
 
 def lives(sample: Draw, rng: np.random.Generator) -> Array:
-    """Return hours of growth until each sample first reaches its limit [h], ``(7, n)``."""
+    """Return the growth hours until each sample first reaches its limit, ``(7, n)`` [h]."""
     hours, scale = np.empty(sample.cell.shape), np.empty(sample.cell.shape)
     for law, at, of in sample.by_law():
         hours[at], scale[at] = law.passage(sample.x[at], of, sample.noise_hours, rng)
-    # Growth that slows down may never reach the limit.
+    # Decelerating growth may never reach the limit.
     hours[np.isnan(hours)] = np.inf
     passing = np.isfinite(hours) & (hours > 0.0) & (scale > 0.0)
     hours[passing] = rng.wald(hours[passing], scale[passing])
@@ -109,16 +120,16 @@ def lives(sample: Draw, rng: np.random.Generator) -> Array:
 
 
 def futures(sample: Draw, hours: Array, rng: np.random.Generator) -> Array:
-    """Return signed distances from healthy in the future, ``(m, 7, n)``.
+    """Return future signed distances from healthy, ``(m, 7, n)``.
 
     Parameters
     ----------
     sample
-        State and growth now.
+        Samples of the current state and growth.
     hours
-        Ascending hours of growth from now on [h], in a form that broadcasts to ``(m, 7, n)``.
+        Ascending growth hours from now [h], broadcastable to ``(m, 7, n)``.
     rng
-        Random numbers.
+        Random number generator.
     """
     shape = (len(hours), *sample.cell.shape)
     after = hours - sample.change

@@ -1,4 +1,4 @@
-"""Learnt state of the growth models: copied, stored and restored by name."""
+"""Base class for copying, storing and restoring the learnt state of growth models."""
 
 from collections.abc import Mapping
 from copy import copy
@@ -9,27 +9,27 @@ from numpy.typing import NDArray
 
 
 class Kept:
-    """Base of classes that learn from tests, with their state in some of their attributes."""
+    """Base class of objects that learn from tests and keep their state in named attributes."""
 
     kept: ClassVar[tuple[str, ...]] = ()
-    """Names of the attributes that tests change: arrays and numbers."""
+    """Names of state attributes: arrays and numbers."""
     parts: ClassVar[tuple[str, ...]] = ()
-    """Names of the attributes that are ``Kept`` objects."""
+    """Names of attributes that are ``Kept`` objects themselves."""
 
     def state(self, at: str = "") -> dict[str, NDArray[Any]]:
-        """Return the learnt state for ``restore``, by names with the prefix ``at``."""
+        """Return the learnt state as a dict for ``restore``; keys start with the prefix ``at``."""
         state = {f"{at}{name}": np.asarray(getattr(self, name)) for name in self.kept}
         for part in self.parts:
             state |= getattr(self, part).state(f"{at}{part}.")
         return state
 
     def restore(self, state: Mapping[str, NDArray[Any]], at: str = "") -> None:
-        """Restore the ``state`` of an object with the same limits and settings.
+        """Restore the result of ``state`` of an object with the same limits and settings.
 
         Raises
         ------
         KeyError
-            If something is missing.
+            If an entry is missing.
         """
         for name in self.kept:
             value = state[f"{at}{name}"]
@@ -38,7 +38,7 @@ class Kept:
             getattr(self, part).restore(state, f"{at}{part}.")
 
     def frozen(self) -> Self:
-        """Return a copy that is independent of further tests."""
+        """Return an independent copy."""
         twin = copy(self)
         for name in self.kept:
             setattr(twin, name, copy(getattr(self, name)))

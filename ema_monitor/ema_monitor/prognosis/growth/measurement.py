@@ -1,4 +1,4 @@
-"""Measurement of the faults by a valid test at a service hour."""
+"""Fault measurement from a valid test."""
 
 import math
 from dataclasses import dataclass, field
@@ -14,20 +14,20 @@ from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS
 
 HEALTHY: Final = healthy_faults()[INDICES]
 REACH: Final = SIGNIFICANT_SIGMAS[INDICES]
-"""Standard deviations within which an estimate is set to healthy, ``(7,)`` [-]."""
+"""Distance within which an estimate is set to healthy, ``(7,)`` [standard deviations]."""
 
 _AS_SERVICE: Final = np.empty(0)
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Fault vector measured by a valid test.
+    """Fault vector measured by a valid test, with its uncertainty and time.
 
     Raises
     ------
     ValueError
-        If the hours are negative or not a number, a shape is wrong, or an observable component
-        has no finite value or variance.
+        If the hours are negative or NaN, a shape is wrong, or an observable component has no finite
+        value or variance.
     """
 
     hours: float
@@ -39,8 +39,10 @@ class Measurement:
     unobservable: Flags
     """Components that the test does not show, ``(8,)``."""
     own_hours: Array = field(default_factory=lambda: _AS_SERVICE)
-    """Hours of growth of each tracked component, ``(7,)`` [h]: hours at the reference duty with the
-    same damage (P23); the service hour by default."""
+    """Growth hours of each tracked component, ``(7,)`` [h]; the service hour by default.
+
+    Growth hours are hours at the reference duty that cause the same damage (P23).
+    """
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.hours < math.inf:
@@ -65,12 +67,12 @@ class Measurement:
 
     @classmethod
     def of(cls, estimate: Estimate, hours: float, own_hours: Array = _AS_SERVICE) -> Self:
-        """Return the measurement of a valid estimate.
+        """Convert a valid estimate to a measurement.
 
         Raises
         ------
         ValueError
-            If the estimate is not valid, or the hours are negative or not a number.
+            If the estimate is invalid, or the hours are negative or NaN.
         """
         if not estimate.valid:
             raise ValueError(f"an invalid estimate measures nothing: {estimate.reason}")
@@ -78,13 +80,13 @@ class Measurement:
         return cls(float(hours), faults, covariance, estimate.unobservable, own_hours)
 
     def as_row(self) -> Array:
-        """Return all figures in an array, from which ``of_row`` restores the measurement."""
+        """Serialize the measurement to an array."""
         figures = (self.faults, self.unobservable, self.own_hours, self.covariance.ravel())
         return np.concatenate([[self.hours], *figures])
 
     @classmethod
     def of_row(cls, row: Array) -> Self:
-        """Return the measurement that ``as_row`` describes."""
+        """Restore a measurement from the result of ``as_row``."""
         ends = np.cumsum([1, N_FAULTS, N_FAULTS, len(INDICES)])
         (hours,), faults, unobservable, growth_hours, covariance = np.split(row, ends)
         square, hidden = covariance.reshape(N_FAULTS, N_FAULTS), unobservable.astype(np.bool_)
@@ -92,26 +94,26 @@ class Measurement:
 
     @cached_property
     def seen(self) -> Flags:
-        """Tracked components that the test shows, ``(7,)``."""
+        """Whether the test shows each tracked component, ``(7,)``."""
         return ~self.unobservable[INDICES]
 
     @cached_property
     def near_healthy(self) -> Flags:
-        """Tracked components that the estimate set to healthy, ``(7,)``."""
+        """Whether the estimate set each tracked component to healthy, ``(7,)``."""
         return self.seen & (self.faults[INDICES] == HEALTHY)
 
     @cached_property
     def value(self) -> Array:
-        """Signed distances of the tracked components from healthy [-], ``(7,)``."""
+        """Signed distance of each tracked component from healthy, ``(7,)`` [-]."""
         return np.where(self.seen, self.faults[INDICES] - HEALTHY, 0.0)
 
     @cached_property
     def noise(self) -> Array:
-        """Variances of the error of ``value``, 1 for components not shown, ``(7,)``."""
+        """Error variance of ``value``, ``(7,)`` [-]; 1 for components not shown."""
         return np.where(self.seen, np.diag(self.covariance)[INDICES], 1.0)
 
     def normalized_innovation(self, mean: Array, variance: Array) -> Array:
-        """Return the distance of each value from its prediction, ``(7,)`` [standard deviations]."""
+        """Return each component's absolute normalized innovation, ``(7,)`` [sigmas]."""
         away = np.abs(self.value - mean)
         reach = np.where(self.near_healthy, REACH * np.sqrt(self.noise), 0.0)
         total = np.sqrt(self.noise + variance)

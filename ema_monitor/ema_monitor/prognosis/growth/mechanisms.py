@@ -1,4 +1,4 @@
-"""Mechanisms of growth of unknown law, with their prior probabilities."""
+"""Growth mechanisms considered for faults of unknown law, with their priors."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -8,17 +8,17 @@ from ema_monitor.prognosis.growth.laws import TRACKED_LAWS
 
 @dataclass(frozen=True)
 class Mechanisms:
-    """Mechanisms of growth whose law is unknown, each with its prior."""
+    """Growth mechanisms considered for faults of unknown law, with their prior probabilities."""
 
-    laws: tuple[str, ...] = tuple(TRACKED_LAWS)
-    """Names of the laws that a fault may follow."""
+    laws: tuple[str, ...] = tuple(LAWS)
+    """Names of the candidate laws."""
     wandering: float = 0.7
-    """Probability that the rate of a component that grows wanders (P6a) [-]."""
+    """Probability that the rate of a growing component wanders (P6a) [-]."""
     wave: float = 0.1
     """Probability of a wave (P6c) [-]."""
     changed: tuple[float, float] = (0.4, 15.0)
-    """Range of the factor of a permanent change of rate in the future (P10), log-uniform [-]."""
+    """Range of the log-uniform factor by which the rate may change permanently (P10) [-]."""
 
 
 MECHANISMS: Final = Mechanisms()
-"""The mechanisms that the tracker assumes."""
+"""Default mechanisms."""

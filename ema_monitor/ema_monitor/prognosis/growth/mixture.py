@@ -1,7 +1,7 @@
-"""Mixture of all hypotheses on the growth of a unit's components: cells and waves.
+"""Mixture of all growth hypotheses of a unit: grid cells and waves.
 
-Probabilities of cells and filters are exact marginal likelihoods, except for wandering rates, waves
-and the kind of growth, which are forgotten gradually (P6b).
+Probabilities are exact Bayesian posteriors, except for wandering rates, waves and the kind of
+growth, whose evidence is discounted over time (P6b).
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ _WANDERS, _WAVE = 2, 3
 
 
 class Mixture(Kept):
-    """Cells and waves.
+    """Joint filter of grid cells and waves.
 
     Attributes
     ----------
@@ -32,9 +32,10 @@ class Mixture(Kept):
         Probability of each cell, followed by each filter of a wave, ``(n,)``; sums to 1 for each
         component.
     component, members
-        Component of each cell and filter, and their indices by component.
+        Component number of each cell and filter, ``(n,)``, and indices of the cells and filters of
+        each component.
     is_known
-        Components whose law is known, ``(7,)``.
+        Whether the law of each component is known, ``(7,)``.
     """
 
     kept = ("weight",)
@@ -51,11 +52,11 @@ class Mixture(Kept):
         self.component = np.concatenate([cells.component, np.repeat(number, waves.omega.size)])
         self._sums = Owners(self.component).sums
         self.members = [np.flatnonzero(self.component == i) for i in number]
-        # Waves must not change the prior probability of growth.
+        # Waves do not change the prior probability of growth.
         of_cells = cells.prior * (1.0 - waves.prior.sum(axis=1))[cells.component]
         self._prior = np.concatenate([of_cells, waves.prior.ravel()])
         self.weight = self._prior.copy()
-        # Kinds for each component: no growth, permanent law, wandering rate, growth with a wave.
+        # Kinds of growth: none, permanent law, wandering rate, growth with a wave.
         kind = np.concatenate([self.bank.kind, np.tile(np.where(waves.grows, _WAVE, 0), _N)])
         self._is_constant = kind == 0
         self._is_random = np.append(cells.is_random, np.zeros(waves.prior.size))
@@ -66,17 +67,17 @@ class Mixture(Kept):
         self._power = np.where(self.is_known, 1.0, settings.forgetting)
 
     def _split(self, values: Array) -> tuple[Array, Array]:
-        """Return views of the values of cells, ``(n,)``, and of waves, ``(7, k)``."""
+        """Split values into views for cells, ``(n,)``, and waves, ``(7, k)``."""
         n = self.bank.mean.size
         return values[:n], values[n:].reshape(_N, -1)
 
     def _of_kinds(self, values: Array) -> Array:
-        """Return sums by kind of growth, ``(4, 7)``."""
+        """Sum values by kind of growth and component, ``(4, 7)``."""
         sums = np.bincount(self._kind, values, 4 * _N).astype(np.float64, copy=False)
         return sums.reshape(4, _N)
 
     def moments(self) -> tuple[Array, Array]:
-        """Return mean and variance of each component's signed distance, ``(7,)`` each."""
+        """Return mean and variance of each signed distance from healthy, ``(7,)`` each."""
         bank, (mean, variance) = self.bank, self.waves.moments()
         values = np.append(bank.mean, mean)
         mean = self._sums(self.weight * values)
@@ -84,28 +85,28 @@ class Mixture(Kept):
         return mean, self._sums(self.weight * spread)
 
     def trend(self) -> Array:
-        """Return the mean of each component's signed growth [1/h], ``(7,)``."""
+        """Return the mean signed growth rate of each component, ``(7,)`` [1/h]."""
         return self._sums(self.weight * np.append(self.bank.rates(), self.waves.rates()))
 
     def constant(self) -> Array:
-        """Return the probability that each component does not grow, ``(7,)``."""
+        """Return the probability that each component does not grow, ``(7,)`` [-]."""
         return self._sums(self.weight * self._is_constant)
 
     def is_random(self) -> Array:
-        """Return the probability that each component grows by jumps or drift, ``(7,)``."""
+        """Return the probability that each component grows by jumps or drift, ``(7,)`` [-]."""
         return self._sums(self.weight * self._is_random)
 
     def advance(self, hours: Array) -> None:
-        """Advance each component over its hours of growth, at least 0, ``(7,)`` [h]."""
+        """Propagate each component in time by its growth hours, at least 0, ``(7,)`` [h]."""
         of_cells, of_waves = self._split(self.weight)
         self.bank.advance(of_cells, hours)
         self.waves.advance(of_waves, hours)
 
     def _forget(self, used: Flags) -> None:
-        """Move the probabilities of the used components towards their prior, by kind of growth."""
+        """Discount old evidence: move probabilities of the used components towards their priors."""
         power = np.where(used, self._power, 1.0)
         before, at = self._of_kinds(self.weight), self._forgets
-        # Wandering rates and waves forget; a law is permanent, so its evidence accumulates.
+        # Discount wandering rates and waves only; evidence for a permanent law accumulates.
         self.weight[at] = _tempered(self.weight[at], self._prior[at], power[self.component[at]])
         wanted = before.copy()
         wanted[1:] = _tempered(before[1:], self._kinds_prior[1:], power)
@@ -114,10 +115,10 @@ class Mixture(Kept):
         self.weight *= factor.ravel()[self._kind]
 
     def measure(self, test: Measurement, used: Flags) -> Array:
-        """Update by the used components of a test, ``(7,)``.
+        """Update with a test, for the components in ``used``, ``(7,)``.
 
-        Returns the probability, predicted before the test, of smaller values than measured,
-        ``(7,)``; meaningless for components that are not used or were set to healthy.
+        Return the predicted probability of values below the measured ones, ``(7,)``. It is
+        meaningless for components that are not used or that were set to healthy.
         """
         self._forget(used)
         self.bank.change(self._split(self.weight)[0])
@@ -136,17 +137,16 @@ class Mixture(Kept):
         return pit
 
     def restart(self, number: int, value: float, noise: float, *, keep: float) -> None:
-        """Reset a component's level to the value of a test, which may have an occasional error.
+        """Reset the level of a component to a measured value.
 
         Parameters
         ----------
         number
-            Number of the component.
+            Index of the component.
         value, noise
-            Signed distance from healthy, and the variance of its error [-].
+            Measured signed distance from healthy [-], and its error variance [-].
         keep
-            Power of the learnt probabilities relative to the prior: 0 returns to the prior, 1 keeps
-            everything learnt about the growth.
+            How much of the learnt growth to retain: 0 returns to the prior, 1 retains everything.
         """
         for part in (self.bank, self.waves):
             part.restart(number, value, noise + self.settings.occasional_error**2)
@@ -156,6 +156,6 @@ class Mixture(Kept):
 
 
 def _tempered(weight: Array, prior: Array, power: Array | np.float64) -> Array:
-    """Return probabilities moved towards their prior by a power, without normalisation."""
+    """Return ``weight**power * prior**(1 - power)``, not normalized."""
     kept = np.maximum(weight, LEAST_PROBABILITY) ** power * prior ** (1.0 - power)
     return np.where(prior > 0.0, kept, 0.0)

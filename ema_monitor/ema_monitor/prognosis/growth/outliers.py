@@ -1,4 +1,4 @@
-"""Values that growth does not explain: held back, then confirmed or dropped by the next test."""
+"""Detection of outliers, repairs and steps: abrupt values that growth does not explain."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -19,48 +19,52 @@ OUTLIER: Final = "outlier"
 _AGREEMENT: Final = 4.0
 _JUMP_SHARE: Final = 0.1
 PATIENCE: Final = 4
-"""Number of tests in a row after which the level of an odd component counts as changed."""
+"""Consecutive odd tests after which a component's level is considered changed."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """A value that growth does not explain."""
+    """A measured value that growth does not explain."""
 
     kind: str
-    """``"outlier"``: a value held back until the next test. If that test agrees, a ``"repair"``
-    (smaller fault) or a ``"step"`` (larger fault) follows; else the value is never used."""
+    """``"outlier"``, ``"repair"`` or ``"step"``.
+
+    An outlier is held back until the next test. If that test agrees, a repair (smaller fault) or a
+    step (larger fault) follows; otherwise the outlier is discarded.
+    """
     component: str
     """Component of the fault vector."""
     hours: float
-    """Service hour of the first test with the value [h]."""
+    """Service hour of the first test that showed the value [h]."""
     text: str
-    """Description of the event."""
+    """Description shown to users."""
 
 
 class OutlierDetector(Kept):
-    """Classifies tests whose values growth does not explain.
+    """Detects and classifies values that growth does not explain.
 
-    The first two tests that agree begin a life: if two tests disagree, either may be wrong. Later,
-    a test with an odd value is held back as a whole, because a wrong estimate of a component
-    corrupts the remaining components. If the next test agrees with it in all odd components, and no
-    further component is odd, their level has changed. If the next test is as expected, the test
-    held back is never used. A jump that two occasional errors could cause must show in three tests;
-    until then it is no event, because such errors are frequent. A component that is odd in four
-    tests in a row has also changed.
+    Tracking starts with the first two tests that agree, because either of two disagreeing tests may
+    be wrong. Later, a test with an odd value is held back as a whole, because a wrong estimate of
+    one component corrupts the others.
+
+    If the next test agrees in all odd components and no other component is odd, their levels have
+    changed. If the next test is as expected, the held test is discarded. A jump small enough to be
+    caused by two occasional errors must appear in three tests and raises no event before. A
+    component that is odd in four consecutive tests has changed as well.
     """
 
     kept = ("_held", "_odd", "_agreed", "_patience")
 
     def __init__(self, settings: TrackerSettings) -> None:
         self._settings = settings
-        # Rows of the tests held back: all before a life has begun, then the latest only.
+        # Held tests as rows: all tests before tracking starts, later only the latest.
         self._held = np.empty((0, 0))
         self._odd = np.zeros(len(COMPONENTS), dtype=bool)
         self._agreed = 0
         self._patience = 0
 
     def begin(self, measurement: Measurement) -> tuple[Measurement | None, list[Event]]:
-        """Return the earlier test that begins a life with this test, or None; and events."""
+        """Return the first held test that agrees with this test, or None; and events."""
         name, events = COMPONENTS, list[Event]()
         for earlier in map(Measurement.of_row, self._held):
             variance = earlier.noise + 2.0 * self._settings.occasional_error**2
@@ -86,16 +90,16 @@ class OutlierDetector(Kept):
     def judge(
         self, measurement: Measurement, mean: Array, variance: Array, tests: NDArray[np.intp]
     ) -> tuple[list[Event], Flags, Flags]:
-        """Return events, components whose level has changed, and components held back, ``(7,)``.
+        """Return events, and masks, ``(7,)``, of components that changed and that are held back.
 
         Parameters
         ----------
         measurement
             The test.
         mean, variance
-            Prediction of the test's signed distances from healthy, ``(7,)``.
+            Predicted mean and variance of the signed distances from healthy, ``(7,)`` each.
         tests
-            Number of tests used so far by component, ``(7,)``; an outlier needs two.
+            Number of tests used so far per component, ``(7,)``; detection needs at least two.
         """
         innovation = measurement.normalized_innovation(mean, variance)
         odd = (innovation > self._settings.event_sigmas) & (tests >= 2)
@@ -104,7 +108,7 @@ class OutlierDetector(Kept):
         large = np.abs(measurement.value - mean) > _AGREEMENT * reach
         for held in map(Measurement.of_row, self._held):
             since = held.hours
-            # Uncertainty of growth increases with time: an odd value may be within bounds later.
+            # Prediction uncertainty grows with time, so an odd value may fall within bounds later.
             agrees = self._agrees(measurement, held, mean)[self._odd].all()
             self._agreed = self._agreed + 1 if agrees and not (odd & ~self._odd).any() else 0
             is_long = self._patience >= PATIENCE - 1
@@ -119,7 +123,7 @@ class OutlierDetector(Kept):
             self._patience += 1
         else:
             self._held, self._patience, self._agreed = self._held[:0], 0, 0
-        # A test that confirms an earlier change is used, except for its remaining odd values.
+        # A test that confirms a change is used, except for its other odd values.
         held_back = left if changed.any() else np.full_like(odd, left.any())
         return events, changed, held_back
 

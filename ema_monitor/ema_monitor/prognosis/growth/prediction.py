@@ -1,4 +1,4 @@
-"""Estimate and remaining useful life of each component, and the reasons for unknown lives."""
+"""Fault estimates, remaining useful lives, and reasons why a life is unknown."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,22 +17,21 @@ from ema_monitor.prognosis.growth.check import TrackRecord
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 NOT_SHOWN: Final = "fewer than two tests that agree so far"
-"""Reason for the unknown life of a fault that no test has shown."""
+"""Reason given if no test has shown the fault."""
 
 LEAST_TESTS: Final = 5
-"""Number of tests of a level that a component needs to count as growing, and number of tests after
-a repair that a life needs."""
+"""Fewest tests for a component to be considered growing, and for a life after a repair."""
 BEGINS_BELOW: Final = 1e-4
-"""Probability of no growth below which a component counts as growing [-].
+"""Probability of no growth below which a component is considered growing [-].
 
-The probability that a component without growth ever counts as growing is of the same size, for any
-length of monitoring (Ville's inequality for likelihood ratios).
+The false alarm probability over any length of monitoring is of the same order (Ville's inequality
+for likelihood ratios).
 """
 ENDS_ABOVE: Final = 0.2
-"""Probability of no growth above which a growing component stops counting as growing [-]."""
+"""Probability of no growth above which a component stops being considered growing [-]."""
 
 FAN_LEVELS: Final = (0.05, 0.5, 0.95)
-"""Probabilities of the quantiles of a ``Fan`` [-]."""
+"""Quantile levels of a ``Fan`` [-]."""
 
 _LIKELY: Final = 0.5
 _LEAST: Final = 1e-300
@@ -42,71 +41,73 @@ _ANY_LIMIT: Final = "first fault limit"
 
 @dataclass(frozen=True)
 class TrackedFault:
-    """Estimate of one component."""
+    """Tracked estimate of one component."""
 
     name: str
     """Component of the fault vector."""
     tests: int
-    """Number of tests that showed the component."""
+    """Number of tests used for the component."""
     value: float
     sigma: float
     """Mean and standard deviation, in the units of the fault vector [-]; NaN before any test."""
     trend: float
-    """Growth of the value [1/h]."""
+    """Growth rate of the value [1/h]."""
     calibration: TrackRecord
-    """Agreement of its predictions with the tests so far."""
+    """Calibration of the component's past predictions."""
 
 
 @dataclass(frozen=True)
 class RemainingLife:
-    """Quantiles of the remaining useful life under one criterion."""
+    """Quantiles of the remaining useful life for one end-of-life criterion."""
 
     known: bool
     """Whether the life is known."""
     hours_05: float
     hours_50: float
     hours_95: float
-    """5 %, 50 % and 95 % quantiles from the latest test on [h]; NaN when unknown."""
+    """5 %, 50 % and 95 % quantiles, counted from the latest test [h]; NaN if unknown."""
     criterion: str
-    """Criterion that ends life, as a text."""
+    """End-of-life criterion, as text."""
     reason: str = ""
-    """Why the life is unknown; empty when known."""
+    """Reason why the life is unknown; empty if known."""
 
     @classmethod
     def unknown(cls, criterion: str, reason: str) -> "RemainingLife":
-        """Return an unknown life with a reason."""
+        """Create an unknown life with a reason."""
         return cls(False, math.nan, math.nan, math.nan, criterion, reason)
 
     @classmethod
     def of_samples(cls, hours: Array, criterion: str) -> "RemainingLife":
-        """Return the quantiles of samples of a life [h], ``(n,)``."""
+        """Create a known life from samples, ``(n,)`` [h]."""
         low, median, high = np.quantile(hours, [0.05, 0.5, 0.95], method="inverted_cdf")
         return cls(True, float(low), float(median), float(high), criterion)
 
 
 @dataclass(frozen=True, eq=False)
 class Prognosis:
-    """Remaining useful life of an actuator, from its latest test on."""
+    """Remaining useful life of an actuator, counted from its latest test."""
 
     hours: float
-    """Service hour of the latest test [h]; NaN when there was none."""
+    """Service hour of the latest test [h]; NaN if there was none."""
     components: Mapping[str, RemainingLife]
-    """Life until each component reaches its limit, by name."""
+    """Life until each component reaches its limit, by component name."""
     overall: RemainingLife
     """Life until the first component reaches its limit."""
     dominant_fault: str
-    """Component that reaches its limit first in most samples; empty when none is known to grow."""
+    """Component that most often reaches its limit first; empty if no component is known to grow."""
     samples: Array
-    """Samples of the overall life [h], ``(n,)``; infinite when it is unknown."""
+    """Samples of the overall life, ``(n,)`` [h]; infinite if unknown."""
     future: FutureDuty
     """Assumed future duty."""
     levels: Array = field(default_factory=lambda: np.empty(0))
-    """Present distance of the dominant fault from healthy in each sample [-], ``(n,)``; empty
-    without a dominant fault."""
+    """Current distance of the dominant fault from healthy in each sample, ``(n,)`` [-].
+
+    Empty if there is no dominant fault.
+    """
 
     @classmethod
     def unknown(cls, reason: str, limits: HealthLimits, duty: FutureDuty) -> "Prognosis":
-        """Return an unknown prognosis with a reason."""
+        """Create an unknown prognosis with a reason."""
         components = {
             name: RemainingLife.unknown(_criterion(name, limits.of(name)), reason)
             for name in COMPONENTS
@@ -115,7 +116,7 @@ class Prognosis:
         return cls(math.nan, components, overall, "", np.empty(0), duty)
 
     def as_rows(self) -> list[dict[str, Any]]:
-        """Return a table of plain values: a row for each component, and a row for their first."""
+        """Return the lives as a list of dicts: each component, then the overall life."""
         return [asdict(life) for life in (*self.components.values(), self.overall)]
 
     def __str__(self) -> str:
@@ -135,12 +136,12 @@ class Prognosis:
 
 @dataclass(frozen=True, eq=False)
 class Fan:
-    """Quantiles of the future of each component, for plots."""
+    """Quantiles of the future fault values, for fan charts."""
 
     hours: Array
-    """Hours from the latest test on [h], ``(m,)``."""
+    """Hours from the latest test, ``(m,)`` [h]."""
     values: Mapping[str, Array]
-    """Fault values by component [-], ``(3, m)`` each."""
+    """Fault values by component, ``(3, m)`` each [-]."""
 
 
 def prognosis_of(
@@ -152,10 +153,10 @@ def prognosis_of(
     duty: FutureDuty,
     levels: Array,
 ) -> Prognosis:
-    """Return the prognosis from samples of lives.
+    """Compute the prognosis from samples of component lives.
 
-    Once the life of a component is known, the overall life includes all components that a test has
-    shown, with the probability of their growth: growth that is nearly certain must not be ignored.
+    If the life of any component is known, the overall life includes every component that a test has
+    shown, weighted by its probability of growth, so that nearly certain growth is not ignored.
 
     Parameters
     ----------
@@ -164,15 +165,15 @@ def prognosis_of(
     samples
         Samples of the life of each component, ``(7, n)`` [h].
     is_shown
-        Components that a test has shown, ``(7,)``.
+        Whether a test has shown each component, ``(7,)``.
     reasons
-        Why the life of each component is unknown; empty if it is known.
+        Reason why the life of each component is unknown; empty if known.
     limits
-        Limits at which life ends.
+        End-of-life limits.
     duty
         Assumed future duty.
     levels
-        Present distances from healthy in the samples, ``(7, n)`` [-].
+        Current distances from healthy in the samples, ``(7, n)`` [-].
     """
     components = {
         name: RemainingLife.unknown(criterion, reason)
@@ -194,7 +195,7 @@ def prognosis_of(
 
 
 def _criterion(name: str, limit: float) -> str:
-    """Return the text of the criterion by which a fault ends life."""
+    """Return the end-of-life criterion of a fault as text."""
     fault = FAULTS[FAULT_NAMES.index(name)]
     if fault.is_two_sided:
         return f"{fault.label} differs from {fault.healthy:g} by more than {limit:g}"
@@ -202,16 +203,16 @@ def _criterion(name: str, limit: float) -> str:
 
 
 def growth_not_certain(constant: float, tests: int) -> str:
-    """Return why a fault does not count as growing, with an estimate of the missing tests.
+    """Explain why a fault is not considered growing, with an estimate of the tests still needed.
 
-    Fewer tests may suffice, because evidence accumulates faster the longer growth lasts.
+    The estimate is conservative: evidence accumulates faster the longer growth lasts.
 
     Parameters
     ----------
     constant
         Probability that the fault does not grow [-].
     tests
-        Number of tests of its level.
+        Number of tests used since the level was last reset.
     """
     if constant >= _LIKELY:
         return "no significant growth"
@@ -223,14 +224,14 @@ def growth_not_certain(constant: float, tests: int) -> str:
 
 
 def too_soon_after(repair_hours: float, missing: int) -> str:
-    """Return why no life is given after a fault decreased, by a repair or a new baseline.
+    """Explain why no life is given soon after a repair or a new baseline.
 
     Parameters
     ----------
     repair_hours
         Service hour at which the fault decreased [h].
     missing
-        Number of tests still needed.
+        Number of further tests needed.
     """
     since = f"fewer than {LEAST_TESTS} tests since the repair or new baseline"
     since += f" at {repair_hours:,.0f} h"
@@ -240,14 +241,14 @@ def too_soon_after(repair_hours: float, missing: int) -> str:
 def beyond_horizon(
     median_hours: float, observed_hours: float, tests: int, settings: TrackerSettings
 ) -> str:
-    """Return why a life beyond the horizon is not given; empty within the horizon.
+    """Explain why a life beyond the horizon is not given; return "" within the horizon.
 
     Parameters
     ----------
     median_hours
         Median of the life [h].
     observed_hours, tests
-        Hours over which the fault has been observed [h], and number of tests.
+        Hours over which the fault has been observed [h], and number of tests used.
     settings
         Settings with the horizon.
     """
@@ -257,7 +258,7 @@ def beyond_horizon(
     reason = f"limit not within the horizon of {horizon:.0f} h"
     if tests < 2 or observed_hours <= 0.0 or not median_hours <= settings.horizon_hours:
         return reason
-    # After d further hours the horizon reaches the end of life: u + d = (median - d) / factor.
+    # The horizon reaches the end of life after d more hours: u + d = (median - d) / factor.
     until = (median_hours / settings.horizon_factor - observed_hours) / (
         1.0 + 1.0 / settings.horizon_factor
     )
@@ -265,5 +266,5 @@ def beyond_horizon(
 
 
 def _after(tests: int) -> str:
-    """Return the text on the number of missing tests; empty above ``_MOST_TESTS``."""
+    """Return a text with the number of tests still needed; "" if above ``_MOST_TESTS``."""
     return "" if tests > _MOST_TESTS else f" (about {counted(tests, 'more test')})"

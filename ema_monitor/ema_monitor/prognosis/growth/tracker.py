@@ -1,9 +1,9 @@
 """Bayesian tracker of the growth of an actuator's faults (P5 to P9).
 
 Each component has a bank of Gaussian filters on a grid of laws, shapes and rates (``bank``), and
-Kalman filters of faults under a wave (``waves``). A grid has advantages over particles: given law,
-shape and rate, the state is a smooth scalar, well described by a Gaussian; static parameters make
-particles degenerate; and the update is deterministic.
+Kalman filters for periodic disturbances (``waves``). A grid is preferred to a particle filter for
+three reasons. For a given law, shape and rate, the state is a scalar that a Gaussian describes
+well; static parameters would make particles degenerate; and the update is deterministic.
 """
 
 import math
@@ -50,39 +50,39 @@ from ema_monitor.prognosis.growth.prediction import (
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 KEPT_AFTER_STEP: Final = 0.5
-"""Power of the learnt probabilities of laws and rates after a step fault [-]."""
+"""Fraction of evidence about laws and rates retained after a step, as an exponent [-]."""
 
 MOST_RANDOM: Final = 0.5
-"""Probability of growth by jumps or drift above which a step is part of the growth [-]."""
+"""Probability of growth by jumps or drift above which a step counts as growth [-]."""
 
 
 class Tracker(Kept):
-    """Tracks an actuator from test to test.
+    """Tracks the faults of an actuator from test to test and predicts its remaining life.
 
     Parameters
     ----------
     limits
-        Limits at which life ends.
+        End-of-life limits.
     settings
-        Assumptions on growth; by default no law is known.
+        Assumptions about growth; by default, no law is known.
     mechanisms
-        Mechanisms of growth of unknown law.
+        Growth mechanisms considered for faults of unknown law.
     outliers
-        Detector of tests that growth does not explain; a new ``OutlierDetector`` by default.
+        Outlier detector; a new ``OutlierDetector`` by default.
     check
-        Check of the predictions, which widens them; a new ``PredictionCheck`` by default.
+        Calibration check, which widens intervals; a new ``PredictionCheck`` by default.
 
     Attributes
     ----------
     hours
-        Service hour of the latest test [h]; NaN before any.
+        Service hour of the latest test [h]; NaN before the first.
     updates
-        Number of measurements so far.
+        Number of tests processed so far.
 
     Notes
     -----
-    The samples of a prediction are seeded with the number of measurements: a replay of the history
-    restores a tracker and its figures.
+    Predictions are seeded with the number of tests, so that replaying a history reproduces them
+    exactly.
     """
 
     kept = (
@@ -116,28 +116,28 @@ class Tracker(Kept):
         self._growing = np.zeros(len(COMPONENTS), dtype=bool)
         self._own_hours = np.full(len(COMPONENTS), np.nan)
         self._phase = float(FAULTS[ECCENTRICITY_PHASE].healthy)
-        # Hour of the latest decrease of a fault, NaN for none; and number of tests since then.
+        # Service hour of the latest decrease of a fault (NaN if none), and tests since then.
         self._fell_at, self._tests_since_fall = math.nan, 0
         self.updates = 0
         self.hours = math.nan
 
     def update(self, measurement: Measurement) -> list[Event]:
-        """Update by a test.
+        """Update the tracker with a test.
 
         Parameters
         ----------
         measurement
-            The test; missing tests and irregular intervals show in its hours.
+            The test. Intervals between tests may be irregular.
 
         Returns
         -------
         list of Event
-            Values that growth does not explain.
+            Outliers, repairs and steps detected with this test.
 
         Raises
         ------
         ValueError
-            If the service hour is before the latest test.
+            If the service hour is before that of the latest test.
         """
         if measurement.hours < self.hours:
             raise ValueError(
@@ -177,7 +177,7 @@ class Tracker(Kept):
     def _use(
         self, measurement: Measurement, changed: Flags | bool = False, held: Flags | bool = False
     ) -> None:
-        """Update by a test, except for components that are reset (``changed``) or held back."""
+        """Update with a test; reset components in ``changed`` and skip components in ``held``."""
         used = measurement.seen & ~np.logical_or(changed, held)
         first = used & (self._tests == 0)
         for number in np.flatnonzero(first):
@@ -195,7 +195,7 @@ class Tracker(Kept):
             self._keep_prediction(measurement.own_hours)
 
     def _keep_prediction(self, own_hours: Array) -> None:
-        """Store a prediction of later tests, to compare it with them."""
+        """Store a prediction, to be evaluated by later tests."""
         rng = np.random.default_rng([1, self.updates])
         sample = draw(self._mixture, SAMPLES, self._observed(), rng)
         ahead = self._check.hours_ahead(self.hours)
@@ -212,11 +212,11 @@ class Tracker(Kept):
             self._growing[number] = False
 
     def grown_faults(self) -> dict[str, GrownFault]:
-        """Return the evidence on the growing components, for the prior of a fleet."""
+        """Return the evidence about growing components, for fitting a fleet prior."""
         return grown_faults(self._mixture.bank.cells, self._mixture.weight, self._growing)
 
     def components(self) -> tuple[TrackedFault, ...]:
-        """Return the estimate of each component."""
+        """Return the tracked estimate of each component."""
         (mean, variance), trend = self._mixture.moments(), self._mixture.trend()
         value = np.clip(HEALTHY + mean, 0.0, HIGHEST[INDICES])
         figures = np.array([value, np.sqrt(variance), trend])
@@ -228,7 +228,7 @@ class Tracker(Kept):
         )
 
     def predict(self, duty: FutureDuty = STEADY) -> Prognosis:
-        """Return the remaining useful life from the latest test on.
+        """Predict the remaining useful life, counted from the latest test.
 
         Parameters
         ----------
@@ -252,10 +252,10 @@ class Tracker(Kept):
 
     @property
     def unsupported(self) -> str:
-        """Why no life is given so soon after a repair; "" if enough tests support a life.
+        """Reason why no life is given soon after a repair; "" if enough tests followed.
 
-        A repair may have changed more than the faults that decreased: earlier tests are no evidence
-        on the growth of any fault of the repaired unit.
+        A repair may have affected more than the faults that decreased, so earlier tests are no
+        evidence about the growth of any fault of the repaired unit.
         """
         missing = LEAST_TESTS - self._tests_since_fall
         if math.isnan(self._fell_at) or missing <= 0:
@@ -263,7 +263,7 @@ class Tracker(Kept):
         return too_soon_after(self._fell_at, missing)
 
     def _reason_unknown(self, number: int, own_hours: Array) -> str:
-        """Return why the life of a component is unknown; empty if it is known."""
+        """Return the reason why the life of a component is unknown; empty if known."""
         tests = int(self._tests[number])
         if not tests:
             return NOT_SHOWN
@@ -274,16 +274,16 @@ class Tracker(Kept):
         return beyond_horizon(float(np.median(own_hours)), observed, tests, self._settings)
 
     def _observed(self) -> Array:
-        """Return the hours over which each growing component was observed, else 0, ``(7,)`` [h]."""
+        """Return the observed hours of each growing component, else 0, ``(7,)`` [h]."""
         return np.where(self._growing, self._own_hours - self._first_hours, 0.0)
 
     def futures(self, hours: ArrayLike, n: int = 500, duty: FutureDuty = STEADY) -> Array:
-        """Return samples of the fault vector in the future.
+        """Sample future fault vectors.
 
         Parameters
         ----------
         hours
-            Ascending hours from the latest test on, at least 0 [h], ``(m,)``.
+            Ascending hours from the latest test, at least 0, ``(m,)`` [h].
         n
             Number of samples.
         duty
@@ -292,13 +292,13 @@ class Tracker(Kept):
         Returns
         -------
         numpy.ndarray
-            Fault vectors within their range, ``(m, n, 8)``, with the direction of eccentricity of
-            the latest test.
+            Fault vectors within their valid range, ``(m, n, 8)``. The direction of eccentricity is
+            taken from the latest test.
 
         Raises
         ------
         ValueError
-            If the hours descend or are below 0.
+            If the hours decrease or are negative.
         """
         times = np.atleast_1d(np.asarray(hours, dtype=np.float64))
         if times.ndim != 1 or not np.all(np.diff(times, prepend=0.0) >= 0.0):
@@ -313,7 +313,7 @@ class Tracker(Kept):
         return np.clip(vectors, 0.0, HIGHEST)
 
     def fan(self, hours: ArrayLike, duty: FutureDuty = STEADY) -> Fan:
-        """Return quantiles of the ``futures`` of each component, for plots."""
+        """Return quantiles of ``futures`` for each component, for fan charts."""
         values = np.quantile(self.futures(hours, duty=duty), FAN_LEVELS, axis=1)
         return Fan(
             np.atleast_1d(np.asarray(hours, dtype=np.float64)),

@@ -1,4 +1,4 @@
-"""Assumptions of a tracker on growth: known laws, the growth of other units, and noise."""
+"""Assumptions of a tracker about growth: known laws, a fleet prior, and noise."""
 
 import math
 from collections.abc import Hashable, Mapping
@@ -16,78 +16,78 @@ from ema_core.wording import unknown_name
 from ema_monitor.health import HealthLimits
 
 FORM: Final = "LAW[:RATE[:SHAPE]]"
-"""Form in which users write a law."""
+"""Syntax of a law in user input."""
 
 LIFE_HOURS: Final = np.geomspace(50.0, 30_000.0, 97)
-"""Hours from healthy to the limit on the grid [h]; every second value if the law is unknown."""
+"""Grid of hours from healthy to the limit [h]; every second value is used if the law is unknown."""
 
 
 @runtime_checkable
 class GrowthLaw(Protocol):
-    """A law of growth defined by a user, for ``KnownLaw``.
+    """Interface of a user-defined growth law, for ``KnownLaw``.
 
-    x >= 0 is the distance from healthy [-]. Growth is deterministic, starts at x = 0 by itself, and
-    its time is inversely proportional to the rate: twice the rate takes half the hours. The tracker
-    adds process noise, and refuses a law whose methods contradict each other. A law must be
-    hashable; an instance of a frozen dataclass or of a class without ``__eq__`` is.
+    Let x >= 0 be the distance from healthy [-]. Growth must be deterministic and must start from x
+    = 0 without a trigger. Its time must be inversely proportional to the rate. The tracker adds
+    process noise and rejects a law whose methods are inconsistent. Laws must be hashable, as are
+    instances of frozen dataclasses and of classes without ``__eq__``.
     """
 
     def increment(self, x: Array, rate: Array, shape: Array, hours: Array) -> Array:
-        """Return the growth from x within some hours.
+        """Return the growth from x over the given hours.
 
         Parameters
         ----------
         x
-            Distances from healthy [-]; all arguments are arrays that broadcast.
+            Distances from healthy [-]. All arguments are arrays and are broadcast.
         rate
             Rate of the law [1/h].
         shape
-            Second figure of the law, ``KnownLaw.shape`` [-].
+            Second parameter of the law, ``KnownLaw.shape`` [-].
         hours
-            Hours of growth, at least 0 [h].
+            Growth time, at least 0 [h].
 
         Returns
         -------
         numpy.ndarray
-            Increment of x [-], in the common shape; infinite where the solution is unbounded.
+            Increment of x in the broadcast shape [-]; infinite where the solution diverges.
         """
         ...
 
     def hours_until(self, x: Array, rate: Array, shape: Array, limit: Array) -> Array:
-        """Return the hours until growth from x first reaches a limit.
+        """Return the time until growth from x first reaches the limit.
 
         Parameters
         ----------
         x
-            Distances from healthy [-]; all arguments are arrays that broadcast.
+            Distances from healthy [-]. All arguments are arrays and are broadcast.
         rate
             Rate of the law [1/h].
         shape
-            Second figure of the law, ``KnownLaw.shape`` [-].
+            Second parameter of the law, ``KnownLaw.shape`` [-].
         limit
             Distance from healthy at which life ends [-].
 
         Returns
         -------
         numpy.ndarray
-            Hours [h], in the common shape: at most 0 at or beyond the limit, infinite if growth
-            never reaches it.
+            Time in the broadcast shape [h]: at most 0 if x is at or beyond the limit, infinite if
+            the limit is never reached.
         """
         ...
 
 
 @dataclass(frozen=True)
 class KnownLaw(Checked):
-    """Known law of growth of a component, with the prior of its rate.
+    """Known growth law of a component, with a prior of its rate.
 
-    The prior of the rate is half a lognormal of these figures and half log-uniform over all rates
-    of the tracker, which reach the limit within 50 h to 30,000 h: faults of an actuator may grow
-    slower or faster than usual for its type.
+    The rate prior is an equal mixture of a lognormal with these parameters and a log-uniform
+    distribution over all rates of the tracker, which reach the limit in 50 h to 30,000 h. The
+    latter allows for units whose faults grow unusually slowly or fast.
 
     Raises
     ------
     ValueError
-        If the law is unknown or a figure is impossible.
+        If the law is unknown or a parameter is invalid.
 
     Examples
     --------
@@ -97,16 +97,19 @@ class KnownLaw(Checked):
     """
 
     law: str | GrowthLaw = "linear"
-    """``"linear"``, ``"exponential"``, ``"archard"``, ``"self_heating"``, ``"power"``, ``"drift"``
-    (P3), or a ``GrowthLaw``."""
+    """Name of a law (P3), or a ``GrowthLaw``.
+
+    The names are ``"linear"``, ``"exponential"``, ``"archard"``, ``"self_heating"``, ``"power"``
+    and ``"drift"``.
+    """
     rate: float = quantity(1e-3, "1/h", 1e-9, 1e6, "median of the rate, of law power of c in h")
-    """Median of the rate a [1/h]; for law ``power``, median of the time scale c [h]."""
+    """Median of the rate a [1/h], or of the time scale c [h] for law ``power``."""
     rate_sigma: float = quantity(0.5, "-", 0.05, 3.0, "sigma of the rate's logarithm")
-    """Standard deviation of the rate's logarithm [-]."""
+    """Standard deviation of the logarithm of the rate [-]."""
     shape: float = quantity(0.0, "-", 0.0, 100.0, "second parameter of the law: x_0, b or p")
-    """Second figure of the law [-]: b, x_0 or p."""
+    """Second parameter of the law: b, x_0 or p [-]."""
     diffusion: float = quantity(1e-3, "1/sqrt(h)", 1e-9, 1.0, "s of law drift")
-    """Diffusion s of law ``drift`` [1/sqrt(h)]."""
+    """Diffusion s, for law ``drift`` [1/sqrt(h)]."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -127,7 +130,7 @@ class KnownLaw(Checked):
 
     @classmethod
     def of(cls, law: str, rate: float, second: float, rate_sigma: float = 0.5) -> "KnownLaw":
-        """Return a law with its second figure: the diffusion of ``drift``, else the shape."""
+        """Create a law; ``second`` is the diffusion of ``drift``, or else the shape."""
         if law == "drift":
             return cls(law, rate, rate_sigma, diffusion=second)
         return cls(law, rate, rate_sigma, shape=second)
@@ -140,27 +143,27 @@ NOMINAL_LAWS: Final[Mapping[str, KnownLaw]] = MappingProxyType(
         for usual in [TYPICAL[kind_of(name)]]
     }
 )
-"""Laws and median rates of the simulated lives, for a tracker that knows the law."""
+"""Laws and median rates of the simulated lives, for trackers with known laws."""
 
 
 def known_law(fault: str, written: str) -> KnownLaw:
-    """Return the law that a user has written.
+    """Parse a law written by a user.
 
     Parameters
     ----------
     fault
         Component of the fault vector.
     written
-        ``LAW[:RATE[:SHAPE]]``: the law, its median rate a [1/h] (time scale c [h] for ``power``)
-        and its second figure: x_0, b or p [-], or s [1/sqrt(h)] for ``drift``; ``linear`` has no
-        second figure. Without figures, the law must be the law of the fault in ``NOMINAL_LAWS``,
-        whose figures are then used.
+        ``LAW[:RATE[:SHAPE]]``: the law; its median rate a [1/h], or time scale c [h] for ``power``;
+        and its second parameter, x_0, b or p [-], or s [1/sqrt(h)] for ``drift``. ``linear`` has no
+        second parameter. Without parameters, the law must match the fault's law in
+        ``NOMINAL_LAWS``, whose parameters are then used.
 
     Raises
     ------
     ValueError
-        If fault or law are unknown, a figure is missing or impossible, or the growth rate is
-        outside the range of the tracker.
+        If the fault or law is unknown, a parameter is missing or invalid, or the growth rate is
+        outside the tracker's range.
     """
     if fault not in COMPONENTS:
         raise ValueError(unknown_name("fault", fault, COMPONENTS))
@@ -201,19 +204,19 @@ def _law_of(kind: str) -> Any:
 
 @dataclass(frozen=True)
 class KnownLawTexts(settings_by_kind("_LawByKind", str, _law_of)):
-    """Law of each kind of fault, ``LAW[:RATE[:SHAPE]]``, or empty if unknown.
+    """Growth law of each kind of fault as ``LAW[:RATE[:SHAPE]]``; empty if unknown.
 
     Raises
     ------
     ValueError
-        If a text is not a law; the message begins with the kind of fault.
+        If a text is not a valid law; the error names the kind of fault.
     """
 
     def __post_init__(self) -> None:
         self.laws()
 
     def laws(self) -> Mapping[str, KnownLaw]:
-        """Return the law of each component whose law is known."""
+        """Return the known laws by component."""
         laws = {}
         for name in COMPONENTS:
             kind = kind_of(name)
@@ -230,10 +233,10 @@ class KnownLawTexts(settings_by_kind("_LawByKind", str, _law_of)):
 
 @dataclass(frozen=True)
 class FleetPrior:
-    """Distribution of curves and rates over the units of a fleet."""
+    """Distribution of growth curves and rates over the units of a fleet."""
 
     digest: str
-    """Digest of the evidence of all units."""
+    """Digest of the evidence from all units."""
     units: int
     """Number of units with a growing fault."""
     names: str = ""
@@ -241,27 +244,29 @@ class FleetPrior:
     counts: Mapping[str, int] = field(default_factory=dict, compare=False, repr=False)
     """Number of growing faults by kind."""
     shares: Mapping[str, Array] = field(default_factory=dict, compare=False, repr=False)
-    """Probability of each curve and rate of faults that grow, by kind of the fault, ``(curves,
-    rates)``; sums to 1. Kinds without a growing fault are missing."""
+    """Probability of each curve and rate, by kind of fault, ``(curves, rates)``; each sums to 1.
+
+    Kinds for which no unit has a growing fault are omitted.
+    """
 
     def in_words(self) -> str:
-        """Return the text on the origin of the prior."""
+        """Return a short description of the origin of the prior."""
         origin = f"{self.units} other{'' if self.units == 1 else 's'}"
         return f"growth prior from {origin}" + (f" ({self.names})" if self.names else "")
 
 
 @dataclass(frozen=True)
 class TrackerSettings(Checked):
-    """Assumptions of a tracker; each field has its unit, range and meaning.
+    """Assumptions of a tracker about growth and measurement noise.
 
-    A component that ``laws`` does not name has an unknown law: all laws are averaged. ``fleet`` is
-    the growth of other units; a known law takes precedence. ``forgetting`` is a power applied to
-    the learnt probabilities of wandering rates, of waves, and of the kinds of growth.
+    For components not listed in ``laws``, the law is unknown and all laws are averaged. ``fleet``
+    is a prior learnt from other units; known laws take precedence. ``forgetting`` discounts, at
+    each test, the evidence for wandering rates, waves and the kinds of growth.
 
     Raises
     ------
     ValueError
-        If a figure is outside its range, or a component is unknown.
+        If a value is out of range, or a component is unknown.
     """
 
     laws: Mapping[str, KnownLaw] = field(default_factory=dict)
@@ -287,5 +292,5 @@ class TrackerSettings(Checked):
 
     @property
     def noise_hours(self) -> float:
-        """Variance of the effective time of growth per hour in service [h]."""
+        """Variance of the effective growth time per hour of service [h]."""
         return math.expm1(self.process_noise**2) * self.process_noise_hours

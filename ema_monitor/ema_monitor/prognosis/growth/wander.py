@@ -1,8 +1,8 @@
-"""A wandering pace: a random factor of the rate of growth, correlated over some hundred hours.
+"""Wandering pace: a random growth rate factor with a correlation time of 500 h.
 
-Its logarithm z is an Ornstein-Uhlenbeck process of mean 0 and standard deviation ``SIGMA``, on a
-grid of paces: a birth and death process between neighbours with the same stationary distribution
-and, between them, the same diffusion. The mean of the factor is 1.
+Its logarithm z is an Ornstein-Uhlenbeck process with mean 0 and standard deviation ``SIGMA``. On a
+grid of paces, it is approximated by a birth-death process with the same stationary distribution and
+diffusion. The factor is scaled to mean 1.
 """
 
 import math
@@ -22,17 +22,17 @@ WANDER_HOURS: Final = 500.0
 """Correlation time of a pace [h]; values from 200 h to 2,000 h make little difference."""
 
 PACES: Final = SIGMA * np.linspace(-2.4, 2.4, 7)
-"""Logarithms of the paces of the grid [-]."""
+"""Grid of log-paces [-]."""
 
 SHARES: Final = np.exp(-0.5 * (PACES / SIGMA) ** 2) / np.sum(np.exp(-0.5 * (PACES / SIGMA) ** 2))
 """Stationary probabilities of ``PACES`` [-]."""
 
 LOG_MEAN: Final = float(np.log(np.sum(SHARES * np.exp(PACES))))
 FACTORS: Final = np.exp(PACES - LOG_MEAN)
-"""Factors of the rate by pace, with mean 1 [-]."""
+"""Rate factor of each pace, with mean 1 [-]."""
 
 STEPS: Final = 24
-"""Number of steps in which a future time of growth is simulated."""
+"""Number of steps in which a wandering pace is simulated."""
 
 _STEP_SHARE: Final = 1.0 / 12.0
 _LEAST_WEIGHT: Final = 1e-270
@@ -40,10 +40,10 @@ _LEAST_VARIANCE: Final = 1e-14
 
 
 def _generator() -> tuple[Array, Array, Array]:
-    """Return eigenvalues, left and right vectors of the rates of change between paces."""
+    """Return eigenvalues, left and right vectors of the birth-death process's generator."""
     root = np.sqrt(SHARES)
     diffusion = SIGMA**2 / WANDER_HOURS / (PACES[1] - PACES[0]) ** 2
-    # In detailed balance with the stationary probabilities, so symmetric when scaled.
+    # Detailed balance makes the scaled generator symmetric.
     neighbours = np.full(PACES.size - 1, diffusion)
     scaled = np.diag(neighbours, 1) + np.diag(neighbours, -1)
     scaled -= np.diag((scaled @ root) / root)
@@ -55,7 +55,7 @@ _GENERATOR: Final = _generator()
 
 
 def transition(hours: ArrayLike) -> Array:
-    """Return the probabilities from pace to pace over some hours [h], ``(..., p, p)``."""
+    """Return the transition probabilities between paces over the hours, ``(..., p, p)``."""
     values, left, right = _GENERATOR
     kept = np.exp(values * np.asarray(hours, dtype=np.float64)[..., None])
     return np.maximum((left * kept[..., None, :]) @ right, 0.0)
@@ -64,16 +64,16 @@ def transition(hours: ArrayLike) -> Array:
 def mix_paces(
     weight: Array, mean: Array, variance: Array, blocks: NDArray[np.intp], hours: Array
 ) -> None:
-    """Change the paces of cells in place, and merge the states that arrive at each pace.
+    """Propagate the paces of cells in place, merging the states that arrive at each pace.
 
     Parameters
     ----------
     weight, mean, variance
-        Probability, mean and variance of the level of each cell.
+        Probability, mean and variance of the level of each cell, ``(n,)``.
     blocks
         Indices of the cells of each curve by pace and rate, ``(b, p, r)``.
     hours
-        Hours of growth of each curve, ``(b,)`` [h].
+        Growth hours of each curve, ``(b,)`` [h].
     """
     moved = np.swapaxes(transition(hours), 1, 2)
     w, m = weight[blocks], mean[blocks]
@@ -88,10 +88,10 @@ def mix_paces(
 
 @kernel()
 def followed(pace: Array, steps: Array, normal: Array) -> Array:
-    """Return the time of growth that passes in each step, ``(m, n)`` [h].
+    """Simulate wandering paces; return the effective growth time in each step, ``(m, n)`` [h].
 
-    ``pace`` is the logarithm of the present pace [-], ``(n,)``; ``steps`` are lengths of steps [h],
-    ``normal`` standard normal numbers, ``(m, n)`` each.
+    ``pace`` is the current log-pace, ``(n,)`` [-]. ``steps`` are step durations [h], and ``normal``
+    standard normal samples, ``(m, n)`` each.
     """
     passed = np.empty(steps.shape)
     for i in range(pace.size):
@@ -108,10 +108,11 @@ def followed(pace: Array, steps: Array, normal: Array) -> Array:
 
 
 def hours_of(paced_hours: Array, pace: Array, rng: np.random.Generator) -> Array:
-    """Return the hours in which a time of growth passes at a wandering pace, ``(n,)`` [h].
+    """Return the hours needed for a given effective growth time at a wandering pace, ``(n,)`` [h].
 
-    ``paced_hours`` is this time at pace 1, ``pace`` the logarithm of the present pace [-]. After
-    ``STEPS`` steps the rest passes at the mean pace, to which a slow pace has returned by then.
+    ``paced_hours`` is the effective growth time [h] and ``pace`` the current log-pace [-]. After
+    ``STEPS`` steps, the mean pace is used for the rest, because the pace has reverted to it by
+    then.
     """
     step = paced_hours * _STEP_SHARE
     normal = rng.standard_normal((STEPS, paced_hours.size))

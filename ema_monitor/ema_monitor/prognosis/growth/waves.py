@@ -1,8 +1,7 @@
-"""Filters for faults under a wave: periodic effects of season, temperature or load (P6c).
+"""Kalman filters for faults with a superimposed periodic disturbance, or wave (P6c).
 
-The state of a filter is level x, rate v, and a wave w of known period and unknown amplitude and
-phase: it turns by 2 pi hours / period, and amplitude and phase change slowly. A test measures
-x + w.
+Waves represent seasonal, temperature or load effects. The state has the level x, the rate v, and
+the wave w, which has a known period and slowly varying amplitude and phase. A test measures x + w.
 """
 
 import math
@@ -22,44 +21,44 @@ from ema_monitor.prognosis.growth.measurement import REACH, Measurement
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 PERIODS: Final = np.asarray(200.0 * 1.15 ** np.arange(13), dtype=np.float64)
-"""Periods of the waves on the grid [h]."""
+"""Grid of wave periods [h]."""
 
 AMPLITUDE: Final = 0.025
-"""Standard deviation of each of the two parts of a wave, as a share of the limit [-]."""
+"""Prior standard deviation of each quadrature component of a wave, relative to the limit [-]."""
 
 LASTING: Final = 20.0
-"""Correlation time of amplitude and phase of a wave [periods]."""
+"""Correlation time of the amplitude and phase of a wave [periods]."""
 
 RATE_SPREAD: Final = 0.15
-"""Standard deviation of the logarithm of the future mean rate over the present rate [-]."""
+"""Standard deviation of the log-ratio of the future mean rate to the current rate [-]."""
 
 _RATE_WALK: Final = 0.01
 """Relative random walk of the rate [1/sqrt(h)]."""
 
 _LIVES: Final = np.array([np.inf, 2500.0, 600.0])
-"""Hours to the limit at one standard deviation of the rate [h]; infinite without growth."""
+"""Hours to the limit at one prior standard deviation of the rate [h]; infinite means no growth."""
 
 _SEEN: Final = np.array([1.0, 0.0, 1.0, 0.0])
 _LEAST_RATE: Final = 1e-6
-"""Smallest rate that counts as growth, in shares of the limit [1/h]."""
+"""Smallest rate that counts as growth, relative to the limit [1/h]."""
 
 _STEPS_A_PERIOD: Final = 20
 
 
 class Waves(Kept):
-    """Filters of waves: states are x, v and the parts of w, a test measures x + w.
+    """Kalman filters of all wave periods, with states x, v and the quadrature components of w.
 
     Attributes
     ----------
     prior
-        Probabilities before any test, ``(7, k)``; their sum for a component is ``prior``, or 0 if
-        its law is known.
+        Prior probabilities, ``(7, k)``; they sum to ``prior`` for each component, or to 0 if its
+        law is known.
     grows
-        Filters whose level grows, ``(k,)``.
+        Whether each filter models growth, ``(k,)``.
     mean, covariance
         Mean and covariance of the states, ``(7, k, 4)`` and ``(7, k, 4, 4)``.
     omega
-        Angular frequency of the wave [rad/h], ``(k,)``.
+        Angular frequency of each filter's wave, ``(k,)`` [rad/h].
     """
 
     kept = ("mean", "covariance")
@@ -82,15 +81,15 @@ class Waves(Kept):
             self.restart(number, 0.0, 1.0)
 
     def moments(self) -> tuple[Array, Array]:
-        """Return mean and variance of a test's value as each filter predicts it, ``(7, k)``."""
+        """Return mean and variance of each filter's predicted measurement, ``(7, k)`` each."""
         return self.mean @ _SEEN, self.covariance @ _SEEN @ _SEEN
 
     def restart(self, number: int, value: float, variance: float) -> None:
-        """Reset a component to a signed distance from healthy, with unknown wave and rate."""
+        """Reset a component to a signed distance from healthy, with wave and rate unknown."""
         wave = self._wave_variance[number]
         self.mean[number] = [value, 0.0, 0.0, 0.0]
         covariance = np.zeros_like(self.covariance[number])
-        # The level is the value without the wave.
+        # The level is the measured value minus the unknown wave.
         covariance[:, 0, 0] = variance + wave
         covariance[:, 0, 2] = covariance[:, 2, 0] = -wave
         covariance[:, 1, 1] = self._rate_variance[number]
@@ -98,11 +97,11 @@ class Waves(Kept):
         self.covariance[number] = covariance
 
     def rates(self) -> Array:
-        """Return the rate of growth of each filter without its wave [1/h], ``(7, k)``."""
+        """Return the growth rate of each filter, excluding the wave, ``(7, k)`` [1/h]."""
         return np.where(self.grows, self.mean[..., 1], 0.0)
 
     def advance(self, weight: Array, hours: Array) -> None:
-        """Advance the filters by hours of their component, ``(7,)`` [h]; growth may begin."""
+        """Propagate the filters by the hours of each component, ``(7,)`` [h], with onset."""
         self._begin(weight)
         hours = hours[:, None]
         rate, turn = self.rates(), hours * self.omega
@@ -122,7 +121,7 @@ class Waves(Kept):
         self.covariance = step @ self.covariance @ np.swapaxes(step, -1, -2) + noise
 
     def _begin(self, weight: Array) -> None:
-        """Apply the probability that growth begins in filters without growth."""
+        """Move the onset probability from filters without growth to filters with growth."""
         n, groups = PERIODS.size, _LIVES.size - 1
         out = self._settings.onset_probability * weight[:, :n]
         weight[:, :n] -= out
@@ -140,20 +139,21 @@ class Waves(Kept):
             weight[:, at] = total * (self.prior[:, at] > 0.0)
 
     def measure(self, test: Measurement, plain: Flags, near: Flags) -> tuple[Array, Array]:
-        """Update the filters by a test.
+        """Update all filters with a test.
 
         Parameters
         ----------
         test
             The test.
         plain, near
-            Components with a measured value, and components set to healthy, ``(7,)``.
+            Components with a measured value, and components that the estimate set to healthy,
+            ``(7,)``.
 
         Returns
         -------
         tuple of numpy.ndarray
-            Logarithms of the likelihoods of the filters, and their predicted probabilities of a
-            smaller value, ``(7, k)`` each; 0 for components not shown.
+            Log-likelihood of each filter and its predicted probability of a smaller value, ``(7,
+            k)`` each; 0 for components that the test does not show.
         """
         log_likelihood, below = np.zeros_like(self.prior), np.zeros_like(self.prior)
         at, (mean, variance) = plain, self.moments()
@@ -178,7 +178,7 @@ class Waves(Kept):
     def drawn(
         self, number: NDArray[np.intp], of_it: NDArray[np.intp], rng: np.random.Generator
     ) -> "WaveDraw":
-        """Return a sample for each pair of numbers of a component and of its filter."""
+        """Draw one sample for each pair of component number and filter number, ``(m,)`` each."""
         pairs, which = np.unique(number * self.omega.size + of_it, return_inverse=True)
         covariance = self.covariance.reshape(-1, 4, 4)[pairs]
         values, vectors = np.linalg.eigh(covariance)
@@ -187,25 +187,28 @@ class Waves(Kept):
         state = self.mean[number, of_it] + np.einsum("mij,mj->mi", root[which], normal)
         spread = np.exp(RATE_SPREAD * rng.standard_normal(number.size))
         state[:, 1] *= np.where(self.grows[of_it], spread, 0.0)
-        # Growth may go to either side only for two-sided components.
+        # Only two-sided components can grow in the negative direction.
         side = np.where(self.two_sided[number] & (state[:, 1] < 0.0), -1.0, 1.0)
         return WaveDraw(state, self.omega[of_it], side / self._limit[number])
 
 
 @dataclass(frozen=True, eq=False)
 class WaveDraw:
-    """Samples under a wave."""
+    """Samples of faults with a wave."""
 
-    state: Array  # signed level, rate [1/h] and the parts of the wave, (m, 4)
-    omega: Array  # turn of the wave [rad/h], (m,)
-    scale: Array  # one over the limit to which it grows, signed, (m,)
+    state: Array
+    """Signed level, rate [1/h] and the two wave components, ``(m, 4)``."""
+    omega: Array
+    """Angular frequency of the wave, ``(m,)`` [rad/h]."""
+    scale: Array
+    """Reciprocal of the limit, negative for growth in the negative direction, ``(m,)``."""
 
     def lives(self) -> Array:
-        """Return hours until each sample first reaches its limit [h], ``(m,)``."""
+        """Return the time until each sample first reaches its limit, ``(m,)`` [h]."""
         return _first_passages(self.state * self.scale[:, None], self.omega)
 
     def values(self, hours: Array) -> Array:
-        """Return signed distances from healthy after hours of each [h], ``(k, m)``."""
+        """Return the signed distances from healthy after the given hours, ``(k, m)``."""
         x, rate, c, s = self.state.T
         turn = hours * self.omega
         return x + rate * hours + c * np.cos(turn) + s * np.sin(turn)
@@ -213,7 +216,7 @@ class WaveDraw:
 
 @kernel()
 def _first_passages(state: Array, omega: Array) -> Array:
-    """Return hours until level and wave first reach 1 [h], ``(m,)``."""
+    """Return the time until the sum of level and wave first reaches 1, ``(m,)`` [h]."""
     result = np.empty(omega.size)
     for i in range(omega.size):
         x, rate, c, s = state[i]
@@ -223,7 +226,7 @@ def _first_passages(state: Array, omega: Array) -> Array:
         result[i] = np.inf
         if rate < _LEAST_RATE:
             continue
-        # The limit is out of reach until its distance from the level is below the wave's size.
+        # The limit can only be reached once the level is within the wave's amplitude of it.
         size = math.hypot(c, s)
         first = max((1.0 - size - x) / rate, 0.0)
         last = max((1.0 + size - x) / rate, first)

@@ -1,6 +1,6 @@
-"""Laws by which the tracker follows growth, by name, in the order of their cells in the grid.
+"""Growth laws by name, in the order of their cells in the grid.
 
-CONTRIBUTING.md lists the steps to add a law.
+To add a law, subclass ``interface.Law`` in a new module and list the class here.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""dx/du = a (1 + b x): Archard's wear with impacts that grow with the play."""
+"""dx/du = a (1 + b x): Archard wear with impacts that increase with backlash."""
 
 import math
 from typing import Final
@@ -7,11 +7,11 @@ from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Law, bent
 
 _STEEP: Final = 4.0
 _SETTLING: Final = 0.7
-"""Relative loss of speed between healthy and the limit for growth that slows down [-]."""
+"""Relative decrease of the growth rate from healthy to the limit, for decelerating growth [-]."""
 
 
 class Archard(Law):
-    """Exponential growth; growth that slows down if b is below 0."""
+    """Exponential growth for b > 0, decelerating growth for b < 0."""
 
     name = "archard"
 
@@ -23,5 +23,5 @@ class Archard(Law):
 
 
 def _bend(product: float) -> float:
-    """Return the bend by b times the limit."""
+    """Return the bend of the curve, given the product of b and the limit [-]."""
     return (1.0 + product) * math.log1p(product) / product

@@ -7,7 +7,7 @@ from ema_monitor.prognosis.growth.laws.interface import Figures, Future, Law, Le
 
 
 class Constant(Law):
-    """A constant level."""
+    """Law without growth: the level is constant."""
 
     name = "constant"
 

@@ -1,4 +1,4 @@
-"""dx = a du + s dW: drift and diffusion."""
+"""dx = a du + s dW: drift with diffusion."""
 
 import math
 from typing import Final
@@ -9,11 +9,11 @@ from ema_core.arrays import Array
 from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Figures, Future, Law, Levels
 
 _DIFFUSIONS: Final = (0.05, 0.1, 0.2)
-"""Diffusion over 1,000 h as multiples of the limit [-]."""
+"""Standard deviation of the diffusion over 1,000 h, as multiples of the limit [-]."""
 
 
 class Drift(Law):
-    """A Wiener process with drift, as probable as a law with all its bends."""
+    """Wiener process with drift; its prior equals that of a law with all its bends."""
 
     name = "drift"
     is_random = True

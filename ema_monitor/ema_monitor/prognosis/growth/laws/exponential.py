@@ -4,6 +4,6 @@ from ema_monitor.prognosis.growth.laws.interface import Law
 
 
 class Exponential(Law):
-    """A law for ``KnownLaw`` only: it has the curves of ``archard``, with x_0 = 1 / b."""
+    """Exponential growth, for ``KnownLaw`` only; equivalent to ``archard`` with b = 1 / x_0."""
 
     name = "exponential"

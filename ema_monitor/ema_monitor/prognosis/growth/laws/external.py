@@ -1,4 +1,4 @@
-"""Growth by a law that a user defines."""
+"""Growth by a user-defined law."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from ema_monitor.prognosis.growth.tracker_settings import GrowthLaw
 
 
 class External(Law):
-    """A ``GrowthLaw`` with process noise, for faults with a known law only."""
+    """Adapter that adds process noise to a user-defined ``GrowthLaw``."""
 
     name = "external"
 

@@ -1,4 +1,4 @@
-"""Interface of the laws of growth: their curves, how a level moves, and when it passes a limit."""
+"""Interface of growth laws: candidate curves, propagation of levels and first passage of limits."""
 
 import math
 from collections.abc import Callable
@@ -10,66 +10,81 @@ from ema_core.arrays import Array
 from ema_core.growth_laws import TIME_SCALE_LAWS, hours_until, increment
 
 BENDS: Final = tuple(np.geomspace(1.15, 6.0, 12).tolist())
-"""Bends of curves of unknown law [-].
+"""Bends of the candidate curves of unknown laws [-].
 
-The weakest bend hardly differs from a line. With the strongest bends, half of the growth happens in
-the last fifth to tenth of life. Neighbours are so close that predictions do not depend on where
-between them the real bend lies.
+The weakest bend is almost a straight line. With the strongest bends, half of the growth occurs in
+the last tenth to fifth of life. The spacing is fine enough that predictions do not depend on where
+the true bend lies between neighbours.
 """
 
 
 class Curve(NamedTuple):
-    """A curve of a law."""
+    """Candidate curve of a growth law."""
 
-    shape: float = 0.0  # second figure of the law [-]
-    share: float = 1.0  # of the prior, relative to other curves [-]
-    third: float = 0.0  # of drift its s [1/sqrt(h)], of jumps their mean size, of logistic x_0 [-]
+    shape: float = 0.0
+    """Second parameter of the law [-]."""
+    share: float = 1.0
+    """Prior weight relative to other curves [-]."""
+    third: float = 0.0
+    """Third parameter: s of drift [1/sqrt(h)], mean jump size or logistic x_0 [-]."""
 
 
 class Figures(NamedTuple):
-    """Figures of cells or samples that follow a law, ``(n,)`` each."""
+    """Law parameters of cells or samples that follow the same law, ``(n,)`` each."""
 
-    side: Array  # of healthy, on which it grows, -1 or 1
-    rate: Array  # of the law [1/h], or its time scale [h]
+    side: Array
+    """Direction of growth from healthy, -1 or 1."""
+    rate: Array
+    """Rate [1/h]; for law ``power``, the time scale [h]."""
     shape: Array
-    third: Array  # as in `Curve`
-    limit: Array  # distance from healthy at which life ends [-]
+    """Second parameter of the law."""
+    third: Array
+    """Third parameter of the law, see `Curve`."""
+    limit: Array
+    """Distance from healthy at which life ends [-]."""
 
 
 class Levels(NamedTuple):
-    """Probability, mean and variance of the levels of cells, ``(n,)`` each, changed in place."""
+    """Probability, mean and variance of each cell's level, ``(n,)``; modified in place."""
 
-    weight: Array  # probabilities of the cells [-]
-    mean: Array  # of the signed distance from healthy [-]
+    weight: Array
+    """Probability of each cell [-]."""
+    mean: Array
+    """Mean signed distance from healthy [-]."""
     variance: Array
+    """Variance of the distance [-]."""
 
 
 class Future(NamedTuple):
-    """Future times of growth of samples, ``(m, n)`` each."""
+    """Future growth times of samples, ``(m, n)`` each."""
 
-    hours: Array  # of growth from now on, ascending [h]
-    paced: Array  # the same at a pace that may wander [h]
-    noise: Array  # contribution of process noise [h]
-    wiener: Array  # standard Wiener process [sqrt(h)]
+    hours: Array
+    """Growth hours from now, ascending [h]."""
+    paced: Array
+    """Growth hours at a possibly wandering pace [h]."""
+    noise: Array
+    """Process noise of the growth time [h]."""
+    wiener: Array
+    """Standard Wiener process [sqrt(h)]."""
 
     def time(self, hours: Array) -> Array:
-        """Return hours of growth with process noise, limited to be ascending [h]."""
+        """Return growth hours with process noise added, made non-decreasing [h]."""
         return np.maximum.accumulate(np.maximum(hours + self.noise, 0.0), axis=0)
 
 
 class Law:
-    """A law that grows by an exact solution of ``ema_core.growth_laws``, with process noise."""
+    """Base class: growth by an exact solution in ``ema_core.growth_laws``, with process noise."""
 
     name: ClassVar[str]
     """Name of the law."""
     solution: ClassVar[str] = ""
-    """Name of the exact solution; empty if it is the name of the law."""
+    """Name of the exact solution in ``ema_core.growth_laws``; empty if equal to ``name``."""
     is_random: ClassVar[bool] = False
-    """Whether growth itself is random, so that steps and changes of rate are part of it."""
+    """Whether growth is random by nature, so that it includes steps and rate changes."""
     copies: ClassVar[int] = 1
     """Number of cells for each rate."""
     either_side: ClassVar[bool] = False
-    """Whether the law is only for faults that can leave their healthy value to either side."""
+    """Whether the law only applies to faults that can deviate to either side of healthy."""
 
     @property
     def has_time_scale(self) -> bool:
@@ -77,35 +92,32 @@ class Law:
         return (self.solution or self.name) in TIME_SCALE_LAWS
 
     def curves(self, limit: float) -> list[Curve]:
-        """Return the curves that a fault of unknown law may follow to a limit [-].
-
-        A law without curves is only used for faults whose law is known.
-        """
+        """Return the candidate curves for a fault of unknown law, given its limit [-]."""
         return []
 
     def wandering(self, limit: float) -> list[float]:
-        """Return the shapes of the curves with a wandering rate, for a limit [-]."""
+        """Return the shapes of candidate curves with a wandering rate, given the limit [-]."""
         return []
 
     def increment(self, x: Array, of: Figures, hours: Array) -> Array:
-        """Return the growth over some hours from distances ``x``, without noise [-]."""
+        """Return the noise-free growth from distances ``x`` over the given hours [-]."""
         return increment(self.solution or self.name, x, of.rate, of.shape, hours)
 
     def hours_until(self, x: Array, of: Figures) -> Array:
-        """Return the hours of growth from distances ``x`` to the limit, without noise [h]."""
+        """Return the noise-free growth time from distances ``x`` to the limit [h]."""
         return hours_until(self.solution or self.name, x, of.rate, of.shape, of.limit)
 
     def advance(self, levels: Levels, of: Figures, hours: Array, noise_hours: float) -> None:
-        """Advance the levels in place.
+        """Propagate the levels in place.
 
         Parameters
         ----------
         levels, of
-            Levels of the cells, and their figures.
+            Levels and law parameters of the cells.
         hours
-            Hours of growth of each cell, ``(n,)`` [h].
+            Growth hours of each cell, ``(n,)`` [h].
         noise_hours
-            Variance of the effective time of growth per hour [h].
+            Variance of the effective growth time per hour [h].
         """
         sd = np.sqrt(levels.variance)
         x = np.maximum(of.side * levels.mean + np.stack([-sd, sd]), 0.0)
@@ -119,21 +131,21 @@ class Law:
     def passage(
         self, x: Array, of: Figures, noise_hours: float, rng: np.random.Generator
     ) -> tuple[Array, Array]:
-        """Return mean and shape of the inverse Gaussian hours to the limit, ``(n,)`` each [h].
+        """Return mean and shape of the inverse Gaussian first-passage time, ``(n,)`` each [h].
 
-        With a shape of 0 the hours are the mean.
+        A shape of 0 means that the time equals the mean.
         """
         hours = self.hours_until(np.maximum(x, 0.0), of)
         return hours, hours**2 / max(noise_hours, 1e-12)
 
     def future(self, x: Array, of: Figures, ahead: Future, rng: np.random.Generator) -> Array:
-        """Return distances from healthy in the future, ``(m, n)`` [-]."""
+        """Return future distances from healthy, ``(m, n)`` [-]."""
         x = np.maximum(x, 0.0)
         return x + self.increment(x, of, ahead.time(ahead.paced))
 
 
 def bent(bend_of: Callable[[float], float], bend: float) -> float:
-    """Return the argument at which an ascending function reaches a bend, by bisection."""
+    """Return the argument at which an increasing function reaches ``bend``, by bisection."""
     low, high = 1e-3, 500.0
     while high > low * (1.0 + 1e-12):
         middle = math.sqrt(low * high)

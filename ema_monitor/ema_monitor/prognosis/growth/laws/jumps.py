@@ -1,7 +1,7 @@
-"""Growth by jumps: a compound Poisson process, dx/du = a (1 + b x) on average.
+"""Growth by jumps: a compound Poisson process with mean dx/du = a (1 + b x).
 
-Each rate has cells without a jump since the latest test, and cells with a jump. The rate of jumps
-increases with the damage (Lawless and Crowder 2004, without b).
+Each rate has two cells: without a jump since the latest test, and with at least one. The jump rate
+increases with damage (Lawless and Crowder 2004, without b).
 """
 
 from typing import Final
@@ -14,14 +14,14 @@ from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Figures, F
 from ema_monitor.prognosis.growth.tracker_settings import LIFE_HOURS
 
 JUMPS: Final = (12.0, 35.0, 100.0)
-"""Number of jumps of mean size from healthy to the limit [-]."""
+"""Number of jumps of average size from healthy to the limit [-]."""
 
 _GROWING: Final = (0.0, 2.0)
-"""Increase of the rate of jumps from healthy to the limit, relative to the healthy rate [-]."""
+"""Increase of the jump rate from healthy to the limit, relative to the healthy rate [-]."""
 
 
 class Jumps(Law):
-    """Jumps of an exponential distribution, as probable as a law with all its bends."""
+    """Exponentially distributed jumps; their prior equals that of a law with all its bends."""
 
     name = "jumps"
     solution = "archard"
@@ -33,7 +33,7 @@ class Jumps(Law):
         return [Curve(b / limit, share, limit / jumps) for jumps in JUMPS for b in _GROWING]
 
     def advance(self, levels: Levels, of: Figures, hours: Array, noise_hours: float) -> None:
-        """Advance each cell with no jump and with at least one jump, and merge both."""
+        """Propagate each cell with and without jumps, and merge the results."""
         weight, mean, variance = map(_paired, levels)
         total = weight.sum(axis=0)
         middle = np.sum(weight / total * mean, axis=0)
@@ -45,21 +45,21 @@ class Jumps(Law):
         count = self._count(x, figures, _paired(hours)[1])
         some = -np.expm1(-count)
         weight[:] = np.maximum(total * np.stack([1.0 - some, some]), LEAST_PROBABILITY)
-        # Moments of a sum of one or more exponential jumps.
+        # Moments of the sum of at least one exponential jump.
         grown = jump * np.divide(count, some, out=np.ones_like(count), where=some > 0.0)
         mean[1] += side * grown
         variance[1] += grown * (2.0 * jump + jump * count - grown)
 
     def _count(self, x: Array, of: Figures, hours: Array) -> Array:
-        """Return the expected number of jumps over some hours [-]."""
+        """Return the expected number of jumps over the given hours [-]."""
         return np.minimum(self.increment(x, of, hours), 10.0) / of.third
 
     def passage(
         self, x: Array, of: Figures, noise_hours: float, rng: np.random.Generator
     ) -> tuple[Array, Array]:
-        """Return the hours of all jumps up to the first beyond the limit, and a shape of 0.
+        """Return sampled first-passage times [h], and a shape of 0.
 
-        The levels between jumps are a Poisson process.
+        The levels visited between jumps form a Poisson process.
         """
         x, numbers = np.maximum(x, 0.0), np.arange(x.size)
         left = np.maximum(of.limit - x, 0.0)
@@ -81,5 +81,5 @@ class Jumps(Law):
 
 
 def _paired(values: Array) -> Array:
-    """Return a view of cells without and with a jump, ``(2, curves, rates)``."""
+    """Return a view of the cells without and with a jump, ``(2, curves, rates)``."""
     return np.moveaxis(values.reshape(-1, 2, LIFE_HOURS[::2].size), 1, 0)

@@ -1,10 +1,10 @@
-"""dx/du = a: wear at a steady load."""
+"""dx/du = a: wear under a steady load."""
 
 from ema_monitor.prognosis.growth.laws.interface import Curve, Law
 
 
 class Linear(Law):
-    """A straight line."""
+    """Linear growth."""
 
     name = "linear"
 

@@ -1,4 +1,4 @@
-"""dx/du = a (x + x_0) (1 - x / K): self-reinforcing growth that settles beyond the limit."""
+"""dx/du = a (x + x_0) (1 - x / K): self-reinforcing growth that saturates beyond the limit."""
 
 from typing import Final
 
@@ -8,13 +8,13 @@ from ema_core.arrays import Array
 from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Figures, Law
 
 _TOPS: Final = (1.1, 1.3, 1.7)
-"""Levels K at which growth settles, as multiples of the limit [-]."""
+"""Saturation levels K, as multiples of the limit [-]."""
 _SEEDS: Final = (0.03, 0.12)
-"""Levels x_0, as multiples of the limit [-]."""
+"""Initial offsets x_0, as multiples of the limit [-]."""
 
 
 class Logistic(Law):
-    """S-shaped growth that settles beyond the limit, twice as probable as a law with bends."""
+    """S-shaped growth; its prior is twice that of a law with all its bends."""
 
     name = "logistic"
 

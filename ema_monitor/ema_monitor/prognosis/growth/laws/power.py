@@ -4,7 +4,7 @@ from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Law
 
 
 class Power(Law):
-    """A power of the age, which is its bend."""
+    """Power law in age; the exponent is the bend of the curve."""
 
     name = "power"
 

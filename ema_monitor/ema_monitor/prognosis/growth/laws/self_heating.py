@@ -1,4 +1,4 @@
-"""dx/du = a exp(b x): insulation heated by its own short circuit."""
+"""dx/du = a exp(b x): insulation damage accelerated by the heat of the short circuit."""
 
 import math
 from typing import Final
@@ -9,7 +9,7 @@ _STEEP: Final = (2.0, 3.0, 4.5, 6.0, 9.0, 14.0)
 
 
 class SelfHeating(Law):
-    """Growth without bound in a finite time."""
+    """Accelerating growth that diverges in finite time."""
 
     name = "self_heating"
 
@@ -17,10 +17,10 @@ class SelfHeating(Law):
         return [Curve(bent(_bend, bend) / limit) for bend in BENDS]
 
     def wandering(self, limit: float) -> list[float]:
-        # Accelerating growth needs prior probability before its acceleration shows.
+        # Accelerating growth needs prior probability before the acceleration becomes visible.
         return [bent(_bend, bend) / limit for bend in _STEEP]
 
 
 def _bend(product: float) -> float:
-    """Return the bend by b times the limit."""
+    """Return the bend of the curve, given the product of b and the limit [-]."""
     return math.expm1(product) / product
