@@ -1,8 +1,8 @@
 """Grid of growth laws, shapes and rates over which a tracker distributes probability (P6).
 
 Rates are parametrized by the hours from healthy to the limit, and shapes by the bend of the curve,
-so that one grid fits all components, limits and laws. Cells have either a steady rate or a rate
-that wanders around a nominal value (``wander``).
+so that the same grid fits all components, limits and laws. Cells have either a steady rate or a
+rate that wanders around a nominal value (``wander``).
 """
 
 import math
@@ -187,7 +187,7 @@ def _check(component: str, law: External, shape: float, limit: float) -> None:
 
 def _unknown_blocks(limit: float, mechanisms: Mechanisms, *, two_sided: bool) -> Iterator[Block]:
     """Yield the cells of a component whose law is unknown."""
-    laws = [LAWS[name] for name in mechanisms.laws]
+    laws = [TRACKED_LAWS[name] for name in mechanisms.laws]
     laws = [law for law in laws if two_sided or not law.either_side]
     steady = 1.0 - mechanisms.wandering
     curves = [(law, curve) for law in laws if steady for curve in law.curves(limit)]

@@ -65,9 +65,9 @@ def near_healthy_update(
 
     The value plus an error of variance ``noise`` then lies at most ``reach`` standard deviations of
     the error above healthy, or within this distance on either side where ``two_sided``. The moments
-    are those of a Gaussian with a probit likelihood (Rasmussen and Williams, Gaussian Processes for
-    Machine Learning, 2006, section 3.9). Far in the tail, the probit is approximated by a Gaussian
-    at its edge.
+    follow from a Gaussian prior with a probit likelihood (Rasmussen and Williams, Gaussian
+    Processes for Machine Learning, 2006, section 3.9). Far in the tail, the probit is approximated
+    by a Gaussian at its edge.
     """
     for i in range(mean.size):
         m, sigma = mean[i], math.sqrt(noise[i])

@@ -10,7 +10,7 @@ from ema_monitor.prognosis.growth.laws import TRACKED_LAWS
 class Mechanisms:
     """Growth mechanisms considered for faults of unknown law, with their prior probabilities."""
 
-    laws: tuple[str, ...] = tuple(LAWS)
+    laws: tuple[str, ...] = tuple(TRACKED_LAWS)
     """Names of the candidate laws."""
     wandering: float = 0.7
     """Probability that the rate of a growing component wanders (P6a) [-]."""

@@ -137,7 +137,7 @@ class Tracker(Kept):
         Raises
         ------
         ValueError
-            If the service hour is before that of the latest test.
+            If the service hour is before the latest test.
         """
         if measurement.hours < self.hours:
             raise ValueError(

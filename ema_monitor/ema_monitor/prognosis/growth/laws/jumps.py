@@ -21,7 +21,7 @@ _GROWING: Final = (0.0, 2.0)
 
 
 class Jumps(Law):
-    """Exponentially distributed jumps; their prior equals that of a law with all its bends."""
+    """Exponentially distributed jumps; their prior equals the prior of a law with all bends."""
 
     name = "jumps"
     solution = "archard"

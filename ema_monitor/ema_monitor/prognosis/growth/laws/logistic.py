@@ -14,7 +14,7 @@ _SEEDS: Final = (0.03, 0.12)
 
 
 class Logistic(Law):
-    """S-shaped growth; its prior is twice that of a law with all its bends."""
+    """S-shaped growth; its prior is twice the prior of a law with all bends."""
 
     name = "logistic"
 

@@ -23,9 +23,6 @@ from ema_bags.suffixes import PARQUET
 from ema_core.files import require_regular_file
 from ema_core.wording import unknown_name
 
-PARQUET: Final = (".parquet", ".pq")
-"""Suffixes of Parquet files; files with other suffixes are read as CSV."""
-
 _PAUSE_NS: Final = 2_000_000_000
 _DAY_NS: Final = 86_400_000_000_000
 _SUM: Final = r"\s([+-])\s"
