@@ -1,1 +1,1 @@
-"""The ema command."""
+"""Command-line interface ``ema``."""

@@ -1,4 +1,4 @@
-"""Options of a simulated actuator on its test bench, and its command."""
+"""Command options for a simulated actuator on its test bench."""
 
 import csv
 from collections.abc import Callable
@@ -27,7 +27,7 @@ _OWN_FIGURES: Final[dict[str, dict[str, Any]]] = {
     "swing": {"start_frequency": 10.0, "end_frequency": 14.0},
     "moves": {"duration": 10.0},
 }
-"""Default parameters of shapes, where they differ from the parameters of a chirp."""
+"""Default parameters of command shapes that differ from a chirp's."""
 
 COMMAND_OPTION: Final = click.option(
     "--command",
@@ -82,7 +82,7 @@ class Bench:
     def of(
         cls, parameters: Parameters, sample_rate: float | None = None, shape: str | None = None
     ) -> Self:
-        """Return the bench of options and parameters; print contradictions to the description."""
+        """Build the bench from options and parameters; print contradictions in the description."""
         run = parameters.over(RunSettings())
         file = parameters.path("actuator_file")
         description = load_description(file, is_simulated=True) if file else ActuatorDescription()
@@ -113,7 +113,7 @@ class Bench:
 
 
 def _command(shape: str | None, parameters: Parameters) -> Command:
-    """Return the command of a shape with its parameters, or of a CSV file."""
+    """Return the command of a given shape and parameters, or from a CSV file."""
     shape = shape or str(parameters.values.get("command.shape", THESIS_CHIRP.shape))
     if shape.endswith(".csv"):
         figures = [name for name in _FIGURES if f"command.{name}" in parameters.values]
@@ -159,7 +159,7 @@ def save_command(path: Path, command: Command, comment: str) -> None:
     command
         Command of any shape but ``custom``.
     comment
-        Lines with the origin of the command.
+        Comment lines on the origin of the command.
     """
     figures = {name: getattr(command, name) for name in ("shape", *_FIGURES)}
     content = {

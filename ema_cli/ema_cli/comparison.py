@@ -43,7 +43,7 @@ class AlgorithmComparison:
 
     recorded: RecordedWindow
     runs: list[ComparedRun]
-    """Results by algorithm, in the order of the request."""
+    """One result per algorithm, in the requested order."""
     truth: NDArray[np.float64] | None = None
     """True faults of the window, ``(8,)``; None if the bag does not record them."""
     fitness_at_truth: float | None = None
@@ -51,7 +51,7 @@ class AlgorithmComparison:
 
     @property
     def best(self) -> ComparedRun | None:
-        """Run of lowest cost among the valid runs, else among all; None without an estimate."""
+        """Run of lowest cost among valid runs, or else among all runs; None without an estimate."""
         fitted = [run for run in self.runs if np.isfinite(run.estimate.fitness)]
         return min(
             fitted, key=lambda run: (not run.estimate.valid, run.estimate.fitness), default=None
@@ -65,7 +65,7 @@ class AlgorithmComparison:
 
 
 def choose_window(bag_windows: BagWindows, number: int | None) -> RecordedWindow:
-    """Return a window by number; without a number the first usable window, else the first."""
+    """Return a window by number; by default the first usable window, or else the first."""
     if number is not None:
         if number >= len(bag_windows.windows):
             windows = counted(len(bag_windows.windows), "window")
@@ -85,7 +85,7 @@ def compare_algorithms(
     options: Identifying,
     truth: NDArray[np.float64] | None,
 ) -> AlgorithmComparison:
-    """Identify a window by each algorithm from the healthy point, with a progress bar."""
+    """Identify a window with each algorithm from the healthy point, with a progress bar."""
     window = recorded.window
     with deferred_signals() as stop, progress_bar() as progress:
         # So that the computing time of the first algorithm includes no compilation.

@@ -1,4 +1,4 @@
-"""Options of the place where tasks run, shared by the commands with many tasks."""
+"""Executor options, shared by commands that run many tasks."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,7 +15,7 @@ from ema_monitor.model.threads import available_cpus, limit_threads
 
 @dataclass(frozen=True)
 class ExecutorOptions:
-    """Kind of executor, number of tasks at once on this machine, and scheduler of a cluster."""
+    """Kind of executor, number of parallel local tasks, and cluster scheduler."""
 
     kind: str
     number: int
@@ -23,14 +23,14 @@ class ExecutorOptions:
 
     @contextmanager
     def open(self, stopped: Callable[[], str], kept: str) -> Iterator[Workers]:
-        """Yield the workers; an interrupt, or their loss, ends the command with one line.
+        """Yield the workers. An interrupt or lost workers end the command with one line.
 
         Parameters
         ----------
         stopped
-            Returns the line after an interrupt.
+            Returns the line to print after an interrupt.
         kept
-            Clause about the results so far, for the line after a loss of workers.
+            Clause about the results so far, printed if workers are lost.
         """
         try:
             with (
@@ -44,14 +44,14 @@ class ExecutorOptions:
 
 @contextmanager
 def stops_in_a_line(stopped: Callable[[], str], kept: str) -> Iterator[None]:
-    """Report an interrupt, or the loss of workers, in one line.
+    """Report an interrupt or lost workers in one line.
 
     Parameters
     ----------
     stopped
-        Returns the line after an interrupt.
+        Returns the line to print after an interrupt.
     kept
-        Clause about the results so far, for the line after a loss of workers.
+        Clause about the results so far, printed if workers are lost.
     """
     try:
         yield
@@ -62,7 +62,7 @@ def stops_in_a_line(stopped: Callable[[], str], kept: str) -> Iterator[None]:
 
 
 def executor_options(command: Command) -> Command:
-    """Add the options to a command, which receives them as its argument ``executor``."""
+    """Add executor options to a command, which receives them as argument ``executor``."""
 
     @click.option(
         "--executor",

@@ -44,7 +44,7 @@ _COMMANDS: Final = {
     "demo": "Watch an actuator wear out: its diagnosis live and on the dashboard, then a picture.",
     "completion": "Print the completion of commands and options for SHELL.",
 }
-"""Commands and their first sentences, so that help imports none of them."""
+"""Commands and their help summaries, so that help imports no command module."""
 
 _GROUPS: Final = {
     "Simulate": ("simulate", "lives", "certify", "design"),
@@ -57,7 +57,7 @@ _GROUPS: Final = {
     "Study": ("thesis", "compare"),
     "Shell": ("completion",),
 }
-"""Commands in the groups in which the help lists them."""
+"""Command groups as listed in the help."""
 
 _EXAMPLES: Final = {
     "simulate": "--fault friction=0.25 -o dry.mcap",
@@ -86,11 +86,11 @@ _EXAMPLES: Final = {
 }
 
 ARGUMENTS: Final = "ema.arguments"
-"""Key of the whole command line, as words, in the context of a command."""
+"""Context key for the list of command-line arguments."""
 
 
 class _CommandsOnDemand(click.Group):
-    """Imports a command when it is called, so that no command waits for imports of others."""
+    """Command group that imports a command only when it is called."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.meta[ARGUMENTS] = [ctx.info_name or "ema", *args]

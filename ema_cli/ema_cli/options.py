@@ -1,4 +1,4 @@
-"""Exit codes, errors as one clear line, and options of several commands."""
+"""Exit codes, one-line errors, and options shared by commands."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -17,7 +17,7 @@ REFUSED: Final = 3
 
 @contextmanager
 def errors_as_one_line() -> Iterator[None]:
-    """Turn errors of the input into an error of one line and exit code ``UNUSABLE``."""
+    """Convert input errors to a one-line error with exit code ``UNUSABLE``."""
     try:
         yield
     except BrokenPipeError:  # the reader has closed the pipe: click ends quietly
@@ -33,7 +33,7 @@ def errors_as_one_line() -> Iterator[None]:
 
 @contextmanager
 def values_of_options() -> Iterator[None]:
-    """Turn an impossible value of an option into wrong usage, exit code 2."""
+    """Convert invalid option values to usage errors, exit code 2."""
     try:
         yield
     except ValueError as error:
@@ -41,28 +41,28 @@ def values_of_options() -> Iterator[None]:
 
 
 class NameChoice(click.Choice[str]):
-    """One of several names, also written as a label; the error for a typo suggests a name."""
+    """Option type: one of several names or labels; errors for typos suggest a name."""
 
     def __init__(self, kind: str, names: Iterable[str]) -> None:
         super().__init__(names)
         self._kind = kind
 
     def normalize_choice(self, choice: object, ctx: click.Context | None) -> str:
-        """Return a choice as an identifier."""
+        """Convert a choice to an identifier."""
         return as_identifier(str(choice))
 
     def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
-        """Return the error for an invalid value."""
+        """Return the error text for an invalid value."""
         return unknown_name(self._kind, str(value), self.choices)
 
 
 class Assignments(click.ParamType):
-    """``name=value`` or ``name=value,name=value``, as pairs of name and number."""
+    """Option type: ``name=value`` or ``name=value,name=value``, with numeric values."""
 
     name = "name=value"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> list[tuple[str, float]]:
-        """Return the pairs in the order given."""
+        """Return the pairs in order."""
         if not isinstance(value, str):
             return value
         pairs = []
@@ -80,7 +80,7 @@ class Assignments(click.ParamType):
 def assignments_option(
     option: str, name: str, meaning: str, kind: click.ParamType | None = None
 ) -> Callable[..., Any]:
-    """Return a repeatable option, whose pairs form one mapping; a repeated name is refused."""
+    """Return a repeatable option whose pairs form one mapping without repeated names."""
 
     def merged(
         _: click.Context, __: click.Parameter, groups: tuple[list[tuple[str, float]], ...]
@@ -98,7 +98,7 @@ def assignments_option(
 
 
 def network_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the option ``--network``; its function has an argument of that name."""
+    """Add the option ``--network`` to a command, as argument ``network``."""
     return click.option(
         "--network",
         is_flag=True,

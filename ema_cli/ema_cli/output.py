@@ -1,4 +1,4 @@
-"""Where a command may write: never onto what it reads, and onto nothing else unless forced."""
+"""Output checks: never overwrite an input; overwrite any other file only if requested."""
 
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from ema_bags.writer import BagWriter
 
 BAG_TO_WRITE: Final = "Bag to write: one file if it ends in .mcap, else a folder"
-"""Meaning of the option ``output`` of commands that write a bag."""
+"""Help text of the option ``output`` for commands that write a bag."""
 
 
 def output_option(
     meaning: str, *, required: bool = True, dir_okay: bool = True, **more: Any
 ) -> Callable[..., Any]:
-    """Return the options ``output``, a path to write, and ``overwrite``, to replace its file."""
+    """Return the options ``output`` (path to write) and ``overwrite`` (replace the file)."""
     more |= {"required": required, "type": click.Path(path_type=Path, dir_okay=dir_okay)}
     output = click.option("-o", "--output", help=f"{meaning}.", **more)
     replace = click.option("--replace", "overwrite", is_flag=True, help="Replace OUTPUT.")
@@ -27,7 +27,7 @@ def output_option(
 
 
 def require_apart(output: Path, inputs: Iterable[Path]) -> None:
-    """Refuse an output that is an input, or a file in an input folder, under any name."""
+    """Refuse an output that is an input, or inside an input folder, under any path."""
     if not output.exists():
         return
     for path in filter(Path.exists, inputs):
@@ -39,7 +39,7 @@ def require_apart(output: Path, inputs: Iterable[Path]) -> None:
 def require_free(
     output: Path, inputs: Iterable[Path], *, overwrite: bool, endings: Sequence[str] = ()
 ) -> None:
-    """Refuse an output before the work.
+    """Check an output path before any work is done.
 
     Parameters
     ----------
@@ -50,14 +50,14 @@ def require_free(
     overwrite
         Whether an existing file is replaced.
     endings
-        Permitted endings of the name; any if empty.
+        Permitted suffixes; empty for any.
 
     Raises
     ------
     ValueError
-        If the output is an input, exists and is not to be replaced, or has no folder.
+        If the output is an input, exists without ``overwrite``, or its folder is missing.
     click.BadParameter
-        If its name has another ending.
+        If its suffix is not permitted.
     """
     if endings and output.suffix.lower() not in endings:
         raise click.BadParameter(f"{output}: expected a name that ends in {' or '.join(endings)}")
@@ -69,7 +69,7 @@ def require_free(
 
 
 def _as_stamp(_: click.Context, __: click.Parameter, moment: datetime) -> int:
-    """Return a date and time in UTC as nanoseconds; messages have no stamps after January 2038."""
+    """Convert a UTC date and time to nanoseconds; message stamps end in January 2038."""
     if not 1970 <= moment.year < 2038:
         raise click.BadParameter(f"{moment:%Y-%m-%d}: expected a date from 1970 to 2037")
     return int(moment.replace(tzinfo=UTC).timestamp()) * 1_000_000_000
@@ -88,7 +88,7 @@ START_OPTION: Final = click.option(
 
 @contextmanager
 def new_bag(path: Path, *, overwrite: bool = False) -> Iterator["BagWriter"]:
-    """Yield a bag to write to; an incomplete bag is removed."""
+    """Yield a bag to write to; remove it if it stays incomplete."""
     from ema_bags.writer import BagWriter  # ROS only where a bag is written
 
     try:

@@ -1,4 +1,4 @@
-"""Settings of a command by names of node parameters: ``-p NAME=VALUE`` and ``--params FILE``."""
+"""Command settings by node parameter name: ``-p NAME=VALUE`` and ``--params FILE``."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,16 +22,16 @@ _SECTION: Final = "ros__parameters"
 
 @dataclass(frozen=True)
 class Parameters:
-    """Specified values by name of the parameter, more than a command may use."""
+    """Specified parameter values by name; may include values a command does not use."""
 
     values: Mapping[str, Any]
 
     def with_options(self, **options: Any) -> "Parameters":
-        """Return the parameters with the values of options, by parameter; None is ignored."""
+        """Return the parameters overridden by option values; None is ignored."""
         return Parameters({**self.values, **{k: v for k, v in options.items() if v is not None}})
 
     def over(self, settings: Settings, prefix: str = "") -> Settings:
-        """Return settings with the specified values.
+        """Return settings overridden by the specified values.
 
         Raises
         ------
@@ -49,7 +49,7 @@ class Parameters:
             raise click.UsageError(f"{prefix}{error}") from error
 
     def path(self, name: str) -> Path | None:
-        """Return the path in a parameter; None if the parameter is not specified."""
+        """Return the path set by a parameter; None if the parameter is not specified."""
         text = self.values.get(name)
         return Path(text).expanduser() if text else None
 
@@ -120,12 +120,12 @@ def settings_options(
 
 
 def names_of(sections: Iterable[tuple[Any, str]]) -> list[str]:
-    """Return the names of the parameters of dataclasses with their prefixes."""
+    """Return the prefixed parameter names of dataclasses."""
     return [entry.name for item, prefix in sections for entry in parameters_of(item, prefix)]
 
 
 def _assigned(assignments: Iterable[str], names: Sequence[str]) -> dict[str, Any]:
-    """Return the values of ``NAME=VALUE`` or ROS's ``NAME:=VALUE``, the value in YAML."""
+    """Parse ``NAME=VALUE`` or ROS's ``NAME:=VALUE``, with the value in YAML."""
     assigned: dict[str, Any] = {}
     for text in assignments:
         name, equals, value = text.partition("=")
@@ -141,7 +141,7 @@ def _assigned(assignments: Iterable[str], names: Sequence[str]) -> dict[str, Any
 
 
 def instead_of(option: str, command: click.Command) -> str:
-    """Return a suggestion in place of an unknown option, for an error; empty without any."""
+    """Return a suggestion for an unknown option, for an error text; empty if there is none."""
     name = as_identifier(option.lstrip("-")).removeprefix("no_")
     has = {word for item in command.params for word in item.opts}
     if (same := f"--{name.replace('_', '-')}") in has:
@@ -160,7 +160,7 @@ def instead_of(option: str, command: click.Command) -> str:
 
 
 def value_of(text: str) -> Any:
-    """Return a value in YAML, or the text itself if it is no valid YAML."""
+    """Parse a YAML value; return the text itself if it is not valid YAML."""
     import yaml  # only where there is a value
 
     try:
@@ -170,7 +170,7 @@ def value_of(text: str) -> Any:
 
 
 def parameters_in(path: Path, node: str) -> Iterator[tuple[str, Any]]:
-    """Yield name and value of the parameters of a node in a file, in any namespace."""
+    """Yield name and value of each of a node's parameters in a file, in any namespace."""
     from ema_core.yaml_file import load_yaml
 
     try:

@@ -1,4 +1,4 @@
-"""Policies of SROS2, a file for each node: topics, services and actions that it may use.
+"""SROS2 policies, one file per node, with permitted topics, services and actions.
 
 python -m ema_cli.policies [--namespace /left] [--mapping mapping.yaml] [-o FOLDER]
 """
@@ -73,14 +73,14 @@ _WATCHED_BY_DEMO: Final = (
 
 @dataclass(frozen=True)
 class GraphNames:
-    """Full names of the topics, services and actions of a node, each list in order."""
+    """Full names of a node's topics, services and actions, sorted."""
 
     namespace: str
     name: str
     """Namespace and name of the node."""
     publishes: tuple[str, ...] = ()
     subscribes: tuple[str, ...] = ()
-    """Topics; ``*`` at the end matches any rest."""
+    """Topics; a trailing ``*`` matches any suffix."""
     replies: tuple[str, ...] = ()
     requests: tuple[str, ...] = ()
     """Services that the node offers, and services that it calls."""
@@ -162,7 +162,7 @@ def _node(
     executes: Iterable[str] = (),
     is_managed: bool = True,
 ) -> GraphNames:
-    """Return the names of a node, including the names of all nodes, or of all lifecycle nodes."""
+    """Return a node's names, including those common to all nodes or lifecycle nodes."""
     local = f"{prefix}/{name}/"
     services = (*_OF_ALL, *(_OF_LIFECYCLES if is_managed else ()), *replies)
     status = (DIAGNOSTICS, f"{prefix}/{topics.NODE_STATUS}", f"{local}transition_event")
@@ -182,7 +182,7 @@ def _sorted(*names: str) -> tuple[str, ...]:
 
 
 def policy(access: GraphNames) -> str:
-    """Return the policy of a node: its enclave permits only its topics, services and actions."""
+    """Return a node's policy, which permits only its topics, services and actions."""
     root = ElementTree.Element("policy", version=_VERSION)
     enclaves = ElementTree.SubElement(root, "enclaves")
     enclave = ElementTree.SubElement(enclaves, "enclave", path=access.enclave)

@@ -1,4 +1,4 @@
-"""Progress on standard error, so that standard output stays clean: a bar, or lines."""
+"""Progress on standard error, as a bar or as lines."""
 
 import sys
 import threading
@@ -20,7 +20,7 @@ LINES_S: Final = 10.0
 
 
 class _Lines:
-    """Interface of a progress bar, with a line about the newest task at intervals.
+    """Progress reported as lines about the newest task, with the interface of a bar.
 
     A thread prints the lines, as a task may report nothing for minutes.
     """
@@ -77,7 +77,7 @@ class _Lines:
 
 
 def progress_bar() -> AbstractContextManager["Progress"]:
-    """Return a bar, or without a terminal lines, the first after 5 s, then each 10 s.
+    """Return a progress bar; without a terminal, lines after 5 s and then every 10 s.
 
     A task may report its ``state``.
     """

@@ -1,4 +1,4 @@
-"""Simulated lives: units, and tests as bags or as estimates."""
+"""Simulation of lives, written as bags or as estimates."""
 
 import json
 import math
@@ -45,10 +45,9 @@ def unit_of_life(seed: int, number: int) -> ActuatorDescription:
 
 
 def calibration_of_life(unit: ActuatorDescription) -> Calibration:
-    """Return the calibration of a unit that is like the built-in actuator.
+    """Return a calibration for a unit identical to the built-in actuator.
 
-    Simulated units do not scatter: calibrated when new, each has the calibration of the built-in
-    actuator.
+    Simulated units do not scatter, so each new unit shares the built-in actuator's calibration.
     """
     return replace(Calibration.builtin(), serial_number=unit.serial_number)
 
@@ -58,15 +57,15 @@ class LifeTest:
     """One measured test of a life."""
 
     number: int
-    """Running number, from 0, missing tests included."""
+    """Running number from 0, counting missing tests."""
     hours: float
     """Service hour [h]."""
     start_ns: int
-    """Stamp of its start: ``hours`` after the start of the life [ns]."""
+    """Start stamp: ``hours`` after the start of the life [ns]."""
     faults: NDArray[np.float64]
     """True faults, ``(8,)``."""
     window: str
-    """State of its window, one of the names in ``ema_sim.lives``."""
+    """Quality of its window, a ``WindowKind`` of ``ema_sim.lives``."""
     blocks: list[Telemetry]
     """Telemetry; blocks are missing in a gap."""
 
@@ -77,7 +76,7 @@ def simulated_tests(
     rng: np.random.Generator,
     begin_ns: int = 0,
 ) -> Iterator[LifeTest]:
-    """Simulate the tests of a life that are not missing; the life begins at ``begin_ns`` [ns]."""
+    """Simulate the tests of a life except missing ones; the life starts at ``begin_ns``."""
     bench = ActuatorBench(description, BenchSettings(hours_per_cycle=0.0))
     noise = Sensors(NOISE_OF_DISTURBED, {}, rng)
     for number, (hours, faults, window) in enumerate(
@@ -108,7 +107,7 @@ def write_test(path: Path, test: LifeTest, description: ActuatorDescription) -> 
 def with_estimates(
     tests: Iterable[LifeTest], description: ActuatorDescription
 ) -> Iterator[tuple[LifeTest, Estimate]]:
-    """Yield the tests of an actuator with the estimates of a monitor, valid or not."""
+    """Yield an actuator's tests with the estimates of a monitor, valid or not."""
     calibration, diagnosis = calibration_of_life(description), Diagnosis()
     for test in tests:
         finder = WindowFinder(TriggerSettings(), description)
@@ -136,13 +135,13 @@ def as_line(test: LifeTest, estimate: Estimate) -> str:
 
 @dataclass(frozen=True)
 class LifeJob:
-    """A life to be simulated."""
+    """Job to simulate one life."""
 
     folder: Path
-    """Folder of its folder or file."""
+    """Parent folder of the output."""
     seed: int
     number: int
-    """Seed of all lives and number of this life, which determine all random values."""
+    """Common seed and number of this life, which determine all random values."""
     kind: str | None
     """Dominant fault; drawn if None."""
     form: str
@@ -159,7 +158,7 @@ class LifeJob:
 
 
 def make_life(job: LifeJob) -> dict[str, object]:
-    """Simulate a life on one core; return its row, with None without an end or a repair."""
+    """Simulate a life on one core. Return its row, with None for a missing end or repair."""
     limit_threads(1)
     of_life, of_sensors = np.random.default_rng([job.seed, job.number]).spawn(2)
     limits = {name: HealthLimits().of(name) for name in COMPONENTS}
@@ -206,7 +205,7 @@ def make_life(job: LifeJob) -> dict[str, object]:
 
 
 def remove_parts(folder: Path) -> None:
-    """Remove the parts of incomplete lives."""
+    """Remove partial output of incomplete lives."""
     for part in folder.glob(f"*{_PART}"):
         _remove(part)
 

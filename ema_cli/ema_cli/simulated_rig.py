@@ -1,4 +1,4 @@
-"""Tests of a simulated actuator, recorded as windows without a bag."""
+"""Tests of a simulated actuator, returned as windows without a bag."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -33,7 +33,7 @@ class SimulatedRig(ActuatorRig):
         cycles: int,
         causes: Mapping[str, float],
     ) -> list[Window]:
-        """Run test cycles of a command, and return the window of each.
+        """Run test cycles of a command and return one window per cycle.
 
         Parameters
         ----------
@@ -49,7 +49,7 @@ class SimulatedRig(ActuatorRig):
         Raises
         ------
         ValueError
-            If the command makes no usable window.
+            If the command produces no usable window.
         """
         [seeds] = self._seeds.spawn(1)
         rng = np.random.default_rng(seeds)

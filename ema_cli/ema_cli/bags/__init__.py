@@ -1,1 +1,1 @@
-"""Reading of bags by the commands."""
+"""Reading of bags for the commands."""

@@ -1,4 +1,4 @@
-"""Diagnoses of the monitor over test cycles, with the true faults: live, or from a bag."""
+"""Diagnoses over test cycles together with the true faults, live or from a bag."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,23 +27,23 @@ class DiagnosedWindow:
     """Running number of the window."""
     start_ns: int
     end_ns: int
-    """Stamps of its first and last sample [ns]."""
+    """Stamps of the window's first and last sample [ns]."""
     faults: NDArray[np.float64]
     sigma: NDArray[np.float64]
     """Estimate and its standard deviation, ``(8,)``; NaN without an estimate."""
     valid: bool
     reason: str
-    """Whether the estimate may be used, and the reason if not."""
+    """Whether the estimate is usable, and the reason if it is not."""
     latency_s: float
-    """From the end of the window to the reception of the estimate [s]."""
+    """Time from the end of the window to the reception of the estimate [s]."""
     cycle: int | None = None
     """Running number of the test cycle; None if the true faults are unknown."""
     truth: NDArray[np.float64] | None = None
     """True faults, ``(8,)``; None if unknown."""
     level: int | None = None
-    """Level of health; None as long as it is unknown."""
+    """Level of health; None if unknown."""
     cause: str = ""
-    """Reason of the level; empty without a warning."""
+    """Reason for the level; empty without a warning."""
     quantities: tuple[QuantityChange, ...] = ()
     """Change of each quantity of a record; empty for the window of a modelled drive."""
 
@@ -65,7 +65,7 @@ class DiagnosisLog:
     _levels: dict[int, tuple[int, str]] = field(default_factory=dict)
 
     def add(self, type_name: str, message: Any, received_ns: int) -> None:
-        """Add a message, unless it is of another actuator than the first estimate."""
+        """Add a message, unless its actuator differs from the first estimate's."""
         if type_name == ESTIMATE_TYPE:
             self.actuator_id = self.actuator_id or message.actuator_id
             if message.actuator_id == self.actuator_id:
@@ -95,7 +95,7 @@ class DiagnosisLog:
             self.limits.update({item.name: item.limit for item in message.faults})
 
     def diagnoses(self) -> list[DiagnosedWindow]:
-        """Return the diagnoses, each with the truth of its cycle if recorded."""
+        """Return the diagnoses, each with the true faults of its cycle if recorded."""
         truths = [item for item in self.truths if item.actuator_id == self.actuator_id]
         windows = [self._diagnosed[end_ns] for end_ns in sorted(self._diagnosed)]
         for window in windows:
@@ -112,7 +112,7 @@ def quantity_of(message: Any) -> QuantityChange:
     Raises
     ------
     ValueError
-        If the number of its judgement is unknown.
+        If its judgement has an unknown number.
     """
     if message.judgement >= len(JUDGEMENTS):
         raise ValueError(f"quantities: judgement = {message.judgement}, expected 0, 1 or 2")
@@ -155,6 +155,6 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
 
 
 def has_latency(diagnoses: list[DiagnosedWindow]) -> bool:
-    """Return whether latencies are meaningful: stamps and reception use the same clock."""
+    """Return whether latencies are meaningful, because stamps and reception share a clock."""
     latencies = np.array([window.latency_s for window in diagnoses])
     return bool(np.all((latencies >= 0.0) & (latencies < _LONGEST_LATENCY_S)))

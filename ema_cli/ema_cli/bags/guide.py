@@ -1,4 +1,4 @@
-"""A mapping from a guess at a file's content, the user's settings, and the user's answers."""
+"""Guided mapping: guessed from a file, overridden by entries, completed by answers."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -32,13 +32,13 @@ _SECTIONS: Final[dict[str, tuple[Any, tuple[str, ...], str]]] = {
     "temperature": (TemperatureSource, ("unit",), "not measured"),
     "clock": (Clock, ("unit",), "there is no time, only a rate"),
 }
-"""By quantity: the type of its source, the entries to ask for, the meaning of "none"."""
+"""By quantity: type of its source, entries to ask for, and meaning of "none"."""
 
 
 def mapping_of(
     source: InputFile, description: ActuatorDescription, entries: Sequence[str], *, asks: bool
 ) -> Mapping:
-    """Return the mapping of a file: guessed, overridden by entries, completed by answers.
+    """Return the mapping for a file: guessed, overridden by entries, completed by answers.
 
     Parameters
     ----------
@@ -47,14 +47,14 @@ def mapping_of(
     description
         Actuator of the telemetry.
     entries
-        Entries as texts, such as ``position.unit=mm``; the user is not asked for them.
+        Entries such as ``position.unit=mm``; the user is not asked for these.
     asks
-        Whether to ask the user for all other entries.
+        Whether to ask the user for all remaining entries.
 
     Raises
     ------
     ValueError
-        If a text is no entry, or the entries make no mapping.
+        If a text is not an entry, or the entries do not form a valid mapping.
     """
     is_set = {key: value for key, _, value in (item.partition("=") for item in entries)}
     content: dict[str, Any] = {}
@@ -92,7 +92,7 @@ def _clock(is_set: dict[str, str]) -> Clock | None:
 
 
 def _ask(content: dict[str, Any], is_set: dict[str, str]) -> None:
-    """Ask for each entry that is not set; the guess is the default."""
+    """Ask for each missing entry, with the guess as default."""
     for name, (kind, entries, none) in _SECTIONS.items():
         section = content.get(name, {})
         if name == "error" and "command" in content:

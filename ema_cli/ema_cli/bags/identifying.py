@@ -35,7 +35,7 @@ SEED_OPTION: Final = click.option(
 
 @dataclass(frozen=True)
 class Identifying(ReadingOptions):
-    """Part of a bag to read, and settings of identification, from the options."""
+    """Command options: part of a bag to read, and settings of the identification."""
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
         *ReadingOptions.OPTIONS,
@@ -62,14 +62,14 @@ class Identifying(ReadingOptions):
     )
 
     calibration_file: Path | None = None
-    """File of the calibration; None for the shipped one."""
+    """Calibration file; None for the shipped calibration."""
     search: SearchSettings = SearchSettings()  # noqa: RUF009 - frozen
     combining: CombinationSettings = CombinationSettings()  # noqa: RUF009 - frozen
-    """Rule for combining stretches of ordinary motion."""
+    """Settings of the combination of ordinary motion."""
 
     @classmethod
     def of(cls, parameters: Parameters, **options: Any) -> Self:
-        """Return the settings from options and parameters; ValueError for an impossible value."""
+        """Build the settings from options and parameters. Raises ValueError for invalid values."""
         file = options.pop("calibration_file") or parameters.path("calibration_file")
         return super().of(
             parameters,
@@ -80,7 +80,7 @@ class Identifying(ReadingOptions):
         )
 
     def with_calibration_beside(self, bags: Iterable[Path]) -> Self:
-        """Return these options; without a calibration, with the calibration in the bags' folder."""
+        """Return these options, with the calibration in the bags' folder if none is set."""
         if self.calibration_file is not None:
             return self
         folders = {bag.parent.resolve(): bag.parent for bag in bags}
@@ -93,12 +93,12 @@ class Identifying(ReadingOptions):
         return replace(self, calibration_file=files[0] if files else None)
 
     def calibration(self) -> AnyCalibration:
-        """Return the calibration; ValueError or OSError if its file cannot be used."""
+        """Read the calibration. Raises ValueError or OSError if its file cannot be used."""
         file = self.calibration_file
         return Calibration.builtin() if file is None else load_calibration(file)
 
     def calibration_of_model(self) -> Calibration:
-        """Return the calibration; ValueError if it is of an unknown drive or unusable."""
+        """Return the calibration. Raises ValueError if it is unusable or of an unknown drive."""
         calibration = self.calibration()
         if isinstance(calibration, Calibration):
             return calibration
@@ -115,7 +115,7 @@ class Identifying(ReadingOptions):
     def estimate(
         self, windows: Sequence[RecordedWindow], calibration: AnyCalibration
     ) -> list[Estimate]:
-        """Return the estimates of one actuator's windows, as a monitor makes them.
+        """Return the estimates for one actuator's windows, as a monitor would compute them.
 
         Stretches of ordinary motion are combined; the outcome is printed.
         """

@@ -1,4 +1,4 @@
-"""Options of a unit's prognosis, in addition to the options of identification."""
+"""Options for a unit's prognosis, in addition to the identification options."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -31,7 +31,7 @@ PROGNOSIS_SECTIONS: Final = (
     (Service, ""),
     (DamageSettings, "damage."),
 )
-"""Dataclasses and prefixes of the parameters of a prognosis."""
+"""Dataclasses of the prognosis parameters, with their prefixes."""
 
 LIMIT_OPTION: Final = assignments_option(
     "--limit", "limits", "Life ends at friction=0.4 or bandwidth=15 [Hz]."
@@ -48,7 +48,7 @@ GROWTH_OPTIONS: Final[tuple[Callable[[Command], Command], ...]] = (
     ),
     LIMIT_OPTION,
 )
-"""Inputs of health and life other than the tests."""
+"""Inputs to health and life other than tests."""
 
 
 def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
@@ -59,7 +59,7 @@ def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> 
 
 @dataclass(frozen=True)
 class Predicting(Identifying):
-    """Settings of the identification and the prognosis of a unit, from the options."""
+    """Command options: settings for the identification and prognosis of a unit."""
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
         *Identifying.OPTIONS,
@@ -97,17 +97,17 @@ class Predicting(Identifying):
 
     prognosis: PrognosisSettings = PrognosisSettings()  # noqa: RUF009 - frozen
     costs: Costs | None = None
-    """Costs for an advice; None without advice."""
+    """Costs to compute an advice; None without advice."""
     at_hours: float | None = None
-    """Service hour at which the prognosis is made [h]; after the last test if None."""
+    """Service hour of the prognosis [h]; None for the last test."""
     archive: Path | None = None
-    """Folder of the archive that is the fleet; None without an archive."""
+    """Folder of the archive that provides the fleet; None without an archive."""
     scenarios: tuple[Scenario, ...] = ()
-    """Future duties under which the life is predicted, too."""
+    """Additional future duties for which the life is predicted."""
 
     @classmethod
     def of(cls, parameters: Parameters, **options: Any) -> Self:
-        """Return the settings from options and parameters; ValueError for an impossible value."""
+        """Build the settings from options and parameters. Raises ValueError for invalid values."""
         parameters = with_growth(
             parameters, options.pop("limits"), options.pop("laws"), options.pop("cost_figures")
         )
@@ -134,7 +134,7 @@ def with_growth(
     laws: tuple[str, ...] = (),
     costs: Mapping[str, float] = MappingProxyType({}),
 ) -> Parameters:
-    """Return parameters with the limits, growth laws and costs of options."""
+    """Return parameters extended by the limits, growth laws and costs from options."""
     values: dict[str, Any] = {}
     by_limit = {name.partition(".")[2]: name for name in names_of(_LIMITS)}
     by_cost = {item.name: f"costs.{item.name}" for item in fields(Costs) if item.name != "unit"}

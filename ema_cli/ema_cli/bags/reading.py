@@ -1,4 +1,4 @@
-"""Windows of a bag: options of their choice, and their detection."""
+"""Detection of the windows in a bag, and the options to select them."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
@@ -34,7 +34,7 @@ ACTUATOR_OPTION: Final = click.option(
 
 @dataclass(frozen=True)
 class ReadingOptions(Checked):
-    """Part of a bag to read, from the options."""
+    """Command options that select the part of a bag to read."""
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
         click.option("--actuator-id", help="Actuator, if BAG has several."),
@@ -56,10 +56,10 @@ class ReadingOptions(Checked):
     topic: str | None = None
     any_motion: bool = False
     accept_defects: bool = False
-    """Whether the options prevail over the bag: the description in ``actuator_file`` replaces the
-    description in the bag, and a calibration is used although it does not fit."""
+    """Whether options override the bag: ``actuator_file`` replaces the bag's description, and a
+    calibration is used even if it does not fit."""
     measured: tuple[str, ...] = ()
-    """Measured hidden causes, as texts, for all windows."""
+    """Measured hidden causes as texts, applied to all windows."""
     measured_max_age_s: float = quantity(
         MAX_AGE_S,
         "s",
@@ -67,12 +67,12 @@ class ReadingOptions(Checked):
         1e7,
         "age at the start of a window up to which a measured cause holds for it",
     )
-    """Age up to which a measurement in the bag holds for a window [s]."""
+    """Largest age of a recorded measurement at the start of a window [s]."""
     trigger: TriggerSettings = TriggerSettings()  # noqa: RUF009 - frozen
 
     @classmethod
     def of(cls, parameters: Parameters, **options: Any) -> Self:
-        """Return the settings from options and parameters; ValueError for an impossible value."""
+        """Build the settings from options and parameters. Raises ValueError for invalid values."""
         windows = ANY_MOTION if options.pop("any_motion", False) else None
         trigger = parameters.with_options(windows=windows).over(TriggerSettings())
         options["actuator_file"] = options["actuator_file"] or parameters.path("actuator_file")
@@ -85,11 +85,11 @@ ReadingOptions.SECTIONS = ((TriggerSettings, ""), (ReadingOptions, ""))
 MEASURED_OPTION: Final = click.option(
     "--measured", multiple=True, help=f"A measured cause, {GRAMMAR}: load_torque=0.1:0.005."
 )
-"""Of the commands that identify windows."""
+"""Option for commands that identify windows."""
 
 
 def open_recording(path: Path, source: ReadingOptions) -> tuple[Recording, ReadingOptions]:
-    """Open a bag, or a table by the mapping in its folder; return it and the options for it."""
+    """Open a bag, or a table with the mapping in its folder. Return it with its options."""
     if path.suffix.lower() not in TABLES:
         from ema_bags.reader import Bag  # rosbags and mcap only for bags
 
@@ -115,9 +115,9 @@ def read_windows(
     on_block
         Called with each block of telemetry.
     bag
-        The bag or the recording of a table, if it is open already.
+        Bag or table recording, if already open.
     with_duty
-        Whether to measure the flown duty.
+        Whether to measure the duty.
     """
     with values_of_options():
         measured = measured_causes_of(source.measured)
@@ -211,7 +211,7 @@ def why_no_window(path: Path, bag_windows: BagWindows, source: ReadingOptions) -
 def _choose_description(
     file: Path, recorded: tuple[ActuatorDescription, ...], *, accept: bool
 ) -> tuple[ActuatorDescription | None, str]:
-    """Return the description for a bag, None for its own descriptions, and a warning."""
+    """Return the description to use for a bag (None for its own) and a warning."""
     from ema_ros.actuator_file import load_description  # YAML only where there is a file
 
     described = load_description(file)
@@ -234,7 +234,7 @@ def _choose_description(
 
 
 def differing(first: Any, second: Any, first_place: str, second_place: str) -> Iterator[str]:
-    """Yield name, unit and both values of each field that differs between two descriptions."""
+    """Yield a text with name, unit and both values for each field that differs."""
     for field in fields(first):
         there, here = getattr(first, field.name), getattr(second, field.name)
         if field.name in ("parameters", "acquisition"):

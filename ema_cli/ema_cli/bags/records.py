@@ -1,4 +1,4 @@
-"""Third-party records as recordings, by a mapping, which usually is in the same folder."""
+"""Reading of third-party records by a mapping, usually from the same folder."""
 
 import heapq
 from collections import deque
@@ -28,10 +28,10 @@ _BLOCK_IN_MEMORY_S: Final = 0.5  # latency does not matter
 def table_recordings(
     table: Path, actuator_file: Path | None, columns: Sequence[str] = ()
 ) -> Iterator[tuple[list[str], MemoryRecording]]:
-    """Yield the recordings of a table, by the mapping in the same folder.
+    """Yield the recordings of a table, using the mapping in its folder.
 
-    A recording has the messages of the bag that `ema import` would write. The mapping is
-    ``mapping.yaml``, or has the name of the table. Without a description, ``actuator.yaml`` in the
+    Each recording has the messages that `ema import` would write to a bag. The mapping file is
+    ``mapping.yaml`` or is named like the table. Without a description, ``actuator.yaml`` in the
     table's folder is used, or the built-in actuator.
 
     Parameters
@@ -41,8 +41,8 @@ def table_recordings(
     actuator_file
         Description of the actuator.
     columns
-        Columns that split the table: each stretch of rows with constant values in these columns is
-        a recording of its own, yielded with these values.
+        Columns that split the table: each run of rows with constant values in these columns becomes
+        a separate recording, yielded with the values.
 
     Raises
     ------
@@ -76,24 +76,24 @@ def table_recordings(
 def actuators_of(
     mapping: Mapping, actuator_file: Path | None
 ) -> list[tuple[Mapping, ActuatorDescription]]:
-    """Return mapping and description of each joint, or of the only actuator.
+    """Return mapping and description of each joint, or of a single actuator.
 
-    The name of a joint is the name of its actuator, and replaces ``{joint}`` in the file's name.
-    Without a file, the only actuator is the built-in one, and joints have an unknown drive.
+    Each joint's name is its actuator's name, and replaces ``{joint}`` in the file name. Without a
+    file, a single actuator is the built-in one, and joints have an unknown drive.
     """
     descriptions = load_descriptions(str(actuator_file or ""), mapping.joints)
     return [(mapping.of_joint(unit.actuator_id), unit) for unit in descriptions]
 
 
 def described(actuator_file: Path | None) -> ActuatorDescription:
-    """Return the description in a file; without one, the built-in actuator."""
+    """Return the description in a file; without a file, the built-in actuator."""
     return load_description(actuator_file) if actuator_file else ActuatorDescription()
 
 
 def read_record(
     source: InputFile, mapping: Mapping, description: ActuatorDescription, *, accepts: bool
 ) -> Imported:
-    """Return the telemetry of a file; its defects are printed, and refused unless accepted."""
+    """Return the telemetry of a file. Print its defects, and refuse them unless accepted."""
     file = f"{source.path}, joint {mapping.joint}" if mapping.joint else source.path
     imported = imported_by(source, mapping, description)
     for remark in source.remarks:
@@ -117,7 +117,7 @@ def read_records(
     *,
     accepts: bool,
 ) -> list[Imported]:
-    """Return the telemetry of files, at the rate of the first one if their rates are similar.
+    """Return the telemetry of files, resampled to the first file's rate if rates are similar.
 
     The clocks of loggers differ by a few per cent.
 
@@ -151,7 +151,7 @@ def imported_by(
     description: ActuatorDescription,
     period: float | None = None,
 ) -> Imported:
-    """Return the telemetry of a file, resampled to a period [s] if given; errors name the file."""
+    """Return the telemetry of a file, optionally resampled to ``period``; errors name the file."""
     try:
         return import_series(source.series(mapping), mapping, description, period)
     except ValueError as error:
@@ -164,7 +164,7 @@ def imported_by(
 def write_records(
     path: Path, actuators: Sequence[Sequence[Imported]], *, overwrite: bool = False
 ) -> None:
-    """Write descriptions and telemetry of actuators, the files of each in sequence."""
+    """Write descriptions and telemetry of actuators to a bag, each actuator's files in sequence."""
     from ema_ros import topics
 
     kinds = {name: topics.ACTUATOR_TOPICS[name] for name in (topics.DESCRIPTION, topics.TELEMETRY)}
@@ -184,7 +184,7 @@ def _full_name(topic: str) -> str:
 def _messages(
     actuators: Sequence[Sequence[Imported]], block_s: float
 ) -> Iterator[tuple[str, Any, int, int]]:
-    """Yield topic, message, time of reception and stamp [ns], in order of reception."""
+    """Yield topic, message, reception time and stamp [ns], in order of reception."""
     of_each = (_messages_of_actuator(records, block_s) for records in actuators)
     return heapq.merge(*of_each, key=lambda item: item[2])
 
@@ -192,7 +192,7 @@ def _messages(
 def _messages_of_actuator(
     records: Sequence[Imported], block_s: float
 ) -> Iterator[tuple[str, Any, int, int]]:
-    """Yield topic, message, time of reception and stamp [ns] of one actuator, file after file."""
+    """Yield topic, message, reception time and stamp [ns] of one actuator, file by file."""
     from ema_ros.messages import description_to_message, measured_to_message, telemetry_to_message
     from ema_ros.stamps import stamp_from_message
 

@@ -1,4 +1,4 @@
-"""Tests of one unit from bags, with its health, life and true faults after each test."""
+"""Course of one unit: its tests from bags, with health, life and true faults."""
 
 import filecmp
 import math
@@ -41,22 +41,22 @@ _ONE_UNIT: Final = "a prognosis is for one unit, give the bags of one unit"
 
 @dataclass(frozen=True)
 class UnitRecord:
-    """The tests of one unit, as its bags record them."""
+    """Tests of one unit as recorded in its bags."""
 
     description: ActuatorDescription
     """The last description of the unit."""
     windows: list[RecordedWindow]
-    """Windows of all bags, unusable windows included, in order of time."""
+    """Windows of all bags, including unusable windows, in order of time."""
     counts: list[Count]
     """Counts of the service life, in order of time."""
     truths: list[StampedFaults]
     """True faults by test cycle, in order of time, as far as the bags record them."""
     remarks: list[str]
-    """Defects of bags, and bags that were left out."""
+    """Defects of bags, and omitted bags."""
     bags: dict[int, Path] = field(default_factory=dict)
-    """The bag of each window, by the window's last stamp."""
+    """Bag of each window, by the window's last stamp."""
     flown: list[tuple[int, FlownDuty]] = field(default_factory=list)
-    """Flown duty up to the end of each window, by stamp [ns], in order of time."""
+    """Duty up to the end of each window, by stamp [ns], in order of time."""
 
     def until(self, hours: float) -> Self:
         """Return the record up to a service hour [h]."""
@@ -73,7 +73,7 @@ class UnitRecord:
 
 
 def find_bags(paths: Iterable[Path]) -> list[Path]:
-    """Return the bags in files and folders, each once."""
+    """Return the bags in files and folders without duplicates."""
     bags_by_path: dict[Path, Path] = {}
     for path in paths:
         bags = _bags_in(path)
@@ -195,7 +195,7 @@ def _require_same_unit(
 
 
 class Step(NamedTuple):
-    """A test, with health and life after it; None if the test changes neither."""
+    """A test with the resulting health and life; None if the test changes neither."""
 
     estimate: Estimate
     outlook: Outlook | None
@@ -203,18 +203,18 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class Course:
-    """Tests of one unit, with its health and life after each."""
+    """Tests of one unit, with health and life after each test."""
 
     record: UnitRecord
     options: Predicting
     """Options of the identification and the prognosis."""
     calibration: AnyCalibration
     steps: list[Step]
-    """Tests in order of time, refused tests included; with ordinary motion, combinations."""
+    """Tests in order of time, including refused tests; combinations for ordinary motion."""
     growth: GrowthRecord
     """Record of the growth after the last test."""
     scenarios: tuple[tuple[Scenario, Outlook], ...] = ()
-    """Scenarios of future duty, with the health and life under each after the last test."""
+    """Scenarios of future duty, each with health and life after the last test."""
 
     @property
     def estimates(self) -> list[Estimate]:
@@ -245,7 +245,7 @@ class Course:
 
     @cached_property
     def advice(self) -> Advice | None:
-        """The action of least cost after the last test; None without costs or a valid test."""
+        """The cheapest action after the last test; None without costs or a valid test."""
         if self.options.costs is None or not self.outlooks:
             return None
         return advise(self.outlooks[-1], self.options.costs)
@@ -254,7 +254,7 @@ class Course:
 def diagnose_unit(
     paths: Sequence[Path], options: Predicting, *, skips_unreadable: bool = False
 ) -> Course:
-    """Identify the tests in bags, and follow health and life; remarks go to standard error."""
+    """Identify the tests in bags and track health and life. Print remarks to standard error."""
     record = read_unit(paths, options, skips_unreadable=skips_unreadable)
     if options.at_hours is not None:
         record = record.until(options.at_hours)
@@ -276,7 +276,7 @@ def follow(
     calibration: AnyCalibration,
     options: Predicting,
 ) -> Course:
-    """Return health and life of a unit test by test, with a progress bar."""
+    """Track health and life of a unit test by test, with a progress bar."""
     settings, parameters = options.prognosis, calibration.unit_parameters
     unit = Unit(History(*record.description.unit_key), settings)
     with progress_bar() as progress:
@@ -298,11 +298,11 @@ def true_faults(course: Course) -> NDArray[np.float64]:
 
 
 def true_remaining_life(course: Course) -> NDArray[np.float64]:
-    """Return the hours left at each valid test until life truly ended [h], ``(n,)``.
+    """Return the true remaining life at each valid test [h], ``(n,)``.
 
     Life ends when a true fault reaches its limit, or when a required performance, computed by the
-    monitor's model from the true faults, fails. Between two tests, the share of the way to the
-    limit is interpolated linearly. NaN where the hour or the end is unknown.
+    monitor's model from the true faults, fails. Between tests, the share of the way to the limit is
+    interpolated linearly. The life is NaN where the hour or the end is unknown.
     """
     hours = course.hours
     share = _share_of_the_way(course, true_faults(course))

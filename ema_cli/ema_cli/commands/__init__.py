@@ -1,1 +1,1 @@
-"""The commands, each in its own file."""
+"""Commands of ``ema``, one module each."""

@@ -41,7 +41,7 @@ _USUAL_REASON: Final = (
 
 @dataclass(frozen=True)
 class GivenSettings:
-    """Settings of an archive that were given; the others stay as they were."""
+    """Archive settings from the command line; settings not specified remain unchanged."""
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
         click.option(
@@ -65,12 +65,12 @@ class GivenSettings:
 
     @classmethod
     def of(cls, parameters: Parameters, calibration: str | None, **growth: Any) -> Self:
-        """Return the settings from options and parameters."""
+        """Build the settings from options and parameters."""
         parameters = parameters.with_options(calibration_file=calibration or None)
         return cls(with_growth(parameters, **growth))
 
     def applied_to(self, settings: ArchiveSettings) -> ArchiveSettings:
-        """Return settings with those given; ValueError when one is unknown or out of its range."""
+        """Return updated settings. Raises ValueError for an unknown or out-of-range setting."""
         parameters, source = (
             self.parameters,
             ReadingOptions(measured_max_age_s=settings.measured_max_age_s),
@@ -234,7 +234,7 @@ def export_(folder: Path, what: str, output: Path, overwrite: bool) -> None:
 
 
 def _unread_in_words(status: Status) -> str:
-    """Return how many bags are not read as a whole, and which of them no unit is known for."""
+    """Return a text on bags not read completely, and on those without a known unit."""
     lines = [
         f"{counted(count, 'bag')} {what}: later tests may be lost"
         for count, what in (
@@ -252,7 +252,7 @@ def _unread_in_words(status: Status) -> str:
 
 
 def _refused_in_words(folder: Path, status: Status) -> str:
-    """Return how many windows are refused, and the most frequent reason, as a line or none."""
+    """Return a line on the number of refused windows and the most frequent reason, if any."""
     if status.windows == status.valid:
         return ""
     refused = f"{status.windows - status.valid} of {counted(status.windows, 'window')} refused"

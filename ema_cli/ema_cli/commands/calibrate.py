@@ -1,4 +1,4 @@
-"""``ema calibrate``: a calibration from healthy bags."""
+"""``ema calibrate``: calibrate an actuator from healthy bags."""
 
 import sys
 from collections import Counter
@@ -101,7 +101,7 @@ def calibrate(
 def _require_same(
     first: Path, expected: ActuatorDescription, bag: Path, described: ActuatorDescription
 ) -> None:
-    """Raise ``ValueError`` if bags are of different actuators; it names the difference.
+    """Raise ``ValueError`` naming the difference if two bags belong to different actuators.
 
     Records of an unknown drive may differ in rate: each is filtered to the same band.
     """
@@ -116,7 +116,7 @@ def _require_same(
 
 
 def _names(bag: Path, windows: Sequence[RecordedWindow]) -> list[str]:
-    """Return the name of each window: the bag, and the number in a bag of several."""
+    """Return a name for each window: the bag, plus a number if the bag has several windows."""
     several = len(windows) > 1
     return [f"record {item.number} of {bag}" if several else str(bag) for item in windows]
 
@@ -124,7 +124,7 @@ def _names(bag: Path, windows: Sequence[RecordedWindow]) -> list[str]:
 def _remarks(
     windows: Sequence[RecordedWindow], names: Sequence[str], calibration: JointCalibration
 ) -> Iterator[str]:
-    """Yield remarks on records that are not used, or that differ from the other records."""
+    """Yield remarks on unused records and on records that differ from the rest."""
     used: list[str] = []
     stamps = Counter(item.start_ns for item in windows)
     of_records = {record.stamp_ns for record in calibration.baseline.records}
@@ -144,7 +144,7 @@ def _remarks(
 
 
 def _with_labels(calibration: AnyCalibration, output: Path) -> AnyCalibration:
-    """Return a calibration with the labels of the replaced calibration, if of the same unit."""
+    """Return a calibration with the labels of the replaced calibration of the same unit."""
     if not output.exists():
         return calibration
     try:

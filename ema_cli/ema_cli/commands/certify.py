@@ -1,4 +1,4 @@
-"""``ema certify``: the expected accuracy of a test, without telemetry."""
+"""``ema certify``: predict the accuracy of a test without telemetry."""
 
 import json
 import sys

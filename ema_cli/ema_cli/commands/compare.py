@@ -1,4 +1,4 @@
-"""``ema compare``: several algorithms on one window of a bag."""
+"""``ema compare``: compare algorithms on one window of a bag."""
 
 import json
 import sys
@@ -23,12 +23,12 @@ from ema_monitor.recordings.windows import BagWindows
 
 
 class _Algorithms(click.ParamType):
-    """Registered names, separated by commas."""
+    """Option type: comma-separated names of registered algorithms."""
 
     name = "names"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> list[str]:
-        """Return the names in the order given, each once."""
+        """Return the names in order, without duplicates."""
         choice = NameChoice("algorithm", ALGORITHMS)
         names = [choice.convert(name, param, ctx) for name in value.split(",")]
         for name in names:

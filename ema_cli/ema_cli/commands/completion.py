@@ -1,4 +1,4 @@
-"""``ema completion``: names of commands, options and files by the tab key."""
+"""``ema completion``: shell completion of commands, options and files."""
 
 from typing import Final
 

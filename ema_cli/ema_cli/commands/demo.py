@@ -1,4 +1,4 @@
-"""``ema demo``: an actuator that wears out, shown and recorded."""
+"""``ema demo``: show and record an actuator that wears out."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``ema design``: the shortest test command that reaches wanted standard deviations."""
+"""``ema design``: find the shortest test command that reaches target standard deviations."""
 
 import json
 import sys
@@ -23,12 +23,12 @@ _DEFAULT_LIMIT = "default: 90 % of the limit of the actuator"
 
 
 class WantedSigmas(Assignments):
-    """``name=value`` pairs, or one value for every fault."""
+    """Option type: ``name=value`` pairs, or one value for all faults."""
 
     name = "sigma"
 
     def convert(self, value, param, ctx):
-        """Return pairs of name and standard deviation."""
+        """Return pairs of fault name and standard deviation."""
         if isinstance(value, str) and "=" not in value:
             value = ",".join(f"{name}={value}" for name in COMPONENTS)
         return super().convert(value, param, ctx)

@@ -1,4 +1,4 @@
-"""``ema estimate``: the faults in a bag."""
+"""``ema estimate``: estimate the faults in a bag."""
 
 import json
 import re
@@ -90,14 +90,14 @@ def _distance(estimate: Estimate, i: int) -> float:
 
 
 def _significant(estimate: Estimate) -> list[int]:
-    """Return the indices of the significant faults, the largest first."""
+    """Return the indices of the significant faults, largest first."""
     return sorted(
         filter(lambda i: estimate.found[i], INDICES), key=lambda i: -_distance(estimate, i)
     )
 
 
 def _line(number: int, estimate: Estimate, bag_windows: BagWindows) -> str:
-    """Return a window as one line."""
+    """Return the estimate of a window as one line."""
     place = f"{number:4d} {bag_windows.seconds(estimate.start_ns):10.2f} s"
     if estimate.is_of_record:
         place += f" to {bag_windows.seconds(estimate.end_ns):.2f} s"
@@ -161,7 +161,7 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
 
 
 def _largest_changes(estimates: Sequence[Estimate]) -> str:
-    """Return the largest change of each quantity that a record shows, with the record."""
+    """Return a text with the largest change of each quantity and its record."""
     words = []
     for name in QUANTITIES:
         changes = [

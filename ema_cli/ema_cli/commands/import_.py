@@ -1,4 +1,4 @@
-"""``ema import``: telemetry from files and bags of other makes."""
+"""``ema import``: import telemetry from third-party files and bags."""
 
 from pathlib import Path
 from typing import Any
@@ -130,7 +130,7 @@ def _beside(bag: Path, suffix: str) -> Path:
 
 
 def _draw(bag: Path, picture: Path) -> None:
-    """Draw the written telemetry to a picture in the same folder."""
+    """Draw the imported telemetry as a picture in the same folder."""
     from ema_cli.figures.files import save_picture
     from ema_cli.figures.telemetry import Outline, draw_telemetry
 
@@ -166,7 +166,7 @@ def _comment(lines: list[str], *, err: bool = False) -> None:
 
 
 def _facts(imported: Imported) -> list[str]:
-    """Return rate, losses and ranges in lines."""
+    """Return lines on rate, losses and ranges."""
     rate, losses = imported.rate, imported.stream.losses
     by = "the stamps" if imported.mapping.clock.source else "clock.rate_hz"
     kept = "as they are" if rate.is_regular else "interpolated on their stamps"

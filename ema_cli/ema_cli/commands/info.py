@@ -1,4 +1,4 @@
-"""``ema info``: the content of a bag."""
+"""``ema info``: show the content of a bag."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.trigger import Refusal
 
 _OF_UNKNOWN: Final = ("tau", "k_t", "lead")
-"""Parameters that a description with ``drive: unknown`` may give."""
+"""Parameters allowed in a description with ``drive: unknown``."""
 
 
 @click.command()

@@ -1,4 +1,4 @@
-"""``ema label``: tests of a unit in a state that its owner knows."""
+"""``ema label``: label tests of a unit in a known state."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -26,7 +26,7 @@ from ema_monitor.windows.trigger import Refusal
 _HEALTHY = (HEALTHY, "normal", "nan", "none", "")
 
 _Test = tuple[int, tuple[WindowFigures, ...]]
-"""Stamp of a test [ns], and the figures of its windows."""
+"""Stamp of a test [ns] and figures of its windows."""
 
 
 @click.command()
@@ -104,7 +104,7 @@ def label(
 def _tests_of(
     table: Path, columns: list[str], options: ReadingOptions
 ) -> Iterator[tuple[str, Recording]]:
-    """Yield the state and the recording of each test in a table, without the healthy tests."""
+    """Yield state and recording of each test in a table, skipping healthy tests."""
     from ema_cli.bags.records import table_recordings  # the import only for tables
 
     for (state, *_), recording in table_recordings(table, options.actuator_file, columns):
@@ -113,7 +113,7 @@ def _tests_of(
 
 
 def _checked(state: str) -> str:
-    """Return the name of a state without spaces around it; ValueError for a healthy state."""
+    """Return the stripped name of a state. Raises ValueError for the healthy state."""
     name = state.strip()
     if name.lower() in (*_HEALTHY, NONE_OF_THESE):
         raise ValueError(
@@ -129,7 +129,7 @@ def _with_bag(
     options: ReadingOptions,
     part: Recording | None,
 ) -> AnyCalibration:
-    """Return the calibration with the test, or the records, of a bag or part of a table."""
+    """Return the calibration with the tests of a bag, or of part of a table, added."""
     bag_windows = identifiable_windows(bag, options, part)
     if mismatch := calibration.unit_mismatch(bag_windows.description):
         raise ValueError(mismatch)
@@ -160,7 +160,7 @@ def _with_bag(
 def _with_history(
     calibration: AnyCalibration, state: str, path: Path, chosen: tuple[str, ...]
 ) -> AnyCalibration:
-    """Return the calibration with tests of a history in a state."""
+    """Return the calibration with tests of a history labelled with a state."""
     if isinstance(calibration, JointCalibration):
         raise ValueError("a history does not hold the figures of records; label the bags instead")
     baseline = calibration.baseline
@@ -172,7 +172,7 @@ def _with_history(
 def _of_history(
     path: Path, chosen: tuple[str, ...], calibration: AnyCalibration
 ) -> Iterator[_Test]:
-    """Yield the chosen tests in a history, or all of them."""
+    """Yield the selected tests of a history, or all of them."""
     history = read_history(path)
     if history.unit != (calibration.actuator_id, calibration.serial_number):
         raise ValueError(

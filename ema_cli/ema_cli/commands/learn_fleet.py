@@ -1,4 +1,4 @@
-"""``ema learn-fleet``: how the units of a fleet grow, from their histories."""
+"""``ema learn-fleet``: learn fault growth in a fleet from unit histories."""
 
 from pathlib import Path
 

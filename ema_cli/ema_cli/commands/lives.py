@@ -1,4 +1,4 @@
-"""``ema lives``: simulated lives to failure, as bags or as estimates."""
+"""``ema lives``: simulate lives to failure, as bags or as estimates."""
 
 from pathlib import Path
 from typing import Final
@@ -14,7 +14,7 @@ from ema_cli.simulated_lives import LifeJob, make_life, remove_parts
 from ema_core.faults import TYPICAL
 
 INDEX: Final = "lives.csv"
-"""File with a line about each life."""
+"""File with one line per life."""
 
 
 @click.command()

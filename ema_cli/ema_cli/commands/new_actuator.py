@@ -1,4 +1,4 @@
-"""``ema new-actuator``: the description of an actuator from the figures of its data sheet."""
+"""``ema new-actuator``: describe an actuator from the figures of its data sheet."""
 
 import json
 from collections.abc import Callable
@@ -33,7 +33,7 @@ _FIGURES: Final[dict[str, tuple[str, str, Callable[[float], dict[str, Any]]]]] =
     "mass": ("kg", "Mass that the rod moves", lambda x: {"J_u": f"{x} kg"}),
     "sample-rate": ("Hz", "Samples per second", lambda x: {"sample_period": 1 / x}),
 }
-"""Of each figure: unit, meaning, and the entries of a description that follow from it."""
+"""Figures of a data sheet: unit, meaning, and function to derive description entries."""
 _OF_LINEAR: Final = ("stroke", "rod-speed", "rod-friction", "rod-play", "mass")
 _TOLERANCE: Final = 0.1
 _POSITIVE: Final = click.FloatRange(0.0, min_open=True)

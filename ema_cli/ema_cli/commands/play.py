@@ -1,4 +1,4 @@
-"""``ema play``: a bag to the running system."""
+"""``ema play``: play a bag to the running system."""
 
 from pathlib import Path
 

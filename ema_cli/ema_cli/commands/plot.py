@@ -1,4 +1,4 @@
-"""``ema plot``: telemetry, fit and faults of a bag as a picture."""
+"""``ema plot``: draw telemetry, fit and faults of a bag."""
 
 from pathlib import Path
 
@@ -69,7 +69,7 @@ def plot(
 
 
 def _draw_estimate(bag_windows: BagWindows, number: int, options: Identifying) -> Figure:
-    """Return a figure of the fit of a window; of ordinary motion, of an estimate's last stretch."""
+    """Return a figure of the fit of a window, or of the last stretch of ordinary motion."""
     windows, what = bag_windows.windows, "estimate"
     if not options.any_motion:
         what, window = "window", choose_window(bag_windows, number)

@@ -1,4 +1,4 @@
-"""``ema predict``: how long a unit will last, from the bags of its tests."""
+"""``ema predict``: predict a unit's remaining life from bags of its tests."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""``ema record``: the running system to a bag."""
+"""``ema record``: record the running system to a bag."""
 
 from pathlib import Path
 

@@ -65,7 +65,7 @@ def recover(bag: Path, output: Path, overwrite: bool) -> None:
 
 
 def _checked(topic: Topic) -> Callable[[bytes], bytes]:
-    """Return the function that upgrades and checks a recorded message; ValueError if none."""
+    """Return a function that upgrades and checks a recorded message. Raises ValueError if none."""
     upgrade = topic.upgrade()
     decode = decoder(topic.type_name, schema_text(topic.type_name))
 
@@ -80,7 +80,7 @@ def _checked(topic: Topic) -> Callable[[bytes], bytes]:
 
 
 def _offer(name: str, topic: Topic) -> QoSProfile:
-    """Return the quality of service to write a topic with; ValueError if it cannot be written."""
+    """Return the QoS to write a topic with. Raises ValueError if it cannot be written."""
     try:
         topic.upgrade()
         offers = recorded_qos(topic.qos)

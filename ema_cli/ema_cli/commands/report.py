@@ -1,4 +1,4 @@
-"""``ema report``: a unit's verdict, evidence and pictures as one page."""
+"""``ema report``: write a unit's verdict, evidence and pictures to one page."""
 
 import shlex
 import sys
@@ -71,14 +71,14 @@ def report(
 
 
 def _beside(bags: Sequence[Path], unit: tuple[str, str]) -> list[Path]:
-    """Return the histories of a unit in the folders of bags, and in ``history`` there."""
+    """Return the histories of a unit in the bags' folders and their ``history`` subfolders."""
     places = dict.fromkeys(place for bag in map(Path.resolve, bags) for place in (bag, bag.parent))
     paths = [history_path(place / inner, *unit) for place in places for inner in (".", "history")]
     return [path for path in paths if path.is_file()]
 
 
 def _notes(histories: Sequence[Path], unit: tuple[str, str]) -> list[UnitEvent]:
-    """Return notes and changes of the baseline of a unit in histories, the oldest first."""
+    """Return a unit's notes and baseline changes from histories, oldest first."""
     loaded = [read_history(path) for path in histories]
     for path, history in zip(histories, loaded, strict=True):
         if history.unit != unit:

@@ -1,4 +1,4 @@
-"""``ema simulate``: a faulty actuator to a bag."""
+"""``ema simulate``: simulate a faulty actuator and record it to a bag."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""``ema thesis``: the thesis's study of optimizers, repeated."""
+"""``ema thesis``: repeat the thesis's study of optimizers."""
 
 import time
 from collections.abc import Sequence
@@ -132,7 +132,7 @@ def thesis(
 
 
 def _make(store: RunStore, jobs: Sequence[Job], executor: ExecutorOptions) -> int:
-    """Make the runs that the store lacks, and return their number."""
+    """Compute the runs missing from the store. Return their number."""
     missing = store.missing(jobs)
     if done := len(jobs) - len(missing):
         click.echo(f"{store.folder}: {done} of {len(jobs)} runs are already done")
@@ -168,7 +168,7 @@ def _kept(store: RunStore) -> str:
 
 
 def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
-    """Return the timing of executors with each model; missing timings are measured."""
+    """Return executor timings for each model, measuring missing ones."""
     path = folder / _TIMING
     timing = pd.read_csv(path) if path.exists() else pd.DataFrame({"model": [], "version": []})
     timing = timing[timing["version"] == numerics_version()]
@@ -193,7 +193,7 @@ def _print_table(table: StudyTable) -> None:
 
 
 def _print_summary(frame: pd.DataFrame) -> None:
-    """Print mean error and time of each algorithm over the single faults."""
+    """Print each algorithm's mean error and time over the single faults."""
     single = single_fault_runs(frame)
     headings = ("runs", "error %", "generations", "time s")
     figures = (Column(heading, justify="right") for heading in headings)

@@ -1,4 +1,4 @@
-"""``ema up``: the nodes of the health monitor as processes."""
+"""``ema up``: run the nodes of the health monitor as processes."""
 
 import sys
 import time

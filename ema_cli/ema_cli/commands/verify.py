@@ -1,4 +1,4 @@
-"""``ema verify``: recorded estimates, made again from the recorded telemetry."""
+"""``ema verify``: recompute recorded estimates from the recorded telemetry."""
 
 import json
 import sys
@@ -54,13 +54,13 @@ class Verified:
 
     actuator_id: str
     window: int | None
-    """Number of the window; None for a history as a whole."""
+    """Window number; None for a whole history."""
     state: str = CANNOT
     difference: float = 0.0
-    """Largest difference of a figure [-]."""
+    """Largest difference of any figure [-]."""
     reason: str = ""
     bag: str = ""
-    """Bag of the estimate in an archive."""
+    """Bag of the estimate, for an archive."""
 
     def __str__(self) -> str:
         place = f"{self.bag}: " if self.bag else ""
@@ -71,7 +71,7 @@ class Verified:
         return f"{words} ({self.reason})" if self.reason else words
 
     def compared(self, recorded: Any, again: Estimate, by: str = "") -> Self:
-        """Return the comparison of a recorded estimate with its repetition ``by`` software."""
+        """Return the comparison of a recorded estimate with its recomputation ``again``."""
         if (again.verdict, again.valid) != (recorded.verdict, recorded.valid):
             words = f"the verdict was {recorded.verdict} and is {again.verdict}"
             return replace(self, state=DIFFERENT, reason=words)
@@ -91,14 +91,14 @@ class Verified:
 
 
 def _figures(estimate: Estimate) -> Array:
-    """Return the faults and the changes of quantities in an array."""
+    """Return the faults and quantity changes as an array."""
     compared = estimate.comparison
     changes = [quantity.change for quantity in compared.quantities] if compared else []
     return np.array([*estimate.faults, *changes])
 
 
 class _Recorded(NamedTuple):
-    """A recorded estimate, as far as later ones depend on it and it can be made again."""
+    """Recorded estimate, with the data needed to recompute it and its successors."""
 
     number: int
     estimate: Estimate
@@ -218,7 +218,7 @@ def _of_history(
 
 
 def _of_archive(folder: Path) -> Iterator[Verified]:
-    """Do each bag again as a run of the archive does, and compare the rows."""
+    """Recompute each bag as an archive run would, and compare the rows."""
     with Manifest(folder, writes=False) as manifest:
         for task, sha256, software in manifest.done():
             again = diagnose_bag(task)
@@ -243,7 +243,7 @@ def _of_archive(folder: Path) -> Iterator[Verified]:
 
 
 def _windows(bag: Bag, actuator_id: str) -> dict[tuple[int, int], RecordedWindow]:
-    """Return the windows of an actuator in a bag by the stamps of start and end [ns]."""
+    """Return an actuator's windows in a bag by their start and end stamps [ns]."""
     windows = find_recorded_windows(read_telemetry(bag, None, actuator_id)).windows
     return {(window.start_ns, window.end_ns): window for window in windows}
 
@@ -254,7 +254,7 @@ def _recomputed(
     windows: Mapping[tuple[int, int], RecordedWindow],
     calibrations: Mapping[str, AnyCalibration],
 ) -> Iterator[Verified]:
-    """Make estimates of an actuator again in their order, each from its window."""
+    """Recompute the estimates of an actuator in order, each from its window."""
     earlier, last, is_whole = Diagnosis(), "", False
     before_last, last_number = Diagnosis(), -1
     described = next(iter(windows.values()), None)
@@ -300,11 +300,11 @@ def _of_any_start(
     window: RecordedWindow,
     calibration: AnyCalibration,
 ) -> Verified:
-    """Compare an estimate with the estimates of a monitor for any time of its start.
+    """Compare an estimate with the results of monitors started at different times.
 
-    A monitor that started in the middle of a motion does not know where the window begins in the
-    play. A monitor that was killed may have published a test that its history lacks: without it,
-    its search began at ``without_last``.
+    A monitor started during a motion does not know the motor's initial position in the play. A
+    killed monitor may have published a test missing from its history; its next search then started
+    at ``without_last``.
     """
     search = SearchSettings(
         recorded.algorithm, seed=recorded.seed, goodness_limit=recorded.goodness_limit
@@ -327,7 +327,7 @@ def _of_any_start(
 
 
 def _seen_by_a_monitor(window: RecordedWindow) -> Iterator[tuple[RecordedWindow, str]]:
-    """Yield a window as it is in a bag, and as monitors that started at other times saw it."""
+    """Yield a window as recorded, then as seen by monitors started at other times."""
     yield window, ""
     if window.play is not None:
         yield replace(window, play=None), "during the motion before the window"

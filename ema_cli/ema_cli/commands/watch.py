@@ -1,4 +1,4 @@
-"""``ema watch``: the health of all actuators in the terminal."""
+"""``ema watch``: show the health of all actuators in the terminal."""
 
 import os
 import threading
@@ -79,14 +79,14 @@ def watch(namespaces: tuple[str, ...], until_played: bool, network: bool) -> Non
 
 
 class _HealthListener(Listener):
-    """Messages received in some namespaces; to be used under ``with``.
+    """Collects messages from some namespaces; a context manager.
 
     Attributes
     ----------
     changed
-        Set when there is something new.
+        Event that is set when new data arrived.
     completion
-        Whether the played data are diagnosed.
+        Tracks whether all played data are diagnosed.
     """
 
     def __init__(self, places: list[str]) -> None:
@@ -111,7 +111,7 @@ class _HealthListener(Listener):
         super().__init__("watch", topics, self._note)
 
     def _note(self, topic: str, message: Any) -> None:
-        """Note a message."""
+        """Process a received message."""
         now_s = time.monotonic()
         with self._lock:
             if topic == _CLOCK:
@@ -139,7 +139,7 @@ class _HealthListener(Listener):
             return bool(self._monitors)
 
     def rows(self) -> list[Row]:
-        """Return the actuators, the worst first."""
+        """Return a row per actuator, worst first."""
         with self._lock:
             is_real = self._simulated_ns is None
             return self._healths.rows(time.monotonic(), self._clock_ns(), is_real=is_real)
@@ -149,7 +149,7 @@ class _HealthListener(Listener):
 
 
 def _normalised(namespace: str) -> str:
-    """Return a namespace as the graph has it."""
+    """Return a namespace as used in the ROS graph."""
     full = "/" + namespace.strip("/")
     try:
         validate_namespace(full)
@@ -165,7 +165,7 @@ def _domain() -> str:
 
 
 def _no_health(places: list[str], listener: _HealthListener) -> str:
-    """Return a message that no health is published, with the nodes present instead."""
+    """Return a message that no health is published, listing the nodes found instead."""
     words = f"no health is published on {', '.join(places)} in {_domain()}"
     elsewhere = [
         topic.removesuffix(f"/{HEALTH}") or "/"
@@ -184,16 +184,15 @@ def _no_health(places: list[str], listener: _HealthListener) -> str:
 
 
 class Completion:
-    """Whether a player has ended, and the monitor has identified the played data.
+    """Detects that a player has ended and monitors have identified all played data.
 
-    Reports are published once a second and on change, by a monitor or by several monitors that
-    share the actuators. The data of an actuator are complete after two successive reports with the
-    same counts after the end, and with an estimate for each window.
+    One or several monitors report once a second and on change. An actuator is complete when, after
+    the end, two successive reports have the same counts and every window has an estimate.
 
     Attributes
     ----------
     is_complete
-        Whether that is so.
+        Whether all played data are identified.
     """
 
     def __init__(self) -> None:
@@ -205,13 +204,13 @@ class Completion:
         self._settled: set[tuple[str, str]] = set()
 
     def end(self) -> None:
-        """Record that the player has ended."""
+        """Record the end of the player."""
         if not self._has_ended:
             self._has_ended = True
             self._last.clear()
 
     def add_report(self, place: str, telemetry: Iterable[TelemetryStatus]) -> None:
-        """Add the counts of actuators by a monitor in a namespace."""
+        """Add a monitor's counts for the actuators of a namespace."""
         actuators = {(place, item.actuator_id): item for item in telemetry}
         self._reported |= actuators.keys()
         if not self._has_ended or not actuators:
@@ -227,7 +226,7 @@ class Completion:
 
 
 def _counts(status: TelemetryStatus | None) -> tuple[int, ...]:
-    """Return the counts that do not change without pending data; empty without a status."""
+    """Return the counts that stay constant once no data are pending; empty without a status."""
     if status is None:
         return ()
     return status.blocks, status.windows, status.estimates_valid, status.estimates_invalid

@@ -1,4 +1,4 @@
-"""Pictures as files."""
+"""Writing of pictures."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,18 +12,18 @@ from ema_cli.parameters import Command
 from ema_core.files import complete_file
 
 PICTURES: Final = (".png", ".svg", ".pdf")
-"""Endings of the names of pictures."""
+"""Permitted suffixes of picture files."""
 
 
 def picture_option(default: str = "") -> Callable[[Command], Command]:
-    """Return the options of a picture to write; ``default`` describes its place by default."""
+    """Return the options for an output picture; ``default`` describes the default path."""
     return output_option(
         f"Picture to write ({', '.join(PICTURES)}){default}", required=False, dir_okay=False
     )
 
 
 def save_picture(figure: Figure, picture: Path, dpi: int = 120) -> None:
-    """Write a picture whole or not at all."""
+    """Write a picture atomically."""
     # In pieces: a long line that fills an area is drawn in memory of the size of its strokes.
     with complete_file(picture) as partial, rc_context({"agg.path.chunksize": 1000}):
         figure.savefig(partial, dpi=dpi, format=picture.suffix.lower().removeprefix("."))

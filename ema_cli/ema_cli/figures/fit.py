@@ -1,4 +1,4 @@
-"""Picture of an estimate in a recording, at its window or its last stretch of motion."""
+"""Picture of an estimate at its window or its last stretch of motion."""
 
 from matplotlib.figure import Figure
 
@@ -18,12 +18,12 @@ def draw_fit(
     search: SearchSettings,
     since_ns: int | None = None,
 ) -> Figure:
-    """Return a figure of the measured and the simulated telemetry of an estimate.
+    """Return a figure of measured and simulated telemetry for an estimate.
 
     Parameters
     ----------
     last
-        Window of the estimate, or its last stretch.
+        Window, or last stretch, of the estimate.
     estimate
         The estimate to draw.
     calibration

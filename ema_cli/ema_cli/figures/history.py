@@ -40,7 +40,7 @@ _OTHERS: Final = tuple(zip((BLUE, GREEN, PURPLE, ORANGE, GREY, BROWN, SKY), "os^
 
 
 class _Tests(NamedTuple):
-    """Tests: place of each in the picture, ``(n,)``; faults, sigma and truth, ``(n, 8)``."""
+    """Tests to draw: positions on the axis, ``(n,)``; faults, sigma and truth, ``(n, 8)``."""
 
     place: NDArray[np.float64]
     good: NDArray[np.bool_]
@@ -49,7 +49,7 @@ class _Tests(NamedTuple):
     truth: NDArray[np.float64]
 
     def moves(self, i: int) -> bool:
-        """Return whether a fault moves, by the true faults if they are known."""
+        """Return whether a fault changes, judged by the true faults if known."""
         healthy, least = FAULTS[i].healthy, 3.0 * self.sigma[self.good, i]
         estimated = np.abs(self.faults[self.good, i] - healthy) > np.fmax(least, _MOVES)
         true = np.abs(self.truth[:, i] - healthy) > _MOVES
@@ -57,7 +57,7 @@ class _Tests(NamedTuple):
 
 
 def draw_history(history: DiagnosisLog) -> Figure:
-    """Return a figure: a panel for each fault that moves, one for all others, and the latency."""
+    """Return a figure with a panel per changing fault, one for the others, and latency."""
     diagnoses = history.diagnoses()
     has_truth = all(window.cycle is not None for window in diagnoses)
     unknown = np.full(N_FAULTS, np.nan)

@@ -31,7 +31,7 @@ from ema_monitor.prognosis.requirements.requirements import BELOW, RequirementLi
 from ema_monitor.prognosis.sentences import label_of, removal_in_words, shown_in
 
 ALPHA: Final = 0.2
-"""Half width of the cone about the true remaining life, relative to it [-]."""
+"""Half-width of the cone around the true remaining life, relative to that life [-]."""
 
 _MOVES: Final = 0.25
 # Each colour also has its line style or marker.
@@ -53,7 +53,7 @@ _TITLE_WIDTH: Final = 105
 
 
 def draw_course(course: Course) -> Figure:
-    """Return a figure of a prognosis over service hours, test cycles where no hours are known."""
+    """Return a figure of a prognosis over service hours, or test cycles if hours are unknown."""
     last = course.outlooks[-1]
     hours = course.hours
     in_hours = bool(np.isfinite(hours).any())
@@ -96,7 +96,7 @@ def draw_course(course: Course) -> Figure:
 
 
 def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
-    """Return whether a fault has a panel: it ends life, gives a warning, or truly changed."""
+    """Return whether a fault gets a panel: it ends life, warns, or truly changed."""
     name = FAULT_NAMES[i]
     if name not in COMPONENTS:
         return False
@@ -210,7 +210,7 @@ def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], na
 def _crossing(
     place: NDArray[np.float64], value: NDArray[np.float64], level: float, now: float
 ) -> float:
-    """Return the place between two tests where values last crossed a level; ``now`` if nowhere."""
+    """Return the position where values last crossed a level; ``now`` if they never did."""
     left = (level - value) * np.sign(level - value[0])
     before = np.flatnonzero(left > 0.0)
     if not before.size or (k := before[-1]) + 1 == left.size:
@@ -219,7 +219,7 @@ def _crossing(
 
 
 def _mark_life(axes: Axes, now: float, life: RemainingLife, level: float, crossed: float) -> None:
-    """Draw the time at which a limit is reached, 5 % to 95 %, or was reached, on the limit."""
+    """Mark when a limit is reached (5 % to 95 %) or was crossed, on the limit line."""
     if not life.known:
         return
     ends = now + np.array([life.hours_05, life.hours_50, life.hours_95])

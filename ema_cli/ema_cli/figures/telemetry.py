@@ -15,14 +15,14 @@ from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.trigger import Refusal
 
 BINS: Final = 8192
-"""Steps of time in an outline: several for each pixel of a picture."""
+"""Number of time steps in an outline: several per pixel of a picture."""
 
 
 class Outline:
     """Minimum and maximum of each column in at most ``BINS`` equal steps of time.
 
-    A step is two samples at first, and doubles whenever there are too many steps. Samples earlier
-    than the first one are left out.
+    A step starts at two samples and doubles whenever there are too many steps. Samples older than
+    the first sample are ignored.
     """
 
     def __init__(self) -> None:
@@ -73,7 +73,7 @@ _SHADE: Final = 0.12
 
 
 def draw_telemetry(bag_windows: BagWindows, outline: Outline) -> Figure:
-    """Return a figure of the whole telemetry, windows shaded."""
+    """Return a figure of the whole telemetry with shaded windows."""
     unit = bag_windows.description
     travel, motor = travel_shown(unit.parameters), motor_shown(unit.parameters)
     figure, (angle, current, speed) = stacked_panels([1.0, 1.0, 1.0], 2.3)

@@ -1,1 +1,1 @@
-"""Nodes as processes."""
+"""Running of nodes as processes."""

@@ -1,4 +1,4 @@
-"""Nodes of the health monitor, and their programs and arguments."""
+"""Nodes of the health monitor, with their programs and arguments."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -33,12 +33,12 @@ NODES: Final = {
 
 
 def node_class(node: str) -> Callable[..., ManagedNode]:
-    """Return the class of one of ``NODES``; its module is imported now."""
+    """Import and return the class of one of ``NODES``."""
     return getattr(import_module(MODULES[node]), f"{node.title()}Node")
 
 
 def parameter_file(name: str) -> Path:
-    """Return a parameter file of the package ema_bringup by its name without ``.yaml``."""
+    """Return a parameter file of the package ema_bringup; ``name`` excludes ``.yaml``."""
     return _installed(get_package_share_directory, "ema_bringup", "config", f"{name}.yaml")
 
 
@@ -70,14 +70,14 @@ def ros_arguments(
     namespace: str | None = None,
     remaps: Mapping[str, str] | None = None,
 ) -> list[str]:
-    """Return the arguments of a program of nodes.
+    """Return the ROS arguments for a program that runs nodes.
 
     A single node is in the enclave of its full name, for SROS2.
 
     Parameters
     ----------
     nodes
-        Names of the nodes, whose parameter files come first.
+        Names of the nodes; their parameter files come first.
     parameter_files
         Further parameter files.
     assignments

@@ -1,4 +1,4 @@
-"""Run of a demo: domain, folder, nodes and end."""
+"""Running of a demo: domain, folder, nodes and shutdown."""
 
 import os
 import time
@@ -24,7 +24,7 @@ from ema_core.yaml_file import load_yaml
 from ema_ros.topics import NAMESPACE
 
 SHOWN: Final = ("friction", "backlash", "short_circuit_a")
-"""The faults that grow in the demo."""
+"""Faults that grow in the demo."""
 
 _NODES: Final = ("recorder", "dashboard", "monitor", "actuator")
 _START_S: Final = 180.0  # the first run compiles the kernels
@@ -36,7 +36,7 @@ _REFRESH_S: Final = 0.25
 def run_demo(
     duration_s: float, output: Path | None, stop: StopRequest, *, network: bool = False
 ) -> None:
-    """Run the demo until its end or until it is asked to stop."""
+    """Run the demo to its end or until a stop is requested."""
     set_reach(network)
     if "ROS_DOMAIN_ID" not in os.environ:
         os.environ["ROS_DOMAIN_ID"] = str(Domain().number)
@@ -86,7 +86,7 @@ def run_demo(
 
 
 class Technician:
-    """Repairs the actuator of the demo once a test shows that it has failed."""
+    """Simulated technician who repairs the demo actuator after a test shows a failure."""
 
     def __init__(self) -> None:
         demo = load_yaml(parameter_file("demo"))["/**/actuator"]["ros__parameters"]
@@ -94,7 +94,7 @@ class Technician:
         self._is_repairing = False
 
     def look(self, diagnoses: Sequence[DiagnosedWindow], observer: Observer) -> str:
-        """Repair the actuator after a new failure; return a text for the user, or ""."""
+        """Repair the actuator after a new failure. Return a text for the user, or ""."""
         last = next(
             (window for window in reversed(diagnoses) if window.level in (OK, WARN, ERROR)), None
         )
@@ -120,7 +120,7 @@ def _watch(
     processes: Supervisor,
     stop: StopRequest,
 ) -> None:
-    """Show the diagnoses until the time is over, a node has failed or a signal was received."""
+    """Show the diagnoses until time is up, a node fails or a signal arrives."""
     began, technician = time.monotonic(), Technician()
     first_cycle: float | None = None
     address = ""
@@ -147,7 +147,7 @@ def _watch(
 
 
 def _finish(observer: Observer, table: LiveTable, processes: Supervisor, stop: StopRequest) -> None:
-    """End between two test cycles, and not before the last window is diagnosed."""
+    """End the demo between two test cycles, after the last window is diagnosed."""
     table.show(observer.diagnoses(), "ends with this test cycle")
     _await(lambda: observer.cycle_between_windows() is not None, _LAST_CYCLE_S, processes, stop)
     last = observer.cycle_between_windows()

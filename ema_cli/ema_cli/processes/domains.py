@@ -1,4 +1,4 @@
-"""ROS domains, each used by one process of the machine at a time."""
+"""Reservation of ROS domains, each by one process of the machine at a time."""
 
 import fcntl
 import itertools
@@ -15,10 +15,10 @@ _order = itertools.cycle(_DOMAINS)
 
 
 class Domain:
-    """A domain reserved for this process, until it is released or the process ends.
+    """A ROS domain reserved for this process until released.
 
-    A child process that inherits the descriptor of the lock (``pass_fds``) keeps the domain
-    reserved as long as it runs, even if this process was killed.
+    The reservation ends with the process, except that a child which inherits the lock descriptor
+    (``pass_fds``) keeps it while it runs, even if this process was killed.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class Domain:
 
 
 def _locked(number: int) -> int | None:
-    """Lock a domain and return the descriptor of the lock; None if another process holds it."""
+    """Lock a domain. Return the lock descriptor; None if another process holds the lock."""
     _FOLDER.mkdir(exist_ok=True)
     with suppress(PermissionError):  # another user's folder, which is open to all
         _FOLDER.chmod(0o1777)

@@ -1,4 +1,4 @@
-"""A node that only subscribes, in a separate thread."""
+"""Subscribe-only node in a separate thread."""
 
 import os
 import threading
@@ -22,7 +22,7 @@ _DISCOVERY_S: Final = 2.0
 
 
 class Listener:
-    """Forwards messages of topics; use it under ``with``.
+    """Forwards messages from topics; a context manager.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Listener:
     topics
         Type and quality of service by topic.
     take
-        Called in the thread of the node with topic and message.
+        Called in the node's thread with topic and message.
     """
 
     def __init__(
@@ -66,16 +66,16 @@ class Listener:
         rclpy.shutdown(context=self._context)
 
     def sees(self, node_name: str, namespace: str = NAMESPACE) -> bool:
-        """Return whether a node is in the graph."""
+        """Return whether a node is in the ROS graph."""
         return node_name in self.nodes_in(namespace)
 
     def nodes_in(self, namespace: str) -> set[str]:
-        """Return the names of the nodes of a namespace that are in the graph."""
+        """Return the names of the graph's nodes in a namespace."""
         pairs = self._node.get_node_names_and_namespaces()
         return {name for name, place in pairs if place == namespace}
 
     def topics_of(self, message_class: type) -> list[str]:
-        """Return the topics in the graph on which such messages are published."""
+        """Return the topics of the graph with publishers of this message class."""
         wanted = type_name(message_class)
         return sorted(
             topic
@@ -84,7 +84,7 @@ class Listener:
         )
 
     def call(self, service_class: type, name: str, request: Any) -> Any:
-        """Call a service and return the future of the answer."""
+        """Call a service. Return the future of the response."""
         return self._node.create_client(service_class, name).call_async(request)
 
     def _spin(self) -> None:
@@ -99,7 +99,7 @@ class Listener:
 
 
 def refuse_running(nodes: Iterable[str], enclave: str, stop: StopRequest) -> None:
-    """Raise ValueError if a node with one of these full names runs already; this takes 2 s."""
+    """Raise ValueError if a node with one of these full names is running. Takes 2 s."""
     wanted = {tuple(node.rsplit("/", 1)) for node in nodes}
     with Listener(enclave, {}, lambda *_: None) as listener:
         deadline = time.monotonic() + _DISCOVERY_S

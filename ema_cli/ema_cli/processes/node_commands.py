@@ -1,4 +1,4 @@
-"""Commands that start several actuators, and monitors that share them."""
+"""Command lines to start several actuators and the monitors that share them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from ema_ros.topics import ACTUATOR_TOPICS, NAMESPACE
 
 @dataclass(frozen=True)
 class NodeOptions:
-    """Arguments of all nodes: parameter files, ``NAME:=VALUE``, and namespace."""
+    """Arguments common to all nodes: parameter files, assignments and namespace."""
 
     parameter_files: Sequence[Path] = ()
     assignments: Sequence[str] = ()
@@ -25,7 +25,7 @@ class NodeOptions:
 def monitor_commands(
     monitors: int, options: NodeOptions, folder: Path, actuators: Sequence[str] = ()
 ) -> dict[str, list[str]]:
-    """Return the commands of monitors that share the actuators, by the names of their nodes."""
+    """Return the commands for monitors that share the actuators, by node name."""
     commands = {}
     listed = {"actuators": list(actuators)} if actuators and monitors > 1 else {}
     for index, name in enumerate(monitor_names(monitors)):
@@ -47,7 +47,7 @@ def monitor_commands(
 
 
 def actuator_commands(names: Sequence[str], options: NodeOptions) -> dict[str, list[str]]:
-    """Return the commands of simulated actuators that publish on the topics of one namespace."""
+    """Return the commands for simulated actuators in one namespace, by node name."""
     if len(set(names)) < len(names):
         raise click.UsageError(f"--actuators {','.join(names)}: expected names that differ")
     place = (NAMESPACE if options.namespace is None else options.namespace).rstrip("/")

@@ -1,4 +1,4 @@
-"""Diagnoses of a demo together with the true faults."""
+"""Collection of a demo's diagnoses and true faults."""
 
 import threading
 import time
@@ -40,7 +40,7 @@ _TOPICS: Final = {
 
 
 class Observer(Listener):
-    """Collects true faults and diagnoses in a separate thread; use it under ``with``.
+    """Collects true faults and diagnoses in a separate thread; a context manager.
 
     Attributes
     ----------
@@ -61,12 +61,12 @@ class Observer(Listener):
             return self._history.diagnoses()
 
     def cycles(self) -> int:
-        """Return the number of test cycles that have begun."""
+        """Return the number of started test cycles."""
         with self._lock:
             return len(self._history.truths)
 
     def cycle_between_windows(self) -> int | None:
-        """Return the current test cycle if its window is over, by the times of earlier cycles.
+        """Return the current test cycle if its window is over, judged by earlier cycles.
 
         The progress is measured on the telemetry: a busy actuator's stamps lag behind the clock.
         """
@@ -83,13 +83,13 @@ class Observer(Listener):
         return truths[-1].cycle
 
     def has_diagnosed(self, cycle: int) -> bool:
-        """Return whether there is a diagnosis of a test cycle."""
+        """Return whether a test cycle is diagnosed."""
         return any(window.cycle == cycle for window in self.diagnoses())
 
     def begin_life(self, growth: Mapping[str, Mapping[str, Any]]) -> Any:
-        """Make the actuator healthy and let it wear again, from the next test cycle.
+        """Reset the actuator to healthy, and let it wear again from the next test cycle.
 
-        ``growth`` has the parameters of growth by fault. Returns the future of the answer.
+        ``growth`` gives the growth parameters by fault. Returns the future of the response.
         """
         request = SetSimulatedFaults.Request(
             faults=faults_to_message(healthy_faults()),

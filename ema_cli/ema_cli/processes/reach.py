@@ -1,4 +1,4 @@
-"""Reach of the nodes of a command: this machine alone, unless ``--network`` is given.
+"""Network reach of a command's nodes: this machine only, unless ``--network`` is set.
 
 ``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` only limits the discovery by a node. Therefore peers and
 discovery servers in the environment are ignored, and a profile limits Fast DDS, which otherwise
@@ -26,7 +26,7 @@ _SHIPPED_PROFILE: Final = 'profile_name="quick_discovery"'
 
 
 def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ) -> None:
-    """Let the nodes of this process and its children reach the network, or this machine alone.
+    """Allow this process and its children to use the network, or only this machine.
 
     Ignored settings of the environment are reported on stderr.
     """
@@ -63,7 +63,7 @@ def run_node(
 
 
 def _is_shipped(profile: str | None) -> bool:
-    """Return whether there is no profile of Fast DDS, or one of this repository."""
+    """Return whether the Fast DDS profile is unset or shipped with this repository."""
     if not profile:
         return True
     try:

@@ -1,4 +1,4 @@
-"""Signals that are deferred until the program can end without damage."""
+"""Deferral of signals until the program can end cleanly."""
 
 import signal
 from collections.abc import Iterator
@@ -10,12 +10,12 @@ ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class StopRequest:
-    """Whether a signal has requested the end of the process, and which.
+    """Record of the signal, if any, that requested the end of the process.
 
     Attributes
     ----------
     number
-        The first signal; None before any.
+        First received signal; None before any signal.
     """
 
     def __init__(self) -> None:
@@ -32,10 +32,10 @@ class StopRequest:
 
 @contextmanager
 def deferred_signals(*signals: signal.Signals) -> Iterator[StopRequest]:
-    """Record signals, by default SIGINT, instead of ending at any point of the program.
+    """Context that records signals, by default SIGINT, instead of ending the program.
 
-    An interrupt in the middle of a write would leave a damaged recording, and one in the middle of
-    a compilation a traceback of the compiler. A SIGHUP that is ignored, as under nohup, stays so.
+    An interrupt during a write would damage the recording, and during a compilation would print a
+    compiler traceback. An ignored SIGHUP, as under nohup, stays ignored.
     """
     request = StopRequest()
     before = {number: signal.getsignal(number) for number in signals or (signal.SIGINT,)}

@@ -16,7 +16,7 @@ _PR_SET_PDEATHSIG: Final = 1
 
 
 class Supervisor(AbstractContextManager["Supervisor", None]):
-    """Starts processes, reports unexpected ends, and stops all of them in the end.
+    """Starts processes, reports unexpected exits, and finally stops all processes.
 
     Every process has its own session, so that a Ctrl-C reaches the supervisor alone, which stops
     the processes in order. They receive SIGTERM if the supervisor is killed, too. Use it in the
@@ -25,16 +25,16 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
     Parameters
     ----------
     report
-        Called with a line about a process.
+        Called with a status line about a process.
     last
-        Name of the process that is stopped after the others, as it records their last messages.
+        Name of the process to stop last, because it records the others' final messages.
     patience_s
         Time between SIGTERM and SIGKILL [s].
 
     Attributes
     ----------
     failed
-        Names of the processes that ended by themselves with another exit code than 0.
+        Names of the processes that exited unexpectedly with a nonzero code.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
                 output.close()
 
     def check(self) -> None:
-        """Record the processes that have ended by themselves, and report each."""
+        """Detect and report processes that have exited unexpectedly."""
         for name, child in list(self._children.items()):
             code = child.poll()
             if code is None:
@@ -102,13 +102,13 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
             self._report(f"{name} {how}")
 
     def stop(self, name: str) -> None:
-        """Stop a process, if it runs, and return after its end."""
+        """Stop a process if it is running, and wait for its exit."""
         self._see_off(self._terminate([name]))
 
     def stop_all(self) -> None:
-        """Stop all processes and return after their end.
+        """Stop all processes and wait for their exit.
 
-        The last process is stopped after the end of the others, at most a second later.
+        The process ``last`` is stopped up to a second after the others have exited.
         """
         leaving = self._terminate([name for name in self._children if name != self._last])
         _wait(leaving.values(), _HEAD_START_S)

@@ -53,7 +53,7 @@ _SETTINGS: Final[dict[Any, Any]] = {
     "path.simplify_threshold": 0.5,
 }
 _DECIMALS: Final = 1
-"""A figure is 756 points wide, so that a tenth of a point is invisible."""
+"""Decimals of coordinates in figures. They are 756 points wide: a tenth of a point is invisible."""
 
 _NUMBER: Final = re.compile(r"-?\d+\.\d+")
 _PATH: Final = re.compile(r'(?<= d=")[^"]+')
@@ -86,7 +86,7 @@ def report_page(
     command
         Command line that made the report.
     notes
-        Events of the unit that persons noted.
+        Notes on the unit, as events.
     """
     outlooks, unit = course.outlooks, course.record.description
     faults, requirements, unknown = [], [], ""
@@ -132,7 +132,7 @@ def report_page(
 
 
 def _compared(comparison: Comparison, ended: str) -> dict[str, Any]:
-    """Return the table of a comparison, and the advice that would lower its smallest changes."""
+    """Return a comparison's table, with advice to lower its smallest detectable changes."""
     smallest = {
         quantity.name: wording.smallest_text(quantity) for quantity in comparison.quantities
     }
@@ -192,14 +192,14 @@ def _page(name: str, command: str, **content: Any) -> str:
 
 
 def _figure(value: float | None, form: str = "z.4f", scale: float = 1.0) -> Markup:
-    """Return a figure, rounded as text and exact as data."""
+    """Return a number as HTML: rounded as text, exact as data."""
     if value is None or not math.isfinite(value):
         return Markup("–")
     return Markup('<data value="{}">{}</data>').format(value, f"{scale * value:{form}}")
 
 
 def _bags_in_words(fleet: FleetSummary) -> str:
-    """Return the numbers of bags that are not, or only in part, in the tables; "" if none."""
+    """Return a text on bags missing, or incomplete, in the tables; "" if there are none."""
     counts = [
         f"{fleet.bags[name]:,} {what}"
         for name, what in (
@@ -231,7 +231,7 @@ def _survival_in_words(fleet: FleetSummary) -> str:
 
 
 def _pictures(course: Course) -> Iterator[tuple[Markup, str]]:
-    """Yield pictures with captions: fit of the last valid window, and course of all tests."""
+    """Yield pictures with captions: fit of the last valid window, and all tests over time."""
     estimate = next((estimate for estimate in reversed(course.estimates) if estimate.valid), None)
     has_model = estimate is not None and not estimate.is_of_record
     if estimate is not None and has_model and isinstance(course.calibration, Calibration):

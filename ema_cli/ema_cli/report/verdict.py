@@ -1,4 +1,4 @@
-"""Verdict of a report: state, wear, remaining life and actions, then their basis."""
+"""Verdict of a report: state, wear, remaining life, actions, and their basis."""
 
 import math
 from collections import Counter
@@ -35,7 +35,7 @@ _STATES: Final = {OK: "Well", WARN: "Wearing", ERROR: "Failed", STALE: "Unknown"
 
 
 class Shown(NamedTuple):
-    """Texts and scale of a fault or required performance; ``unit`` begins with a blank."""
+    """Texts and scale of a fault or requirement; ``unit`` starts with a blank."""
 
     label: str
     scale: float
@@ -64,7 +64,7 @@ def life_in_words(life: RemainingLife) -> str:
 
 
 def moment(stamp_ns: int) -> str:
-    """Return a stamp as date and time, or as seconds if it is no date."""
+    """Format a stamp as date and time, or as seconds if it is not a date."""
     if stamp_ns < 86_400 * 10**9:
         return f"{stamp_ns * 1e-9:,.2f} s"
     if not has_date(stamp_ns):
@@ -73,7 +73,7 @@ def moment(stamp_ns: int) -> str:
 
 
 def tests_of(course: Course) -> list[dict[str, Any]]:
-    """Return a row for each test, in order of time."""
+    """Return one row per test, in order of time."""
     rows = []
     for number, (step, outlook) in enumerate(course.steps):
         path = course.record.bags.get(step.end_ns)
@@ -101,7 +101,7 @@ def tests_of(course: Course) -> list[dict[str, Any]]:
 def limited(
     outlook: Outlook, description: ActuatorDescription
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]], str]:
-    """Return rows of faults and of required performances, and the common reason of no life."""
+    """Return rows of faults and of requirements, and the common reason for an unknown life."""
     groups = outlook.health.faults, outlook.health.requirements
     lives = [outlook.lives.get(item.name, outlook.rul) for group in groups for item in group]
     reasons = {life.reason for life in lives if not life.known}
@@ -113,14 +113,14 @@ def limited(
 
 
 def is_unjudged(course: Course) -> bool:
-    """Return whether the newest record leaves the level of the unit open."""
+    """Return whether the newest record does not determine the unit's level."""
     if not course.estimates or course.estimates[-1].comparison is None:
         return False
     return course.now.health.level == STALE
 
 
 def latest_comparison(course: Course) -> tuple[Comparison, str] | None:
-    """Return the newest comparison of a record, and the end of the record as a text."""
+    """Return the newest record comparison, and the record's end time as text."""
     for estimate in reversed(course.estimates):
         if estimate.comparison is not None:
             return estimate.comparison, moment(estimate.end_ns)
@@ -150,7 +150,7 @@ def _limited(
 
 
 def hidden_causes(course: Course) -> list[tuple[str, str, int]]:
-    """Return the hidden causes of valid tests: last value, time, and number of tests."""
+    """Return the hidden causes in valid tests: last value, time, and number of tests."""
     tests, latest = Counter[str](), dict[str, tuple[str, str]]()
     for estimate in course.estimates:
         for cause in estimate.causes if estimate.valid else ():
@@ -160,7 +160,7 @@ def hidden_causes(course: Course) -> list[tuple[str, str, int]]:
 
 
 def confusions(course: Course) -> list[tuple[str, str, int]]:
-    """Return the pairs of causes that tests could not distinguish, and the number of tests."""
+    """Return pairs of causes that tests could not distinguish, with the number of tests."""
     counts = Counter(
         pair for estimate in course.estimates if estimate.valid for pair in estimate.alternatives
     )
@@ -172,12 +172,12 @@ def confusions(course: Course) -> list[tuple[str, str, int]]:
 
 @dataclass(frozen=True)
 class UnitVerdict:
-    """Verdict on a unit in a few lines, and actions."""
+    """Verdict on a unit in a few lines, with actions."""
 
     level: int
     """Level of health."""
     lines: tuple[str, ...]
-    """State, wear, remaining life and basis, a line each."""
+    """One line each on state, wear, remaining life and basis."""
     actions: list[str]
     """Actions, the most important first."""
 
@@ -287,7 +287,7 @@ def _lasting(last: Outlook) -> str:
 
 
 def _after_the_last_test(course: Course) -> list[str]:
-    """Return the actions after the last test: repeat it, or inspect a cause that is no fault."""
+    """Return actions after the last test, such as repeating it or inspecting a hidden cause."""
     last = course.estimates[-1] if course.estimates else None
     if last is None:
         return ["Repeat the test: the motion shows no fault as well as wanted."]
@@ -313,7 +313,7 @@ def _after_the_last_test(course: Course) -> list[str]:
 
 
 def _after_the_last_record(last: Estimate, comparison: Comparison) -> list[str]:
-    """Return the actions after the last record, and the advice to lower its smallest changes."""
+    """Return actions after the last record, and advice to lower its smallest changes."""
     actions = []
     if not last.valid:
         actions.append(f"Repeat the record of {moment(last.end_ns)}: {finding(comparison)}.")

@@ -1,4 +1,4 @@
-"""Published healths of actuators: a live table on a terminal, else a line for each change."""
+"""Display of published health: a live table on a terminal, or else one line per change."""
 
 import math
 from collections.abc import Sequence
@@ -26,12 +26,12 @@ from ema_ros.stamps import stamp_from_message
 _URGENCY: Final = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}
 _LINES_BESIDE: Final = 6
 _REASONS: Final = 3
-"""Number of actuators with reasons, the worst first."""
+"""Number of actuators shown with reasons, worst first."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """Row of an actuator."""
+    """Table row of an actuator."""
 
     place: str
     """Namespace of its monitor."""
@@ -40,32 +40,32 @@ class Row:
     level: int
     """Current level of its health, STALE after expiry."""
     last_level: int
-    """Level before it became STALE, else ``level``."""
+    """Level before it became STALE; equal to ``level`` otherwise."""
     health_index: float
     """Health index, 1 for healthy and 0 at a limit [-]; NaN if unknown."""
     dominant: str
-    """Text with value, sigma and limit of the item that ends life or is worst; "" if none is."""
+    """Value, sigma and limit of the life-limiting or worst item, as text; "" if there is none."""
     life: tuple[float, float, float] | None
     """Quantiles of the remaining life, 5, 50 and 95 % [h]; None if unknown."""
     remove_before: str
-    """Text with the service hour before which to remove the unit, "now", or ""."""
+    """Service hour before which to remove the unit, as text: an hour, "now" or ""."""
     test_ns: int
-    """Stamp of its last test [ns]; 0 before any."""
+    """Stamp of the last test [ns]; 0 before the first test."""
     test_age_s: float
-    """Time since its last test, or since its reception if stamps are of another clock [s]."""
+    """Time since the last test, or since its reception if stamps use a different clock [s]."""
     why: str
-    """Reason of the level, and of a refusal of the last test."""
+    """Reason for the level, and for a refusal of the last test."""
 
     @property
     def content(self) -> tuple[Any, ...]:
-        """Content whose change is shown as a new line; ages are left out."""
+        """Content that prints a new line when it changes; excludes ages."""
         index = f"{self.health_index:.2f}"
         return (self.level, index, self.dominant, self.life, self.test_ns, self.why)
 
 
 @dataclass
 class _Actuator:
-    """Last messages about an actuator, and their times of reception [s]."""
+    """Latest messages about an actuator, with reception times [s]."""
 
     received: Received | None = None
     refused: Any = None
@@ -77,13 +77,13 @@ class _Actuator:
 
 
 class LatestHealths:
-    """The latest messages about each actuator; times ``now_s`` are of a monotonic clock."""
+    """Latest messages about each actuator. Times ``now_s`` are monotonic."""
 
     def __init__(self) -> None:
         self._actuators: dict[tuple[str, str], _Actuator] = {}
 
     def add_health(self, place: str, message: Any, now_s: float, clock_ns: int) -> None:
-        """Add a Health message received on a namespace, at a time of the clock [ns]."""
+        """Add a Health message received in a namespace at the ROS time ``clock_ns``."""
         item = self._of(place, message)
         before, item.received = item.received, Received.at(message, clock_ns, now_s)
         item.received_s = now_s
@@ -91,7 +91,7 @@ class LatestHealths:
             item.tested_s = now_s
 
     def add_estimate(self, place: str, message: Any, now_s: float) -> None:
-        """Add a FaultEstimate message; its causes or friction are shown with the health."""
+        """Add a FaultEstimate message, whose causes or friction are shown with the health."""
         item = self._of(place, message)
         if message.valid:
             item.refused = None
@@ -114,7 +114,7 @@ class LatestHealths:
                 actuator.reported_s = now_s
 
     def rows(self, now_s: float, clock_ns: int, *, is_real: bool = True) -> list[Row]:
-        """Return the actuators with a health, the worst first.
+        """Return a row per actuator with known health, worst first.
 
         Parameters
         ----------
@@ -123,7 +123,7 @@ class LatestHealths:
         clock_ns
             Time of the ROS clock [ns].
         is_real
-            Whether this is real time; in simulated time, healths expire by the ROS clock alone.
+            Whether time is real; in simulated time, health expires by the ROS clock only.
         """
         rows = [
             self._row(key, item, item.received, now_s, clock_ns, is_real)
@@ -183,7 +183,7 @@ def _order(row: Row) -> tuple[Any, ...]:
 
 
 def _dominant_in_words(health: Any) -> str:
-    """Return the dominant fault or requirement with value, sigma and limit."""
+    """Return a text with the dominant fault or requirement, its value, sigma and limit."""
     for item in (*health.faults, *health.requirements):
         if item.name == health.dominant_fault:
             unit, scale = shown_in(item.unit)
@@ -207,7 +207,7 @@ def _removal(health: Any) -> str:
 
 
 class HealthTable(TerminalDisplay):
-    """Table with a row per actuator; use it under ``with``."""
+    """Table with one row per actuator; a context manager."""
 
     def __init__(self, title: str, console: Console | None = None) -> None:
         super().__init__(console)
@@ -216,7 +216,7 @@ class HealthTable(TerminalDisplay):
         self._printed_state = ""
 
     def show(self, rows: Sequence[Row], state: str) -> None:
-        """Show the actuators, and the state of all of them."""
+        """Show the actuator rows and the overall state."""
         if self._console.is_terminal:
             self._live.update(self._actuators(rows, state), refresh=True)
             return

@@ -1,4 +1,4 @@
-"""Live diagnoses: a table on a terminal, else a line each."""
+"""Display of live diagnoses: a table on a terminal, or else one line each."""
 
 from collections.abc import Sequence
 from itertools import takewhile
@@ -21,7 +21,7 @@ _WIDTH: Final = len("0.000 → 0.000 ± 0.000")
 
 
 class LiveTable(TerminalDisplay):
-    """Shows diagnoses; use it under ``with``."""
+    """Shows diagnoses as they arrive; a context manager."""
 
     def __init__(self, fault_names: Sequence[str], console: Console | None = None) -> None:
         super().__init__(console)
@@ -29,7 +29,7 @@ class LiveTable(TerminalDisplay):
         self._written = 0
 
     def report(self, line: str) -> None:
-        """Write a line, above the table if there is one."""
+        """Print a line, above the table if there is one."""
         if self._console.is_terminal:
             self._console.print(line, markup=False, highlight=False)
         else:

@@ -25,7 +25,7 @@ _ACTIONS: Final = {
 }
 
 WIDENED: Final = 1.05
-"""Least widening of predictions that is reported."""
+"""Smallest widening of predictions that is reported."""
 
 
 def as_values(report: Any) -> Any:
@@ -63,9 +63,9 @@ def course_as_values(course: Course) -> list[dict[str, Any]]:
 
 
 def table_of_growth(report: HealthReport, *, are_records: bool = False) -> Table:
-    """Return faults and requirements, their limits, growth and remaining life.
+    """Return a table of faults and requirements with limits, growth and remaining life.
 
-    For records that are compared with a baseline, only the faults that they show.
+    For records compared with a baseline, only the faults they can show.
     """
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for heading in ("", "value", "sigma", "limit", f"per\n{TREND_HOURS:g} h"):
@@ -95,7 +95,7 @@ def table_of_growth(report: HealthReport, *, are_records: bool = False) -> Table
 
 
 def table_of_scenarios(reports: Sequence[ScenarioReport]) -> Table:
-    """Return the remaining life under each scenario of future duty, and the cause of its end."""
+    """Return a table of remaining life, and what ends it, under each duty scenario."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     table.add_column("scenario")
     for unit in ("h", "cycles", "days"):
@@ -115,7 +115,7 @@ def table_of_scenarios(reports: Sequence[ScenarioReport]) -> Table:
 
 
 def summary(course: Course, report: HealthReport) -> list[str]:
-    """Return remaining life, health, assumption and events, a line each."""
+    """Return one line each on remaining life, health, assumptions and events."""
     lives = {
         "by faults": report.rul_faults,
         "by requirements": report.rul_requirements,
@@ -166,7 +166,7 @@ def _quantiles(values: tuple[float, float, float]) -> str:
 
 
 def _checked(faults: Sequence[ItemReport]) -> list[str]:
-    """Return how tests confirmed the predictions of faults that end life, in a line or none."""
+    """Return at most one line on how tests confirmed the predictions of life-limiting faults."""
     text = [
         f"{label_of(item.name)} {_figure_of_check(item.calibration)} for the next test, "
         f"{_figure_of_check(item.calibration_ahead)} for {AHEAD} tests ahead"

@@ -1,4 +1,4 @@
-"""Levels by word, shape and colour, and a live table on a terminal."""
+"""Terminal display: levels by word, shape and colour, and a live table."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -24,7 +24,7 @@ def level_in_words(level: int) -> str:
 
 
 class TerminalDisplay:
-    """Shows a live table if there is a terminal; use it under ``with``."""
+    """Shows a live table if there is a terminal; a context manager."""
 
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or Console()

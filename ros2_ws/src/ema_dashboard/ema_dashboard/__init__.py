@@ -1,1 +1,1 @@
-"""The graph for Foxglove, and for a web page of its own."""
+"""Dashboard: serves the ROS graph to Foxglove and to a built-in web page."""

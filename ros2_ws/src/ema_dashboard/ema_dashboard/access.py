@@ -49,8 +49,7 @@ class Access:
         scheme
             Scheme of the request.
         origin
-            Header ``Origin``; None if it is missing, as in requests of other programs than
-            browsers.
+            Header ``Origin``; None if missing, as in requests from programs other than browsers.
         """
         name = host_name(host)
         if not _HOST.fullmatch(host):
@@ -67,21 +66,21 @@ class Access:
         return ""
 
     def sockets(self, host: str, scheme: str) -> list[str]:
-        """Return the origins of the WebSockets of a page, also behind a proxy that adds TLS."""
+        """Return the WebSocket origins of a page, also behind a proxy that adds TLS."""
         page_origin = f"{scheme}://{host.lower()}"
         secure = f"https://{host.lower()}"
         origins = [page_origin, *[secure] * (secure != page_origin and secure in self._origins)]
         return [origin.replace("http", "ws", 1) for origin in origins]
 
     def permits(self, *, token: str | None, cookie: str | None) -> bool:
-        """Return whether token or cookie are valid, or no token is needed."""
+        """Return whether the token or cookie is valid, or no token is needed."""
         if not self._token:
             return True
         return _same(token, self._token) or _same(cookie, self.cookie)
 
 
 def host_name(host: str) -> str:
-    """Return the name in a header ``Host`` in lower case, without port and brackets."""
+    """Return the lower-case host name from a ``Host`` header, without port and brackets."""
     if host.startswith("["):
         return host[1:].partition("]")[0].lower()
     return host.partition(":")[0].lower()

@@ -1,4 +1,4 @@
-"""Alerts: changes of a level, posted as JSON to an address."""
+"""Alerts: level changes posted as JSON to an address."""
 
 import asyncio
 import logging
@@ -14,7 +14,7 @@ from ema_interfaces.msg import Health
 from ema_ros.stamps import stamp_from_message
 
 WAITS_S: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-"""Waiting times before an alert is posted again [s]; after the last attempt it is lost."""
+"""Delays between attempts to post an alert [s]; after the last attempt it is lost."""
 
 MOST_WAITING: Final = 100
 """Largest number of waiting alerts; if it is exceeded, the oldest alert is lost."""
@@ -25,7 +25,7 @@ _ANSWER_S: Final = 10.0
 
 
 class Alerts:
-    """Posts changes of level one after the other, in an event loop of another thread.
+    """Posts level changes one at a time, in an event loop of another thread.
 
     The first level of an actuator is an alert if it is WARN or ERROR.
 
@@ -48,7 +48,7 @@ class Alerts:
         self._task: Future[None] = asyncio.run_coroutine_threadsafe(self._post_all(), loop)
 
     def note(self, namespace: str, health: Health) -> None:
-        """Post an alert if a shown health has a new level."""
+        """Post an alert if the level of a published health has changed."""
         key = namespace, health.actuator_id
         before = self._levels.pop(key, None)
         self._levels[key] = health.level
@@ -82,7 +82,7 @@ class Alerts:
                     logging.getLogger("ema_dashboard").error(f"{text}: {self.failure}")
 
     async def _is_taken(self, session: ClientSession, alert: dict[str, Any]) -> bool:
-        """Post an alert until it is accepted, or refused for its content."""
+        """Retry an alert until it is accepted or rejected. Return whether it was accepted."""
         for wait_s in (*WAITS_S, 0.0):
             status = await self._post(session, alert)
             if not self.failure:
@@ -93,7 +93,7 @@ class Alerts:
         return False
 
     async def _post(self, session: ClientSession, alert: dict[str, Any]) -> int:
-        """Post an alert once; return the status, 0 without an answer, and set ``failure``."""
+        """Post an alert once and set ``failure``. Return the HTTP status; 0 without a response."""
         try:
             # A redirected POST would become a GET without content.
             async with session.post(self._address, json=alert, allow_redirects=False) as answer:

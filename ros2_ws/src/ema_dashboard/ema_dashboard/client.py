@@ -1,4 +1,4 @@
-"""A client of the dashboard: its requests, and its queue of outgoing messages."""
+"""Connection of a dashboard client: its requests and outgoing message queue."""
 
 import asyncio
 import contextlib
@@ -15,7 +15,7 @@ from ema_dashboard.hub import Hub, message_frame
 
 SUBPROTOCOL: Final = "foxglove.sdk.v1"
 MOST_REQUEST_BYTES: Final = 64 * 1024
-"""Largest message of a client [B]; a larger message disconnects it."""
+"""Largest client message [B]; a larger message disconnects the client."""
 
 _MOST_SUBSCRIPTIONS: Final = 1000
 _REQUESTS_A_SECOND: Final = 50.0
@@ -23,7 +23,7 @@ _REQUESTS_AT_ONCE: Final = 200.0
 
 
 class Client:
-    """Connection with one client by Foxglove's protocol, in the event loop of the hub.
+    """Connection to one client, using Foxglove's protocol in the hub's event loop.
 
     A client may subscribe, unsubscribe and control a playback, at a limited rate. Messages for a
     slow client are queued up to a limit; then the oldest messages are dropped, except messages of
@@ -45,7 +45,7 @@ class Client:
     Attributes
     ----------
     subscriptions
-        Numbers of the subscriptions by channel.
+        Subscription numbers by channel.
     waiting_bytes
         Size of the queued messages [B].
     dropped
@@ -112,12 +112,12 @@ class Client:
         self.take(json.dumps(content), droppable=False)
 
     def end(self, code: int, words: bytes) -> None:
-        """Close the connection."""
+        """Close the connection with a code and reason."""
         if not self._ended.done():
             self._ended.set_result((code, words))
 
     async def _receive(self) -> tuple[int, bytes]:
-        """Serve the requests of the client; return why the connection ended."""
+        """Handle the client's requests. Return why the connection ended."""
         while True:
             message = await self._socket.receive()
             if message.type in (WSMsgType.CLOSE, WSMsgType.CLOSING, WSMsgType.CLOSED):
@@ -133,7 +133,7 @@ class Client:
                 self._answer(message)
 
     def _is_allowed(self) -> bool:
-        """Count a request; return whether it is within the rate."""
+        """Count a request. Return whether it is within the rate limit."""
         now_s = time.monotonic()
         earned = (now_s - self._counted_s) * _REQUESTS_A_SECOND
         self._allowance = min(self._allowance + earned, _REQUESTS_AT_ONCE) - 1.0
@@ -191,7 +191,7 @@ class Client:
             await self._filled.wait()
 
     async def _send_kept(self) -> None:
-        """Send the next kept message of new subscriptions in its present state."""
+        """Send the next kept message of new subscriptions in its current state."""
         channel, keys = next(iter(self._unsent.items()))
         if not keys:
             del self._unsent[channel]
@@ -217,7 +217,7 @@ class Client:
 
 
 def _request(data: str) -> Any:
-    """Return a request of a client; ValueError if it is invalid or not supported."""
+    """Parse a client request. Raises ValueError if it is invalid or not supported."""
     try:
         request = json.loads(data)
     except RecursionError:

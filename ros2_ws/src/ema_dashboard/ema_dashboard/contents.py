@@ -25,7 +25,7 @@ _NUMBERS: Final = frozenset(map(str, range(1, _MOST_WORST + 1)))
 
 
 class Made(NamedTuple):
-    """Content of an answer, with its content type and status."""
+    """Response body with its content type and status."""
 
     content: bytes
     content_type: str
@@ -55,7 +55,7 @@ Document = Callable[[Mapping[str, str], str], Made]
 
 
 class Documents:
-    """Documents by path, each computed in a separate thread, for one client at a time.
+    """Documents by path, computed in separate threads, each for one client at a time.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ _NICENESS: Final = 5
 
 
 class DashboardNode(ManagedNode):
-    """Serves the topics of the nodes of some namespaces, and a page that shows them.
+    """ROS node that serves the topics of some namespaces and a web page that shows them.
 
     Parameters of the node are the fields of ``DashboardSettings``.
 
@@ -149,7 +149,7 @@ class DashboardNode(ManagedNode):
         return [Task("dashboard", level, message, self.hardware_id, values)]
 
     def _discover(self) -> None:
-        """Offer topics that have a publisher, and receive topics that a client shows."""
+        """Offer topics that have a publisher, and subscribe to topics shown by a client."""
         for name, topic in self._topics.items():
             if name not in self._hub:
                 if topic.request is not None and not self.count_publishers(name):
@@ -172,7 +172,7 @@ class DashboardNode(ManagedNode):
         self._end_claims()
 
     def _end_claims(self) -> None:
-        """Publish STALE when a claim expires or its monitor is silent."""
+        """Publish STALE when a level expires or its monitor is silent."""
         is_live, now_ns = self._hub.playback_range is None, self._time_ns()
         is_real = self._clock_ns is None
         changes = self._claims.changes(now_ns, time.monotonic(), is_live=is_live, is_real=is_real)
@@ -232,7 +232,7 @@ class DashboardNode(ManagedNode):
             )
 
     def _follow(self, topic: KnownTopic, message: Any) -> None:
-        """Update the history, metrics, claims and the control of a playback from a message."""
+        """Update history, metrics, level validity and playback control from a message."""
         if topic.relative in (HEALTH, HEALTH_SUMMARY):
             key = topic.name, message.actuator_id
             self._claims.note(key, message, self._time_ns(), time.monotonic())
@@ -248,13 +248,13 @@ class DashboardNode(ManagedNode):
             self._playback.note_state(message)
 
     def _note(self, namespace: str, message: Any) -> None:
-        """Update metrics and alerts from a message; a playback causes no alerts."""
+        """Update metrics and alerts from a message. A playback causes no alerts."""
         self._metrics.note(namespace, message)
         if self._alerts and isinstance(message, Health) and not self._is_playback():
             self._alerts.note(namespace, message)
 
     def _is_playback(self) -> bool:
-        """Return whether a player exists, also before it has published its range."""
+        """Return whether a player exists, even before it has published its range."""
         topics = self._topics.values()
         names = (topic.name for topic in topics if topic.relative == PLAYBACK_STATE)
         return self._hub.playback_range is not None or any(map(self.count_publishers, names))
@@ -267,7 +267,7 @@ class DashboardNode(ManagedNode):
         await histories.keep_note(note)
 
     def _note_time(self, time_ns: int) -> None:
-        """Store the time of the graph; if it jumps back, discard later messages."""
+        """Store the ROS time; if it jumps back, discard later messages."""
         before_ns, self._clock_ns = self._clock_ns, time_ns
         if before_ns is None or time_ns >= before_ns - _JUMP_NS:
             return
@@ -284,7 +284,7 @@ class DashboardNode(ManagedNode):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node."""
+    """Run the dashboard node."""
     # Nodes of the graph have priority over requests of clients.
     os.nice(_NICENESS)
     return run(DashboardNode, args)

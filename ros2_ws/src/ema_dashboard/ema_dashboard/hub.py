@@ -23,7 +23,7 @@ _NS_PER_S: Final = 1_000_000_000
 
 
 class KeptMessage(NamedTuple):
-    """A message for later clients, or the function that computes it, with its times [ns]."""
+    """Message for later clients, or a function to compute it, with its times [ns]."""
 
     data: bytes | Callable[[], bytes]
     log_time_ns: int
@@ -52,7 +52,7 @@ class Subscriber(Protocol):
     """A client of the hub."""
 
     subscriptions: dict[int, int]
-    """Numbers of its subscriptions by channel."""
+    """Subscription numbers by channel."""
     dropped: int
     """Number of messages dropped because the client is slow."""
     waiting_bytes: int
@@ -79,7 +79,7 @@ class _Channel:
 
 
 class Hub:
-    """Channels by topic, the kept messages of each, and the clients.
+    """Channels by topic with their kept messages, and the connected clients.
 
     Attributes
     ----------
@@ -88,9 +88,9 @@ class Hub:
     clients
         Connected clients; changed in the loop only.
     playback_range
-        First and last time of a playback that clients can control [ns]; None without one.
+        First and last time of a playback that clients can control [ns]; None without a playback.
     totals
-        Sent and refused messages, without the counts of connected clients.
+        Counts of sent and refused messages, excluding connected clients.
     """
 
     def __init__(self) -> None:
@@ -126,14 +126,14 @@ class Hub:
         self.in_loop(self._send_all, json.dumps(_advertise([channel])))
 
     def has_clients(self, topic: str) -> bool:
-        """Return whether a client shows a topic; any thread may call this."""
+        """Return whether a client shows a topic. Thread-safe."""
         channel = self._channels.get(topic)
         return channel is not None and any(
             channel.number in client.subscriptions for client in tuple(self.clients)
         )
 
     def publish(self, topic: str, data: bytes, log_time_ns: int) -> None:
-        """Send a message to the clients of a topic; any thread may call this."""
+        """Send a message to the clients of a topic. Thread-safe."""
         # Later subscribers receive the kept messages.
         if self.has_clients(topic):
             self.in_loop(self._send, self._channels[topic].number, data, log_time_ns)
@@ -146,7 +146,7 @@ class Hub:
         log_time_ns: int,
         stamp_ns: int = 0,
     ) -> None:
-        """Keep a message for later clients; it replaces the message with the same key.
+        """Keep a message for later clients, replacing the message with the same key.
 
         Parameters
         ----------
@@ -169,7 +169,7 @@ class Hub:
                 del kept[next(iter(kept))]
 
     def forget(self, topic: str, stamp_ns: int) -> None:
-        """Drop the kept messages of a topic with stamps later than a time [ns]."""
+        """Discard kept messages of a topic with stamps later than ``stamp_ns``."""
         with self._lock:
             kept = self._channels[topic].kept
             for key in [key for key, item in kept.items() if item.stamp_ns > stamp_ns]:
@@ -184,7 +184,7 @@ class Hub:
         return None
 
     def offer_playback(self, playback_range: tuple[int, int] | None) -> None:
-        """Start or end offering the control of a playback; clients are disconnected.
+        """Start or stop offering playback control. Disconnects all clients.
 
         The protocol announces capabilities only at the start of a connection.
         """
@@ -193,7 +193,7 @@ class Hub:
         self.in_loop(self.end_all, 1012, b"the dashboard has changed what it serves")
 
     def figures(self) -> Totals:
-        """Return the present totals, including connected clients."""
+        """Return the current totals, including connected clients."""
         clients = tuple(self.clients)
         dropped = self.totals.dropped + sum(client.dropped for client in clients)
         waiting = sum(client.waiting_bytes for client in clients)
@@ -223,12 +223,12 @@ class Hub:
         self.clients.add(client)
 
     def end_all(self, code: int, words: bytes) -> None:
-        """Close the connections of all clients; in the loop."""
+        """Close all client connections; must run in the loop."""
         for client in tuple(self.clients):
             client.end(code, words)
 
     def in_loop(self, call: Callable[..., object], *arguments: Any) -> None:
-        """Call a function in the event loop; any thread may call this."""
+        """Call a function in the event loop. Thread-safe."""
         with suppress(RuntimeError):  # the dashboard ends
             self.loop.call_soon_threadsafe(call, *arguments)
 
@@ -244,7 +244,7 @@ class Hub:
 
 
 def message_frame(subscription: int, log_time_ns: int, data: bytes) -> bytes:
-    """Return a message of a topic in the format of the protocol."""
+    """Return a topic's message encoded for the protocol."""
     return struct.pack("<BIQ", 1, subscription, log_time_ns) + data
 
 

@@ -29,7 +29,7 @@ class KnownTopic(NamedTuple):
     name: str
     """Full name."""
     namespace: str
-    """Namespace; empty for topics outside of the namespaces."""
+    """Namespace; empty for topics outside the namespaces."""
     relative: str
     """Name in the namespace."""
     message_class: Any
@@ -42,7 +42,7 @@ class KnownTopic(NamedTuple):
 
 
 def known_topics(namespaces: Iterable[str]) -> list[KnownTopic]:
-    """Return the topics of namespaces, and topics outside of any namespace."""
+    """Return the topics of the namespaces and topics outside any namespace."""
     best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     shown = [
         KnownTopic(DIAGNOSTICS, "", "", DiagnosticArray, topics.STATE, False, False),

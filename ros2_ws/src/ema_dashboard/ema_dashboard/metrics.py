@@ -32,10 +32,10 @@ from ema_interfaces.msg import (
 from ema_ros.stamps import stamp_from_message
 
 COMPUTING_BOUNDS_S: Final = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
-"""Upper bounds of the classes of computing times [s]; the last class is unbounded."""
+"""Upper bounds of the computing time histogram [s]; the last bucket is unbounded."""
 
 MOST_KEPT: Final = 1000
-"""Largest number of actuators, and of nodes; the least recently updated are dropped."""
+"""Largest number of actuators and of nodes; the least recently updated are dropped."""
 
 _HOUR_S: Final = 3600.0
 _ACTUATOR: Final = ("namespace", "actuator_id")
@@ -104,18 +104,18 @@ class _Node:
     received_s: float = 0.0
     """Time of its latest status [s]."""
     status: NodeStatus = field(default_factory=NodeStatus)
-    """Latest status while the node was configured."""
+    """Latest status received while the node was configured."""
 
 
 class Metrics(Collector):
     """Metrics of actuators, nodes and this process, collected on request.
 
-    Any thread may call it.
+    Thread-safe.
 
     Parameters
     ----------
     totals
-        Returns the figures of the dashboard.
+        Returns the totals of the dashboard.
     """
 
     def __init__(self, totals: Callable[[], Totals]) -> None:
@@ -157,7 +157,7 @@ class Metrics(Collector):
                 _latest(self._actuators, key, _Actuator).status = telemetry
 
     def rewind(self, time_ns: int) -> None:
-        """Discard healths after a time to which the graph has jumped back [ns]."""
+        """Discard health later than ``time_ns``, to which the ROS time has jumped back."""
         with self._lock:
             for actuator in self._actuators.values():
                 health = actuator.health
@@ -265,12 +265,12 @@ def _gauge(name: str, documentation: str, unit: str, *labels: str) -> GaugeMetri
 
 
 def _text(words: str) -> str:
-    """Return a text of the graph without characters that UTF-8 cannot encode."""
+    """Return a text from the graph without characters that UTF-8 cannot encode."""
     return words.encode(errors="replace").decode()
 
 
 def _latest(items: dict[_Key, _Value], key: _Key, new: Callable[[], _Value]) -> _Value:
-    """Return an item, created if it is missing, marked as most recently updated."""
+    """Return an item, creating it if missing, and mark it as most recently updated."""
     items[key] = item = items.pop(key) if key in items else new()
     if len(items) > MOST_KEPT:
         del items[next(iter(items))]

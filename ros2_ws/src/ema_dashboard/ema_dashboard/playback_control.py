@@ -1,4 +1,4 @@
-"""Control of a player by clients: pause, seek and rate."""
+"""Playback control by clients: pause, seek and rate."""
 
 import asyncio
 import struct
@@ -25,12 +25,12 @@ _STATUS: Final = {PlaybackState.PLAYING: 0, PlaybackState.PAUSED: 1, PlaybackSta
 
 
 class Request(NamedTuple):
-    """A request of a client for a playback."""
+    """A client's playback request."""
 
     plays: bool
     """Whether to play or to pause."""
     rate: float
-    """Playback over recorded time [-]."""
+    """Ratio of playback speed to recorded speed [-]."""
     seek_ns: int | None
     """Time to seek [ns]; None to continue."""
     name: bytes
@@ -38,7 +38,7 @@ class Request(NamedTuple):
 
 
 class PlaybackControl:
-    """Forwards requests of clients to a player, one after the other, in the loop of the hub."""
+    """Forwards client requests to a player one at a time, in the hub's event loop."""
 
     def __init__(self, node: Node, hub: Hub) -> None:
         self._node = node
@@ -78,12 +78,12 @@ class PlaybackControl:
         self._hub.send_playback(_frame(state, did_seek=state.jumped))
 
     def ask(self, data: bytes) -> None:
-        """Queue a request of a client in the format of the protocol; runs in the loop.
+        """Queue a client's request encoded by the protocol; must run in the loop.
 
         Raises
         ------
         ValueError
-            If the message is not a request for a playback, or there is no playback.
+            If the message is not a playback request, or there is no playback.
         """
         if data[:1] != b"\3" or not _REQUEST.size <= len(data) <= _MOST_BYTES:
             raise ValueError("expected a playback control request as binary message")
@@ -125,7 +125,7 @@ class PlaybackControl:
         return state.status != refused and _has_rate(request, state) and self._jumps >= jumps
 
     async def _obey(self, request: Request, state: PlaybackState) -> None:
-        """Execute the parts of a request that differ from the present state."""
+        """Execute the parts of a request that differ from the current state."""
         # The state may be outdated; pausing or resuming twice is harmless.
         if not request.plays:
             await self._call("pause", Trigger.Request())
@@ -146,6 +146,6 @@ def _has_rate(request: Request, state: PlaybackState) -> bool:
 
 
 def _frame(state: PlaybackState, *, did_seek: bool, request: bytes = b"") -> bytes:
-    """Return the state of a playback in the format of the protocol."""
+    """Return the playback state encoded for the protocol."""
     fields = (_STATUS[state.status], stamp_from_message(state.position), state.rate, did_seek)
     return struct.pack("<BBQfBI", 5, *fields, len(request)) + request

@@ -11,7 +11,7 @@ _ANSWER_S: Final = 10.0  # a seek reads the latched messages of the bag
 
 
 async def call(hub: Hub, client: Client | None, name: str, request: Any) -> None:
-    """Call a service; ValueError if it is unavailable, refuses or does not answer."""
+    """Call a service. Raises ValueError if it is unavailable, refuses or does not respond."""
     if client is None or not client.service_is_ready():
         raise ValueError(f"service {name} is not available")
     answered = asyncio.Event()

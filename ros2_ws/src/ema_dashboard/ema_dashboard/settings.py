@@ -69,7 +69,7 @@ class DashboardSettings(Checked):
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether only this machine can reach an address or host name."""
+    """Return whether an address or host name is reachable only from this machine."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -77,7 +77,7 @@ def is_loopback(host: str) -> bool:
 
 
 def read_token(path: str) -> str:
-    """Return the token in a file, empty if no file is named; ValueError for an invalid token.
+    """Read the token from a file; "" without a file. Raises ValueError for an invalid token.
 
     The token itself is not a parameter, because every node of the graph can read parameters.
     """
@@ -93,7 +93,7 @@ def read_token(path: str) -> str:
 
 
 def read_address(path: str) -> str:
-    """Return the address in a file, empty if no file is named; ValueError for an invalid address.
+    """Read the address from a file; "" without a file. Raises ValueError if it is invalid.
 
     It is read from a file, because the address may be secret.
     """
@@ -114,7 +114,7 @@ def _content(parameter: str, path: str) -> str:
 
 
 def bound_socket(host: str, port: int, ports: int) -> socket.socket:
-    """Return a socket that is bound to the first free port of a range; port 0 selects any.
+    """Return a socket bound to the first free port of a range; port 0 selects any port.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def _bound(host: str, port: int) -> socket.socket:
 
 
 def tls_context(certificate: str, key: str) -> ssl.SSLContext | None:
-    """Return the TLS context, None without a certificate; ValueError if it is not usable."""
+    """Return the TLS context; None without a certificate. Raises ValueError if unusable."""
     if not certificate:
         return None
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)

@@ -1,4 +1,4 @@
-"""Histories of units: stored by monitors, continued with published messages."""
+"""Unit histories: fetched from monitors and continued from published messages."""
 
 import math
 import threading
@@ -23,7 +23,7 @@ from ema_interfaces.srv import GetHistory, NoteEvent
 from ema_ros.stamps import stamp_from_message
 
 MOST_TESTS: Final = 2000
-"""Number of the latest tests of an actuator that are shown."""
+"""Maximum number of tests shown per actuator."""
 
 MOST_EVENTS: Final = 500
 
@@ -33,7 +33,7 @@ _SERVICE_TYPE: Final = "ema_interfaces/srv/GetHistory"
 
 
 class ActuatorHistory:
-    """History of the tests of an actuator's unit; any thread may call ``serialised``.
+    """Test history of an actuator's unit. ``serialised`` is thread-safe.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class ActuatorHistory:
         self._news = self._empty(is_addition=True)
 
     def set_base(self, history: UnitHistory) -> None:
-        """Set the history stored by the monitor; later tests remain."""
+        """Set the history fetched from the monitor; later tests remain."""
         base = {stamp_from_message(test.stamp): serialize_message(test) for test in history.tests}
         latest = max(base, default=-1)
         events = {_identity(event): event for event in history.events}
@@ -72,9 +72,9 @@ class ActuatorHistory:
             self._happened(next(iter(history.tests)).stamp, "history", text)
 
     def note_estimate(self, estimate: FaultEstimate) -> bool:
-        """Add an estimate; return whether the monitor has restarted since the previous one.
+        """Add an estimate. Return whether the monitor has restarted since the previous estimate.
 
-        A restart is an event, and so is a calibration that cannot be used.
+        A restart and an unusable calibration are recorded as events.
         """
         before, self._latest = self._latest, estimate
         has_restarted = before is not None and estimate.window < before.window
@@ -95,7 +95,7 @@ class ActuatorHistory:
         return has_restarted
 
     def note_health(self, health: Health) -> None:
-        """Add the health of an estimate; both together are a test."""
+        """Add the health that follows an estimate; together they form a test."""
         self._health = health
         self._join()
         test = self._tests.get(stamp_from_message(health.header.stamp))
@@ -116,7 +116,7 @@ class ActuatorHistory:
         self._estimate = self._health = self._latest = None
 
     def news(self) -> UnitHistory | None:
-        """Return the additions since the last call, for clients that have the earlier history."""
+        """Return the additions since the last call, for clients with the earlier history."""
         additions, self._news = self._news, self._empty(is_addition=True)
         return additions if additions.tests or additions.events else None
 
@@ -141,7 +141,7 @@ class ActuatorHistory:
         )
 
     def _happened(self, stamp: Time, kind: str, text: str) -> None:
-        """Add an event that no message reports."""
+        """Add an event that is not reported by any message."""
         hours = self._health.flight_hours if self._health else math.nan
         text = text[:_MOST_TEXT]
         self._add_events([UnitEvent(stamp=stamp, flight_hours=hours, kind=kind, text=text)])
@@ -192,7 +192,7 @@ class Histories:
     hub
         Hub that receives the histories.
     time_ns
-        Returns the time of the graph [ns].
+        Returns the ROS time [ns].
     """
 
     def __init__(self, node: Node, namespace: str, hub: Hub, time_ns: Callable[[], int]) -> None:
@@ -225,7 +225,7 @@ class Histories:
             self._offer(actuator_id, history)
 
     def note_lost_samples(self, actuator_id: str, stamp: Time, samples: int) -> None:
-        """Update the number of lost samples of an actuator since the start of its monitor."""
+        """Update an actuator's count of lost samples since its monitor started."""
         with self._lock:
             before, self._lost[actuator_id] = self._lost.get(actuator_id), samples
             history = self._histories.get(actuator_id)
@@ -235,14 +235,14 @@ class Histories:
                 self._offer(actuator_id, history)
 
     def rewind(self, time_ns: int) -> None:
-        """Discard entries later than a time to which the graph has jumped back [ns]."""
+        """Discard entries later than ``time_ns``, to which the ROS time has jumped back."""
         with self._lock:
             for actuator_id, history in self._histories.items():
                 history.rewind(time_ns)
                 self._offer(actuator_id, history, as_a_whole=True)
 
     def update(self) -> None:
-        """Discover monitors, and request histories; call this regularly."""
+        """Discover monitors and request histories. Call periodically."""
         for name, types in self._node.get_service_names_and_types():
             is_new = _SERVICE_TYPE in types and name not in self._monitors
             if is_new and name.startswith(self._prefix):
@@ -261,7 +261,7 @@ class Histories:
                         self._ask(key, client, now_s)
 
     async def keep_note(self, note: NoteEvent.Request) -> None:
-        """Store a note with the monitor of an actuator; ValueError if no monitor accepts it."""
+        """Store a note in an actuator's monitor. Raises ValueError if no monitor accepts it."""
         reason = "there is no monitor"
         for name, client in tuple(self._note_keepers.items()):
             try:
@@ -279,7 +279,7 @@ class Histories:
         client.call_async(request).add_done_callback(partial(self._take, key, now_s))
 
     def _take(self, key: tuple[str, str], asked_s: float, future: Any) -> None:
-        """Process the answer of a monitor; a monitor that does not know the unit has no history."""
+        """Process a monitor's response; for an unknown unit it has no history."""
         response: Any = future.result()
         with self._lock:
             # An answer to an outdated request is ignored.
@@ -294,7 +294,7 @@ class Histories:
     def _offer(
         self, actuator_id: str, history: ActuatorHistory, *, as_a_whole: bool = False
     ) -> None:
-        """Keep a history for later clients, and send the additions to connected ones."""
+        """Keep a history for later clients, and send additions to connected clients."""
         log_time_ns, news = self._time_ns(), history.news()
         self._hub.keep(self._topic, actuator_id, history.serialised, log_time_ns)
         if not self._hub.has_clients(self._topic):
@@ -306,7 +306,7 @@ class Histories:
 
 
 def read_note(content: Any) -> tuple[str, NoteEvent.Request]:
-    """Return the namespace and the note from the JSON of a client; ValueError if it is invalid."""
+    """Parse a client's JSON note. Return namespace and request; ValueError if invalid."""
     match content:
         case {
             "namespace": str(namespace),

@@ -39,12 +39,12 @@ _HEADERS: Final = {
 
 
 class WebServer:
-    """Serves page, documents and WebSocket in a thread, in the event loop of the hub.
+    """Serves page, documents and WebSocket in a thread that runs the hub's event loop.
 
     Parameters
     ----------
     listener
-        Bound socket, which is closed with the server.
+        Bound socket, closed with the server.
     tls
         TLS context; None for HTTP.
     access
@@ -54,11 +54,11 @@ class WebServer:
     control
         Called with a request for a playback; raises ValueError for an invalid request.
     keep_note
-        Called with the JSON of a note; raises ValueError if the note is not stored.
+        Called with a note's JSON; raises ValueError if the note is not stored.
     most_clients
         Largest number of clients.
     most_bytes
-        Largest size of the messages that wait for a client [B].
+        Largest size of the queue of a client [B].
     documents
         Functions that compute documents, by path.
     on_failure
@@ -159,7 +159,7 @@ class WebServer:
         await self._loop.shutdown_default_executor()
 
     def _protocol(self) -> asyncio.Protocol:
-        """Return the protocol of a new connection, which must send a request soon."""
+        """Return the protocol for a new connection, which must send a request in time."""
         protocol = self._http()
         if len(self._http.connections) >= self._most_clients + _SPARE_CONNECTIONS:
             self._hub.totals.refused += 1
@@ -174,7 +174,7 @@ class WebServer:
         return protocol
 
     def _limit(self, protocol: Any, seconds: float | None) -> None:
-        """Limit the time of a connection until its next step [s]; None for no limit."""
+        """Set a time limit for a connection's next step [s]; None for no limit."""
         self._mute.pop(protocol, None)
         waiting = self._waiting.pop(protocol, None)
         if waiting is not None:
@@ -192,7 +192,7 @@ class WebServer:
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Callable[..., Any]) -> web.StreamResponse:
-        """Refuse unauthorised requests before any other step."""
+        """Refuse unauthorised requests before any further processing."""
         # Time to receive the answer, and to send a further request.
         self._limit(request.protocol, _ANSWER_S)
         reason = self._access.refuses(
@@ -311,21 +311,21 @@ class _Failures(logging.Handler):
 
 
 class _Refusal(asyncio.Protocol):
-    """Closes a connection above the limit at once."""
+    """Protocol that closes connections above the limit at once."""
 
     def connection_made(self, transport: Any) -> None:
         transport.abort()
 
 
 def _reached(request: web.Request) -> str:
-    """Return the address of this machine at which a request arrived."""
+    """Return the local address at which a request arrived."""
     transport = request.transport
     name = transport.get_extra_info("sockname") if transport else None
     return str(name[0]) if name else ""
 
 
 def _limit_buffer(request: web.Request) -> None:
-    """Limit the send buffer of a client in the kernel, where no messages are dropped."""
+    """Limit a client's kernel send buffer, in which messages cannot be dropped."""
     connection = request.transport and request.transport.get_extra_info("socket")
     if connection:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)

@@ -1,1 +1,1 @@
-"""Shared by all nodes: conversion of messages, topics and QoS, lifecycle, parameters, status."""
+"""Code shared by all nodes: messages, topics and QoS, lifecycle, parameters, status."""

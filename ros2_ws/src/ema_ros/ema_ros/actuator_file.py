@@ -22,8 +22,8 @@ def load_description(path: Path, *, is_simulated: bool = False) -> ActuatorDescr
     The entries are ``actuator_id``, ``serial_number``, ``model``, ``sample_period`` [s], ``drive``,
     ``acquisition`` and ``parameters``. The last two are mappings of names to values in SI units;
     with a ``lead`` [m], parameters may be texts such as "60 mm", "100 mm/s", "200 N", "50 N.s/m"
-    and "12 kg". Missing entries have the values of the built-in actuator. With ``drive: unknown``,
-    missing parameters have the values of ``ema_core.parameters.NEUTRAL``: the file then only needs
+    and "12 kg". Missing entries default to the built-in actuator. With ``drive: unknown``, missing
+    parameters have the values of ``ema_core.parameters.NEUTRAL``: the file then only needs
     ``actuator_id``, ``serial_number`` and ``drive``.
 
     Parameters
@@ -50,15 +50,15 @@ def load_description(path: Path, *, is_simulated: bool = False) -> ActuatorDescr
 
 
 def load_descriptions(file: str, joints: Sequence[str]) -> list[ActuatorDescription]:
-    """Return the description of each joint, or of the only actuator if there are no joints.
+    """Return the description of each joint, or of a single actuator without joints.
 
-    The name of a joint is the name of its actuator, and replaces ``{joint}`` in the file's name.
-    Without a file, the only actuator is the built-in one, and joints have an unknown drive.
+    Each joint's name is its actuator's name, and replaces ``{joint}`` in the file name. Without a
+    file, a single actuator is the built-in one, and joints have an unknown drive.
 
     Raises
     ------
     ValueError
-        If a file is no description; the message names it.
+        If a file is not a description; the message names it.
     """
     if not joints:
         return [load_description(Path(file)) if file else ActuatorDescription()]
@@ -75,7 +75,7 @@ def load_descriptions(file: str, joints: Sequence[str]) -> list[ActuatorDescript
 
 
 def _completed(content: dict[str, Any]) -> dict[str, Any]:
-    """Return the content of a file, with neutral values for missing ones of an unknown drive."""
+    """Return file content with missing values of an unknown drive set to neutral values."""
     parameters = content.get("parameters") or {}
     if content.get("drive") != "unknown" or not isinstance(parameters, dict):
         return content

@@ -1,4 +1,4 @@
-"""Messages of a simulated actuator by topic, for the live node and recordings."""
+"""Messages of a simulated actuator by topic, for the node and for recordings."""
 
 import array
 from typing import Any
@@ -17,7 +17,7 @@ from ema_ros.stamps import stamp_to_message
 def messages_of_cycle(
     description: ActuatorDescription, stamp_ns: int, cycle: int, hours: float, faults: ArrayLike
 ) -> dict[str, Any]:
-    """Return the messages at the start of a test cycle: service life [h] and true faults, ``(8,)``.
+    """Return the messages at the start of a test cycle: service life and true faults.
 
     Cycles are numbered from 0.
     """
@@ -34,7 +34,7 @@ def messages_of_cycle(
 def messages_of_block(
     description: ActuatorDescription, block: Telemetry, motor_torque: float | None
 ) -> dict[str, Any]:
-    """Return the messages of a block: telemetry, and the joint state if the torque is known."""
+    """Return a block's messages: telemetry, and the joint state if the torque is known."""
     messages: dict[str, Any] = {
         topics.TELEMETRY: telemetry_to_message(block, description.actuator_id)
     }
@@ -62,7 +62,7 @@ def joint_state_after(
 ) -> JointState:
     """Return the state of the user shaft at the end of a block, for tools that display joints.
 
-    It has no velocity if the speed is not measured.
+    The velocity is empty if the speed is not measured.
     """
     tau = description.parameters.tau
     message = JointState(name=[description.actuator_id])

@@ -1,4 +1,4 @@
-"""Validity of published healths: a level expires, and requires that its monitor reports."""
+"""Validity of published health: levels expire, and their monitor must keep reporting."""
 
 import copy
 import math
@@ -9,23 +9,23 @@ from ema_core.levels import LEVEL_NAMES, OK, STALE
 from ema_ros.stamps import stamp_from_message
 
 SILENT_S: Final = 5.0
-"""Time without a status after which a node is silent [s]; nodes publish one per second."""
+"""Time without a status after which a node counts as silent [s]; nodes publish one per second."""
 
 Place = tuple[str, str]
 """Full topic name and actuator id."""
 
 
 class Received(NamedTuple):
-    """A received health."""
+    """A received health message and its validity."""
 
     health: Any
     """``ema_interfaces/msg/Health`` or ``HealthSummary``."""
     ends_s: float
-    """Latest end of its claim, on a monotonic clock [s]."""
+    """Latest end of its validity, on a monotonic clock [s]."""
 
     @classmethod
     def at(cls, health: Any, now_ns: int, now_s: float) -> "Received":
-        """Return a health received at a time of the ROS clock [ns] and a monotonic clock [s]."""
+        """Return a health received at ROS time ``now_ns`` and monotonic time ``now_s``."""
         until_ns = stamp_from_message(health.good_until)
         if not until_ns:
             return cls(health, math.inf)
@@ -36,7 +36,7 @@ class Received(NamedTuple):
         return cls(health, now_s + left_ns * 1e-9)
 
     def ended_s(self, now_ns: int, now_s: float, *, is_real: bool = True) -> float:
-        """Return the time since the end of the claim [s]; not positive while the claim is valid.
+        """Return the time since the validity ended [s]; not positive while valid.
 
         In simulated time (``is_real`` is False) only the ROS clock counts.
         """
@@ -46,14 +46,14 @@ class Received(NamedTuple):
 
 
 def worth(health: Any, ended_s: float, *, is_silent: bool = False) -> Any:
-    """Return a health, replaced by STALE with the previous level once its claim has ended.
+    """Return a health, replaced by STALE with the previous level once it has expired.
 
     Parameters
     ----------
     health
         ``ema_interfaces/msg/Health`` or ``HealthSummary``; it is not changed.
     ended_s
-        Time since the end of its claim [s].
+        Time since its validity ended [s].
     is_silent
         Whether its monitor is silent.
     """
@@ -84,9 +84,9 @@ def _without_ok(item: Any) -> Any:
 
 
 class Claims:
-    """The latest healths, and their replacements once their claims have ended.
+    """Latest published health by topic and actuator, replaced by STALE on expiry.
 
-    Times ``now_s`` are of a monotonic clock.
+    Times ``now_s`` are monotonic.
     """
 
     def __init__(self) -> None:
@@ -95,16 +95,16 @@ class Claims:
         self._reported_s: dict[str, float] = {}
 
     def note(self, key: Place, health: Any, now_ns: int, now_s: float) -> None:
-        """Store a health that is shown."""
+        """Store a published health."""
         self._healths[key] = Received.at(health, now_ns, now_s)
         self._shown[key] = health.level
 
     def note_status(self, node: str, now_s: float) -> None:
-        """Note that a node has published its status, by its full name."""
+        """Record that the node with this full name has published its status."""
         self._reported_s[node] = now_s
 
     def rewind(self, time_ns: int) -> None:
-        """Discard healths after a time to which the clock has jumped back [ns]."""
+        """Discard health later than ``time_ns``, to which the clock has jumped back."""
         for key, received in list(self._healths.items()):
             if stamp_from_message(received.health.header.stamp) > time_ns:
                 del self._healths[key], self._shown[key]
@@ -112,10 +112,10 @@ class Claims:
     def changes(
         self, now_ns: int, now_s: float, *, is_live: bool = True, is_real: bool = True
     ) -> Iterator[tuple[Place, Any]]:
-        """Yield the healths to show whose level differs from the shown level.
+        """Yield each health whose level differs from the level shown.
 
         Monitors of a playback (``is_live`` is False) need not report. In simulated time
-        (``is_real`` is False) claims end by the ROS clock only.
+        (``is_real`` is False) health expires by the ROS clock only.
         """
         for key, received in list(self._healths.items()):
             health = received.health

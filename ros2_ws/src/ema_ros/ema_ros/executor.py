@@ -1,4 +1,4 @@
-"""Executor of a node."""
+"""Executor for nodes with blocking callbacks."""
 
 import threading
 import time
@@ -17,22 +17,22 @@ _REST_S: Final = 0.005
 
 
 class WaitingCallbackGroup(MutuallyExclusiveCallbackGroup):
-    """Callbacks that may wait: they run one at a time, in a separate thread."""
+    """Group of blocking callbacks, run one at a time in a separate thread."""
 
 
 class SeparateCallbackGroup(ReentrantCallbackGroup, WaitingCallbackGroup):
-    """Callbacks that may wait independently: each runs in a separate thread."""
+    """Group of blocking callbacks, each run in a separate thread."""
 
 
 class NodeExecutor(SingleThreadedExecutor):
-    """Runs callbacks one after the other, and callbacks that may wait in separate threads.
+    """Runs callbacks one at a time, and blocking callbacks in separate threads.
 
     Separate threads run the callbacks of a ``WaitingCallbackGroup`` and the goals of actions.
     rclpy's executor with a thread pool dispatches a callback repeatedly until its thread has
     started; at hundreds of messages per second this blocks the callbacks.
 
-    If a subscription has a message, up to a hundred further waiting messages are received as well,
-    followed by a pause of 5 ms: a wait on all entities of the node takes longer than a message.
+    If a subscription has a message, up to a hundred more queued messages are taken, followed by a
+    pause of 5 ms, because waiting on all entities takes longer than handling a message.
 
     ``on_failure`` is called with the exception of a callback.
     """
@@ -42,7 +42,7 @@ class NodeExecutor(SingleThreadedExecutor):
         self._on_failure = on_failure
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Wait for a callback, at most ``timeout_sec`` [s] or without limit if None, and run it."""
+        """Wait up to ``timeout_sec`` for a callback (None for no limit), and run it."""
         try:
             handler, entity, _ = self.wait_for_ready_callbacks(timeout_sec)
         except (ShutdownException, TimeoutException):

@@ -1,4 +1,4 @@
-"""Subscription to a topic with latched and other publishers."""
+"""Subscription to topics with both latched and volatile publishers."""
 
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -22,10 +22,11 @@ def subscribe_latched(
     callback: Callable[[Any], None],
     callback_group: CallbackGroup,
 ) -> None:
-    """Create subscriptions that together deliver each message once.
+    """Subscribe to a topic with any mix of publishers; deliver each message once.
 
-    A transient local subscription does not match a publisher with the default quality of service, a
-    volatile subscription misses earlier latched messages, and neither matches best effort.
+    Several subscriptions are needed: a transient local one does not match publishers with default
+    quality of service, a volatile one misses earlier latched messages, and neither matches best
+    effort.
 
     Parameters are as in ``rclpy.node.Node.create_subscription``; messages have an
     ``actuator_id``.

@@ -56,13 +56,13 @@ class ManagedNode(LifecycleNode):
     Attributes
     ----------
     finished
-        Event that is set when the node has finished: its process then ends.
+        Event that is set when the node has finished and its process should end.
     exit_code
         Exit code of the process.
     stopping
-        Event that is set when the process is about to end: waiting callbacks must return.
+        Event that is set when the process is about to end; blocking callbacks must return.
     is_interrupted
-        Function that returns whether the process was asked to end, also before the node is served.
+        Returns whether the process was asked to end, even before the node is served.
     failed_callbacks
         Number of failed callbacks.
     """
@@ -102,7 +102,7 @@ class ManagedNode(LifecycleNode):
         """Release the resources created by ``configure``."""
 
     def tasks(self) -> list[Task]:
-        """Return the status of the tasks of the node; called while it is configured."""
+        """Return the status of the node's tasks; called while it is configured."""
         return []
 
     def counts(self) -> NodeStatus:
@@ -116,7 +116,7 @@ class ManagedNode(LifecycleNode):
 
     @property
     def unit_namespace(self) -> str:
-        """Namespace of the telemetry, which is part of the name of a unit in all nodes."""
+        """Namespace of the telemetry, part of a unit's name in all nodes."""
         return self.resolve_topic_name(topics.TELEMETRY).rpartition("/")[0]
 
     @property
@@ -135,7 +135,7 @@ class ManagedNode(LifecycleNode):
         return lifecycle_state(self)
 
     def bring_up(self) -> bool:
-        """Configure and activate, unless a lifecycle manager does; return False on failure."""
+        """Configure and activate, unless a lifecycle manager does. Return False on failure."""
         self._log_unknown_parameters()
         if not self.get_parameter(_AUTOSTART).value:
             self.get_logger().info("unconfigured: waiting for a lifecycle manager")
@@ -150,7 +150,7 @@ class ManagedNode(LifecycleNode):
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **kwargs: Any
     ) -> Any:
-        """Return a new service that answers every request, with the reason if it fails.
+        """Create a service that responds to every request, with the reason on failure.
 
         Parameters are as in ``rclpy.node.Node.create_service``. An exception of the callback
         becomes ``message`` of a response without success; the text of a ValueError is used
@@ -173,13 +173,13 @@ class ManagedNode(LifecycleNode):
         return super().create_service(srv_type, srv_name, answer, **kwargs)
 
     def add_timer(self, period_s: float, callback: Callable[[], object]) -> Timer:
-        """Return a new timer that also runs while simulated time is paused."""
+        """Create a timer that also runs while simulated time is paused."""
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def add_publisher(
         self, message_class: Any, topic: str, qos: QoSProfile, *, quiet: bool = False
     ) -> LifecyclePublisher:
-        """Return a new publisher that publishes while the node is active.
+        """Create a publisher that publishes while the node is active.
 
         A quiet publisher does not report subscriptions with an incompatible quality of service;
         with many publishers, these events are slow.
@@ -194,7 +194,7 @@ class ManagedNode(LifecycleNode):
         return publisher
 
     def full_topic_names(self, names: Sequence[str]) -> set[str] | None:
-        """Return the full names of the parameter ``topics``; None if it is empty.
+        """Return the full names of the topics in parameter ``topics``; None if it is empty.
 
         Raises
         ------
@@ -207,7 +207,7 @@ class ManagedNode(LifecycleNode):
             raise ValueError(f"parameter topics = {list(names)!r}: {error}") from error
 
     def report_progress(self, text: str) -> None:
-        """Report the progress of the present transition in log and status."""
+        """Report the progress of the current transition in log and status."""
         self._progress = text
         self.get_logger().info(text)
         self.report([self._lifecycle_task()])
@@ -231,7 +231,7 @@ class ManagedNode(LifecycleNode):
         self.report()
 
     def report(self, tasks: Sequence[Task] = ()) -> None:
-        """Publish the status of some tasks, or of all tasks; any thread may call this.
+        """Publish the status of some tasks, or of all tasks. Thread-safe.
 
         While the node is not active, the status of its tasks is STALE instead of OK.
         """
@@ -302,7 +302,7 @@ class ManagedNode(LifecycleNode):
         return self._done("finalized", super().on_shutdown(state))
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release all remaining resources after a failed transition, and be unconfigured."""
+        """Release all remaining resources after a failed transition and become unconfigured."""
         self._configured = False
         # Only the first reason is reported: later steps fail because earlier ones were not taken.
         for step in (self.deactivate, self.clean_up):
@@ -332,7 +332,7 @@ class ManagedNode(LifecycleNode):
         return super().on_cleanup(state)
 
     def _attempt(self, name: str, step: Callable[[], None]) -> TransitionCallbackReturn:
-        """Run a step of the lifecycle, and report its errors, which rclpy does not."""
+        """Run a lifecycle step and report its errors, which rclpy does not do."""
         try:
             step()
         except (ValueError, OSError) as error:
@@ -371,7 +371,7 @@ class ManagedNode(LifecycleNode):
         self.report()
 
     def _log_unknown_parameters(self) -> None:
-        """Log parameters that this node does not declare, as rclpy does not."""
+        """Log undeclared parameters, which rclpy does not report."""
         declared = self.list_parameters([], 0).names
         for name in parameter_overrides(self):
             if name in declared:
@@ -383,7 +383,7 @@ class ManagedNode(LifecycleNode):
                 self.get_logger().info(text)
 
     def _refuse_impossible(self, change_state: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the callback of ``change_state`` that refuses an impossible transition."""
+        """Wrap the ``change_state`` callback to refuse impossible transitions."""
 
         def change_if_possible(request: Any, response: Any) -> Any:
             try:
@@ -399,7 +399,7 @@ class ManagedNode(LifecycleNode):
         return change_if_possible
 
     def _refuse_clock_change(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Refuse a change of the clock while the node is configured: its entities use the clock."""
+        """Refuse to change the clock while the node is configured, as its entities use it."""
         if self._configured and any(item.name == "use_sim_time" for item in parameters):
             reason = "use_sim_time can be changed while the node is unconfigured"
             return SetParametersResult(successful=False, reason=reason)
@@ -407,12 +407,12 @@ class ManagedNode(LifecycleNode):
 
 
 def entities_of(node: LifecycleNode) -> list[Any]:
-    """Return publishers, subscriptions, services, clients, timers, guard conditions and actions."""
+    """Return all entities of a node: publishers, subscriptions, services, timers, actions etc."""
     return [item for items in _by_destroyer(node).values() for item in items]
 
 
 def destroy_entities(node: LifecycleNode, kept: Collection[Any]) -> None:
-    """Destroy the entities of a node except ``kept``; actions first, as they contain services."""
+    """Destroy all entities of a node except ``kept``; actions first, as they own services."""
     kept_ids = {id(item) for item in kept}
     for destroy in _by_destroyer(node):
         for item in list(_by_destroyer(node)[destroy]):
@@ -421,7 +421,7 @@ def destroy_entities(node: LifecycleNode, kept: Collection[Any]) -> None:
 
 
 def _by_destroyer(node: LifecycleNode) -> dict[Callable[[Any], Any], list[Any]]:
-    """Return the entities of a node by their destroy method."""
+    """Return the entities of a node grouped by destroy method."""
     published = list(node.publishers)
     managed = [item for item in published if isinstance(item, LifecyclePublisher)]
     return {

@@ -57,11 +57,11 @@ PARAMETER_FIELDS: Final = MappingProxyType(
         "lead": "lead",
     }
 )
-"""Field of the message for each parameter."""
+"""Message field by parameter name."""
 
 
 def telemetry_to_message(block: Telemetry, actuator_id: str) -> "msg.TelemetryBlock":
-    """Return a block of telemetry as a message; its stamp is the END of the first sample."""
+    """Convert a block of telemetry to a message; its stamp is the END of the first sample."""
     from ema_interfaces.msg import TelemetryBlock
 
     message = TelemetryBlock()
@@ -77,7 +77,7 @@ def telemetry_to_message(block: Telemetry, actuator_id: str) -> "msg.TelemetryBl
 
 
 def telemetry_from_message(message: "msg.TelemetryBlock") -> Telemetry:
-    """Return the block of telemetry in a message, in new columns.
+    """Convert a message to a block of telemetry with copied columns.
 
     Samples that are not finite are accepted; the monitor checks them.
 
@@ -127,7 +127,7 @@ def description_to_message(
 
 
 def description_from_message(message: "msg.ActuatorDescription") -> ActuatorDescription:
-    """Return the description in a message, also of an older definition (read without ROS).
+    """Convert a message, also of an older definition (read without ROS), to a description.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def description_from_message(message: "msg.ActuatorDescription") -> ActuatorDesc
 
 
 def faults_to_message(faults: ArrayLike) -> "msg.FaultVector":
-    """Return normalised faults, ``(8,)``, as a message; an estimate may be NaN."""
+    """Convert normalised faults, ``(8,)``, to a message; estimates may be NaN."""
     from ema_interfaces.msg import FaultVector
 
     k = np.asarray(faults, dtype=np.float64)
@@ -162,13 +162,13 @@ def faults_to_message(faults: ArrayLike) -> "msg.FaultVector":
 
 
 def faults_from_message(message: "msg.FaultVector") -> NDArray[np.float64]:
-    """Return the fault vector in a message, ``(8,)``; ValueError if it is out of range."""
+    """Return the fault vector in a message, ``(8,)``. Raises ValueError if out of range."""
     return fault_vector([getattr(message, name) for name in FAULT_NAMES])
 
 
 @dataclass(frozen=True, eq=False)
 class StampedFaults:
-    """True faults of an actuator from the start of a test cycle on."""
+    """True faults of an actuator from the start of a test cycle."""
 
     stamp_ns: int
     """Start of the test cycle [ns]."""
@@ -180,7 +180,7 @@ class StampedFaults:
 
 
 def stamped_faults_from_message(message: "msg.FaultVectorStamped") -> StampedFaults:
-    """Return the stamped faults in a message; ValueError if they are out of range."""
+    """Return the stamped faults in a message. Raises ValueError if out of range."""
     return StampedFaults(
         stamp_from_message(message.header.stamp),
         message.actuator_id,
@@ -192,7 +192,7 @@ def stamped_faults_from_message(message: "msg.FaultVectorStamped") -> StampedFau
 def measured_to_message(
     stamp_ns: int, causes: Iterable[CauseEstimate], actuator_id: str
 ) -> "msg.MeasuredCauses":
-    """Return causes measured at a time [ns] as a message."""
+    """Return causes measured at ``stamp_ns`` as a message."""
     from ema_interfaces.msg import HiddenCause, MeasuredCauses
 
     message = MeasuredCauses(actuator_id=actuator_id)
@@ -210,12 +210,12 @@ def measured_to_message(
 
 
 def measured_from_message(message: "msg.MeasuredCauses") -> tuple[int, list[CauseEstimate]]:
-    """Return the stamp of measured causes [ns], and the causes; their values are not checked.
+    """Return the stamp [ns] and the measured causes of a message, without checking values.
 
     Raises
     ------
     ValueError
-        If there is no stamp, or a unit differs from the registry.
+        If the stamp is missing, or a unit differs from the registry.
     """
     stamp_ns = stamp_from_message(message.header.stamp)
     if stamp_ns <= 0:

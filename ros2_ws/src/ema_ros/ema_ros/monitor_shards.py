@@ -1,4 +1,4 @@
-"""Several monitors that share the actuators: their names, parameters and parameter files."""
+"""Names, parameters and parameter files of monitors that share the actuators."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -19,12 +19,12 @@ def monitor_names(monitors: int) -> list[str]:
 
 
 def shard_parameters(index: int, monitors: int) -> dict[str, int]:
-    """Return the parameters that select the share of a monitor; none for a single monitor."""
+    """Return the parameters that select a monitor's shard; empty for a single monitor."""
     return {"shard.index": index, "shard.count": monitors} if monitors > 1 else {}
 
 
 def file_for(name: str, file: Path, folder: Path) -> Path:
-    """Return a parameter file in which the parameters of ``monitor`` apply to another node name.
+    """Return a copy of a parameter file in which ``monitor`` is replaced by another node name.
 
     Parameter files name their node, and ROS has no pattern for a part of a name. Parameters of the
     file for the node name itself take precedence.

@@ -22,14 +22,14 @@ from ema_ros.rclpy_private import parameter_overrides
 Definition = TypeVar("Definition")
 
 LIVE: Final = "live"
-"""Constraint of a parameter that can be changed at any time."""
+"""Constraint for a parameter that can be changed at any time."""
 
 WHILE_UNCONFIGURED: Final = "changed while the node is unconfigured"
-"""Constraint of a parameter that is read when the node is configured."""
+"""Constraint for a parameter that is read when the node is configured."""
 
 
 def declare(node: Node, definition: Any, prefix: str = "", *, constraint: str = "") -> None:
-    """Declare the fields of a dataclass as parameters of a node.
+    """Declare the fields of a dataclass as node parameters.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def declare(node: Node, definition: Any, prefix: str = "", *, constraint: str = 
 
 
 def read(node: Node, definition: type[Definition], prefix: str = "") -> Definition:
-    """Return an instance of a dataclass with the values of its declared parameters.
+    """Read the declared parameters of a dataclass into an instance.
 
     Raises
     ------
@@ -98,7 +98,7 @@ class LiveSettings(Generic[Definition]):
     on_change
         Called with the new settings after a change.
     why_fixed
-        Returns why the settings cannot be changed at present; empty if they can. Without it they
+        Returns why the settings currently cannot be changed; empty if they can. If omitted, they
         can always be changed.
     check
         Called with new settings before a change; a ValueError refuses the change.
@@ -106,7 +106,7 @@ class LiveSettings(Generic[Definition]):
     Attributes
     ----------
     value
-        Present settings.
+        Current settings.
 
     Raises
     ------
@@ -170,7 +170,7 @@ class LiveSettings(Generic[Definition]):
 def _read_numbers(
     node: Node, live: Mapping[str, SettingsParameter], parameters: list[Parameter]
 ) -> list[Parameter]:
-    """Return the parameters with numbers in the type of their field; refuse undeclared ones."""
+    """Convert numbers to the type of their field; refuse undeclared parameters."""
     for item in parameters:
         # rclpy's error would not name the parameter.
         if not node.has_parameter(item.name):

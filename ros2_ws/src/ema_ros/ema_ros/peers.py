@@ -1,4 +1,4 @@
-"""Nodes in the graph that communicate with a node, and nodes that have disappeared."""
+"""Peers of a node in the graph, and detection of peers that have disappeared."""
 
 from collections import defaultdict
 from typing import Final
@@ -9,7 +9,7 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from ema_ros.status import OK, WARN, Task
 
 FRESH_S: Final = 60.0
-"""Duration of the warning about a node that has disappeared [s]."""
+"""Duration of the warning about a disappeared node [s]."""
 
 UNKNOWN_NODE: Final = "_NODE_NAME_UNKNOWN_"
 """Name of a node whose publishers and subscriptions are discovered before its name."""
@@ -32,7 +32,7 @@ class Peers:
         """Publishers whose messages are not received (``incompatible_publishers``)."""
 
     def update(self, in_touch: set[str], alive: set[str], now_s: float) -> list[str]:
-        """Store the present nodes; return the nodes that have disappeared since the last call."""
+        """Store the current nodes. Return the nodes that have disappeared since the last call."""
         present = in_touch | (alive & (self._present | self._gone.keys()))
         lost = sorted(self._present - present)
         absent = {name: since for name, since in self._gone.items() if name not in present}
@@ -54,7 +54,7 @@ class Peers:
 
 
 def nodes_in_touch(node: Node) -> set[str]:
-    """Return the full names of the nodes that publish data for a node, or share a topic nearby.
+    """Return the full names of nodes that publish to a node or share a topic nearby.
 
     Nearby nodes are in the same namespace. Hidden nodes, such as command-line tools, are ignored.
     """
@@ -79,7 +79,7 @@ def nodes_in_touch(node: Node) -> set[str]:
 
 
 def incompatible_publishers(node: Node) -> list[str]:
-    """Return the publishers that no subscription of a node matches by quality of service.
+    """Return publishers whose QoS matches no subscription of a node.
 
     Each is named with its topic, its node and the reason given by the middleware.
     """

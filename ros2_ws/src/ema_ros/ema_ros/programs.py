@@ -1,4 +1,4 @@
-"""Entry points of nodes and ``ema``; SIGINT ends them without traceback while they import."""
+"""Entry points of nodes and ``ema``, with quiet interruption during imports."""
 
 from ema_core.start import program
 

@@ -1,4 +1,4 @@
-"""Private parts of rclpy that the nodes use; only this module uses any.
+"""All uses of private parts of rclpy.
 
 These are the waiting messages of a subscription, the lifecycle state within the process, the end of
 a state machine, errors of ``change_state``, and parameter overrides. Checked with 7.1 (Jazzy).
@@ -14,7 +14,7 @@ from rclpy.subscription import Subscription
 
 
 def next_message(executor: Executor, subscription: Subscription) -> Callable[[], Any] | None:
-    """Take the next message of a subscription; return the coroutine function that delivers it."""
+    """Take a subscription's next message. Return a coroutine function that delivers it."""
     return executor._take_subscription(subscription)
 
 
@@ -24,7 +24,7 @@ def lifecycle_state(node: Any) -> str:
 
 
 def release_state_machine(node: Any) -> None:
-    """Release the state machine of a destroyed node, and with it the participant of DDS.
+    """Release a destroyed node's state machine, and with it the DDS participant.
 
     Otherwise both remain until garbage collection.
     """

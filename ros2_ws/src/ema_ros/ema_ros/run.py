@@ -1,4 +1,4 @@
-"""Main function of nodes: bring-up, and orderly end on SIGINT or SIGTERM."""
+"""Main function of nodes: bring-up, and orderly shutdown on SIGINT or SIGTERM."""
 
 import ctypes
 import logging
@@ -30,7 +30,7 @@ _MAPPED_ALONE_BYTES: Final = 4 << 20
 
 
 def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> int:
-    """Run a node until it is asked to stop by SIGINT or SIGTERM, or has done its work.
+    """Run a node until SIGINT, SIGTERM or the end of its work.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
 
 
 def _give_memory_back() -> None:
-    """Have the memory of large messages returned to the system after use."""
+    """Make the allocator return the memory of large messages to the system."""
     with suppress(OSError, UnicodeDecodeError):
         # rmw_fastrtps ignores the memory policies of a profile by default.
         profile = Path(os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE", "")).read_text("utf-8")
@@ -84,7 +84,7 @@ def _give_memory_back() -> None:
 
 
 def _serve(node: ManagedNode, stop_signals: list[int]) -> None:
-    """Run a node in a thread until it has finished or a signal arrives, and shut it down."""
+    """Run a node in a thread until it finishes or a signal arrives, then shut it down."""
     executor = NodeExecutor(node.log_failure)
     executor.add_node(node)
     name = f"executor of {node.get_name()}"
@@ -112,7 +112,7 @@ def _spin(executor: NodeExecutor, node: ManagedNode) -> None:
 
 
 def _end_if_stuck(exit_code: int) -> None:
-    """End the process if a thread does not end: the interpreter would wait without limit."""
+    """Force the process to exit if a thread hangs; the interpreter would wait forever."""
     threads = [item for item in threading.enumerate() if item is not threading.main_thread()]
     for item in threads:
         item.join(_PATIENCE_S / len(threads))

@@ -1,4 +1,4 @@
-"""Conversion of time stamps in nanoseconds to and from builtin_interfaces/Time."""
+"""Conversion of timestamps in nanoseconds to and from builtin_interfaces/Time."""
 
 from typing import TYPE_CHECKING
 
@@ -9,13 +9,13 @@ _NS_PER_S = 1_000_000_000
 
 
 def check_stamp(stamp_ns: int) -> None:
-    """Raise ``ValueError`` for a time [ns] outside the range of a message, about ±68 years."""
+    """Raise ``ValueError`` if a time [ns] does not fit a message (about ±68 years)."""
     if not -(2**31) <= int(stamp_ns) // _NS_PER_S < 2**31:
         raise ValueError(f"stamp_ns = {stamp_ns} ns is outside [-2^31, 2^31) s")
 
 
 def stamp_to_message(stamp_ns: int) -> "Time":
-    """Return a time [ns] as a message; ``ValueError`` outside the range, about ±68 years."""
+    """Convert a time [ns] to a message. Raises ``ValueError`` outside about ±68 years."""
     from builtin_interfaces.msg import Time  # reading needs no ROS
 
     check_stamp(stamp_ns)

@@ -1,4 +1,4 @@
-"""Status of a node on ``/diagnostics``, as ``diagnostic_updater`` publishes it."""
+"""Status of a node on ``/diagnostics``, in the format of ``diagnostic_updater``."""
 
 import hashlib
 import re
@@ -31,13 +31,13 @@ class Task:
     """Status of one task of a node."""
 
     name: str
-    """Name of the task, a constant."""
+    """Constant name of the task."""
     level: int
     """``OK``, ``WARN``, ``ERROR`` or ``STALE`` of ``ema_core.levels``; ``STALE`` if it is unknown
     or outdated."""
     message: str
     hardware_id: str
-    """Name of the unit, as ``hardware_name`` returns it."""
+    """Name of the unit, from ``hardware_name``."""
     values: Mapping[str, Any] = field(default_factory=dict)
     """Figures by name; the unit is part of the name, as in ``lag [s]``."""
     category: str = ""
@@ -45,7 +45,7 @@ class Task:
 
 
 def status_message(node_name: str, task: Task) -> DiagnosticStatus:
-    """Return a task of a node as a message; ``node_name`` is its full name."""
+    """Return a task as a message; ``node_name`` is the node's full name."""
     name = f"{node_name}: {task.name}"
     values = {
         **task.values,
@@ -62,9 +62,9 @@ def status_message(node_name: str, task: Task) -> DiagnosticStatus:
 
 
 def fault_code(name: str) -> str:
-    """Return the code of a status: constant, and as unique as its name.
+    """Return the fault code of a status: constant and as unique as its name.
 
-    The code does not depend on the level, so that a collector of faults by code detects their end.
+    The code is independent of the level, so that fault collectors detect when a fault ends.
 
     It consists of capitals, digits and single underscores: ``EMA_MONITOR_FLAP_FRICTION`` for
     ``/ema/monitor: flap friction``. A code that is too long is truncated, and ends in a digest of
@@ -78,7 +78,7 @@ def fault_code(name: str) -> str:
 
 
 def hardware_name(namespace: str, actuator_id: str, serial_number: str = "") -> str:
-    """Return the name of a unit in the status: namespace of telemetry, actuator, serial number."""
+    """Return a unit's name in the status: telemetry namespace, actuator and serial number."""
     parts = (namespace.rstrip("/"), actuator_id, serial_number)
     return "/".join(parts if serial_number else parts[:2])
 

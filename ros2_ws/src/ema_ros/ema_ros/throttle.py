@@ -1,4 +1,4 @@
-"""Limitation of repeated log lines."""
+"""Rate limit for repeated log lines."""
 
 import re
 from typing import Final
@@ -8,7 +8,7 @@ _MOST_KINDS: Final = 1000
 
 
 class Throttle:
-    """Passes a line at most once in a period [s]; lines that differ in numbers count as equal."""
+    """Passes a line at most once per period [s]; lines that differ only in numbers are equal."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
@@ -16,7 +16,7 @@ class Throttle:
         self._logged: dict[str, tuple[float, int]] = {}
 
     def passed(self, line: str, now_s: float) -> str | None:
-        """Return the line to log at a time [s], with the number of suppressed lines, or None."""
+        """Return the line to log, with the count of suppressed lines; None to suppress it."""
         kind = _NUMBERS.sub("#", line)
         before = self._logged.pop(kind, None)
         if before is not None and now_s - before[0] < self._period_s:

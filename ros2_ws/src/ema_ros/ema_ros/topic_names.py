@@ -1,4 +1,4 @@
-"""Names of the topics of actuator, monitor and player; they need no ROS."""
+"""Topic names of actuator, monitor and player, without a dependency on ROS."""
 
 from typing import Final
 

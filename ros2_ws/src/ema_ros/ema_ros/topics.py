@@ -53,8 +53,8 @@ LATCHED_BY_MANY: Final = QoSProfile(
 
 STREAM: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 SERVICE: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Quality of service of services: with the usual depth, more than ten requests at once would lose
-answers."""
+"""Quality of service of services. With the default depth, more than ten simultaneous requests would
+lose responses."""
 
 STATE: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -81,7 +81,7 @@ MONITOR_TOPICS: Final = {
 """Message class and quality of service of a monitor's topics, by name."""
 
 PLAYER_TOPICS: Final = {PLAYBACK_STATE: (PlaybackState, LATCHED)}
-"""Message class and quality of service of a player's topics about itself, by name."""
+"""Message class and quality of service of a player's own topics, by name."""
 
 NODE_TOPICS: Final = {NODE_STATUS: (NodeStatus, STATE)}
-"""Message class and quality of service of every node's topics about itself, by name."""
+"""Message class and quality of service of topics common to all nodes, by name."""
