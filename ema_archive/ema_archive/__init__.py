@@ -1,1 +1,1 @@
-"""The bags of a fleet as tables."""
+"""Archive: results from the bags of a fleet, stored as tables."""

@@ -1,4 +1,4 @@
-"""The task of a bag: from its telemetry to rows of estimates, counts and duty."""
+"""Bag task: turn a bag's telemetry into rows of estimates, counts and duty."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,13 +22,13 @@ DONE: Final = "done"
 INCOMPLETE: Final = "incomplete"
 DAMAGED: Final = "damaged"
 FAILED: Final = "failed"
-"""What became of a bag: it was read as a whole, or only in part as it is damaged; it cannot be
-read, or it could not be read this time."""
+"""States of a bag: read completely, read only in part because it is damaged, unreadable, or
+temporarily unreadable."""
 
 
 @dataclass(frozen=True)
 class BagTask:
-    """Task of a worker: address and mark of a bag, and the calibration in its folder."""
+    """Task of a worker: a bag's address and mark, and the calibration in its folder."""
 
     url: str
     mark: str
@@ -38,9 +38,9 @@ class BagTask:
 
 @dataclass(frozen=True)
 class UnitRows:
-    """Rows of one unit in a bag: its estimates, counts and duty.
+    """Rows of one unit in a bag: estimates, counts and duty.
 
-    The identity of the calibration is empty when there was none.
+    The calibration identity is empty if there was no calibration.
     """
 
     actuator_id: str
@@ -58,17 +58,17 @@ class UnitRows:
 
     @property
     def stamps_ns(self) -> list[int]:
-        """Stamps of its rows [ns]."""
+        """Stamps of the rows [ns]."""
         tables = ((name, getattr(self, name)) for name in STAMPS)
         return [row[STAMPS[name]] for name, rows in tables for row in rows]
 
 
 @dataclass(frozen=True)
 class BagResult:
-    """What became of a bag: ``DONE``, or another state and its reason.
+    """Result for a bag: its state and, unless ``DONE``, the reason.
 
-    The reason may also be that it has no window; remarks are its other defects.
-    ``end_ns`` is the log time of its last message that can be read [ns]; 0 when there is none.
+    A bag without a window has a reason as well; remarks list further defects. ``end_ns`` is the log
+    time of the last readable message [ns]; 0 if there is none.
     """
 
     task: BagTask
@@ -82,14 +82,14 @@ class BagResult:
 
 
 def unit_name(actuator_id: str, serial_number: str) -> str:
-    """Return the name of a unit in the tables, by which actuator and serial number are known."""
+    """Return the name of a unit in the tables, made from actuator and serial number."""
     return f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}"
 
 
 def diagnose_bag(task: BagTask) -> BagResult:
-    """Return the estimates of a bag, as ``ema estimate -p warm_start=false`` gives them.
+    """Return the estimates of a bag, as computed by ``ema estimate -p warm_start=false``.
 
-    A bag that cannot be used is a result as well, with the reason.
+    An unusable bag gives a result with the reason.
     """
     # Bags are done side by side.
     limit_threads(1)
@@ -156,7 +156,7 @@ def _rows_of_unit(
     flown: list[tuple[int, FlownDuty]],
     sha256: str,
 ) -> tuple[UnitRows, list[str]]:
-    """Return the rows of a unit in a bag, and the defects of its counts."""
+    """Return the rows of a unit in a bag and the defects of its counts."""
     calibration = calibration_of(task.settings.calibration or task.beside, unit.unit_key)
     shared = {
         "actuator_id": unit.actuator_id,
@@ -179,7 +179,7 @@ def _rows_of_unit(
 
 
 def _without_window(found: BagWindows) -> str:
-    """Return why a bag has no window or record."""
+    """Return the reason why a bag has no window or record."""
     name = found.description.actuator_id
     if found.description.drive == "unknown":
         return f"actuator {name!r} has no record to compare: {found.obstacle}"

@@ -1,4 +1,4 @@
-"""Results of bags and units into the store, each time in one transaction."""
+"""Writing of bag and unit results to the store, one transaction per batch."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
@@ -18,15 +18,15 @@ _UNITS_OF: Final = "WHERE unit IN (SELECT unnest(?))"
 
 
 def commit_bags(store: Store, results: Sequence[BagResult], settings: ArchiveSettings) -> None:
-    """Put the rows of bags in the place of their earlier ones; their units are then due.
+    """Replace the rows of bags and mark their units as due.
 
-    The earlier rows of a bag that cannot be read stay. Bags that are gone and whose content
-    a result has were moved: they are forgotten.
+    An unreadable bag keeps its earlier rows. A missing bag with the same content as a result was
+    moved, and its old entry is deleted.
 
     Raises
     ------
     ValueError, OSError
-        As in ``Store.changing``; then nothing is changed.
+        As in ``Store.changing``; the store is then unchanged.
     """
     if not results:
         return
@@ -49,7 +49,7 @@ def commit_bags(store: Store, results: Sequence[BagResult], settings: ArchiveSet
 
 
 def _moved(db: duckdb.DuckDBPyConnection, results: Iterable[BagResult]) -> list[str]:
-    """Return the addresses of bags that are gone and whose content one of the results has."""
+    """Return the addresses of missing bags with the same content as a result."""
     contents = [one.sha256 for one in results]
     query = (
         "SELECT bag FROM manifest.bag WHERE NOT is_there AND bag_sha256 IN (SELECT unnest(?)) "
@@ -61,7 +61,7 @@ def _moved(db: duckdb.DuckDBPyConnection, results: Iterable[BagResult]) -> list[
 def _note_bags(
     db: duckdb.DuckDBPyConnection, results: Sequence[BagResult], settings: ArchiveSettings
 ) -> None:
-    """Note what became of bags."""
+    """Record the states of bags."""
     state: dict[str, list[dict[str, Any]]] = {FAILED: [], DAMAGED: [], "": []}
     for one in results:
         row = {"bag": one.task.url, "state": one.state, "reason": one.reason}
@@ -95,7 +95,7 @@ def _note_bags(
 
 
 def _add_rows(db: duckdb.DuckDBPyConnection, results: Iterable[BagResult]) -> None:
-    """Add the rows of bags, and their units."""
+    """Insert the rows of bags, and their units."""
     units = [(one.task.url, part) for one in results for part in one.units]
     if not units:
         return
@@ -131,12 +131,12 @@ def _add_rows(db: duckdb.DuckDBPyConnection, results: Iterable[BagResult]) -> No
 
 
 def commit_units(store: Store, results: Sequence[tuple[UnitEntry, UnitResult]]) -> None:
-    """Put health, life and history of units in the place of their earlier ones.
+    """Replace health, life and history of units.
 
     Raises
     ------
     ValueError, OSError
-        As in ``Store.changing``; then nothing is changed.
+        As in ``Store.changing``; the store is then unchanged.
     """
     if not results:
         return

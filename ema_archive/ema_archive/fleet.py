@@ -1,4 +1,4 @@
-"""Summary of a fleet for its page and report, from the tables of an archive."""
+"""Fleet summary for page and report, from the tables of an archive."""
 
 import math
 import re
@@ -20,7 +20,7 @@ from ema_archive.query import opened
 from ema_archive.store import FILE
 
 MOST_ROWS: Final = 1000
-"""Most units, and models, that a summary lists."""
+"""Largest number of units, and of models, in a summary."""
 
 _MOST_STEPS: Final = 500
 _CONFIDENCE: Final = 0.9
@@ -31,32 +31,32 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class FleetSummary:
-    """State of a fleet; rows are mappings of plain values, with None for unknown values.
+    """State of a fleet. Rows are mappings of plain values, None if unknown.
 
     Attributes
     ----------
     bags
-        Bags in all; how many cannot be read, can be read only in part, could not be read the last
-        time, and are not read yet; the addresses of three that cannot or could not be read.
+        Number of bags in total, unreadable, incomplete, temporarily unreadable and unprocessed;
+        addresses of up to three unread bags.
     levels
-        Units, how many of them have each level, median of their health index, and the latest test.
+        Number of units in total and by level, median health index, and latest test.
     worst
-        The worst units first, from the view ``worst_first``.
+        Units from the view ``worst_first``, worst first.
     models
-        Units of each model by level, with the medians of their health index, known remaining life
-        [h] and service hours.
+        Number of units by model and level, with medians of health index, known remaining life [h]
+        and service hours.
     ages
-        Units by classes of service hours.
+        Number of units by class of service hours.
     survival
-        Steps of the share of lives that reach an age, as in ``SurvivalStep``, 500 at most.
+        Survival curve as up to 500 ``SurvivalStep`` items.
     lives, failures, longest_age
-        Lives that it rests on, how many ended in ERROR, and up to which age one was watched [h].
+        Number of observed lives, number that ended in ERROR, and longest observed age [h].
     calibrations
-        Units by the age of their calibration at their latest test.
+        Number of units by age of the calibration at the latest test.
     recent
-        Units tested in the last days.
+        Number of units tested in recent days.
     months
-        Units tested and known, windows and valid ones of the last three years, by month.
+        By month of the last three years: tested and known units, windows, and valid windows.
     """
 
     bags: Row
@@ -81,9 +81,9 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
     archive
         Folder of the archive.
     most
-        How many units and models are listed, up to ``MOST_ROWS``.
+        Number of units and models to list, up to ``MOST_ROWS``.
     limit_s
-        Time after which it is given up [s].
+        Time limit of the query [s].
 
     Raises
     ------
@@ -127,7 +127,7 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
 
 
 def state_of_archive(archive: Path) -> tuple[int, ...]:
-    """Return a state that changes whenever a summary of the archive may change.
+    """Return a token that changes whenever the summary of the archive may change.
 
     Raises
     ------
@@ -153,9 +153,10 @@ def _plain(row: Row) -> Row:
 
 
 class SurvivalStep(NamedTuple):
-    """Share [-] that lives beyond an age [h] at which some failed, with its 90 % interval.
+    """Surviving share [-] beyond an age [h] with failures, and its 90 % interval.
 
-    It holds until the next step; of those at risk, who were watched just before, some failed.
+    The share is constant until the next step. ``at_risk`` units were observed just before the age,
+    and ``failed`` of them failed.
     """
 
     age: float
@@ -169,16 +170,16 @@ class SurvivalStep(NamedTuple):
 def survival(
     from_age: Sequence[float], to_age: Sequence[float], has_failed: Sequence[bool]
 ) -> list[SurvivalStep]:
-    """Return the product-limit estimate of the share that lives beyond an age.
+    """Return the product-limit (Kaplan-Meier) estimate of the survival curve.
 
-    Units count from the age at which they were first watched: earlier failures could not be
-    observed, and would bias the share. The share is conditional on reaching the first failure with
-    at least the root of the number of units at risk: before, one failure among few units would
-    reduce the share of all (Lai and Ying 1991). The interval follows from Greenwood's variance of
-    log(-log share) and stays within 0 and 1. If no unit is left the share is 0, and its interval is
-    unknown.
+    Units count from the age at which they were first observed, because earlier failures could not
+    be observed and would bias the share. The share is conditional on survival to the first failure
+    at which the units at risk number at least the square root of all units: earlier, one failure
+    among few units would dominate the share (Lai and Ying 1991). The interval follows from
+    Greenwood's variance of log(-log share) and stays within 0 and 1. If no unit is left the share
+    is 0, and its interval is unknown.
 
-    One that was not watched for any time, between its two ages [h], does not count.
+    Units with equal first and last age [h] have no observation time and are ignored.
     """
     begin, end = np.asarray(from_age, dtype=float), np.asarray(to_age, dtype=float)
     is_failure = np.asarray(has_failed, dtype=bool) & (end > begin)

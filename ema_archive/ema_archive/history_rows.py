@@ -1,4 +1,4 @@
-"""The history of a unit as rows: its tests, which refer to their windows, and what followed."""
+"""Storage of a unit's history as rows: tests, assessments and growth state."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -42,7 +42,7 @@ ASSESSMENTS: Final = "manifest.assessment"
 GROWTH: Final = "manifest.growth"
 
 _CHUNK: Final = 8192
-"""Bytes of a state in a row: DuckDB writes rows again together, of a changed one and others."""
+"""Size of a stored piece of state [bytes]; DuckDB rewrites neighbouring rows together."""
 
 HISTORY_TABLES: Final = {
     TESTS: pa.schema(
@@ -73,24 +73,23 @@ HISTORY_TABLES: Final = {
     ),
     GROWTH: pa.schema({"number": pa.int32(), "state": pa.binary()}),
 }
-"""Columns of the tables of histories: a row for each test, which refers to its window by
-``end_ns``, for each assessment, and for each piece of the state of growth. The fields are those of
-``Entry``, ``UnusedCycle`` and ``Assessment``; ``unordered`` is why it is not known which test came
-first, and empty if that is known."""
+"""Columns of the history tables: one row per test (which refers to its window by ``end_ns``), per
+assessment, and per piece of the growth state. Fields are named as in ``Entry``, ``UnusedCycle`` and
+``Assessment``. ``unordered`` states why the order of tests is unknown; empty if it is known."""
 
 
 @dataclass(frozen=True)
 class KeptHistory:
-    """The history of a unit as rows, and what it follows from.
+    """History of a unit as rows, with the identity of its inputs.
 
     Attributes
     ----------
     made_by, digest
-        Identity of settings and code, and of its windows, counts and duty.
+        Identity of settings and code, and digest of windows, counts and duty.
     windows
-        Number of windows that it rests on.
+        Number of windows in the history.
     tables
-        Its rows by the names of ``HISTORY_TABLES``.
+        Rows by the names of ``HISTORY_TABLES``.
     """
 
     made_by: str
@@ -102,7 +101,7 @@ class KeptHistory:
 def kept_history(
     history: History, growth: bytes, made_by: str, digest: str, windows: int
 ) -> KeptHistory:
-    """Return a history as rows, exactly, with the state of growth after it."""
+    """Convert a history to rows without loss, together with its growth state."""
     tests = [_test_row(number, test) for number, test in enumerate(history.tests)]
     assessments = [_assessment_row(one) for one in history.assessments.values()]
     pieces = [growth[begin : begin + _CHUNK] for begin in range(0, len(growth), _CHUNK)]
@@ -113,12 +112,12 @@ def kept_history(
 
 
 def history_from(kept: KeptHistory, unit: UnitKey, windows: Iterable[Row]) -> History:
-    """Return the history that rows hold, in memory, to the bit.
+    """Rebuild a bit-identical in-memory history from rows.
 
     Parameters
     ----------
     windows
-        The rows of estimates that it rests on.
+        Rows of the estimates in the history.
     """
     history, by_end = History(*unit), {row["end_ns"]: row for row in windows}
     for row in kept.tables[TESTS].to_pylist():

@@ -1,4 +1,4 @@
-"""Tests that may be lost with bags that cannot be read, or only in part, and whose they may be."""
+"""Tests that may be lost in unreadable or incomplete bags, and the affected units."""
 
 from typing import Any, Final
 
@@ -21,7 +21,7 @@ whole AS (
     WHERE estimates > 0 AND state = 'done' GROUP BY unit
 )
 """
-"""Units of unread bags, also by the calibration beside them; and the last whole bag of each."""
+"""Query for units of unread bags, also by adjacent calibrations, and their last complete bag."""
 
 _LOST: Final = """
 SELECT unit, bag, state, reason
@@ -34,22 +34,22 @@ _OF_NO_UNIT: Final = "SELECT bag FROM manifest.unread ANTI JOIN suspect USING (b
 
 
 def losses_by_unit(store: Store) -> dict[str, str]:
-    """Return why the newest test of a unit may be lost, for each unit that this holds for.
+    """Return, by unit, why its newest test may be lost; only affected units.
 
-    It may be lost with a bag that is not read as a whole, unless a later whole bag has a window of
-    the unit. If none of its messages could be read, the bag may be the newest. A bag that was never
-    read may be of the units of its folder, and of the unit of the calibration there.
+    A test may be lost in a bag that was not read completely, unless a later complete bag has a
+    window of the unit. A bag without any readable message may be the newest. A bag that was never
+    read may belong to the units of its folder, or to the unit of the calibration there.
 
     Raises
     ------
     ValueError, OSError
-        As in ``Store.reading``; OSError also when a calibration cannot be read.
+        As in ``Store.reading``; also OSError if a calibration cannot be read.
     """
     return {unit: f"later tests may be lost: {_named(*bag)}" for unit, *bag in _rows(store, _LOST)}
 
 
 def unread_of_no_unit(store: Store) -> list[str]:
-    """Return bags that cannot be read and that no unit is known for; errors as above."""
+    """Return unreadable bags without a known unit; errors as in `losses_by_unit`."""
     return [bag for (bag,) in _rows(store, _OF_NO_UNIT)]
 
 
@@ -62,7 +62,7 @@ def _rows(store: Store, query: str) -> list[Any]:
 
 
 def _units_beside(db: duckdb.DuckDBPyConnection) -> pa.Table:
-    """Return the units of the calibrations beside bags that were never read."""
+    """Return the units of calibrations next to bags that were never read."""
     query = (
         "SELECT DISTINCT beside FROM manifest.unread ANTI JOIN manifest.part USING (bag) "
         "WHERE beside <> ''"

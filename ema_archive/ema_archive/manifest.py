@@ -1,4 +1,4 @@
-"""What an archive has and what is to be done: its settings, sources, bags and units."""
+"""Manifest of an archive: settings, sources, bags and units, and the work that is due."""
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
@@ -18,7 +18,7 @@ from ema_archive.tables import BAG_TABLES
 from ema_archive.unit_task import UnitEntry, UnitTask, made_by
 
 Criteria = tuple[dict[str, str], pa.Table]
-"""Parameters of the query for due bags, and the present calibration of each unit by its source."""
+"""Query parameters for due bags, and the current calibration of each unit by source."""
 
 _DUE: Final = """
 WITH recalibrated AS (
@@ -40,31 +40,31 @@ reasons AS (
 )
 SELECT {} FROM reasons WHERE why IS NOT NULL {}
 """
-"""Bags to be done, and why, by the first reason that holds."""
+"""Query for due bags with the first applicable reason."""
 
 _PAGE: Final = 20_000
 
 
 @dataclass(frozen=True)
 class Status:
-    """How an archive stands.
+    """Status of an archive.
 
     Attributes
     ----------
     bags, gone, due, damaged, incomplete, failed
-        Bags in all; of these no longer at their place, to be done; of those at their place that
-        cannot be read, can be read only in part, and could not be read the last time.
+        Number of bags in total, missing and due; and of existing bags that are unreadable,
+        incomplete, or temporarily unreadable.
     reasons
-        Why bags are to be done, and how many each.
+        Number of due bags by reason.
     units, units_due
-        Units, and those whose health and life are to be found anew.
+        Number of units, and of units with outdated health and life.
     windows, valid, unordered
-        Windows; those with a valid estimate that is used; and those whose valid estimate is
-        refused, as their stamps do not show which test came first.
+        Number of windows; of windows with a valid, used estimate; and of windows whose valid
+        estimate is refused because the order of tests is unknown.
     damaged_tables
-        Tables of which rows cannot be read.
+        Tables with unreadable rows.
     of_no_unit
-        Bags that cannot or could not be read, and that no unit is known for.
+        Unread bags without a known unit.
     """
 
     bags: int
@@ -84,16 +84,16 @@ class Status:
 
 
 class Manifest(Store):
-    """What an archive has and what is to be done; arguments and errors are as in ``Store``."""
+    """Manifest of an archive. Arguments and errors are as in ``Store``."""
 
     @property
     def settings(self) -> ArchiveSettings:
-        """What the archive is computed with.
+        """Settings with which the archive is computed.
 
         Raises
         ------
         ValueError
-            If their stored values are damaged.
+            If the stored values are damaged.
         """
         [(text,)] = self._rows("SELECT settings FROM manifest.archive")
         try:
@@ -110,23 +110,23 @@ class Manifest(Store):
 
     @property
     def sources(self) -> list[str]:
-        """Folders and addresses whose bags it has."""
+        """Folders and addresses whose bags are in the archive."""
         [(sources,)] = self._rows("SELECT sources FROM manifest.archive")
         return sources
 
     @property
     def next_scan(self) -> int:
-        """Number of the scan to come."""
+        """Number of the next scan."""
         [(number,)] = self._rows("SELECT scan + 1 FROM manifest.archive")
         return number
 
     def note(self, bags: Iterable[Listed], scan: int) -> None:
-        """Note bags as they are listed."""
+        """Record listed bags."""
         with self.changing() as db:
             _note_bags(db, bags, scan)
 
     def end_scan(self, number: int, sources: Sequence[str], bags: Iterable[Listed] = ()) -> None:
-        """Note the last bags, and that all bags of these sources were listed: others are gone."""
+        """Record the last bags and end a scan; unlisted bags of these sources become missing."""
         with self.changing() as db:
             _note_bags(db, bags, number)
             db.execute("UPDATE manifest.archive SET sources = ?, scan = ?", [sources, number])
@@ -134,7 +134,7 @@ class Manifest(Store):
             db.execute(f"UPDATE manifest.bag SET is_there = false WHERE {gone}", [number])
 
     def status(self, settings: ArchiveSettings) -> Status:
-        """Return how the archive stands, by the calibrations and the software as they are now.
+        """Return the status of the archive for the current calibrations and software.
 
         Raises
         ------
@@ -174,7 +174,7 @@ class Manifest(Store):
             )
 
     def criteria(self, settings: ArchiveSettings) -> Criteria:
-        """Return what bags are due by, with the calibrations as they are now.
+        """Return the criteria for due bags, with the current calibrations.
 
         Raises
         ------
@@ -214,9 +214,9 @@ class Manifest(Store):
         return number
 
     def due(self, settings: ArchiveSettings) -> Iterator[tuple[str, str, str]]:
-        """Yield address, mark and calibration beside of each bag to be done, once each.
+        """Yield address, mark and adjacent calibration of each due bag.
 
-        What is committed meanwhile does not matter.
+        Later commits do not affect the iteration.
         """
         criteria, last = self.criteria(settings), ""
         rest = f"AND bag > $last ORDER BY bag LIMIT {_PAGE}"
@@ -225,7 +225,7 @@ class Manifest(Store):
             last = page[-1][0]
 
     def done(self) -> Iterator[tuple[BagTask, str, str]]:
-        """Yield the task of each bag that is done, the digest of its content, and the software."""
+        """Yield task, content digest and software of each processed bag."""
         settings, last = self.settings, ""
         query = (
             "SELECT bag, mark, beside, bag_sha256, software FROM manifest.bag "
@@ -287,7 +287,7 @@ class Manifest(Store):
             )
 
     def _kept_history(self, unit: str) -> KeptHistory | None:
-        """Return the history of a unit that its next tests are added to; None without any."""
+        """Return the stored history of a unit, to which new tests are added; None if missing."""
         rows = self._rows(
             "SELECT made_by, digest, windows FROM manifest.unit WHERE unit = ? AND windows > 0",
             [unit],

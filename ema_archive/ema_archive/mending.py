@@ -1,4 +1,4 @@
-"""Tables of an archive that are damaged: what cannot be read of them is marked to be made again."""
+"""Repair of damaged archive tables: unreadable rows are marked for recomputation."""
 
 from typing import Final
 
@@ -9,7 +9,7 @@ from ema_archive.tables import BAG_TABLES
 from ema_core.wording import counted
 
 _ROW_GROUP: Final = 122_880
-"""Rows that DuckDB stores together."""
+"""Number of rows that DuckDB stores together."""
 
 _LOST: Final = """
 UPDATE manifest.bag SET state = 'lost' FROM (
@@ -20,7 +20,7 @@ WHERE bag.bag = part.bag AND written <> coalesce(rows, 0)
 
 
 def require_whole(store: Store) -> None:
-    """Raise ValueError where rows of a table cannot be read."""
+    """Raise ValueError if rows of a table cannot be read."""
     if damaged := store.damaged_tables():
         raise ValueError(
             f"{counted(len(damaged), 'table')} damaged, {', '.join(damaged)}: "
@@ -29,12 +29,12 @@ def require_whole(store: Store) -> None:
 
 
 def mend(store: Store) -> list[str]:
-    """Keep the rows of damaged tables that can be read, and mark the others to be made again.
+    """Keep the readable rows of damaged tables and mark the rest for recomputation.
 
     Returns
     -------
     list of str
-        A message for each finding.
+        One message per finding.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def mend(store: Store) -> list[str]:
 
 
 def _readable(db: duckdb.DuckDBPyConnection, table: str) -> list[str]:
-    """Return conditions for the groups of rows of a table that can be read."""
+    """Return SQL conditions that select the readable row groups of a table."""
     [(last,)] = db.execute(f"SELECT max(rowid) FROM {table}").fetchall()
     groups = [
         f"rowid BETWEEN {first} AND {first + _ROW_GROUP - 1}"
@@ -79,7 +79,7 @@ def _readable(db: duckdb.DuckDBPyConnection, table: str) -> list[str]:
 
 
 def _replace(db: duckdb.DuckDBPyConnection, table: str, readable: list[str]) -> None:
-    """Replace a table by one with these of its rows."""
+    """Replace a table by its readable rows."""
     schema, _, name = table.rpartition(".")
     db.execute(f"CREATE TABLE {schema or 'main'}._kept AS SELECT * FROM {table} LIMIT 0")
     for rows in readable:

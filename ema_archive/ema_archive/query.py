@@ -1,4 +1,4 @@
-"""SQL queries of the tables of an archive, without access to other files or to writing."""
+"""Read-only SQL queries of an archive's tables, without access to other files."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +20,7 @@ FORMATS: Final = (".csv", ".parquet")
 def opened(archive: Path) -> Iterator[duckdb.DuckDBPyConnection]:
     """Yield a connection to the tables and views of an archive.
 
-    It reads the tables of the archive and no other file, and its settings cannot be changed.
+    The connection can read only the tables of the archive, and its settings are locked.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def opened(archive: Path) -> Iterator[duckdb.DuckDBPyConnection]:
         If there is no archive, a table is damaged, or a query of the block fails: some errors
         occur only while rows are read.
     OSError
-        If another program holds the archive.
+        If another program has locked the archive.
     """
     with Store(archive, writes=False) as store, store.reading() as db:
         require_whole(store)
@@ -41,7 +41,7 @@ def opened(archive: Path) -> Iterator[duckdb.DuckDBPyConnection]:
 
 
 def columns_of(archive: Path) -> dict[str, list[tuple[str, str]]]:
-    """Return name and type of each column, by table and view."""
+    """Return the name and type of each column by table and view."""
     columns: dict[str, list[tuple[str, str]]] = {}
     with opened(archive) as db:
         for table, column, kind in db.execute(
@@ -53,12 +53,12 @@ def columns_of(archive: Path) -> dict[str, list[tuple[str, str]]]:
 
 
 def answer(archive: Path, question: str) -> tuple[list[str], list[tuple[Any, ...]]]:
-    """Return the names of the columns and the rows that a query in SQL gives.
+    """Run an SQL query. Return the column names and rows.
 
     Raises
     ------
     ValueError
-        If it is not a query, or fails.
+        If the text is not a query, or the query fails.
     """
     with opened(archive) as db:
         relation = _asked(db, question)
@@ -66,14 +66,14 @@ def answer(archive: Path, question: str) -> tuple[list[str], list[tuple[Any, ...
 
 
 def export(archive: Path, question: str, path: Path) -> int:
-    """Write the answer to a query, or a table or view by its name, to a file; return its rows.
+    """Write a query result, table or view to a file. Return the number of rows.
 
     Raises
     ------
     ValueError
-        If the query cannot be answered, or the file is of another kind.
+        If the query fails, or the file has an unsupported suffix.
     OSError
-        If it cannot be written.
+        If the file cannot be written.
     """
     if path.suffix not in FORMATS:
         raise ValueError(f"{path}: expected a name that ends in {' or '.join(FORMATS)}")
@@ -94,7 +94,7 @@ def export(archive: Path, question: str, path: Path) -> int:
 
 
 def _without_formulas(schema: pa.Schema) -> str:
-    """Return columns in SQL with a quote before texts that a spreadsheet would evaluate."""
+    """Return SQL columns that quote texts which a spreadsheet would evaluate as formulas."""
     columns = []
     for column in schema:
         name = '"' + column.name.replace('"', '""') + '"'

@@ -1,4 +1,4 @@
-"""Bring an archive up to date: bags to estimates, then units to health and life."""
+"""Update of an archive: bags to estimates, then units to health and life."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -27,24 +27,23 @@ _OTHER_SOFTWARE: Final = (
 Result = TypeVar("Result")
 
 Follow = Callable[[str, int, int, int], None]
-"""Called with "bags" or "units", how many are done, of how many, and how many of them failed."""
+"""Progress callback: "bags" or "units", number done, total number, and number failed."""
 
 
 @dataclass
 class RunTally:
-    """What a run did.
+    """Counts of a run.
 
     Attributes
     ----------
     bags, damaged, incomplete, failed
-        Bags that were done; of these those that cannot be read, can be read only in part, or could
-        not be read.
+        Number of processed bags; of these unreadable, incomplete, and temporarily unreadable.
     units, followed
-        Units whose health and life was found, and how many of their windows were followed for it.
+        Number of units with updated health and life, and of windows processed for them.
     not_followed
-        Units whose health and life could not be found, with the reason.
+        Units whose health and life could not be updated, with the reason.
     mended
-        Defects of the tables, in words.
+        Repaired defects of the tables, as texts.
     """
 
     bags: int = 0
@@ -58,7 +57,7 @@ class RunTally:
 
 
 class _Gathered(Generic[Result]):
-    """Results that are committed together: after some seconds, or when there are many."""
+    """Batch of results, committed after some seconds or when it is large."""
 
     def __init__(self, commit: Callable[[Sequence[Result]], None], most: int) -> None:
         self._commit, self._most = commit, most
@@ -66,14 +65,14 @@ class _Gathered(Generic[Result]):
         self._began_s = time.monotonic()
 
     def add(self, result: Result) -> None:
-        """Add a result, and commit those so far where it is time."""
+        """Add a result; commit the batch if it is due."""
         self._results.append(result)
         is_late = time.monotonic() > self._began_s + _GATHERED_S
         if is_late or len(self._results) >= self._most:
             self.commit()
 
     def commit(self) -> None:
-        """Commit what there is. Results that could not be written are computed again."""
+        """Commit the batch. Results that could not be written are recomputed later."""
         results, self._results = self._results, []
         self._commit(results)
         self._began_s = time.monotonic()
@@ -82,12 +81,12 @@ class _Gathered(Generic[Result]):
 def scan(
     manifest: Manifest, sources: Sequence[str], follow: Callable[[int], None] = lambda _: None
 ) -> int:
-    """List the bags of the sources of an archive, including new sources; return their number.
+    """List the bags of all old and new sources of an archive. Return their number.
 
     Raises
     ------
     ValueError, OSError
-        As in `list_bags`; entries noted before remain.
+        As in `list_bags`; entries already recorded remain.
     """
     every = list(dict.fromkeys([*manifest.sources, *(full_url(source) for source in sources)]))
     number, count = manifest.next_scan, 0
@@ -113,17 +112,17 @@ def run(
 ) -> RunTally:
     """Process the due bags and units of an archive.
 
-    What is done is in the tables within five seconds, also when the run is ended by an exception.
-    Rows that are damaged are made anew.
+    Results are in the tables within five seconds, even if the run ends with an exception. Damaged
+    rows are recomputed.
 
     Raises
     ------
     ValueError
         If the manifest is damaged.
     OSError
-        If the archive cannot be written; or a calibration cannot be read.
+        If the archive cannot be written, or a calibration cannot be read.
     ClusterLostError
-        If the workers are out of reach.
+        If the workers are unreachable.
     """
     tally = RunTally(mended=mend(manifest))
     run_bags(manifest, workers, tally, follow, diagnose)
@@ -138,7 +137,7 @@ def run_bags(
     follow: Follow = lambda *_: None,
     diagnose: Callable[[BagTask], BagResult] = diagnose_bag,
 ) -> None:
-    """Process the due bags; arguments are as in `run`, with the tally to count in."""
+    """Process the due bags. Arguments are as in `run`, plus the tally to update."""
     settings = manifest.settings
     total = manifest.find_due(settings)
     follow("bags", 0, total, 0)
@@ -175,7 +174,7 @@ def _bag_result(outcome: Outcome) -> BagResult:
 def run_units(
     manifest: Manifest, workers: Workers, tally: RunTally, follow: Follow = lambda *_: None
 ) -> None:
-    """Process the due units; arguments are as in `run`, with the tally to count in."""
+    """Process the due units. Arguments are as in `run`, plus the tally to update."""
     settings = manifest.settings
     entries = manifest.units_due(settings)
     follow("units", 0, len(entries), 0)

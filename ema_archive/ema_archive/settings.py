@@ -1,4 +1,4 @@
-"""What the results of an archive follow from: settings that a file keeps, and the software."""
+"""Inputs that determine an archive's results: stored settings and software version."""
 
 import hashlib
 import json
@@ -22,34 +22,34 @@ from ema_monitor.windows.trigger import TriggerSettings
 
 @cache
 def estimation_software() -> str:
-    """Return a digest of all sources that the estimates of a bag depend on."""
+    """Return a digest of all source code that bag estimates depend on."""
     return source_digest(["ema_archive.bag_task"])
 
 
 @cache
 def prognosis_software() -> str:
-    """Return a digest of all sources, other than the estimates', for health and life."""
+    """Return a digest of the additional source code that health and life depend on."""
     return source_digest(["ema_archive.unit_task"])
 
 
 @dataclass(frozen=True)
 class ArchiveSettings:
-    """What an archive is computed with.
+    """Settings with which an archive is computed.
 
     Attributes
     ----------
     calibration
-        Path of the calibrations, in which ``{actuator_id}`` and ``{serial_number}`` are replaced by
-        the unit's; when empty, ``calibration.yaml`` in a bag's folder, or else the shipped one.
+        Path of the calibrations, with placeholders ``{actuator_id}`` and ``{serial_number}``. If
+        empty, ``calibration.yaml`` in the bag's folder, or else the shipped calibration.
     trigger
-        Which windows of a bag are looked at.
+        Trigger settings that define the windows of a bag.
     measured_max_age_s
-        Age up to which a recorded measurement of a hidden cause holds for a window [s].
+        Largest age of a recorded measurement of a hidden cause at the start of a window [s].
     search
-        How faults are searched in a window. Each search begins cold, so that the estimates of a bag
-        follow from that bag alone.
+        Settings of the fault search. Every search starts cold, so that a bag's estimates depend
+        only on that bag.
     prognosis
-        Settings of health and life, in addition to the estimates.
+        Settings of health and life.
     """
 
     calibration: str = ""
@@ -60,17 +60,17 @@ class ArchiveSettings:
 
     @property
     def estimation_id(self) -> str:
-        """Identity of the settings of the estimates."""
+        """Identity of the settings that determine estimates."""
         values = self.as_mapping()
         return _digest({name: values[name] for name in ("trigger", "measured_max_age_s", "search")})
 
     @property
     def prognosis_id(self) -> str:
-        """Identity of the settings of health and life."""
+        """Identity of the settings that determine health and life."""
         return _digest(self.as_mapping()["prognosis"])
 
     def as_mapping(self) -> dict[str, Any]:
-        """Return plain values, for `of_mapping`."""
+        """Return plain values that `of_mapping` can read."""
         for component, known in self.prognosis.tracker.laws.items():
             if not isinstance(known.law, str):
                 raise ValueError(
@@ -84,7 +84,7 @@ class ArchiveSettings:
 
     @classmethod
     def of_mapping(cls, values: Mapping[str, Any]) -> Self:
-        """Return the settings of plain values; raise ValueError, KeyError or TypeError for none."""
+        """Build settings from plain values. Raises ValueError, KeyError or TypeError if invalid."""
         prognosis = values["prognosis"]
         tracker = dict(prognosis["tracker"])
         laws = {name: KnownLaw(**law) for name, law in tracker.pop("laws").items()}

@@ -1,4 +1,4 @@
-"""Bags and calibrations in folders and object stores: listing them, and copying them to read."""
+"""Listing and local copies of bags and calibrations in folders and object stores."""
 
 import errno
 import hashlib
@@ -28,16 +28,16 @@ _CHANGE_MARKS: Final = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "las
 
 @dataclass(frozen=True)
 class Listed:
-    """A bag as its folder lists it.
+    """A bag as listed by its folder.
 
     Attributes
     ----------
     url
-        Where it is: a path, or an address of an object store.
+        Path, or address in an object store.
     size
-        Its size [bytes].
+        Size [bytes].
     mark
-        Changes with the content: size, and the mark of the store or the time.
+        Token that changes with the content: size, and the store's mark or the modification time.
     beside
         Address of the calibration in the same folder; empty if there is none.
     """
@@ -54,16 +54,16 @@ def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
     Parameters
     ----------
     source
-        A folder, or the address of one in an object store, as fsspec has them.
+        A folder, or the address of a folder in an object store in the notation of fsspec.
     without
-        A local folder that is passed over.
+        A local folder to skip.
 
     Raises
     ------
     ValueError
-        If the address is of no store that is known here.
+        If the address belongs to an unsupported store.
     OSError
-        If it cannot be read, or does not exist.
+        If the source cannot be read or does not exist.
     """
     files, root = _opened(source)
     with _clear_errors(source):
@@ -81,7 +81,7 @@ def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
 
 
 def _bags_in(files: Any, folders: dict[str, Any], entries: dict[str, Any]) -> list[Listed]:
-    """Return the bags of a folder; subfolders that are bags are not walked further."""
+    """Return the bags of a folder. Subfolders that are bags are not searched further."""
     # Bags in sqlite3 storage are listed so that reading them reports the remedy.
     bags = [(info, [info]) for name, info in entries.items() if name.endswith(BAGS)]
     for name, info in sorted(folders.items()):
@@ -100,12 +100,12 @@ def _bags_in(files: Any, folders: dict[str, Any], entries: dict[str, Any]) -> li
 
 @contextmanager
 def local_copy(url: str) -> Iterator[Path]:
-    """Yield a local path of the file or folder at an address; a copy is removed afterwards.
+    """Yield a local path for a file or folder address; remove any copy afterwards.
 
     Raises
     ------
     OSError
-        If it cannot be read.
+        If the file or folder cannot be read.
     """
     files, path = _opened(url)
     if isinstance(files, LocalFileSystem):
@@ -119,7 +119,7 @@ def local_copy(url: str) -> Iterator[Path]:
 
 
 def content_digest(path: Path) -> str:
-    """Return a SHA-256 of a file, or of the files of a folder and their names."""
+    """Return the SHA-256 of a file, or of a folder's file names and contents."""
     if not path.is_dir():
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -129,13 +129,13 @@ def content_digest(path: Path) -> str:
 
 
 def full_url(source: str) -> str:
-    """Return the address of a source that holds wherever a process works."""
+    """Return a source's address that is independent of the working directory."""
     return _url(*_opened(source))
 
 
 @contextmanager
 def _clear_errors(url: str) -> Iterator[None]:
-    """Raise OSError, with the address, for errors of a store that is not the local disk."""
+    """Convert errors of a remote store to OSError with the address."""
     try:
         yield
     except (FileNotFoundError, NotADirectoryError, ImportError, NotImplementedError, ValueError):
@@ -170,18 +170,18 @@ def _mark(infos: list[dict[str, Any]]) -> str:
 
 
 def calibration_of(source: str, unit: UnitKey) -> AnyCalibration | str:
-    """Return the calibration of a unit, or why there is none.
+    """Return the calibration of a unit, or the reason why there is none.
 
     Parameters
     ----------
     source
-        The pattern of the archive's settings, or else the calibration in the bag's folder; empty
-        for the shipped one. ``{actuator_id}`` and ``{serial_number}`` are replaced by the unit's.
+        Path pattern from the archive's settings, or else the calibration in the bag's folder; empty
+        for the shipped calibration. ``{actuator_id}`` and ``{serial_number}`` are placeholders.
 
     Raises
     ------
     OSError
-        If a file that is there cannot be read.
+        If an existing file cannot be read.
     """
     if not source:
         return Calibration.builtin()
@@ -196,9 +196,9 @@ def calibration_of(source: str, unit: UnitKey) -> AnyCalibration | str:
 
 
 def changed_ns(source: str, unit: UnitKey) -> int | None:
-    """Return when the calibration of a unit was changed [ns]; arguments as in `calibration_of`.
+    """Return when a unit's calibration was changed [ns]; arguments as in `calibration_of`.
 
-    None for the shipped calibration, a missing one, and a store that does not report the time.
+    None for the shipped calibration, a missing calibration, or a store without modification times.
     """
     if not source:
         return None
@@ -215,7 +215,7 @@ def changed_ns(source: str, unit: UnitKey) -> int | None:
 
 
 def identity_of(calibration: AnyCalibration | str) -> str:
-    """Return the identity of a calibration; empty when there is none."""
+    """Return the identity of a calibration; empty without a calibration."""
     return "" if isinstance(calibration, str) else calibration.calibration_id
 
 

@@ -1,4 +1,4 @@
-"""The store of an archive: one DuckDB file, which survives a kill at any moment."""
+"""Store of an archive: one DuckDB file, safe against process kills."""
 
 import fcntl
 import re
@@ -19,10 +19,10 @@ from ema_archive.tables import BAG_TABLES, STAMPS, UNIT_TABLES, placed
 from ema_core.files import complete_file, require_regular_file
 
 FILE: Final = "archive.duckdb"
-"""Name of the store in an archive."""
+"""File name of the store in an archive."""
 
 TABLES: Final[Mapping[str, pa.Schema]] = {**BAG_TABLES, **UNIT_TABLES, **HISTORY_TABLES}
-"""Columns of the tables with rows of bags, units and histories; they are made again from bags."""
+"""Columns of all tables that can be recomputed from bags: bags, units and histories."""
 
 REMEDY: Final = (
     "where it is damaged, scan the bags to a new archive: all that it has is made of them"
@@ -36,25 +36,25 @@ _NOTED: Final = re.compile(r"([0-9a-f]{32}) (\d+ \d+)")
 _READER_WAITS_S: Final = 30.0
 _WRITER_WAITS_S: Final = 600.0
 _BLOCK_BYTES: Final = 16_384
-"""The least that DuckDB has: each change of a table writes some blocks."""
+"""DuckDB's smallest block size; each change of a table writes some blocks."""
 
 _LOOK_S: Final = 0.05
 _IS_HELD: Final = ("Could not set lock", "Unique file handle conflict")
-"""What DuckDB, which has no code for it, says where another process or thread has the file."""
+"""DuckDB's error texts when another process or thread has locked the file."""
 
 
 class Store(AbstractContextManager[Any, None]):
-    """The store of an archive, for one process at a time that changes it (``writes``).
+    """Store of an archive; only one process at a time may change it (``writes``).
 
-    The file is open only for the time of a block of ``reading`` or ``changing``, so that other
-    processes read it between the changes of a run. Any thread may call.
+    The file is open only during a ``reading`` or ``changing`` block, so that other processes can
+    read it between the changes of a run. Thread-safe.
 
     Raises
     ------
     ValueError
-        If there is no archive, it has another version, or another process changes it.
+        If there is no archive, its version differs, or another process is changing it.
     OSError
-        If it cannot be opened.
+        If the file cannot be opened.
     """
 
     def __init__(self, archive: Path, *, is_new: bool = False, writes: bool = True) -> None:
@@ -88,7 +88,7 @@ class Store(AbstractContextManager[Any, None]):
             self._lock.close()
 
     def _check(self, is_new: bool) -> None:
-        """Check that there is an archive, or a place for a new one."""
+        """Check that there is an archive, or that a new one can be created."""
         archive, path = self.archive, self.path
         for name in (FILE, f"{FILE}.wal", _LOCK):
             _require_file(archive / name)
@@ -161,14 +161,14 @@ class Store(AbstractContextManager[Any, None]):
 
     @contextmanager
     def reading(self) -> Iterator[duckdb.DuckDBPyConnection]:
-        """Yield a connection to read; blocks may be nested.
+        """Yield a connection for reading; blocks may be nested.
 
         Raises
         ------
         ValueError
             If the file is damaged.
         OSError
-            If it cannot be read, or another program holds it.
+            If it cannot be read, or another program has locked it.
         """
         with self._mutex:
             if self._is_open:
@@ -184,14 +184,14 @@ class Store(AbstractContextManager[Any, None]):
 
     @contextmanager
     def changing(self) -> Iterator[duckdb.DuckDBPyConnection]:
-        """Yield a connection to change the store in one transaction: all of the block, or nothing.
+        """Yield a connection that changes the store in one transaction.
 
         Raises
         ------
         ValueError
             If the file is damaged.
         OSError
-            If it cannot be written, or another program holds it.
+            If it cannot be written, or another program has locked it.
         """
         with self._mutex:
             self._attach()
@@ -210,7 +210,7 @@ class Store(AbstractContextManager[Any, None]):
                 self._detach()
 
     def _attach(self) -> None:
-        """Open the file, which another program may hold for a short time."""
+        """Open the file, waiting briefly for other programs to unlock it."""
         waits_s = _WRITER_WAITS_S if self._writes else _READER_WAITS_S
         end_s, mode = time.monotonic() + waits_s, "" if self._writes else "(READ_ONLY)"
         path = str(self.path.resolve()).replace("'", "''")
@@ -228,7 +228,7 @@ class Store(AbstractContextManager[Any, None]):
         self._engine.execute("USE archive")
 
     def _detach(self) -> None:
-        """Close the file; what was not committed is undone."""
+        """Close the file and roll back uncommitted changes."""
         db, self._is_open = self._engine, False
         with suppress(duckdb.TransactionException):
             db.execute("ROLLBACK")
@@ -246,13 +246,13 @@ class Store(AbstractContextManager[Any, None]):
         return f"{self.path} cannot be used: {words}; {REMEDY}"
 
     def _note(self) -> None:
-        """Note size and time of the file as it was just written, and the archive that it is."""
+        """Record size and time of the file just written, and the archive's identity."""
         self._lock.truncate(0)
         self._lock.write(f"{self._id} {_marks(self.path)}")
         self._lock.flush()
 
     def _noted(self) -> tuple[str, str]:
-        """Return identity and marks of the file as they were noted; "" for those unknown."""
+        """Return the recorded identity and marks of the file; "" if unknown."""
         with suppress(OSError, UnicodeDecodeError):
             text = (self.archive / _LOCK).read_text(encoding="utf-8")
             if noted := _NOTED.fullmatch(text):
@@ -260,9 +260,9 @@ class Store(AbstractContextManager[Any, None]):
         return "", ""
 
     def damaged_tables(self) -> list[str]:
-        """Return the tables of which rows cannot be read.
+        """Return the tables with unreadable rows.
 
-        The file is read as a whole, by its checksums, unless it is as it was written.
+        The whole file is checked by its checksums, unless it is unchanged since it was written.
 
         Raises
         ------
@@ -302,19 +302,19 @@ def _engine() -> duckdb.DuckDBPyConnection:
 
 
 def insert(db: duckdb.DuckDBPyConnection, table: str, rows: pa.Table) -> None:
-    """Insert rows into a table, by the names of their columns."""
+    """Insert rows into a table by column name."""
     db.register("_rows", rows)
     db.execute(f"INSERT INTO {table} BY NAME SELECT * FROM _rows")
     db.unregister("_rows")
 
 
 def first_line(error: Exception) -> str:
-    """Return the message of an error of DuckDB in one line."""
+    """Return the first line of a DuckDB error message."""
     return " ".join(str(error).split("\n\n")[0].split())
 
 
 def damage_of(db: duckdb.DuckDBPyConnection, rows: str) -> str:
-    """Return why rows, a table with or without a condition, cannot be read; "" if they can."""
+    """Return why rows (a table, optionally with a condition) cannot be read; "" if they can."""
     try:
         db.execute(f"SELECT bit_xor(hash(COLUMNS(*))) FROM {rows}").fetchall()
     except duckdb.Error as error:
@@ -323,7 +323,7 @@ def damage_of(db: duckdb.DuckDBPyConnection, rows: str) -> str:
 
 
 def _require_file(path: Path) -> None:
-    """Check that a file of an archive is a regular one, if it exists."""
+    """Check that an archive file, if it exists, is a regular file."""
     try:
         require_regular_file(path)
     except OSError:
@@ -339,7 +339,7 @@ def _marks(path: Path) -> str:
 
 
 def _is_left(path: Path) -> bool:
-    """Return whether a file is that of an archive whose making was interrupted."""
+    """Return whether a file was left by an interrupted creation of an archive."""
     return path.name == _LOCK or path.name.startswith(f"{FILE}.partial")
 
 

@@ -1,4 +1,4 @@
-"""The tables of an archive: their columns, and estimates, use and outlooks as their rows."""
+"""Table schemas of an archive, and conversion of results to and from rows."""
 
 import json
 import math
@@ -24,7 +24,7 @@ _FLOAT: Final = pa.float64()
 _STAMP: Final = pa.timestamp("us")  # UTC
 _CAUSE: Final = pa.struct({"name": _TEXT, "value": _FLOAT, "sigma": _FLOAT})
 REASON: Final = pa.struct({"code": _TEXT, "figures": _TEXT})
-"""A reason: its code, and its figures as JSON."""
+"""Type of a reason: code, and figures as JSON."""
 _ALTERNATIVE: Final = pa.struct({"part": pa.list_(_TEXT), "stand_in": pa.list_(_TEXT)})
 EVENT: Final = pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "kind": _TEXT, "text": _TEXT})
 _QUANTITY: Final = pa.struct(
@@ -108,7 +108,7 @@ _DUTY_LISTS: Final = {
     "winding": ("winding_hours", "winding_rise_hours"),
 }
 DUTY_LISTS: Final = tuple(chain.from_iterable(_DUTY_LISTS.values()))
-"""Columns of a duty with a number for each class."""
+"""Duty columns with one number per class."""
 
 _DUTY: Final = pa.schema(
     {
@@ -143,14 +143,14 @@ HEALTH: Final = pa.schema(
         **_MADE_BY,
     }
 )
-"""A row for each test, valid or refused: health and remaining life after it."""
+"""Columns of health and remaining life, one row per valid or refused test."""
 
 BAG_TABLES: Final = {"estimates": _ESTIMATES, "usage": _USAGE, "duty": _DUTY}
-"""Columns of the tables with rows of bags: a row for each window (``tested`` is its end), count of
-service hours, and duty up to the end of a window or bag."""
+"""Columns of the tables with rows of bags: one row per window (``tested`` is its end), per count of
+service hours, and per duty up to the end of a window or bag."""
 
 STAMPS: Final = {"estimates": "end_ns", "usage": "stamp_ns", "duty": "stamp_ns"}
-"""Column with the time of a row of a bag [ns]."""
+"""Column with the time of a row [ns], by bag table."""
 
 UNIT_TABLES: Final = {
     "health": HEALTH,
@@ -184,27 +184,26 @@ UNIT_TABLES: Final = {
 }
 """Columns of the tables with rows of units.
 
-A row for each test; each unit, its row of health after the newest test
-and when the file of its calibration was changed; each fault and requirement of a unit after its
-latest valid test; each life of a unit, which a repair begins and the first test in ERROR ends: the
-service hours at which it began, its age when it was first tested and when it failed, or was last
-tested; each month with tests of a unit; and each valid window that is refused because its stamps do
-not show which test came first.
+The tables have one row per test; per unit, with the health after its newest test and the
+modification time of its calibration; per fault and requirement of a unit after its latest valid
+test; per life of a unit, from a repair to the first test with ERROR, with start hours, age at the
+first test, and age at the failure or last test; per month with tests of a unit; and per valid
+window refused because the order of tests is unknown.
 """
 
 PLACE: Final = ("model", "unit")
-"""Columns of model and unit, which each of these tables has before its own."""
+"""Leading columns of every table: model and unit."""
 
 
 def placed(rows: pa.Table, model: str, unit: str) -> pa.Table:
-    """Return rows of a unit with the columns of its place."""
+    """Return a unit's rows with the columns ``PLACE`` added."""
     for name, value in zip(reversed(PLACE), (unit, model), strict=True):
         rows = rows.add_column(0, name, pa.array([value] * rows.num_rows, _TEXT))
     return rows
 
 
 def estimate_row(one: Estimate, number: int) -> dict[str, Any]:
-    """Return an estimate as a row, exactly; provenance and unit are the caller's to add."""
+    """Convert an estimate to a row without loss. The caller adds provenance and unit."""
     row = estimate_values(one)
     row |= row.pop("faults")
     row["reasons"] = reason_rows(one.reasons)
@@ -218,7 +217,7 @@ def estimate_row(one: Estimate, number: int) -> dict[str, Any]:
 
 
 def estimate_from(row: Mapping[str, Any]) -> Estimate:
-    """Return the estimate that a row of `estimate_row` holds, to the bit."""
+    """Rebuild a bit-identical estimate from a row of `estimate_row`."""
     matrices = {name: np.reshape(row[name], (-1, N_FAULTS)) for name in ("covariance", "quantiles")}
     compared = row["comparison"]
     if compared is not None and compared["states"] is not None:
@@ -229,7 +228,7 @@ def estimate_from(row: Mapping[str, Any]) -> Estimate:
 
 
 def reason_rows(reasons: Iterable[Reason]) -> list[dict[str, str]]:
-    """Return reasons as rows."""
+    """Convert reasons to rows."""
     rows = []
     for reason in reasons:
         figures = reason.as_record()
@@ -239,29 +238,29 @@ def reason_rows(reasons: Iterable[Reason]) -> list[dict[str, str]]:
 
 
 def reasons_from(rows: Iterable[Mapping[str, str]]) -> tuple[Reason, ...]:
-    """Return the reasons that the rows of `reason_rows` hold."""
+    """Rebuild reasons from rows of `reason_rows`."""
     return tuple(
         Reason.of_record({"code": row["code"], **json.loads(row["figures"])}) for row in rows
     )
 
 
 def count_row(count: Count, number: int) -> dict[str, Any]:
-    """Return a count as a row; bag and unit are the caller's to add."""
+    """Convert a count to a row. The caller adds bag and unit."""
     hours = float(count.hours)
     return asdict(count) | {"counted": count.stamp_ns // 1000, "hours": hours, "number": number}
 
 
 def duty_row(stamp_ns: int, flown: FlownDuty, number: int) -> dict[str, Any]:
-    """Return the duty up to a stamp [ns] as a row, exactly; bag and unit are the caller's to add.
+    """Convert the duty up to ``stamp_ns`` to a row without loss. The caller adds bag and unit.
 
-    Lists are by class of the load, or of the rise of the winding, as in `FlownDuty`.
+    Lists have one item per class of load or winding temperature, as in `FlownDuty`.
     """
     row = {"until": stamp_ns // 1000, "stamp_ns": stamp_ns, "hours": float(flown.hours)}
     return row | duty_lists(flown) | {"number": number}
 
 
 def duty_lists(flown: FlownDuty) -> dict[str, list[float]]:
-    """Return the columns of a duty with a number for each class."""
+    """Return the duty columns with one number per class."""
     return {
         column: values
         for name, columns in _DUTY_LISTS.items()
@@ -270,7 +269,7 @@ def duty_lists(flown: FlownDuty) -> dict[str, list[float]]:
 
 
 def duty_from(row: Mapping[str, Any]) -> FlownDuty:
-    """Return the duty that the columns of `duty_row` hold, to the bit."""
+    """Rebuild a bit-identical duty from a row of `duty_row`."""
     classes = {
         name: np.array([row[column] for column in columns]) for name, columns in _DUTY_LISTS.items()
     }
@@ -278,7 +277,7 @@ def duty_from(row: Mapping[str, Any]) -> FlownDuty:
 
 
 def health_row(outlook: Outlook, calibration_id: str) -> dict[str, Any]:
-    """Return health and life after a test as a row; provenance and unit are the caller's to add."""
+    """Convert health and life after a test to a row. The caller adds provenance and unit."""
     health, stamp_ns = outlook.health, outlook.claim.measured_ns
     row: dict[str, Any] = {
         "tested": stamp_ns // 1000 if stamp_ns else None,
@@ -303,7 +302,7 @@ def health_row(outlook: Outlook, calibration_id: str) -> dict[str, Any]:
 
 
 def growth_rows(outlook: Outlook) -> list[dict[str, Any]]:
-    """Return a row for each fault and requirement after a test, without the unit."""
+    """Return one row per fault and requirement after a test, without unit columns."""
     unknown = RemainingLife.unknown("", outlook.rul.reason)
     faults, requirements = outlook.health.faults, outlook.health.requirements
     return [

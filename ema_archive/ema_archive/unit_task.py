@@ -1,4 +1,4 @@
-"""The task of a unit: from the rows of its estimates and use to those of health and life."""
+"""Unit task: turn rows of estimates and use into rows of health and life."""
 
 import hashlib
 import math
@@ -35,7 +35,7 @@ from ema_monitor.unit import Unit
 Row = Mapping[str, Any]
 
 _SAME: Final = ("end_ns", "verdict", "fitness", *FAULT_NAMES)
-"""What copies of a test have in common."""
+"""Columns in which copies of a test are equal."""
 
 _DUTY: Final = ("stamp_ns", "hours", "travel", "travel_load", "winding_hours", "winding_rise_hours")
 _MADE_BY: Final = ("software", "settings")
@@ -44,9 +44,9 @@ _IDENTITY: Final = ("end_ns", "verdict", "bag_sha256", "number", "calibration_id
 
 @dataclass(frozen=True)
 class UnitEntry:
-    """A unit of an archive, where its calibration comes from, and why later tests may be lost.
+    """A unit of an archive, the source of its calibration, and why later tests may be lost.
 
-    ``lost`` is empty if no later test may be lost.
+    ``lost`` is empty if no later test can be lost.
     """
 
     unit: str
@@ -64,9 +64,9 @@ class UnitEntry:
 
 @dataclass(frozen=True)
 class UnitTask:
-    """What a worker is to do with the tests of a unit: its rows in these tables, in order of time.
+    """Task of a worker: the rows of a unit in each table, in order of time.
 
-    Without the history that an earlier task kept, tests are followed from the first.
+    Without a stored history of an earlier task, processing starts from the first test.
     """
 
     entry: UnitEntry
@@ -85,9 +85,9 @@ class UnitResult:
     Attributes
     ----------
     tables
-        Its rows in the tables of units, by their names.
+        Rows by name of the unit table.
     followed
-        Number of windows that were followed; the others were known.
+        Number of newly processed windows.
     """
 
     made_by: str
@@ -98,14 +98,14 @@ class UnitResult:
 
 
 def made_by(settings: ArchiveSettings, calibration_id: str) -> str:
-    """Return the identity of what health and life follow from, beside the tests of a unit."""
+    """Return the identity of all inputs to health and life except the unit's tests."""
     return f"{prognosis_software()} {settings.prognosis_id} {calibration_id}"
 
 
 def follow_unit(task: UnitTask) -> UnitResult:
-    """Return health and life of a unit after each test, as ``ema predict`` gives them.
+    """Return health and life of a unit after each test, as computed by ``ema predict``.
 
-    Where tests are added at the end, those before are not repeated.
+    If tests were only appended, earlier tests are not recomputed.
     """
     limit_threads(1)
     entry, settings = task.entry, task.settings.prognosis
@@ -171,7 +171,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
 
 
 def _unconfirmed(row: Row, lost: str) -> Row:
-    """Return health after which tests may be lost: an alarm holds, an OK does not."""
+    """Return a health row, adapted to possibly lost tests: alarms stay, OK does not."""
     words = {"reason": "; ".join(filter(None, [lost, row["reason"]]))}
     if row["level"] != OK:
         return {**row, **words}
@@ -185,7 +185,7 @@ def _history_of(
     usage: Sequence[Count],
     duty: Sequence[Row],
 ) -> tuple[int, History]:
-    """Return how many windows are known already, and the history that they left."""
+    """Return the number of windows already processed, and the resulting history."""
     key, kept = task.entry.key, task.kept
     if kept is not None and kept.made_by == maker:
         windows = estimates[: kept.windows]
@@ -195,14 +195,14 @@ def _history_of(
 
 
 def month_of(stamp_ns: int) -> str:
-    """Return the month of a stamp in UTC, such as 2031-05."""
+    """Return the UTC month of a stamp, such as 2031-05."""
     return datetime.fromtimestamp(stamp_ns // 1_000_000_000, UTC).strftime("%Y-%m")
 
 
 def _pieces(table: pa.Table) -> list[Row]:
-    """Return rows of duty in order of time; by one stamp, those of the bag with most telemetry.
+    """Return duty rows in order of time; for equal stamps, of the bag with most telemetry.
 
-    A window may be in several bags that began at different times.
+    A window may be in several bags that started at different times.
     """
     by_stamp: dict[int, dict[str, list[Row]]] = {}
     for row in table.to_pylist():
@@ -216,7 +216,7 @@ def _telemetry_hours(rows: Sequence[Row]) -> float:
 
 
 def _digest_of(estimates: Sequence[Row], usage: Sequence[Count], duty: Sequence[Row]) -> str:
-    """Return the identity of windows, and of the counts and duty up to the last of them."""
+    """Return a digest of windows, and of counts and duty up to the last window."""
     last_ns = estimates[-1]["end_ns"] if estimates else 0
     windows = [[row[name] for name in _IDENTITY] for row in estimates]
     counts = [count for count in usage if count.stamp_ns <= last_ns]
@@ -225,10 +225,10 @@ def _digest_of(estimates: Sequence[Row], usage: Sequence[Count], duty: Sequence[
 
 
 def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
-    """Return rows of estimates, of a window that is in several bags the first that tells most.
+    """Return estimate rows without duplicates, keeping the most informative copy of a window.
 
-    Valid tests of bags in which it is not known which test came first are refused; the second
-    list has them as rows. A failure or a departure stays one.
+    Valid tests whose order is unknown are refused, and also returned as rows in the second list.
+    Failures and departures are kept.
     """
     found: dict[int, Row] = {}
     rows = table.to_pylist()
@@ -266,12 +266,12 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
 
 
 def _telling(row: Row) -> int:
-    """Return how much a window shows of the unit: a failure most, nothing if it is refused."""
+    """Return how informative a row is: failures are highest, refused windows lowest."""
     return {FAILED: 3, DEPARTED: 1}.get(row["verdict"], 2 if row["valid"] else 0)
 
 
 def lives_of(health: Iterable[Row]) -> list[dict[str, Any]]:
-    """Return the lives of a unit."""
+    """Return one row per life of a unit."""
     lives: list[dict[str, Any]] = []
     repairs = 0
     for row in health:

@@ -599,7 +599,7 @@ class Unit:
         )
 
     def _worn_baseline(self) -> str:
-        """Return who set the current baseline while the unit was worn; "" if nobody did."""
+        """Return who set the current baseline while the unit was worn, or ""."""
         newest = _baseline(self.history.entries[-1])
         earlier = (entry for entry in reversed(self.history.entries) if _baseline(entry) != newest)
         before = next(earlier, None)

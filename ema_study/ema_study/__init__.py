@@ -1,1 +1,1 @@
-"""The thesis's study of optimizers, reproduced: runs, tables, figures and report."""
+"""Reproduction of the thesis's optimizer study: runs, tables, figures and report."""

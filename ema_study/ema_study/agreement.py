@@ -1,4 +1,4 @@
-"""Comparison with the thesis: errors fault by fault, and the time of an evaluation."""
+"""Comparison with the thesis: errors by fault, and evaluation time."""
 
 from typing import Final
 
@@ -11,12 +11,12 @@ from ema_study.run import K
 from ema_study.sources import MODEL_LABELS, NAMES_WITH_OWN_CODE, by_source, counted
 
 ALGORITHM: Final = "pso"
-"""Algorithm that is compared: the thesis's best, implemented by Matlab and not by its author."""
+"""Algorithm to compare: the thesis's best, as implemented by Matlab."""
 
 WITHIN: Final = "within"
 BETTER: Final = "better"
 WORSE: Final = "worse"
-"""Verdicts on a mean error: within, below or above the range of the thesis's errors."""
+"""Verdicts on a mean error relative to the thesis's range: within, below or above."""
 
 
 def agreement(runs: pd.DataFrame) -> pd.DataFrame:
@@ -60,10 +60,11 @@ def agreement(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def time_per_10000_windows(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the time of 10,000 evaluations: the median over runs of tables 11 to 57 [s].
+    """Return the median time of 10,000 evaluations over the runs of tables 11 to 57 [s].
 
-    There is a row for each algorithm, including the thesis's own DE and GWO. There is a column for
-    "printed", with the evaluations of ``printed_runs``, and for each reproduced model with runs.
+    The result has one row per algorithm, including the thesis's own DE and GWO. Columns are
+    "printed", computed with the evaluations of ``printed_runs``, and each reproduced model with
+    runs.
     """
     everything = pd.concat([counted(printed_runs()), counted(runs)])
     time_s = 10_000 * everything["time_s"] / everything["evaluations"]

@@ -1,4 +1,4 @@
-"""Library interface of the study: repeats a table of the thesis."""
+"""Public Python API of the study: repeat a table of the thesis."""
 
 from ema_core.wording import unknown_name
 from ema_study.contents import NUMBERS, in_words, jobs_of, title_of
@@ -11,7 +11,7 @@ __all__ = ["NUMBERS", "StudyTable", "in_words", "table", "title_of"]
 
 
 def table(number: int, runs: int = RUNS, model: str = "fast") -> StudyTable:
-    """Repeat a table of the thesis; return reproduced and printed figures side by side.
+    """Repeat a table of the thesis. Return reproduced and printed figures side by side.
 
     The runs have the seeds of ``ema thesis``, so estimates and errors equal the results of the
     command. Times are measured on this machine. A table of single runs takes about half a minute

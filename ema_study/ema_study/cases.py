@@ -1,4 +1,4 @@
-"""The thesis's faults: ten single ones and a multiple one."""
+"""Fault cases of the thesis: ten single faults and one multiple fault."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -12,13 +12,13 @@ SINGLE_FAULTS: Final = ("friction", "backlash", "short_circuit", "eccentricity",
 """Kinds of single faults, in the order of the thesis's section 7.2."""
 
 ALGORITHMS: Final = ("ga", "pso", "de", "gwo")
-"""The thesis's four algorithms, in the order of its tables."""
+"""The four algorithms of the thesis, in the order of its tables."""
 
 LEVELS: Final = ("low", "high")
 """Levels of a single fault."""
 
 MULTIPLE: Final = "multiple"
-"""Kind, and name, of the multiple fault."""
+"""Kind and name of the multiple fault."""
 
 KIND_NAMES: Final = {name: name.replace("_", " ") for name in SINGLE_FAULTS} | {
     MULTIPLE: "multiple fault"

@@ -1,4 +1,4 @@
-"""The thesis's tables that the study can repeat: their numbers, titles, and the runs of each."""
+"""Tables of the thesis that the study can repeat: numbers, titles and runs."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -60,7 +60,7 @@ def title_of(number: int) -> str:
 
 
 def checked(number: int) -> int:
-    """Return the number of a table if the study can repeat it.
+    """Return ``number`` if the study can repeat this table.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def in_words() -> Iterator[tuple[str, str]]:
 
 
 def jobs_of(number: int, model: str, runs: int) -> list[Job]:
-    """Return the jobs whose runs a table shows or averages.
+    """Return the jobs behind the figures of a table.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def jobs_of(number: int, model: str, runs: int) -> list[Job]:
 
 
 def _tables_behind(number: int) -> set[int]:
-    """Return the tables of runs that a table is computed from."""
+    """Return the tables of runs from which a table is computed."""
     if number == MULTIPLE_RELIABILITY:
         return {SPEED_STUDY, PRECISION_STUDY}
     if number in SUMMARIES:

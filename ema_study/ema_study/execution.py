@@ -1,4 +1,4 @@
-"""Runs side by side: in processes or threads of this machine, or on a Dask cluster."""
+"""Parallel execution of runs in local processes or threads, or on a Dask cluster."""
 
 import timeit
 from collections.abc import Callable, Iterable, Iterator
@@ -18,12 +18,12 @@ _RUNS_PER_WORKER: Final = 2
 
 
 def execute(jobs: Iterable[Job], workers: Workers) -> Iterator[RunResult]:
-    """Run jobs with one thread each; yield their results in the order of completion.
+    """Run jobs with one thread each; yield results in order of completion.
 
     Raises
     ------
     WorkerLostError, ClusterLostError
-        If a run ends every worker that it is assigned to, or no worker can be reached.
+        If a run kills every worker it is assigned to, or no worker is reachable.
     """
     try:
         for outcome in workers.run(_run, jobs):
@@ -36,7 +36,7 @@ def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
     """Time the same runs on one core, with each generation on all cores, and in processes.
 
     The runs repeat tables 9 and 10 of the thesis: differential evolution on the small
-    friction fault. The result has a row for each mode; seconds are the median of three rounds.
+    friction fault. The result has one row per mode; seconds are the median of three rounds.
     """
     workers = workers or available_cpus()
     runs = _RUNS_PER_WORKER * workers

@@ -29,10 +29,10 @@ from ema_study.responses import (
 from ema_study.sources import MODEL_LABELS
 
 _DETAILS: Final = {"step": (0.005, 0.06), "chirp": (0.30, 0.40)}
-"""Stretch that the right panels enlarge, by command [s]."""
+"""Time range enlarged in the right panels, by command [s]."""
 
 _START: Final = (0.009, 0.02)
-"""Stretch for backlash under the step, where it affects only the start [s]."""
+"""Time range for backlash under the step, which affects only the start [s]."""
 
 _MODEL_STYLES: Final[dict[str, dict[str, Any]]] = {
     "fast": {"color": "#0072b2", "lw": 1.1},
@@ -64,7 +64,7 @@ def figures_of_chapter_4() -> dict[str, Figure]:
 
 
 def draw_responses(fault: str, command: str) -> Figure:
-    """Return position, speed and current for growing severities of a fault."""
+    """Return a figure of position, speed and current for growing severities of a fault."""
     responses = reference_responses(fault, command)
     # From light to dark, distinct in grey, too.
     colours = colormaps["viridis_r"](0.15 + 0.8 * np.linspace(0.0, 1.0, len(responses)))
@@ -98,7 +98,7 @@ def draw_responses(fault: str, command: str) -> Figure:
 
 
 def draw_noise() -> Figure:
-    """Return the current under the chirp with growing noise on its reference."""
+    """Return a figure of the current under the chirp with growing noise on its reference."""
     figure, panels = _panels(len(NOISE_GAINS), 7.0)
     for gain, row in zip(NOISE_GAINS, panels, strict=True):
         for axes in row:
@@ -110,7 +110,7 @@ def draw_noise() -> Figure:
 
 
 def draw_currents(by_title: Mapping[str, Currents]) -> Figure:
-    """Return currents by title and, below them, the differences without the PWM's ripple."""
+    """Return a figure of currents by title and, below, their differences without PWM ripple."""
     figure = Figure(figsize=(9.0, 1.0 + 3.6 * len(by_title)), layout="constrained")
     heights = [2.0, 1.0] * len(by_title)
     panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
@@ -135,7 +135,7 @@ def draw_currents(by_title: Mapping[str, Currents]) -> Figure:
 
 
 def _panels(rows: int, height: float) -> tuple[Figure, Any]:
-    """Return a figure with rows of two panels; the right panel is for an enlarged stretch."""
+    """Return a figure with rows of two panels; the right panel shows an enlarged range."""
     figure = Figure(figsize=(9.0, height), layout="constrained")
     panels = figure.subplots(rows, 2, width_ratios=[1.6, 1.0], sharex="col")
     tidy(*panels.flat)
@@ -150,7 +150,7 @@ def _plot(axes: Axes, values: Any, *, first: int = 0, **style: Any) -> None:
 
 
 def _enlarge(axes: Axes, low: float, high: float) -> None:
-    """Show a stretch of a panel, with the vertical limits of its lines there."""
+    """Zoom a panel to a time range, with vertical limits fitted to its lines."""
     lines = [np.array(line.get_xydata()) for line in axes.get_lines()]
     inside = np.concatenate([xy[(xy[:, 0] >= low) & (xy[:, 0] <= high), 1] for xy in lines])
     margin = 0.05 * float(np.ptp(inside))

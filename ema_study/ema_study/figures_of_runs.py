@@ -66,7 +66,7 @@ TIME: Final = Quantity("time_s", "time [s]")
 
 
 def figures_of_runs(runs: pd.DataFrame) -> dict[str, Figure]:
-    """Return the figures of the runs of all sources by name."""
+    """Return all figures of runs by name."""
     models = set(counted(runs)["model"])
     return {
         "errors": draw_single_faults(runs, ERROR),
@@ -81,7 +81,7 @@ def figures_of_runs(runs: pd.DataFrame) -> dict[str, Figure]:
 
 
 def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
-    """Draw bars of the mean by fault, with a row for each algorithm and a column for each level.
+    """Draw bars of the mean by fault, one row per algorithm and one column per level.
 
     Whiskers show one standard deviation if there are several runs. On the logarithmic axis of
     ``TIME`` they end at a tenth of the mean. ``runs`` has the runs of all sources.
@@ -101,7 +101,7 @@ def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
 
 
 def draw_multiple_fault(runs: pd.DataFrame) -> Figure:
-    """Draw bars of mean error and time for the multiple fault, with a column for each study."""
+    """Draw bars of mean error and time for the multiple fault, one column per study."""
     chosen = counted(runs)
     chosen = chosen[chosen.fault == MULTIPLE]
     figure = Figure(figsize=(9.0, 5.6), layout="constrained")
@@ -154,8 +154,8 @@ def _legend_of_bars(figure: Figure, runs: pd.DataFrame) -> None:
 def draw_convergence(runs: pd.DataFrame, model: str) -> Figure:
     """Draw the lowest costs of all runs with a model as thin lines, and their median.
 
-    There is a median for each algorithm. A run that has stopped keeps its last value. A band spans
-    the cost at the truth to the threshold.
+    Medians are per algorithm. Stopped runs keep their last value. A band extends from the cost at
+    the truth to the threshold.
     """
     chosen = counted(runs)
     chosen = chosen[chosen.model == model]

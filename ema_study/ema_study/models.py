@@ -22,14 +22,14 @@ FITNESS: Final = "total_least_squares"
 MODELS: Final = {"fast": "fast", "thesis": "source"}
 """Form of the monitor model by its name in the study.
 
-"thesis" is the thesis's model: one sign-switched phase at 1 us with its eq. 4.24, calibrated by the
-row of differences on a healthy run. "fast" is the model of the product: the driven pair at 20 us,
-whose calibration also fits lift, friction and inertia.
+"thesis" is the thesis's model: one sign-switched phase at 1 us with its eq. 4.24, calibrated by
+adding the differences from a healthy run. "fast" is the model of the product: the driven pair at 20
+us, whose calibration also fits lift, friction and inertia.
 """
 
 
 class Problem(NamedTuple):
-    """The problem that a run solves."""
+    """Optimization problem of a run."""
 
     objective: Objective
     """Residuals on the unit box of the fault vector."""
@@ -48,7 +48,7 @@ class Problem(NamedTuple):
 
 
 def reference(faults: Any, command: Command = THESIS_CHIRP, **noise: Any) -> Telemetry:
-    """Run the reference through a command, from rest with the motor centred in its play.
+    """Simulate the reference under a command, from rest with the motor centred in its play.
 
     ``faults`` is a fault vector, ``(8,)``, or a mapping of values by name. As in the thesis there
     is no approach, and the sensors are perfect. The current is the mean over each sample of 100 us,
@@ -82,5 +82,5 @@ def problem(model: str, case: str) -> Problem:
 
 
 def objective_of(model: str, window: Window) -> Objective:
-    """Return the cost that the thesis minimises, on the unit box of the fault vector itself."""
+    """Return the objective that the thesis minimises, on the unit box of the fault vector."""
     return Objective(window, calibration(model), FITNESS, cartesian=False)

@@ -1,4 +1,4 @@
-"""Jobs of the study: the runs of the thesis, and a few runs under its printed stop rule."""
+"""Jobs of the study: the thesis's runs, and a few runs with its printed stop rule."""
 
 import hashlib
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ RUNS: Final = 10
 """Runs of each algorithm and fault in the thesis."""
 
 VARIANTS: Final = {"de": "de_thesis", "gwo": "gwo_thesis"}
-"""The thesis's own code, including its errors, by the algorithm that it implements."""
+"""Variants that use the thesis's own code, including its errors, by algorithm."""
 
 KEY: Final = ("model", "table", "algorithm", "run", "rule")
 """Fields that identify a run within a study."""
@@ -24,7 +24,7 @@ _RULES: Final = {9: "all_generations", 10: "all_generations", 57: "unchanged"}
 
 @dataclass(frozen=True)
 class Job:
-    """A run of the study, before it is made."""
+    """A run of the study to be computed."""
 
     model: str
     """One of ``ema_study.models.MODELS``."""
@@ -51,13 +51,13 @@ class Job:
 
     @property
     def seed(self) -> int:
-        """Seed of its random numbers, the same for every model and rule."""
+        """Random seed, equal for all models and rules."""
         text = f"{self.table} {self.algorithm} {self.run}"
         return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4])
 
     @property
     def budget(self) -> int:
-        """Largest number of evaluations, including the evaluations of the starting population."""
+        """Largest number of evaluations, including the starting population."""
         return self.population * (self.max_generations + uncounted_populations(self.algorithm))
 
 

@@ -1,4 +1,4 @@
-"""The report of the study: one self-contained page."""
+"""Report of the study as one self-contained page."""
 
 from base64 import b64encode
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ from ema_study.tables import study_tables
 def write_report(
     folder: Path, runs: pd.DataFrame, timing: pd.DataFrame | None, settings: Mapping[str, str]
 ) -> Path:
-    """Write ``report.html``, and its figures as PNG files in ``figures``; return the page's path.
+    """Write ``report.html`` and its PNG ``figures``. Return the page's path.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def html_table(frame: pd.DataFrame, *, index: bool = True) -> str:
 
 
 def _cell(value: Any) -> str:
-    """Return a value as text; figures have four significant digits."""
+    """Format a value as text; numbers have four significant digits."""
     if pd.isna(value):
         return ""
     if not isinstance(value, float):
@@ -90,14 +90,14 @@ def _cell(value: Any) -> str:
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """Return a number with some significant digits, without an exponent above 0.001."""
+    """Format a number with ``digits`` significant digits, without an exponent above 0.001."""
     if abs(value) < 1e-3:
         return f"{value:.{digits}g}"
     return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
 
 
 def verdict(agreement: pd.DataFrame, window_times: pd.DataFrame) -> list[str]:
-    """Return the result of the study in three sentences: one for each model, one on time.
+    """Return the result of the study in three sentences: one per model, one on time.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def verdict(agreement: pd.DataFrame, window_times: pd.DataFrame) -> list[str]:
 
 
 def by_model(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return how much of the full study was run with each model, and the effect of its threshold.
+    """Return, by model, how much of the study was run and the effect of the threshold.
 
     A model does not describe a fault if the true fault vector costs more than the healthy vector.
     """
@@ -159,7 +159,7 @@ def by_model(runs: pd.DataFrame) -> pd.DataFrame:
 def ranking(runs: pd.DataFrame) -> pd.DataFrame:
     """Return mean error [%] and time of a run [s] over the single faults by algorithm.
 
-    Each fault and level has the same weight, regardless of its number of runs.
+    All faults and levels have equal weight, regardless of the number of runs.
     """
     means = {}
     for label, frame in by_source(runs).items():

@@ -1,4 +1,4 @@
-"""Responses of the thesis's chapter 4: reference and monitor."""
+"""Responses of reference and monitor as in chapter 4 of the thesis."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -17,7 +17,7 @@ COMMANDS: Final = {"step": Command("step", amplitude=1.0), "chirp": THESIS_CHIRP
 """Commands by name: 1 rad at 0.01 s, and 5 mrad from 0 to 15 Hz (its table 3)."""
 
 NOISE_GAINS: Final = (0.0, 1.0, 10.0, 100.0)
-"""K_noise of figure 4.50, and no noise."""
+"""Values of K_noise in figure 4.50, plus no noise."""
 
 SEVERITIES: Final[dict[str, dict[str, Mapping[str, float]]]] = {
     "friction": {
@@ -54,7 +54,7 @@ def reference_responses(fault: str, command: str) -> dict[str, Telemetry]:
 
 @cache
 def noisy_response(noise_gain: float) -> Telemetry:
-    """Run the healthy reference through the chirp with white noise on its reference current.
+    """Simulate the healthy reference under the chirp with white noise on its reference current.
 
     ``noise_gain`` is K_noise; the noise is held for 1 us.
     """
@@ -85,8 +85,8 @@ def chirp_currents(fault: str) -> Currents:
 def step_currents(severity: int) -> Currents:
     """Return the currents of reference and monitors under the step, with friction (figure 4.6).
 
-    The monitors have the fitted parameters of their calibration. Its row of differences belongs to
-    the chirp alone and is left out.
+    The monitors have the fitted parameters of their calibration. The calibrated differences are
+    valid only for the chirp and are omitted.
     """
     label, faults = list(SEVERITIES["friction"].items())[severity]
     window = Window(reference_responses("friction", "step")[label], play=0.0)
@@ -99,6 +99,6 @@ def step_currents(severity: int) -> Currents:
 
 @cache
 def uncalibrated_currents() -> Currents:
-    """Return the currents before the row of differences is added (figure 6.4)."""
+    """Return the currents before the calibrated differences are added (figure 6.4)."""
     current = reference_window(healthy_faults()).current
     return Currents(current, {model: current - calibration(model).correction for model in MODELS})

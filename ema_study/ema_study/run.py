@@ -1,4 +1,4 @@
-"""A single run of the study, its result, and results as a table."""
+"""Single run of the study, its result, and results as a table."""
 
 import time
 from collections.abc import Iterable
@@ -47,7 +47,7 @@ class RunResult:
 
 
 def as_frame(results: Iterable[RunResult]) -> pd.DataFrame:
-    """Return a table with a row for each run, with the columns of the thesis's runs and more.
+    """Return a table with one row per run.
 
     The columns of the job come first, with its case as ``fault``. The truth is in ``true_k1`` to
     ``true_k8``, the estimate in ``k1`` to ``k8``.
@@ -65,7 +65,7 @@ def as_frame(results: Iterable[RunResult]) -> pd.DataFrame:
 
 
 def run_job(job: Job) -> RunResult:
-    """Make a run; as in the thesis, the whole starting population is random."""
+    """Compute a run. As in the thesis, the whole starting population is random."""
     objective, truth, floor, _ = problem(job.model, job.case)
     rng = np.random.default_rng(job.seed)
     settings: dict[str, Any] = {"population": job.population, **job.settings}

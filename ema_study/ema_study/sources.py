@@ -37,9 +37,9 @@ SOURCES: Final = (
 
 
 def counted(runs: pd.DataFrame, first_table: int = 11) -> pd.DataFrame:
-    """Return the runs that count in statistics, with columns ``source`` and ``family``.
+    """Return the runs used in statistics, with columns ``source`` and ``family``.
 
-    The trials of GA and DE (tables 8 to 10) and the runs under the printed rule are left out. A
+    The trials of GA and DE (tables 8 to 10) and runs with the printed rule are excluded. A
     ``first_table`` of 9 includes the trials of DE. ``runs`` may be empty, without any columns.
     """
     if runs.empty:
@@ -56,7 +56,7 @@ def counted(runs: pd.DataFrame, first_table: int = 11) -> pd.DataFrame:
 
 
 def single_fault_runs(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs of tables 11 to 54 that count in statistics."""
+    """Return the runs of tables 11 to 54 that are used in statistics."""
     runs = counted(runs)
     return runs[runs["fault"].isin(SINGLE_FAULTS)]
 
@@ -68,7 +68,7 @@ def present_sources(runs: pd.DataFrame) -> list[str]:
 
 
 def by_source(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Return the runs of tables 9 to 57 by label of their source.
+    """Return the runs of tables 9 to 57 by source label.
 
     ``PRINTED`` comes first, followed by the reproduced sources with runs. Column "algorithm" is one
     of the thesis's four algorithms. Column "own_code" is True for runs of the thesis's own DE and

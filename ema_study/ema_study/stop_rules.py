@@ -1,4 +1,4 @@
-"""The thesis's stop rules (its section 7.1).
+"""Stop rules of the thesis (section 7.1).
 
 The best costs begin with the cost of the starting population. GA, PSO and DE do not count this
 population as a generation, GWO does (appendix B evaluates it within its first iteration).
@@ -28,9 +28,9 @@ class Rule:
     budget: int
     """Largest number of evaluations."""
     condition: Callable[[BestCosts], bool]
-    """Whether to stop, by the lowest costs so far."""
+    """Function that decides from the lowest costs so far whether to stop."""
     threshold: float | None = None
-    """Cost at which it may stop [A^2.s]; None if it has no threshold."""
+    """Cost at which the rule may stop [A^2.s]; None if it has no threshold."""
 
     def reached(self, best_costs: BestCosts) -> bool:
         """Return whether to stop."""
@@ -78,10 +78,10 @@ def stop_rule(rule: str, algorithm: str, level: str, budget: int, floor: float) 
 
 
 def uncounted_populations(algorithm: str) -> int:
-    """Return how many populations are evaluated before the first generation is counted."""
+    """Return the number of populations evaluated before the first counted generation."""
     return 0 if family_of(algorithm) == "gwo" else 1
 
 
 def family_of(algorithm: str) -> str:
-    """Return which of the thesis's four algorithms a registered algorithm implements."""
+    """Return the thesis algorithm that a registered algorithm implements."""
     return algorithm.removesuffix("_thesis")

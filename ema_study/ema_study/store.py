@@ -1,4 +1,4 @@
-"""Runs of a study in a folder: a line for each run, so a study can be interrupted at any time."""
+"""Storage of a study's runs, one line per run; a study can be interrupted at any time."""
 
 import fcntl
 import json
@@ -48,7 +48,7 @@ class RunStore(AbstractContextManager["RunStore", None]):
         self._lock.close()
 
     def missing(self, jobs: Iterable[Job]) -> list[Job]:
-        """Return the jobs without a run."""
+        """Return the jobs that have no stored run."""
         made = {result.job.key for result in self.results}
         return [job for job in jobs if job.key not in made]
 
@@ -62,7 +62,7 @@ class RunStore(AbstractContextManager["RunStore", None]):
         self.results.append(result)
 
     def export(self) -> None:
-        """Write ``runs.csv``, with a row for each run, without its curves."""
+        """Write ``runs.csv`` with one row per run, without convergence curves."""
         frame = as_frame(self.results).drop(columns=["costs", "errors_percent"], errors="ignore")
         frame.to_csv(self.folder / "runs.csv", index=False)
 
@@ -91,5 +91,5 @@ def _result(line: bytes, where: str) -> RunResult:
 
 @cache
 def numerics_version() -> str:
-    """Return a digest of all sources that a run depends on, and of the libraries in use."""
+    """Return a digest of all source code and libraries that a run depends on."""
     return source_digest(["ema_study.run"])

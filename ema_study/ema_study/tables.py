@@ -1,4 +1,4 @@
-"""Tables 8 to 61 of the thesis, printed and reproduced figures side by side."""
+"""Tables 8 to 61 of the thesis with printed and reproduced figures side by side."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ class StudyTable:
     """Table with columns (source, quantity) and the rows of the thesis, NaN for missing figures. A
     mean over means is NaN if one of them is missing."""
     note: str = ""
-    """How to read the table; may be empty."""
+    """Note on how to read the table; may be empty."""
 
     @property
     def title(self) -> str:
@@ -109,7 +109,7 @@ def write_tables(tables: Iterable[StudyTable], folder: Path) -> list[Path]:
 
 
 def _trials(runs: pd.DataFrame) -> StudyTable:
-    """Return table 8, the trials of GA; a reproduced run has the number of its trial."""
+    """Return table 8, the trials of GA; reproduced runs are numbered by trial."""
     trials = printed_table("trials")
     is_bound = trials["at_least"].astype(bool)
     printed = _with_speed(trials)[[*_OF_TRIAL, "tolerance", "time_limit_s", "parallel"]]
@@ -164,7 +164,7 @@ def _per_run(number: int, sources: Sources) -> StudyTable:
 
 
 def _runs_of(algorithm: str, runs: pd.DataFrame) -> pd.DataFrame:
-    """Return rows with truth, runs, mean and deviation of an algorithm in a table."""
+    """Return rows with truth, runs, mean and deviation for one algorithm."""
     runs = runs[runs["algorithm"] == algorithm].sort_values("run")
     block = runs.set_index(runs["run"].astype(str))[_OF_RUN].astype(float)
     truth = pd.DataFrame(np.nan, index=["truth"], columns=_OF_RUN)
@@ -175,7 +175,7 @@ def _runs_of(algorithm: str, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def _fault_summary(number: int, sources: Sources) -> StudyTable:
-    """Return the means of a fault over the means of the four algorithms, by level."""
+    """Return the mean over the four algorithms' means for a fault, by level."""
     fault = SUMMARIES[number]
 
     def mean(runs: pd.DataFrame, quantity: str) -> pd.Series:
@@ -198,7 +198,7 @@ def _overview(number: int, sources: Sources) -> StudyTable:
 
 
 def _single_fault_reliability(sources: Sources) -> StudyTable:
-    """Return table 60."""
+    """Return table 60 (reliability, single faults)."""
     blocks = {PRINTED: printed_table("table_60")}
     for label, runs in sources.items():
         times, errors = (overview_of(runs, quantity) for quantity in _MEANS)
@@ -234,7 +234,7 @@ def _side_by_side(
 
 
 def overview_of(runs: pd.DataFrame, quantity: str) -> pd.DataFrame:
-    """Return means over runs of a column, e.g. "error_percent", in the form of tables 58 and 59.
+    """Return means over runs of a column, e.g. "error_percent", laid out as tables 58 and 59.
 
     A mean over means is NaN if one of them is missing. The standard deviation is the sample
     standard deviation (n - 1).
@@ -250,7 +250,7 @@ def overview_of(runs: pd.DataFrame, quantity: str) -> pd.DataFrame:
 
 
 def with_coefficients(times: pd.Series, errors: pd.Series) -> pd.DataFrame:
-    """Return mean times [s] and errors [%] by algorithm, products and coefficients, and the sum.
+    """Return mean times [s], errors [%], products and coefficients by algorithm, and sums.
 
     The reliability coefficient is ``100 (1 - p_i / sum p)`` of the products [%] (section 7.3 of the
     thesis). It compares algorithms: all coefficients are NaN if one product is missing.
@@ -280,7 +280,7 @@ def reliability_of_overviews(times: pd.DataFrame, errors: pd.DataFrame) -> pd.Da
 
 
 def multiple_fault_reliability(runs: pd.DataFrame, times_of: int, errors_of: int) -> pd.DataFrame:
-    """Return table 61, computed from the times of a table and the errors of a table.
+    """Return table 61, computed from the times of one table and the errors of another.
 
     The thesis uses the times of the study of speed (56) and the errors of the study of precision
     (57), which no run had together.
