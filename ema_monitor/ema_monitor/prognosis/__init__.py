@@ -1,1 +1,1 @@
-"""How faults grow from test to test, and how long it takes until life ends."""
+"""Fault growth from test to test, and prediction of the remaining useful life."""

@@ -1,4 +1,4 @@
-"""Advice on the action with the least expected cost, and its time (docs/prognosis.md, P18-P20)."""
+"""Maintenance advice with the lowest expected cost (docs/prognosis.md, P18-P20)."""
 
 import math
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.sentences import label_of, removal_in_words
 
 Action = Literal["unknown", "continue", "inspect", "remove"]
-"""Actions that can be advised."""
+"""Possible advice."""
 
 _GROUPS: Final = 10
 _MOST_MISSING: Final = 8
@@ -38,7 +38,7 @@ class Costs(Checked):
 
     @property
     def defect(self) -> str:
-        """Why the costs permit no advice; empty if they do."""
+        """Reason why the costs permit no advice; empty if they do."""
         if self.removal == 0.0:
             return "no costs are given: costs.removal and costs.failure are not set"
         if self.failure <= self.removal:
@@ -50,7 +50,7 @@ class Costs(Checked):
 
 
 class Choice(NamedTuple):
-    """A plan for a unit: cost and hours of its life, and the time of its removal."""
+    """Maintenance plan: removal time, risk, and expected cost and service life."""
 
     cost: float
     hours: float
@@ -74,30 +74,31 @@ class Decision:
     costs: Costs
     """Costs and lead time."""
     hours: float
-    """Service hours now [h]."""
+    """Current service hours [h]."""
     interval_hours: float
     """Hours to the next test [h]."""
     lives: Array
-    """Equally probable remaining lives, cut off at the horizon [h], ``(n,)``."""
+    """Equally probable remaining lives, truncated at the horizon, ``(n,)`` [h]."""
     missing_share: float = 0.0
     """Probability that a test gives no valid estimate [-]."""
     tests_tell: bool = True
-    """Whether the next test shows the fault that ends life first."""
+    """Whether the next test will show the dominant fault."""
 
     def remove(self) -> Choice:
-        """Return the best removal that must be decided before the next test (P18)."""
+        """Return the best removal that has to be decided before the next test (P18)."""
         lead = self.costs.lead_time
         between = self.lives[(self.lives > lead) & (self.lives < lead + self.interval_hours)]
         return self.removed_at(np.concatenate([[lead], np.sort(between)]))
 
     def wait(self) -> Choice:
-        """Return the value of deciding after the next test (P19).
+        """Return the expected outcome of deciding after the next test (P19).
 
-        A test that shows the fault ends the uncertainty of the life: a life that ends before a
-        removal could follow the test is a failure, other lives end with a removal one test interval
-        before their end. Otherwise the best removal by present knowledge remains.
+        If the test shows the fault, the remaining life is assumed to be known exactly afterwards.
+        Lives that end before a removal could follow the test are failures; all others end with a
+        removal one test interval before the failure. If the test does not show the fault, the best
+        removal according to current knowledge is used.
         """
-        # The next test that gives an estimate is the first, the second, ... from now on.
+        # Hours until the first, second, ... test from now: the next one with an estimate.
         waits = self.costs.lead_time + self.interval_hours * np.arange(1, _MOST_MISSING + 1)
         earliest = float(waits[0])
         if not self.tests_tell:
@@ -112,25 +113,25 @@ class Decision:
         return Choice(self._cost(risk), self.hours + float(used), earliest, risk)
 
     def inspect(self, levels: Array) -> Choice:
-        """Return the value of an inspection now, which measures the present level (P20).
+        """Return the expected outcome of inspecting now, which measures the current level (P20).
 
         Parameters
         ----------
         levels
-            Present level of the fault that ends life first in each of the lives, ``(n,)`` [-].
+            Current level of the dominant fault in each of ``lives``, ``(n,)`` [-].
         """
         order = np.argsort(levels, kind="stable")
         chosen = [
             self._judged(training, held_out)
             for group in np.array_split(order, _GROUPS)
-            # A choice looks too good on the lives by which it was made: judge it on other lives.
+            # Evaluate each choice on held-out lives to avoid optimistic bias.
             for training, held_out in ((group[::2], group[1::2]), (group[1::2], group[::2]))
         ]
         cost, hours, removal, risk = np.mean(np.array(chosen), axis=0).tolist()
         return Choice(cost + self.costs.inspection, hours, removal, risk)
 
     def _judged(self, training: NDArray[np.intp], held_out: NDArray[np.intp]) -> Choice:
-        """Return the best choice for the training lives, evaluated on the held-out lives."""
+        """Optimize on the training lives and evaluate the choice on the held-out lives."""
         planned, real = (replace(self, lives=self.lives[part]) for part in (training, held_out))
         removal, waiting = planned.remove(), planned.wait()
         if waiting.rate < removal.rate:
@@ -138,7 +139,7 @@ class Decision:
         return real.removed_at(np.array([removal.removal_hours]))
 
     def removed_at(self, at_hours: Array) -> Choice:
-        """Return the best of removals at some hours from now [h]: age replacement (P18)."""
+        """Return the best removal among candidate hours from now [h] (age replacement, P18)."""
         lives = np.sort(self.lives)
         fail = np.searchsorted(lives, at_hours, "left")
         risk = fail / lives.size
@@ -156,7 +157,7 @@ class Decision:
 
 @dataclass(frozen=True)
 class Advice:
-    """Advised action for a unit, and its time."""
+    """Advised action for a unit and its time."""
 
     action: Action
     """"unknown", "continue", "inspect" or "remove"."""
@@ -167,7 +168,7 @@ class Advice:
     """Service hour of the action or of the next decision, and hours from the latest test to it [h];
     NaN when unknown."""
     probability: float = math.nan
-    """Probability of a failure before that hour [-]; NaN when unknown."""
+    """Probability of a failure before that hour [-]; NaN if unknown."""
     rate: float = math.nan
     rate_at_once: float = math.nan
     """Expected cost per flight hour over the life with this advice, and with the earliest possible
@@ -175,7 +176,7 @@ class Advice:
 
 
 def advise(outlook: Outlook, costs: Costs) -> Advice:
-    """Return the advice for a unit after its latest test (docs/prognosis.md, P18 to P20)."""
+    """Advise on a unit after its latest test (docs/prognosis.md, P18 to P20)."""
     rul, now = outlook.rul, outlook.hours
     if costs.defect:
         return Advice("unknown", costs.defect)

@@ -1,4 +1,4 @@
-"""Assessments: outlooks as the history stores them, with the events that a test reveals."""
+"""Conversion of outlooks to assessments, which the history stores."""
 
 from collections.abc import Iterable
 
@@ -14,18 +14,18 @@ def assessment_of(
     findings: Iterable[Finding],
     events: Iterable[UnitEvent],
 ) -> Assessment:
-    """Return the assessment of an outlook, with an event for each fault whose level got worse.
+    """Create the assessment of an outlook, with an event for each fault that got worse.
 
     Parameters
     ----------
     outlook
         Outlook after a test.
     before
-        Assessment of the previous test, or an earlier assessment of the same test; None for none.
+        Assessment of the previous test, or an earlier assessment of the same test, if any.
     findings
         Findings of the test.
     events
-        Further events, at any time.
+        Additional events.
     """
     health, rul = outlook.health, outlook.rul
     items = (*health.faults, *health.requirements)
@@ -36,7 +36,7 @@ def assessment_of(
         Finding(FAULT, in_words(item)) for item in alarms if item.level > earlier.get(item.name, 0)
     ]
     stamp_ns, hours = outlook.stamp_ns, outlook.hours
-    # A test that is assessed again keeps its first events.
+    # If a test is reassessed, keep its original events.
     kept = before.events if before and before.stamp_ns == stamp_ns else ()
     return Assessment(
         stamp_ns,

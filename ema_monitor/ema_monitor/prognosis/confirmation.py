@@ -1,4 +1,4 @@
-"""Confirmation of levels: a level falls once several tests in a row have shown the lower level."""
+"""Confirmation of levels: a level only falls after several consecutive tests at the lower level."""
 
 import math
 from collections.abc import Iterable
@@ -11,17 +11,17 @@ from ema_monitor.prognosis.outlook import Outlook
 
 
 def confirmed(outlook: Outlook, earlier: Iterable[Assessment]) -> Outlook:
-    """Return an outlook in which no level is lower than at an earlier test.
+    """Return an outlook whose levels are not lower than in any of the earlier tests.
 
-    A level rises at once. It falls when the newest test and all ``earlier`` tests show the lower
+    Levels rise immediately. They fall once the newest test and all ``earlier`` tests show the lower
     level.
 
     Parameters
     ----------
     outlook
-        Outlook by the tests so far.
+        Outlook after the newest test.
     earlier
-        Assessments of the tests before the newest test that must confirm a lower level.
+        Assessments of the preceding tests that must confirm a lower level.
     """
     if outlook.health.level == STALE:
         return outlook
@@ -48,7 +48,7 @@ def confirmed(outlook: Outlook, earlier: Iterable[Assessment]) -> Outlook:
 
 
 def _confirmed(item: FaultHealth, before: int) -> FaultHealth:
-    """Return a fault or requirement at the level of earlier tests if worse, else the same item."""
+    """Return the item, with its level raised to the level of earlier tests if that is worse."""
     if item.level == STALE:
         return item
     level, shown = max(item.level, before), min(_level_of_test(item), item.level)
@@ -59,7 +59,7 @@ def _confirmed(item: FaultHealth, before: int) -> FaultHealth:
 
 
 def _level_of_test(item: FaultHealth) -> int:
-    """Return the level by the newest test, whose value may be held back."""
+    """Return the level according to the newest test, including a value that is held back."""
     if not math.isfinite(item.held):
         return item.level
     sign = -1.0 if item.limit_is_lower else 1.0

@@ -1,4 +1,4 @@
-"""Damage up to each test of a unit, and the course of its duty."""
+"""Record of cumulative damage at each test of a unit."""
 
 from collections.abc import Sequence
 
@@ -12,12 +12,12 @@ from ema_monitor.prognosis.service import TimedTest
 
 
 class DutyRecord:
-    """Damage up to each test of a unit, from which the course of its duty is computed."""
+    """Cumulative damage at each test of a unit, for computing its duty over time."""
 
     def __init__(self, settings: DamageSettings) -> None:
         self._settings = settings
         self._total = np.zeros(5)
-        # By the stamp of the test [ns].
+        # Cumulative damage by the stamp of the test [ns].
         self._until: dict[int, Array] = {}
 
     def add(self, entry: Entry) -> None:
@@ -26,7 +26,7 @@ class DutyRecord:
         self._until[entry.stamp_ns] = self._total
 
     def course(self, used: Sequence[TimedTest]) -> DutyCourse | None:
-        """Return the duty between the used tests, in the order of their hours; None if unknown."""
+        """Return the duty between tests, which are in order of service hours; None if unknown."""
         if len(used) <= REFERENCE_TESTS or not self._total[0]:
             return None
         hours = np.array([test.hours for test in used])
@@ -35,7 +35,7 @@ class DutyRecord:
         elapsed = np.diff(hours)
         least = np.maximum(self._settings.least_coverage * elapsed, 1e-12)
         least = np.where(elapsed > 0.0, least, np.inf)
-        # Telemetry beyond the service hours is motion on the ground; gaps are assumed alike.
+        # Telemetry in excess of service hours is ground operation; gaps are assumed to be similar.
         within = np.minimum(np.where(telemetry >= least, telemetry, np.nan), elapsed)
         ageing /= np.where(warm >= least, warm, np.nan)
         course = DutyCourse(

@@ -1,4 +1,4 @@
-"""Growth evidence from the histories of other units: collected, merged, and stored in a file."""
+"""Growth evidence from a fleet: collection from histories, merging, and storage."""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -24,13 +24,13 @@ from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 
 SUFFIX: Final = ".npz"
-"""Suffix of the file of a fleet."""
+"""Suffix of fleet files."""
 _FORMAT: Final = 1
 _MOST_BYTES: Final = 500_000_000
 
 
 class UnitGrowth(NamedTuple):
-    """Growth evidence of a unit."""
+    """Growth evidence from one unit."""
 
     tests: int
     """Number of tests."""
@@ -40,17 +40,17 @@ class UnitGrowth(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FleetGrowth:
-    """Growth evidence of the units of a fleet."""
+    """Growth evidence from the units of a fleet."""
 
     grid: str
     """Digest of the curves, rates and limits to which the evidence refers."""
     units: Mapping[str, UnitGrowth] = field(default_factory=dict)
-    """Evidence by the digest of actuator and serial number."""
+    """Evidence by unit digest, see ``unit_digest``."""
     names: frozenset[str] = frozenset()
     """Names of the fleets that were merged."""
 
     def together(self, other: "FleetGrowth") -> "FleetGrowth":
-        """Return the union; for a unit in both fleets, the entry with more tests.
+        """Merge two fleets; if both contain a unit, keep the entry with more tests.
 
         Raises
         ------
@@ -64,21 +64,20 @@ class FleetGrowth:
             )
         units = dict(self.units)
         for digest, unit in other.units.items():
-            # With equal numbers of tests, the content decides, not the order.
+            # Break ties by content, so that the result does not depend on the order.
             if digest not in units or _rank(units[digest]) < _rank(unit):
                 units[digest] = unit
         return FleetGrowth(self.grid, units, self.names | other.names)
 
     def prior(self, limits: HealthLimits, without: UnitKey | None = None) -> FleetPrior:
-        """Return the distribution of curves and rates over the units.
+        """Fit the distribution of curves and rates over the units.
 
         Parameters
         ----------
         limits
-            Where the life of the next unit ends.
+            End-of-life limits of the unit that uses the prior.
         without
-            Actuator and serial number of a unit to leave out, because its tests must not count
-            twice.
+            Unit to exclude, so that its own tests do not count twice.
 
         Raises
         ------
@@ -143,12 +142,12 @@ class FleetGrowth:
 
     @classmethod
     def read(cls, path: Path) -> "FleetGrowth":
-        """Read a file of ``write``.
+        """Read a file written by ``write``.
 
         Raises
         ------
         ValueError
-            If the file is not a fleet; the message names it.
+            If the file is not a fleet file; the error names it.
         OSError
             If the file cannot be read.
         """
@@ -196,18 +195,18 @@ def _rank(unit: UnitGrowth) -> tuple[int, bytes]:
 
 
 def unit_digest(actuator_id: str, serial_number: str) -> str:
-    """Return the digest of a unit, which keeps it anonymous in a file."""
+    """Return a digest that identifies a unit without revealing its name."""
     return hashlib.sha256(f"{actuator_id}\0{serial_number}".encode()).hexdigest()[:16]
 
 
 def fleet_of(histories: Iterable[History], limits: HealthLimits, name: str = "") -> FleetGrowth:
-    """Return the growth evidence of the units with some histories.
+    """Collect the growth evidence from unit histories.
 
     Parameters
     ----------
     histories
-        History of each unit. A repaired fault counts with its growth until the repair, and again
-        if it grows afterwards.
+        History of each unit. A repaired fault contributes its growth before the repair and,
+        separately, any growth after it.
     limits
         Limits at which life ends.
     name

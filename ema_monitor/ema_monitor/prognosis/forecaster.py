@@ -1,4 +1,4 @@
-"""Outlook of a unit from the growth of its faults, and quantiles of its future faults."""
+"""Outlook of a unit, computed from the growth of its faults."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -38,17 +38,17 @@ _QUANTILE: Final = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Forecaster:
-    """State of a unit after a test, unaffected by later tests."""
+    """Immutable snapshot of a unit after a test, for forecasts."""
 
     outlook: Outlook
-    """Health and life after the test."""
+    """Health and remaining life after the test."""
     tracker: Tracker | None
-    """Growth of the faults; None when the service hours are unknown."""
+    """Fault growth tracker; None if the service hours are unknown."""
     limits: HealthLimits
     """Limits at which life ends."""
 
     def fan(self) -> Fan | None:
-        """Return quantiles of the future faults; None when the service hours are unknown."""
+        """Return quantiles of the future faults; None if the service hours are unknown."""
         if self.tracker is None:
             return None
         ahead = hours_ahead(self.outlook.rul, self.outlook.observed_hours)
@@ -57,9 +57,9 @@ class Forecaster:
 
 
 def hours_ahead(life: RemainingLife, observed_hours: float) -> float:
-    """Return how many hours ahead a life is plotted [h]: beyond its likely end if that is near.
+    """Return the time span to plot ahead [h]; it includes the likely end of life if that is near.
 
-    The longer the unit has been observed, the further ahead the plot may reach.
+    The span is limited by the time for which the unit has been observed.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def outlook_of(
     recent: Collection[str],
     intermittent: Mapping[str, Recurrence],
 ) -> Outlook:
-    """Return health and remaining life after the latest test, without events.
+    """Compute health and remaining life after the latest test, without events.
 
     Parameters
     ----------
@@ -90,10 +90,10 @@ def outlook_of(
     settings
         Limits, horizon and duty.
     requirements
-        Requirements of the unit, or why they cannot be monitored; None for a joint without a drive
-        model, which has no requirements.
+        Requirements of the unit, or the reason why they cannot be monitored. None for a joint
+        without a drive model, which has no requirements.
     shown
-        Estimate of the latest test that has shown a fault, by fault.
+        Estimate of the latest test that showed each fault, by fault.
     recent
         Faults that a recent test has shown.
     intermittent
@@ -114,7 +114,7 @@ def outlook_of(
         prognosis = Prognosis.unknown(service.unknown, limits, future)
     else:
         observed = service.hours - service.used[0].hours
-        # A trend is per hour of service, not per hour of growth.
+        # Convert trends from growth hours to service hours.
         rates = growth.duty.present.tolist() if growth.duty else [1.0] * len(COMPONENTS)
         tracked = tuple(
             replace(item, trend=rate * item.trend)
@@ -124,7 +124,7 @@ def outlook_of(
         prognosis = growth.tracker.predict(future)
     tracker = settings.tracker
     horizon = min(tracker.horizon_hours, tracker.horizon_factor * observed) / future.factor
-    # Alarms do not wait for a count.
+    # Alarms must not wait for a service hour count.
     judged = {
         item.name: Tracked(
             item.value, item.sigma, item.name in growth.doubtful, item.name in recent
@@ -186,7 +186,7 @@ def outlook_of(
 
 
 def warned_if_due(health: Health, removal: Removal) -> Health:
-    """Return health with a warning where it is OK and the unit is to be removed now."""
+    """Raise an OK level to a warning if the unit should be removed now."""
     if health.level != OK or not removal.hours < SOON_HOURS:
         return health
     words = f"removal is due: {100.0 * removal.risk:.3g} % risk of failure in {removal.hours:.2g} h"
@@ -203,7 +203,7 @@ def _required(
     limits: HealthLimits,
     requirements: Requirements | str | None,
 ) -> RequiredLife | str:
-    """Return the remaining life by the requirements, or why it is unknown."""
+    """Return the remaining life according to the requirements, or the reason why it is unknown."""
     if requirements is None:
         return ""
     if isinstance(requirements, str):
@@ -225,7 +225,7 @@ def _required(
 def _latest_faults(
     growth: GrowthRecord, estimate: Estimate, tracked: tuple[TrackedFault, ...]
 ) -> tuple[Array, Array]:
-    """Return faults, ``(8,)``, and covariance by all tests; by the last test if none is tracked.
+    """Return faults, ``(8,)``, and covariance from all tests, or from the last if none is tracked.
 
     Unknown values are NaN.
     """
@@ -244,15 +244,15 @@ def _latest_faults(
 def earlier(
     by_faults: RemainingLife, by_requirements: RemainingLife, together: RemainingLife
 ) -> RemainingLife:
-    """Return the life that ends with the first of two. The smaller median gives the criterion.
+    """Combine two lives into the life that ends with the first; the shorter gives the criterion.
 
     Parameters
     ----------
     by_faults, by_requirements
         Lives of the same actuator.
     together
-        Life that ends with the first of them, from shared samples. It may rest on fewer samples:
-        the result is never longer than either life.
+        Life that ends with the first of them, computed from common samples. As it may be based on
+        fewer samples, the result is limited to the shorter of both lives.
     """
     lives = [life for life in (by_faults, by_requirements) if life.known]
     if not lives:
@@ -270,7 +270,7 @@ def earlier(
 
 
 def lifetimes_of(by_faults: Array, by_requirements: Array) -> Array:
-    """Return samples of the life that ends with the first of two, quantile by quantile (P12).
+    """Combine samples of two lives into samples of the shorter life, by quantile (P12).
 
     Parameters
     ----------
@@ -296,7 +296,7 @@ def lifetimes_of(by_faults: Array, by_requirements: Array) -> Array:
 def removal_of(
     life: RemainingLife, lifetimes: Array, risk: float, hours_per_cycle: float, hours_a_day: float
 ) -> Removal:
-    """Return the latest time for the removal of a unit.
+    """Compute the removal deadline of a unit.
 
     Parameters
     ----------
@@ -312,7 +312,7 @@ def removal_of(
     if not life.known or not lifetimes.size:
         return Removal(risk, hours_a_day=hours_a_day)
     hours = float(np.quantile(lifetimes, risk, method="inverted_cdf"))
-    # The published quantiles may rest on fewer samples: the removal must not contradict them.
+    # The published quantiles may be based on fewer samples; do not contradict them.
     if risk <= _QUANTILE:
         hours = min(hours, life.hours_05)
     if risk >= _QUANTILE:

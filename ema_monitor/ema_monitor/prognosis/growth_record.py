@@ -27,10 +27,10 @@ from ema_monitor.prognosis.service import ServiceHours
 
 
 class GrowthRecord:
-    """Feeds a tracker with tests in the order of their service hours.
+    """Passes tests to a tracker in order of service hours.
 
-    If used hours are discarded later, a new tracker is fed with the remaining tests, so that its
-    state depends on the tests alone.
+    If service hours are invalidated later, a new tracker processes all remaining tests, so that its
+    state depends only on the tests.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ class GrowthRecord:
     entries
         Tests so far.
     kept
-        State of an earlier record, as ``state`` returned it. It is used if it has the same settings
-        and code, and was computed from the first of these tests.
+        Result of ``state`` of an earlier record. It is used if settings and code are unchanged and
+        it was computed from the first of these tests.
     damage
         Relation of damage to duty.
 
@@ -51,15 +51,15 @@ class GrowthRecord:
     service
         Service hours at the tests.
     duty
-        Duty between the tests; None if it is unknown and hours count as growth.
+        Duty between the tests; None if unknown, in which case growth is counted in service hours.
     tests
-        Number of tests by which the tracker was updated.
+        Number of tests processed by the tracker.
     kept_tests
-        Number of tests that were included in ``kept``.
+        Number of tests included in ``kept``.
     doubtful
-        Components whose value in the latest test is not explained by growth.
+        Components whose latest value growth does not explain.
     phase
-        Direction of eccentricity in the latest test, and its variance; NaN when unknown.
+        Direction of eccentricity in the latest test, and its variance; NaN if unknown.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class GrowthRecord:
 
     @property
     def latest_is_used(self) -> bool:
-        """Whether the tracker was updated by the latest test."""
+        """Whether the tracker has processed the latest test."""
         latest, used = self.service.latest, self.service.used
         return latest is not None and bool(used) and used[-1].stamp_ns == latest.stamp_ns
 
@@ -96,7 +96,7 @@ class GrowthRecord:
         return findings + self._update()
 
     def state(self) -> bytes:
-        """Return the state, for a later record of these and further tests."""
+        """Serialize the state, for the ``kept`` argument of a later record."""
         stamps_ns, hours = self._used()
         stream = BytesIO()
         np.savez(
@@ -117,9 +117,9 @@ class GrowthRecord:
         return self.service.add(entry)
 
     def _restore(self, kept: bytes) -> None:
-        """Continue from a stored state, unless it belongs to other settings, code or tests.
+        """Restore a stored state if its settings, code and tests match.
 
-        With a law defined by a user the state is not used: its code may have changed.
+        States with a user-defined law are ignored, because its code may have changed.
         """
         if not all(isinstance(law.law, str) for law in self._settings.laws.values()):
             return
@@ -147,7 +147,7 @@ class GrowthRecord:
         self.phase = (math.nan, math.nan)
         self.doubtful = frozenset[str]()
         self.tests = 0
-        # Stamps and hours of the tests by which the tracker was updated.
+        # Stamps and hours of the tests processed by the tracker.
         self._fed = np.empty(0, np.int64), np.empty((0, 1 + len(COMPONENTS)))
 
     def _used(self) -> tuple[NDArray[np.int64], Array]:
@@ -167,9 +167,9 @@ class GrowthRecord:
         return all(np.array_equal(before, present[:n]) for before, present in pairs)
 
     def _update(self) -> list[Finding]:
-        """Feed the tracker with the new tests; return their events."""
+        """Process new tests with the tracker; return their events."""
         reported = set[int]()
-        # Once the reference duty is known, damage counts as growth also for earlier tests.
+        # Once the reference duty is known, earlier tests must be counted by damage as well.
         if not self._begins_with(self._fed):
             reported.update(self._fed[0].tolist())
             self._restart()

@@ -1,4 +1,4 @@
-"""The history of one unit, test by test, in a database that survives a kill at any moment."""
+"""Crash-safe database with the test history of one unit."""
 
 import os
 import shutil
@@ -46,28 +46,29 @@ _DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_
 class History:
     """Tests of a unit and their assessments, in memory and, with a path, in a file.
 
-    The file is an SQLite database with a write-ahead log and a transaction for each test, locked
-    for this process alone. The checksum of a test covers its unit and place. A file is renamed, and
-    a new file begun with the intact tests, if the file is damaged, belongs to another unit, kind or
-    version, or had tests deleted, repeated or swapped. If the file is deleted or moved while in
-    use, it is written again. No method raises because of a file: ``problem`` reports the error, and
-    the history continues in memory.
+    The file is an SQLite database with a write-ahead log, one transaction per test, and an
+    exclusive lock. Checksums cover each test, its unit and its position. If the file is damaged,
+    belongs to a different unit, kind or version, or has deleted, repeated or swapped tests, it is
+    renamed, and a new file is started with the intact tests. If the file is deleted or moved while
+    in use, it is rewritten. File errors never raise exceptions: ``problem`` reports them, and the
+    history continues in memory.
 
     Parameters
     ----------
     actuator_id, serial_number
         The unit.
     path
-        The file; None for memory alone. The first entry creates the file and its folder.
+        Path of the file; None to keep the history in memory only. The first entry creates the file
+        and its folder.
 
     Attributes
     ----------
     unit
         Actuator and serial number.
     tests
-        All tests in the order of arrival.
+        All tests in order of arrival.
     entries
-        The valid tests in the order of their stamps.
+        Valid tests in order of their stamps.
     late
         Valid tests that arrived late and are not in ``entries`` yet. They are inserted together
         once they exceed 5 % of the entries, because all results after them are then recomputed.
@@ -108,7 +109,7 @@ class History:
 
     @property
     def problem(self) -> str:
-        """Present or repaired problem of the file; empty without any."""
+        """Current or repaired problem with the file; empty if none."""
         return "; ".join(filter(None, [self._mended, self._trouble]))
 
     @property
@@ -123,31 +124,30 @@ class History:
         return sum((test.flown for test in self.unused), FlownDuty())
 
     def holds(self, stamp_ns: int) -> bool:
-        """Return whether the window that ends at a stamp [ns] is in the history, valid or not."""
+        """Return whether a test whose window ends at ``stamp_ns`` is in the history."""
         return stamp_ns in self._is_valid
 
     def holds_valid(self, stamp_ns: int) -> bool:
-        """Return whether a valid test of the window that ends at a stamp [ns] is in the history."""
+        """Return whether a valid test whose window ends at ``stamp_ns`` is in the history."""
         return self._is_valid.get(stamp_ns, False)
 
     def append(self, test: Test) -> None:
-        """Add a test, and wait until the disk has it."""
+        """Add a test and flush it to disk."""
         with self._lock:
             self._add(test)
             self._write()
 
     def assess(self, assessment: Assessment) -> None:
-        """Add or replace the assessment of a test, and wait until the disk has it."""
+        """Add or replace the assessment of a test and flush it to disk."""
         with self._lock:
             self.assessments[assessment.stamp_ns] = assessment
             self._changed.add(assessment.stamp_ns)
             self._write()
 
     def keep_growth(self, state: bytes) -> None:
-        """Write the state of growth after all tests so far, if the file has all of them.
+        """Store the growth state after all tests so far, if all tests are in the file.
 
-        A later start then need not compute the state again. If the state is lost, the history is
-        complete nevertheless.
+        This only speeds up the next start: the state can be recomputed from the tests.
         """
         with self._lock:
             if self._db is None or self._trouble:

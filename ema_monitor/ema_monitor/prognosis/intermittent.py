@@ -1,4 +1,4 @@
-"""Intermittent faults and failures: present in some of the latest tests, absent in others."""
+"""Detection of intermittent faults and failures."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -9,13 +9,13 @@ from ema_monitor.health import ONE_SIDED_95, HealthLimits, Recurrence
 from ema_monitor.identification.estimate import Estimate
 
 LATEST_TESTS: Final = 20
-"""Number of latest tests in which an intermittent fault is searched."""
+"""Number of latest tests that are searched for intermittent faults."""
 
 GONE_SHARE: Final = 0.5
 """Share of the limit below which a fault is absent [-]."""
 
 OCCURRENCES: Final = 2
-"""Occurrences of an intermittent fault: a single one may be an error of the estimate."""
+"""Fewest occurrences of an intermittent fault, as a single one may be an estimation error."""
 
 
 class _Sign:
@@ -35,7 +35,7 @@ class _Sign:
         self._stamps_ns = set[int]()
 
     def add(self, stamp_ns: int, distance: float) -> bool:
-        """Add the next conclusive test; return whether the sign becomes intermittent with it."""
+        """Add the next conclusive test; return whether the sign has just become intermittent."""
         before = self.recurrence
         self._latest.append((stamp_ns, distance))
         self._judge(stamp_ns if distance else 0)
@@ -92,7 +92,7 @@ class Intermittent:
         return self._failure.recurrence
 
     def add(self, estimate: Estimate) -> list[str]:
-        """Add the next valid test; return the faults that become intermittent with it."""
+        """Add the next valid test; return the faults that have just become intermittent."""
         self._failure.add(estimate.end_ns, 0.0)
         new = []
         for name, sign in self._faults.items():

@@ -1,4 +1,4 @@
-"""Notes of persons, queued for the next outlook of a unit."""
+"""Queue of user notes for the next outlook of a unit."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ MOST_PERSONS: Final = 20
 
 
 class Notes:
-    """Queue of events by persons for the next outlook."""
+    """Queue of user events for the next outlook."""
 
     def __init__(self) -> None:
         self._waiting: list[UnitEvent] = []

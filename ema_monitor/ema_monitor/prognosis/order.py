@@ -1,4 +1,4 @@
-"""The place of a test among the tests of its unit: by its stamp, or by its reception."""
+"""Ordering of a unit's tests by stamp or by reception."""
 
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -18,14 +18,14 @@ _LEAST_AHEAD_NS: Final = 1_000_000_000
 
 
 class Place(NamedTuple):
-    """Place of a test among the tests of its unit."""
+    """Position of a test among the tests of its unit."""
 
     shift_ns: int = 0
     """Correction of its stamp that puts it after all earlier tests [ns]."""
     problem: OrderUnknown | None = None
-    """Reason that the order of the tests is unknown; None if it is known."""
+    """Reason why the order of the tests is unknown; None if it is known."""
     is_known: bool = False
-    """Whether the test is in the history already."""
+    """Whether the history already contains the test."""
 
 
 def place_of(
@@ -36,7 +36,7 @@ def place_of(
     by_clock: bool,
     is_live: bool = False,
 ) -> Place:
-    """Return the place of a test among the tests of its unit.
+    """Determine the position of a test among the tests of its unit.
 
     Tests are ordered by stamp. If the stamp is not later than the newest stamp, the order of
     reception counts in two cases: the clock went back, so that the receiver's clock is behind the
@@ -85,9 +85,9 @@ def place_of(
 
 
 def is_after_step(test: Test, before: Test, by_clock: bool) -> bool:
-    """Return whether a clock went back between a test and the one before it.
+    """Return whether the clock was set back between two successive tests.
 
-    The time between both is then not known from their stamps.
+    In that case, their stamps do not give the time between them.
     """
     if by_clock:
         return test.shift_ns != before.shift_ns

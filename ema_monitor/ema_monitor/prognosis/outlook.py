@@ -46,7 +46,7 @@ class Claim(NamedTuple):
 
     @property
     def is_dated(self) -> bool:
-        """Whether the newest test is stamped by a clock like the receiver's: not years behind."""
+        """Whether the stamp of the newest test is at most a year behind the receiver's clock."""
         return self.received_ns - self.measured_ns <= _OTHER_CLOCK_NS
 
     @property
@@ -69,7 +69,7 @@ class Claim(NamedTuple):
 
 
 class Removal(NamedTuple):
-    """Latest time for the removal of a unit (P27)."""
+    """Removal deadline of a unit (P27)."""
 
     risk: float = 0.05
     """Accepted probability of a failure before the removal [-]."""
@@ -100,7 +100,7 @@ class Outlook(Displayed):
     health: Health
     """Levels, index and grade."""
     trends: Mapping[str, float] = field(default_factory=dict)
-    """Growth by fault and by requirement [its unit per flight hour]; missing names are unknown."""
+    """Growth rate of each fault and requirement, in its unit per flight hour, if known."""
     lives: Mapping[str, RemainingLife] = field(default_factory=dict)
     """Remaining life until each fault or requirement reaches its limit, by name; ``rul`` gives the
     reason for missing names."""
@@ -127,7 +127,7 @@ class Outlook(Displayed):
     """Service hour at which the present run of tests with ERROR began [h]; NaN when unknown, or
     if the level is not ERROR."""
     removal: Removal = field(default_factory=Removal)
-    """Latest time for the removal of the unit."""
+    """Removal deadline."""
     events: tuple[UnitEvent, ...] = field(default=(), repr=False, compare=False)
     """Events since the previous outlook: findings of the latest test, restarts, calibrations, and
     new faults."""
@@ -139,7 +139,7 @@ class Outlook(Displayed):
     tests_tell: bool = True
     """Whether the latest test showed the dominant fault."""
     calibrations: Mapping[str, TrackRecord] = field(default_factory=dict)
-    """Agreement of each fault's predictions with its tests; missing names are unknown."""
+    """Calibration of each fault's past predictions, if known."""
     failure: str = ""
     """Failure of drive or shaft that the newest test shows; empty for none."""
     departure: str = ""
@@ -170,14 +170,14 @@ class Outlook(Displayed):
         return self.last_level if self.health.level == STALE else self.health.level
 
     def stale(self, reason: str) -> "Outlook":
-        """Return the outlook with an unknown level: STALE, with the reason."""
+        """Return the outlook with its level set to STALE for the given reason."""
         health = replace(self.health.without_ok(), level=STALE, confidence=0.0, reason=reason)
         return replace(self, health=health, last_level=self.known_level)
 
     def at(self, now_ns: int) -> "Outlook":
-        """Return the outlook at a time [ns]: STALE once its level has expired.
+        """Return the outlook at ``now_ns`` [ns]; its level is STALE once expired.
 
-        It is also STALE before the newest test: then the clock has gone back.
+        It is also STALE before the newest test, because the clock must have been set back.
         """
         claim = self.claim
         if self.health.level != STALE and claim.good_for_s and now_ns < claim.begin_ns:
@@ -194,7 +194,7 @@ class Outlook(Displayed):
         return self.stale("; ".join(filter(None, [words, self.health.reason])))
 
     def after_refusal(self, test: UnusedCycle) -> "Outlook":
-        """Return the outlook after a newest test that failed, departed or was refused otherwise."""
+        """Return the outlook after a newer test that was refused."""
         if test.verdict != FAILED:
             stale = self.stale(f"the newest test was refused: {test.reason}")
             if test.comparison is not None:
@@ -231,14 +231,14 @@ class Outlook(Displayed):
 
 
 def unknown_outlook(reason: str) -> Outlook:
-    """Return the outlook before any test, with the reason why nothing is known."""
+    """Create the outlook of a unit without tests, with a reason."""
     health = Health(STALE, math.nan, 0, 0.0, "", reason=reason)
     life = RemainingLife.unknown("", reason)
     return Outlook(health=health, rul_faults=life, rul_requirements=life, rul=life)
 
 
 def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Outlook:
-    """Return the health of a single valid estimate, with the reason for the missing prognosis."""
+    """Create the outlook of a single valid estimate, with the reason why it has no prognosis."""
     health = assess(estimate, limits)
     return replace(
         unknown_outlook(reason),

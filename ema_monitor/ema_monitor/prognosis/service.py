@@ -17,7 +17,7 @@ UNKNOWN_HOURS: Final = (
     "service hours are unknown: no count on topic usage was read before the test, and the "
     "parameter hours_per_cycle is 0"
 )
-"""Why a test without a count has no service hours."""
+"""Reason why a test without a count has no service hours."""
 
 MOST_TESTS: Final = 10
 """Test cycles after which a count is outdated and the service hours are unknown."""
@@ -35,7 +35,7 @@ _MOST_HOURS_A_DAY: Final = 24.0
 
 @dataclass(frozen=True)
 class Service(Checked):
-    """Assumptions of a monitor on use."""
+    """Assumptions of a monitor about usage."""
 
     duty: float = quantity(
         1.0, "-", 1e-3, 1e3, "growth of the faults in a future flight hour, relative to a past one"
@@ -87,7 +87,7 @@ class CountLog:
             self.add(unit, count)
 
     def latest(self, unit: UnitKey, stamp_ns: int) -> Count | None:
-        """Return the latest count of a unit up to a stamp [ns]; None when there is none."""
+        """Return the latest count of a unit up to ``stamp_ns``; None if there is none."""
         with self._lock:
             counts = self._counts.get(unit, {}).values()
             read = [count for count in counts if count.stamp_ns <= stamp_ns]
@@ -113,7 +113,7 @@ class TimedTest(NamedTuple):
 
 
 class ServiceHours:
-    """Service hours of one unit at its tests, which never go back.
+    """Non-decreasing service hours of one unit at its tests.
 
     A test with a new count has the hours of that count. A test without a new count is deferred
     until the next count and has hours interpolated by stamps, so that no fault grows in zero time.
@@ -128,7 +128,7 @@ class ServiceHours:
     used
         Tests whose service hours are known, in the order of these hours.
     latest
-        Latest test, used or not; None before any.
+        Latest test, used or not; None before the first.
     unknown
         Why the service hours at the latest test are unknown; empty when they are known, or when
         the test is deferred until the next count.
@@ -281,7 +281,7 @@ class ServiceHours:
         self._use(test)
 
     def _use(self, test: TimedTest) -> None:
-        """Use a test, and before it the deferred tests at interpolated hours."""
+        """Use a test, preceded by the deferred tests at interpolated hours."""
         deferred = self._waiting
         earlier = list(takewhile(lambda waiting: waiting.stamp_ns != test.stamp_ns, deferred))
         self._waiting = deferred[len(earlier) + 1 :]

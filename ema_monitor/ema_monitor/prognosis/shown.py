@@ -1,4 +1,4 @@
-"""Latest test that showed each fault, and whether it is recent enough for a level."""
+"""Tracking of the latest test that showed each fault."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
@@ -13,7 +13,7 @@ RECENT_TESTS: Final = 3
 
 
 class LastShown:
-    """Latest single test that has shown each fault.
+    """Latest test that showed each fault.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class LastShown:
                 self.estimates[name] = estimate
 
     def oldest_ns(self) -> int:
-        """Return the stamp since when every fault has been shown [ns]; 0 if one never was."""
+        """Return the time since which every fault has been shown [ns]; 0 if one was never shown."""
         if len(self.estimates) < len(COMPONENTS):
             return 0
         return min(estimate.end_ns for estimate in self.estimates.values())

@@ -1,4 +1,4 @@
-"""Duty of a unit from test to test: hours of growth at its tests, and the duty to come."""
+"""Duty of a unit between its tests, and extrapolation to future duty."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,7 +28,7 @@ _BY_HOURS: Final = np.ones((len(COMPONENTS), 1))
 
 @dataclass(frozen=True, eq=False)
 class FutureDuty:
-    """Hours of growth in a future hour of service; by default a steady use as in the past.
+    """Growth hours per future service hour; by default, usage continues as in the past.
 
     Raises
     ------
@@ -75,7 +75,7 @@ class FutureDuty:
         return words
 
     def hours_of(self, growth_hours: Array) -> Array:
-        """Return the hours of service in which some hours of growth pass [h], ``(7, n)``.
+        """Convert growth hours to service hours, ``(7, n)`` [h].
 
         Parameters
         ----------
@@ -91,7 +91,7 @@ class FutureDuty:
         return np.where(at_first <= lasting, at_first, after)
 
     def own_hours(self, hours: Array, n: int) -> Array:
-        """Return the hours of growth after some hours of service [h].
+        """Convert service hours to growth hours [h].
 
         Parameters
         ----------
@@ -120,7 +120,7 @@ class DutyCourse:
     Parameters
     ----------
     settings
-        How duty does damage.
+        Relation of damage to duty.
     hours
         Service hours of the tests [h], ``(n,)``.
     hourly
@@ -214,7 +214,7 @@ class DutyCourse:
 
 
 def duty_changes(relative: Array) -> NDArray[np.intp]:
-    """Return the numbers of the first intervals after changes of a duty, in their order.
+    """Detect changes of duty; return the index of the first interval after each change.
 
     The logarithm of the duty is cut into parts of the least sum of squares about their means, in
     units of its scatter from one interval to the next, and 4 ln n for each of its n intervals'

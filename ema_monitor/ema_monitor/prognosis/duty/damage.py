@@ -1,4 +1,4 @@
-"""Duty flown and the damage it causes: wear by load and travel, ageing by temperature."""
+"""Recorded duty and its damage: wear from load and travel, ageing from temperature."""
 
 from dataclasses import dataclass, field
 from typing import Final
@@ -31,7 +31,7 @@ MEASURE: Final = np.array([fault.damage for fault in FAULTS if fault.damage is n
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlownDuty:
-    """Use of a unit over some time, from telemetry and topics; zero by default."""
+    """Usage of a unit over a period, from telemetry and topics; zero by default."""
 
     hours: float = 0.0
     """Time that telemetry covers [h]."""

@@ -54,7 +54,7 @@ def count_travel(
 
 
 class DutyMeter:
-    """Sums up the duty in the telemetry of one unit.
+    """Accumulates the duty of one unit from its telemetry.
 
     Successive blocks without a gap form one motion. If the current is not measured, the load is
     assumed to be 1.

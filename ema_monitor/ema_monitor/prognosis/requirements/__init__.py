@@ -1,1 +1,1 @@
-"""Required performances, and when they fail."""
+"""Performance requirements and prediction of their failure."""

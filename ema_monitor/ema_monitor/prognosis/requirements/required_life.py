@@ -1,4 +1,4 @@
-"""Remaining life of an actuator until it misses a requirement, by samples of future faults."""
+"""Remaining life until an actuator fails a requirement, from samples of future faults."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -50,7 +50,7 @@ _BEYOND: Final = 2.0
 
 @dataclass(frozen=True)
 class RequiredLife:
-    """Health, growth and remaining life with regard to the requirements."""
+    """Health, trends and remaining life with respect to the requirements."""
 
     healths: tuple[FaultHealth, ...]
     """Health with regard to each requirement; empty when none can be monitored."""
@@ -92,7 +92,7 @@ def required_life(
     limits: HealthLimits,
     horizon_hours: float,
 ) -> RequiredLife:
-    """Return the remaining life by the requirements.
+    """Compute the remaining life with respect to the requirements.
 
     Each component grows in the share of the samples given by its probability of growth. If no
     component is known to grow, all keep their possible present values, and a life is given only if

@@ -1,4 +1,4 @@
-"""Required performance: its limits, and the distance of an actuator with faults from them."""
+"""Performance requirements, and compliance of an actuator with faults."""
 
 from dataclasses import dataclass, fields
 from functools import lru_cache
