@@ -1,1 +1,1 @@
-"""The monitor model: kernel, drives, threads."""
+"""Monitor model: a fast actuator model for estimation."""

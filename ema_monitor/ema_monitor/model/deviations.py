@@ -1,7 +1,7 @@
-"""Deviations of a unit or a window from the nominal model that are not faults.
+"""Deviations from the nominal model that are not faults, of a unit or a window.
 
 A calibration fits the deviations of a unit on healthy windows. Deviations that may change between
-two windows are hidden causes, which compete with faults to explain a window.
+windows are hidden causes. They compete with faults as explanations of a window.
 """
 
 import math
@@ -63,13 +63,13 @@ class Deviations(NamedTuple):
 NAMES: Final = Deviations._fields
 N_DEVIATIONS: Final = len(NAMES)
 N_SENSOR: Final = 6
-"""Number of sensor deviations, which are last: they do not change the motion."""
+"""Number of sensor deviations, which come last and do not affect the motion."""
 
 SENSOR_ERRORS: Final = ("offset", "gain", "delay")
-"""Errors of the sensor of a column, appended to the name of the column."""
+"""Suffixes for sensor errors, appended to the column name."""
 
 READINGS: Final = ("command_delay", "position_offset", "position_gain")
-"""Hidden causes in the inputs of the model: command and initial position."""
+"""Hidden causes that affect the model inputs: command and initial position."""
 
 COLUMNS: Final = (*NAMES, *READINGS)
 """Deviations of a window: the deviations of a unit, and the readings."""
@@ -85,11 +85,11 @@ USUAL_SIGMA: Final = {
     "speed_gain": 0.01,
     "position_gain": 0.01,
 }
-"""Usual change between two tests, for causes with narrow bounds in a healthy unit [-]."""
+"""Typical change between two tests, for causes that vary little in a healthy unit [-]."""
 
 _NEVER_NEGATIVE: Final = ("loop_delay", "stribeck_speed")
-# Tail of sensor errors: a failed sensor may read anything. With a narrower tail, offsets of sensors
-# would explain loads.
+# Sensor errors have heavy tails, as a failed sensor may read anything. If the tails began closer to
+# the center, sensor offsets would explain loads.
 _TAIL: Final = 2.5
 
 
@@ -119,14 +119,14 @@ class Prior(NamedTuple):
 
 
 def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior, ...]:
-    """Return the priors of all hidden causes of the model.
+    """Return the priors of all hidden causes.
 
     Parameters
     ----------
     parameters
         Nominal parameters; priors of load and current scale with the limits of the actuator.
     travel
-        Travel of the command, at which the prior of a load stiffness applies [rad].
+        Travel of the command, which scales the prior of the load stiffness [rad].
 
     Notes
     -----
@@ -171,9 +171,9 @@ def unit_priors(
 
     Notes
     -----
-    The motion shows only ratios of torque constant, friction, inertia and gain of the current
-    sensor; torque constant and gain are therefore not fitted. Resistance and supply voltage have an
-    effect only if the voltage limits the current, which does not occur in healthy tests.
+    Only ratios of torque constant, friction, inertia and current sensor gain are observable; torque
+    constant and gain are therefore not fitted. Resistance and supply voltage only matter if the
+    voltage limits the current, which does not occur in healthy tests.
     """
     T, I, omega = parameters.T_max, parameters.I_max, parameters.omega_max
     lift = parameters.h_b / 4.0
@@ -262,7 +262,7 @@ def sensed(rows: Sequence[Array], deviations: Array, h: float) -> list[Array]:
     for number, row in enumerate(rows):
         offset, gain, delay = (part[:, number, None] for part in (offsets, gains, delays))
         readings = row * (1.0 + gain) + offset
-        # Only rows with a delay, because the shift is slow and most rows have none.
+        # Shift only rows with a delay, because shifting is slow and most rows have none.
         for number in np.flatnonzero(delay):
             shifted = _shifted(row[number], float(delay[number, 0]) / h)
             readings[number] = shifted * (1.0 + gain[number]) + offset[number]

@@ -1,4 +1,4 @@
-"""Drives of the monitor model: from reference current to current and torque.
+"""Drives of the monitor model, which convert the reference current to current and torque.
 
 The kernels accept lanes of `ema_core.simd` as well as single floats; the numbers (M10) to (M12)
 refer to ``docs/model.md``.
@@ -85,7 +85,7 @@ class SourceDrive(NamedTuple):
 def fast_constants(
     motor: MotorConstants, dt: float, lift: PerLane = 0.0, loop_delay: PerLane = 0.0
 ) -> FastDrive:
-    """Return the constants of the fast form for a step ``dt`` [s].
+    """Return the constants of the fast form for an integration step ``dt`` [s].
 
     ``lift`` [A] is the lift of the healthy motor, ``loop_delay`` [s] the delay of its current loop
     (M12).
@@ -114,7 +114,7 @@ def fast_constants(
 
 
 def source_constants(motor: MotorConstants, dt: float) -> SourceDrive:
-    """Return the constants of the source form for a step ``dt`` [s]."""
+    """Return the constants of the source form for an integration step ``dt`` [s]."""
     N_a, N_b, N_c, wave = motor.N_a, motor.N_b, motor.N_c, 0.42 * motor.zeta
     return SourceDrive(
         V_max=motor.V_max,
@@ -184,7 +184,7 @@ def of_pair(position, constants):
 
 @kernel()
 def pair_at(drive: FastDrive, theta_m):
-    """Return the driven pair at an angle of the motor."""
+    """Return the driven pair at a motor angle."""
     half_turns = drive.half_turns * theta_m
     position = pair_position(half_turns)
     start = half_turns - position + of_pair(position, (0.0, 1.0 / 3.0, 2.0 / 3.0))
@@ -207,7 +207,7 @@ def pair_at(drive: FastDrive, theta_m):
 
 @kernel()
 def pair_after(drive: FastDrive, pair, theta_m):
-    """Return the driven pairs, selected again if any lane has left the range of its pair.
+    """Return the driven pairs, reselected if any lane has left the range of its pair.
 
     The selection takes as long as the rest of a step, and occurs in at most one of ten steps.
     """
@@ -261,13 +261,13 @@ def place_in_cycle(drive: SourceDrive, theta_m):
 
 @kernel()
 def place_after(drive: SourceDrive, position, theta_m):
-    """Return the position of a motor angle in the cycle of driven pairs; the last is not used."""
+    """Return the position of a motor angle in the cycle of driven pairs; ``position`` is unused."""
     return place_in_cycle(drive, theta_m)
 
 
 @kernel()
 def only_current(drive: FastDrive | SourceDrive, I):
-    """Return the current: its loop has no memory."""
+    """Return the current unchanged, because its loop has no memory."""
     return I
 
 
@@ -279,7 +279,7 @@ def bare_current(drive: FastDrive | SourceDrive, stage, I):
 
 @kernel()
 def available_pair_current(drive: FastDrive, pair: DrivenPair, cos, sin, omega, I):
-    """Return the largest current in the direction of ``I`` within voltage and torque limit [A]."""
+    """Return the largest current in the direction of ``I`` that voltage and torque permit [A]."""
     K = pair.K + (pair.K_cos * cos + pair.K_sin * sin)
     voltage = drive.V_max - math.copysign(K, I) * omega
     by_voltage = max(voltage / pair.R, 0.0)

@@ -1,4 +1,4 @@
-"""Kernels of the monitor model: one equivalent phase, for many fault vectors at once.
+"""Kernels of the one-phase monitor model, vectorized over fault vectors.
 
 Each fault vector occupies a lane of `ema_core.simd`; the equation numbers refer to
 ``docs/model.md``.
@@ -47,7 +47,7 @@ class ShaftConstants(NamedTuple):
 
 
 class ModelState(NamedTuple):
-    """State of the monitor model between two steps, a vector of lanes each.
+    """State of the monitor model between two steps; each field is a vector of lanes.
 
     ``theta_m`` [rad] and ``omega`` [rad/s] belong to the motor shaft, ``cos`` and ``sin`` to the
     angle of the eccentricity. ``theta_b`` [rad] is the fast-shaft angle on the user side of the

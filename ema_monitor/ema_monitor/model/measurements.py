@@ -23,7 +23,7 @@ class MeasurementLog:
     Parameters
     ----------
     most
-        Number of measurements of a cause that are kept, the latest; None for all.
+        Number of latest measurements to keep per cause; None to keep all.
     """
 
     def __init__(self, most: int | None = None) -> None:

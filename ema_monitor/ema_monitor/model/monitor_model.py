@@ -1,4 +1,4 @@
-"""Monitor model: response of an actuator with faults in a window."""
+"""Monitor model, which simulates the response of a faulty actuator to a window's command."""
 
 from collections.abc import Iterable
 from typing import Final, NamedTuple
@@ -31,10 +31,10 @@ exceeds the integration error.
 """
 
 FORMS_OF_DRIVES: Final = {"six_step": ("fast", "source"), "field_oriented": ("field_oriented",)}
-"""Forms by drive of the actuator, the default first."""
+"""Available forms by drive; the default comes first."""
 
 LEARNS_UNIT: Final = ("fast", "field_oriented")
-"""Forms with deviations of a unit and hidden causes; the remaining form is the thesis's model."""
+"""Forms that support unit deviations and hidden causes; the source form does not."""
 
 
 class Response(NamedTuple):
@@ -103,7 +103,7 @@ class MonitorModel:
         deviations: Array | None = None,
         position: ArrayLike | None = None,
     ) -> Response:
-        """Return equivalent current and motor speed of each individual in a window.
+        """Simulate the equivalent current and motor speed of each individual in a window.
 
         Parameters
         ----------
@@ -201,7 +201,7 @@ class MonitorModel:
         return Response(*(row + late for row, late in zip(readings, corrections, strict=True)))
 
     def of_unit(self, unit: Deviations) -> "MonitorModel":
-        """Return the model with the deviations of another unit."""
+        """Return a copy of the model with different unit deviations."""
         return MonitorModel(self.parameters, self.form, self.dt, unit, self.acquisition)
 
     def steps(self, sample_period: float) -> int:

@@ -1,7 +1,8 @@
-"""Effects of wrong readings of command and position on a window (M27).
+"""Effects of erroneous command and position readings on a window (M27).
 
-Wrong readings change the input of the model, not the motion. If the command is delayed, measured
-current and speed are early. If the position is wrong, the model starts at a wrong position.
+Erroneous readings change the model input, not the motion. If the command reading is delayed,
+measured current and speed appear early. If the position reading is wrong, the model starts from the
+wrong position.
 """
 
 from typing import Final

@@ -1,1 +1,1 @@
-"""Windows: extracted from telemetry, checked, and smoothed to their informative band."""
+"""Extraction and checking of telemetry windows, and band limitation of residuals."""

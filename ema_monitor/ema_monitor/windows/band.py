@@ -9,7 +9,7 @@ from ema_core.arrays import Array
 from ema_core.parameters import ActuatorParameters
 
 BAND_S: Final = 2e-3
-"""Length of the smoothing window [s]; above about 1 kHz residuals are ripple of the PWM."""
+"""Length of the smoothing window [s]; residuals above about 1 kHz are PWM ripple."""
 
 
 BAND_CORRELATION: Final = 4.0
@@ -25,7 +25,7 @@ def band_samples(n: int, sample_period: float) -> int:
 
 
 def band_limited(rows: Array, sample_period: float) -> Array:
-    """Return rows without the ripple of the PWM, which no model can predict per sample.
+    """Remove PWM ripple, which no model can predict sample by sample.
 
     Parameters
     ----------
@@ -65,5 +65,5 @@ def speed_weight(parameters: ActuatorParameters) -> float:
 
 
 def rms(values: Array) -> float:
-    """Return the root mean square of all values."""
+    """Return the root mean square over all values."""
     return float(np.sqrt(np.mean(np.square(values))))

@@ -1,4 +1,4 @@
-"""Buffer for the latest contiguous blocks of telemetry, of any number and size."""
+"""Buffer of the latest contiguous telemetry blocks."""
 
 from array import array
 from dataclasses import replace
@@ -33,7 +33,7 @@ class _Part(NamedTuple):
 
 
 class LatestBlocks:
-    """Keeps the latest blocks; small blocks are joined to reduce memory per sample.
+    """Buffer of the latest blocks, which joins small blocks to save memory.
 
     The stamp of each block is kept, so that joining does not change the stamps of a cut.
 
@@ -65,7 +65,7 @@ class LatestBlocks:
 
     @property
     def end(self) -> int:
-        """Running index after the last sample."""
+        """Running index following the last sample."""
         return self._parts[-1].end
 
     def add(self, block: Telemetry) -> None:
@@ -91,10 +91,11 @@ class LatestBlocks:
         self._loose = min(self._loose, len(self._parts))
 
     def cut(self, start: int, stop: int) -> tuple[Telemetry, BlockStamp, BlockStamp]:
-        """Return the samples ``start`` to ``stop`` (exclusive), and stamps to check their rate.
+        """Return the samples from ``start`` to ``stop`` (exclusive), and two block stamps.
 
-        The stamps are of the first and the last block that begin within the samples. If no block
-        does, both are the stamp of the block that contains the first sample.
+        The stamps, for a check of the sample rate, belong to the first and last block that start
+        within these samples. If no block does, both belong to the block that contains the first
+        sample.
         """
         covering = [
             part for part in self._parts if part.end > start and part.telemetry.first_index < stop

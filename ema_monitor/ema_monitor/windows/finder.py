@@ -1,6 +1,6 @@
 """Search for windows in the telemetry of one actuator.
 
-Live telemetry, replays and bags give the same windows: nothing depends on the time of reception.
+Live telemetry, replays and bags yield the same windows, because nothing depends on reception times.
 """
 
 from collections import deque
@@ -37,7 +37,7 @@ _LONGEST_WINDOW_S: Final = 100.0
 
 @dataclass(frozen=True)
 class Segment:
-    """A window, or the refusal of a window that cannot be used."""
+    """A window, or the reason why a window cannot be used, with its context."""
 
     number: int
     """Running number, from 0."""
@@ -46,8 +46,8 @@ class Segment:
     window: Window | Refusal
     """The window, or its refusal."""
     is_stretch: bool = False
-    """Whether it is a stretch of ordinary motion, which is combined with further stretches; False
-    for a record."""
+    """Whether it is a stretch of ordinary motion, to be combined with others; False for a record.
+    """
 
 
 class WindowFinder:
@@ -61,16 +61,16 @@ class WindowFinder:
     settings
         Begin and length of windows.
     description
-        The actuator; None if the description is still to be received.
+        Actuator description; None if not received yet.
 
     Attributes
     ----------
     description
         Latest description of the actuator; None before the first.
     blocks
-        Number of blocks so far.
+        Number of blocks received so far.
     lost_samples
-        Number of samples missing between them.
+        Number of samples missing between blocks.
     windows
         Number of windows so far, including refused windows.
     """
@@ -118,7 +118,7 @@ class WindowFinder:
         return longest_s if self.finds_records else max(longest_s, self.window_s)
 
     def reach_s(self, sample_period: float) -> float:
-        """Return the longest time from the begin of a window to its completing sample [s]."""
+        """Return the longest time from the start of a window to its completion [s]."""
         if self._trigger is not None and not self.finds_records:
             return self.window_s
         return self.longest_s + LONGEST_REST_S + BINS_AT_ONCE * max(BIN_S, sample_period)
@@ -130,12 +130,12 @@ class WindowFinder:
 
     @property
     def passed_over(self) -> int:
-        """Number of stretches of motion with too little travel, or too short for a record."""
+        """Number of motions skipped because of too little travel or time."""
         return self._trigger.passed_over if self._trigger else 0
 
     @property
     def shortfall(self) -> str:
-        """Why the piece with the longest motion is not a record; empty without such a piece."""
+        """Reason why the longest skipped motion is not a record; empty if none was skipped."""
         return self._trigger.shortfall if isinstance(self._trigger, RecordTrigger) else ""
 
     @property
@@ -150,7 +150,7 @@ class WindowFinder:
 
     @property
     def shortage(self) -> str:
-        """Why the telemetry does not permit any complete window so far; empty if it does."""
+        """Reason why no complete window has been possible so far; empty if one was possible."""
         if self._sample_period is None:
             return ""
         if self._trigger is not None and not self.finds_records and self._lacks_command:
@@ -173,7 +173,7 @@ class WindowFinder:
 
     @property
     def obstacle(self) -> str:
-        """Setting that the motion has not satisfied since it was set; empty if there is none."""
+        """Setting that has prevented windows since it was applied; empty if none has."""
         trigger, settings = self._trigger, self._settings
         if trigger is None or self._sample_period is None or self.windows > self._windows_before:
             return ""
@@ -248,7 +248,7 @@ class WindowFinder:
         return self._scan(block, self._trigger, self.description)
 
     def reject(self, stamp_ns: int, reason: str) -> list[Segment | Defect]:
-        """Process an invalid block with this stamp [ns], for this reason."""
+        """Process an invalid block, given its stamp [ns] and the reason."""
         self.blocks += 1
         if self._trigger is None:
             defect = Defect(stamp_ns, reason)
@@ -257,7 +257,7 @@ class WindowFinder:
         return self._number(self._trigger.end_piece(stamp_ns, reason))
 
     def split(self, block: Telemetry) -> list[Segment | Defect]:
-        """End the present piece of telemetry if a block does not continue it.
+        """End the current piece of telemetry if the block does not continue it.
 
         Return the completed windows and the defect. ``feed`` does the same before it processes the
         block.
@@ -300,7 +300,7 @@ class WindowFinder:
         return events + self._number(trigger.feed(block))
 
     def _number(self, events: Iterable[Window | Refusal | Defect]) -> list[Segment | Defect]:
-        """Return the events with windows and refusals as numbered segments."""
+        """Wrap windows and refusals among the events in numbered segments."""
         numbered: list[Segment | Defect] = []
         for event in events:
             if isinstance(event, Defect):

@@ -1,4 +1,4 @@
-"""Detection of samples that the described motor cannot produce: errors of the telemetry."""
+"""Detection of telemetry errors: samples that the described motor cannot produce."""
 
 from typing import Final
 

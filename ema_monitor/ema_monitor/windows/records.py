@@ -1,6 +1,6 @@
-"""Records in telemetry: any motion of seconds to minutes, for an unknown drive.
+"""Extraction of records: motions of seconds to minutes of an unknown drive.
 
-The position determines begin and end of a record, because the drive may have no position command.
+Records are delimited by the position, because the drive may have no position command.
 """
 
 import math
@@ -25,13 +25,13 @@ from ema_monitor.windows.trigger import (
 from ema_monitor.windows.window import MIN_TRAVEL, Window
 
 LEAST_MOTION_S: Final = 2.0
-"""Least motion of a record [s]."""
+"""Shortest total motion in a record [s]."""
 
 LONGEST_REST_S: Final = 5.0
-"""Rest that ends a record [s]; a shorter rest is part of the record."""
+"""Rest that ends a record [s]; shorter rests belong to the record."""
 
 MARGIN_S: Final = 0.5
-"""Rest before and after the motion that a record includes [s]."""
+"""Rest included before and after the motion of a record [s]."""
 
 MOST_RECORD_SAMPLES: Final = 200_000
 """Largest number of samples of a record: 6.4 MB in four columns."""
@@ -46,7 +46,7 @@ _RATIO_OF_MOTION: Final = 1.0
 
 
 def stands_still(telemetry: Telemetry) -> bool:
-    """Return whether the command moves and the position does not follow.
+    """Return whether the position stays still while the command moves.
 
     The position does not follow if it travels less than 1 % of the travel of the command. Without a
     command the result is False. White noise does not count as motion: the mean square of its
@@ -62,7 +62,7 @@ def stands_still(telemetry: Telemetry) -> bool:
 
 
 class _Step(NamedTuple):
-    """A bin, and the state of the position at its end."""
+    """A position bin and the state of motion at its end."""
 
     item: PositionBin
     rest_begin: int
@@ -79,7 +79,7 @@ class _Cut(NamedTuple):
 
 
 class RecordTrigger(WindowTrigger):
-    """Cuts records out of continuous telemetry by the position.
+    """Extracts records from continuous telemetry, based on the position.
 
     The position rests if it stays within a threshold for 0.25 s. The threshold follows from
     resolution and noise of the sensor (`PositionBins`); it is at least 0.2 % of the travel in the
@@ -105,7 +105,7 @@ class RecordTrigger(WindowTrigger):
     Attributes
     ----------
     shortfall
-        Why the skipped piece with the longest motion is not a record; empty without one.
+        Reason why the longest skipped motion is not a record; empty if none was skipped.
     interpolated
         Number of lost samples that were interpolated.
     """
@@ -195,7 +195,7 @@ class RecordTrigger(WindowTrigger):
         return events
 
     def _too_many(self, block: Telemetry) -> str:
-        """Return why a record would have too many samples; empty if it would not."""
+        """Return the reason why a record would have too many samples, or ""."""
         needed = round(LEAST_MOTION_S / block.sample_period)
         if needed <= MOST_RECORD_SAMPLES // 2:
             return ""
@@ -328,7 +328,7 @@ class RecordTrigger(WindowTrigger):
         return ""
 
     def _forget(self) -> None:
-        """Drop blocks before the earliest possible begin of a record."""
+        """Drop blocks before the earliest possible start of a record."""
         last, bins = self._latest.last, self._bins
         if last is None or bins is None:
             return

@@ -23,7 +23,7 @@ _FEWEST: Final = 20
 
 
 class Relation(NamedTuple):
-    """Measured relation of two sensors, and its standard deviation."""
+    """Measured relation between two sensors, with its standard deviation."""
 
     value: float
     sigma: float

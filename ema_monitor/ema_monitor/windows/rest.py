@@ -1,4 +1,4 @@
-"""Detection of rest of a position, for any resolution and noise of its sensor."""
+"""Detection of rest from a position signal, independent of sensor resolution and noise."""
 
 from collections import deque
 from typing import Final, NamedTuple
@@ -8,10 +8,10 @@ import numpy as np
 from ema_core.arrays import Array, Flags
 
 BINS_AT_ONCE: Final = 25
-"""Number of bins that are processed at once, which delays decisions."""
+"""Number of bins processed together; larger values delay decisions."""
 
 BIN_S: Final = 0.04
-"""Length of a bin [s]; a longer sample period is the length of a bin."""
+"""Length of a bin [s], unless the sample period is longer."""
 
 _SMALLEST_THRESHOLD: Final = 2e-5
 # Not an integer: positions differ by multiples of the resolution, or of a simple fraction of it.

@@ -1,4 +1,4 @@
-"""Stretches of ordinary motion in telemetry: windows that need no test cycle (M28)."""
+"""Extraction of stretches: windows from ordinary motion, without a test cycle (M28)."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -30,7 +30,7 @@ _LATEST_S: Final = 0.01
 
 
 class StretchTrigger(WindowTrigger):
-    """Cuts stretches out of continuous telemetry while the command moves.
+    """Extracts stretches from continuous telemetry while the command moves.
 
     A stretch begins at a sample in motion, or at the last sample at rest, and has the length of a
     window. Stretches do not overlap. A start at which the position of the motor in its play is

@@ -1,7 +1,7 @@
-"""Begin and end of windows in a stream of telemetry, and defects of the stream.
+"""Extraction of test windows from a telemetry stream, and detection of stream defects.
 
-Decisions depend on running indices and stamps only, never on the time of reception, so that a
-replay gives the same windows.
+Decisions depend only on running indices and stamps, never on reception times, so that a replay
+yields the same windows.
 """
 
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ INDEX_WENT_BACK: Final = "the sample index went back"
 """Start of the reason for blocks out of order, for example from two publishers."""
 
 LEAST_REST: Final = 2
-"""Least number of equal samples of a rest, for any sample period."""
+"""Fewest equal samples in a rest, regardless of the sample period."""
 
 _LARGEST: Final = 1e30
 _RATE_TOLERANCE: Final = 0.01
@@ -98,7 +98,7 @@ class TriggerSettings(Checked):
 
 
 class WindowTrigger:
-    """Cuts windows out of telemetry blocks.
+    """Extracts windows from telemetry blocks.
 
     A window begins at the last sample before the command leaves its rest value. There is no window
     if the command comes to rest again before the window is full, or moves in one direction only.
@@ -261,7 +261,7 @@ class WindowTrigger:
         return [block for block in self._blocks if block.first_index + len(block) > index]
 
     def _forget(self) -> None:
-        """Drop blocks that no window can need."""
+        """Drop blocks that no window needs."""
         last = self._blocks[-1]
         kept = min(round(LOOKBACK_S / last.sample_period), MOST_SAMPLES // 2)
         oldest = (last.first_index if self._start is None else self._start) - kept
@@ -305,7 +305,7 @@ def _largest_fall(command: NDArray[np.float64]) -> float:
 
 
 def rate_defect(sample_period: float, first: BlockStamp, last: BlockStamp) -> str:
-    """Return how the stamps of two blocks contradict a sample period [s]; empty if they agree."""
+    """Return a message if the stamps of two blocks contradict the sample period [s], else ""."""
     if last.first_index <= first.first_index:
         return ""
     period = (last.stamp_ns - first.stamp_ns) * 1e-9 / (last.first_index - first.first_index)

@@ -1,4 +1,4 @@
-"""A window of telemetry: the samples of one diagnosis."""
+"""A window of telemetry, which is the input of one diagnosis."""
 
 import math
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ _INITIAL_S: Final = 1e-3
 
 @dataclass(frozen=True, repr=False)
 class Window(Displayed):
-    """Telemetry from the last sample at rest, the initial state, to the end of a test.
+    """Telemetry of one test, from the last sample at rest (the initial state) to the end.
 
     A window of an unknown drive is a record: motion of seconds to minutes, with a margin of rest.
     """
@@ -97,7 +97,7 @@ class Window(Displayed):
         return float(np.mean(self.speed(tau)[:n]))
 
     def missed(self, current: Array, speed: Array, tau: float) -> Array:
-        """Return the residuals of current and speed for a response, ``(2, ..., n)`` [A, rad/s].
+        """Return the current and speed residuals of a response, ``(2, ..., n)`` [A, rad/s].
 
         The response is ``(..., n)`` for each, the gear ratio is ``tau``. The residuals of a current
         that is not measured are 0.
