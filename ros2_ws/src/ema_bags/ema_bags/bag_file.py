@@ -29,7 +29,7 @@ class WrittenTopic:
     count
         Number of messages written.
     is_state
-        Whether its latest message stays valid until the next message.
+        Whether the latest message describes a state that lasts until the next message.
     trim
         Function that removes the bytes after the content of a message.
     """
@@ -47,19 +47,19 @@ class WrittenTopic:
 
     @cached_property
     def has_actuator(self) -> bool:
-        """Whether its messages name an actuator."""
+        """Whether messages on this topic name an actuator."""
         return "actuator_id" in self.message_class.get_fields_and_field_types()
 
 
 class HeldFile:
-    """A new file with a buffer without limit: only ``flush`` can fail, and it can be repeated.
+    """A new file with an unlimited buffer: only ``flush`` can fail, and it can be retried.
 
     A writer therefore never fails in the middle of a record.
 
     Attributes
     ----------
     held
-        Bytes that are not written yet.
+        Bytes not written yet.
     """
 
     def __init__(self, path: Path) -> None:
@@ -90,7 +90,7 @@ class HeldFile:
         self._file.close()
 
     def is_at(self, path: Path) -> bool:
-        """Return whether the file still has a path: it was neither removed nor moved."""
+        """Return whether the file still exists at ``path``, neither removed nor moved."""
         try:
             return os.path.samestat(os.fstat(self._file.fileno()), os.stat(path))
         except FileNotFoundError:
@@ -148,7 +148,7 @@ class BagFile:
         topic.count += 1
 
     def note_gap(self, gap: Gap) -> None:
-        """Add a metadata record on messages that are not recorded."""
+        """Add a metadata record about messages that were not recorded."""
         self._mcap.add_metadata(GAP, gap.as_metadata())
 
     def flush(self) -> None:

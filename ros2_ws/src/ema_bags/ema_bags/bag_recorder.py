@@ -1,4 +1,4 @@
-"""Destination of received messages: the bag, or memory until a snapshot is written."""
+"""Recording of received messages to a bag, or in memory until a snapshot is written."""
 
 from collections import deque
 from collections.abc import Callable
@@ -110,7 +110,7 @@ class BagRecorder:
     Raises
     ------
     ValueError, OSError
-        As ``BagWriter``.
+        For the same reasons as in ``BagWriter``.
     """
 
     def __init__(
@@ -192,7 +192,7 @@ class BagRecorder:
         return f"{count} messages of {span_s:.3f} s to {self.bag.file_path}"
 
     def _keep(self, item: _Kept) -> None:
-        """Keep a message, and drop the oldest; the next file begins with the dropped states."""
+        """Keep a message and drop old ones; dropped states are written first to the next file."""
         self._kept.append(item)
         self.kept_bytes += item.size
         duration_ns = round(self._settings.snapshot_duration * 1e9)

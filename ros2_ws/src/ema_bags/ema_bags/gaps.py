@@ -1,4 +1,4 @@
-"""Gaps of a recording, stored in its metadata: messages not received or not written."""
+"""Gaps in a recording: messages that were not received or not written."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -16,7 +16,7 @@ class Gap:
     """Messages that were not recorded."""
 
     reason: str
-    """Why they were not recorded."""
+    """Reason why the messages were not recorded."""
 
     start_ns: int
     """Log time of the first message, or start of the time without reception [ns]."""
@@ -34,7 +34,7 @@ class Gap:
         return cls(record.get("reason", ""), *numbers)
 
     def as_metadata(self) -> dict[str, str]:
-        """Return the record of a gap."""
+        """Return the gap as a metadata record."""
         return {name: str(value) for name, value in asdict(self).items()}
 
     def add(self, log_time_ns: int) -> None:

@@ -1,4 +1,4 @@
-"""Contents of an MCAP file, from its index or from its intact part.
+"""Reading of the contents of an MCAP file, from its index or its intact part.
 
 mcap parses the records. Its readers refuse truncated files and files without an index. A killed
 recorder leaves such files: this module reads them.

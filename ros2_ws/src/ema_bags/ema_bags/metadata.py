@@ -111,7 +111,7 @@ class FolderContents:
     """MCAP files in order."""
 
     message_count: int | None
-    """Number of messages by the metadata; None if unknown."""
+    """Number of messages according to the metadata; None if unknown."""
 
     damage: list[str]
     """One text for each defect."""

@@ -8,7 +8,7 @@ from ema_bags.recording import Recorded
 
 
 class Playback:
-    """Publishes messages when they are due, and the playback time.
+    """Publishes messages when they are due, along with the playback time.
 
     A message is due at a fixed time after the start, so that delays do not accumulate. The
     playback time runs between messages, never past the next message, and stands still while
@@ -21,7 +21,7 @@ class Playback:
     rate
         Playback rate: recorded time per wall time [-].
     tick_s
-        Wall time from one tick to the next [s].
+        Wall time between ticks [s].
     publish
         Called with each message that is due.
     tick
