@@ -54,7 +54,7 @@ NAMES: Final = frozenset(
 )
 """Names of variables that are not nouns of the field."""
 
-UNTREATED: Final = ("ema_archive/",)
+UNTREATED: Final[tuple[str, ...]] = ()
 """Paths whose docstrings, comments and names are still to be revised."""
 
 PATTERNS: Final = ("README.md", "docs/*.md", "ema_interfaces/*/*", "ema_*/*.py", "ros2_ws/src/*.py")

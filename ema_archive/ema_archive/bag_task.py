@@ -121,26 +121,26 @@ def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
         try:
             recorded = read_telemetry(bag, None, actuator_id)
             max_age_s = task.settings.measured_max_age_s
-            found = find_recorded_windows(
+            bag_windows = find_recorded_windows(
                 recorded, task.settings.trigger, measured_max_age_s=max_age_s, with_duty=True
             )
         except ValueError as error:
             reasons.append(str(error))
             continue
         # Each window is of the unit that was described at its time.
-        of_units: dict[UnitKey, list[RecordedWindow]] = {found.description.unit_key: []}
-        for one in found.windows:
-            of_units.setdefault(one.description.unit_key, []).append(one)
-        remarks += found.remarks
+        of_units: dict[UnitKey, list[RecordedWindow]] = {bag_windows.description.unit_key: []}
+        for window in bag_windows.windows:
+            of_units.setdefault(window.description.unit_key, []).append(window)
+        remarks += bag_windows.remarks
         for windows in of_units.values():
-            unit = windows[-1].description if windows else found.description
-            flown = found.flown.get(unit.unit_key, [])
+            unit = windows[-1].description if windows else bag_windows.description
+            flown = bag_windows.flown.get(unit.unit_key, [])
             rows, wrong = _rows_of_unit(task, bag, unit, windows, flown, sha256)
             units.append(rows)
             if len(of_units) == 1:
                 remarks += wrong
-        if not found.windows:
-            reasons.append(_without_window(found))
+        if not bag_windows.windows:
+            reasons.append(_without_window(bag_windows))
     state = DONE if units else DAMAGED
     if units and not bag.is_whole:
         state, reasons = INCOMPLETE, [bag.damage, *reasons]
@@ -167,9 +167,9 @@ def _rows_of_unit(
         "settings": task.settings.estimation_id,
     }
     estimates = [
-        estimate_row(one.estimate, one.number) | shared
-        for one in diagnose(windows, calibration, task.settings.search)
-        if isinstance(one, Diagnosed)
+        estimate_row(diagnosed.estimate, diagnosed.number) | shared
+        for diagnosed in diagnose(windows, calibration, task.settings.search)
+        if isinstance(diagnosed, Diagnosed)
     ]
     counts, wrong = read_counts(bag, unit)
     usage = [count_row(count, number) | shared for number, count in enumerate(counts)]
@@ -178,15 +178,15 @@ def _rows_of_unit(
     return UnitRows(*unit.unit_key, unit.model, calibration_id, estimates, usage, duty), wrong
 
 
-def _without_window(found: BagWindows) -> str:
+def _without_window(bag_windows: BagWindows) -> str:
     """Return the reason why a bag has no window or record."""
-    name = found.description.actuator_id
-    if found.description.drive == "unknown":
-        return f"actuator {name!r} has no record to compare: {found.obstacle}"
-    if not found.has_rested:
+    name = bag_windows.description.actuator_id
+    if bag_windows.description.drive == "unknown":
+        return f"actuator {name!r} has no record to compare: {bag_windows.obstacle}"
+    if not bag_windows.has_rested:
         why = "the command never rested"
-    elif found.longest_motion_s:
-        why = f"the command moved for at most {found.longest_motion_s:.3f} s, or one way only"
+    elif bag_windows.longest_motion_s:
+        why = f"the command moved for at most {bag_windows.longest_motion_s:.3f} s, or one way only"
     else:
         why = "the command never left its rest"
     return f"actuator {name!r} has no window to diagnose (no excitation): {why}"

@@ -30,10 +30,10 @@ def commit_bags(store: Store, results: Sequence[BagResult], settings: ArchiveSet
     """
     if not results:
         return
-    kept = [one for one in results if one.state not in (FAILED, DAMAGED)]
+    kept = [result for result in results if result.state not in (FAILED, DAMAGED)]
     with store.changing() as db:
         moved = _moved(db, kept)
-        replaced = [*(one.task.url for one in kept), *moved]
+        replaced = [*(result.task.url for result in kept), *moved]
         db.execute(
             f"UPDATE manifest.unit SET is_due = true WHERE unit IN "
             f"(SELECT unit FROM manifest.part {_BAGS_OF})",
@@ -50,7 +50,7 @@ def commit_bags(store: Store, results: Sequence[BagResult], settings: ArchiveSet
 
 def _moved(db: duckdb.DuckDBPyConnection, results: Iterable[BagResult]) -> list[str]:
     """Return the addresses of missing bags with the same content as a result."""
-    contents = [one.sha256 for one in results]
+    contents = [result.sha256 for result in results]
     query = (
         "SELECT bag FROM manifest.bag WHERE NOT is_there AND bag_sha256 IN (SELECT unnest(?)) "
         "ORDER BY bag"
@@ -63,24 +63,24 @@ def _note_bags(
 ) -> None:
     """Record the states of bags."""
     state: dict[str, list[dict[str, Any]]] = {FAILED: [], DAMAGED: [], "": []}
-    for one in results:
-        row = {"bag": one.task.url, "state": one.state, "reason": one.reason}
-        if one.state != FAILED:
+    for result in results:
+        row = {"bag": result.task.url, "state": result.state, "reason": result.reason}
+        if result.state != FAILED:
             # As it was read: a bag that could not be read is due again.
-            row |= {"seen": one.task.mark, "software": one.software}
+            row |= {"seen": result.task.mark, "software": result.software}
             row |= {"settings": settings.estimation_id}
-        if one.state == DAMAGED:
-            row |= {"end_ns": one.end_ns}
-        if one.state not in (FAILED, DAMAGED):
-            estimates = [row for part in one.units for row in part.estimates]
+        if result.state == DAMAGED:
+            row |= {"end_ns": result.end_ns}
+        if result.state not in (FAILED, DAMAGED):
+            estimates = [row for part in result.units for row in part.estimates]
             row |= {
-                "bag_sha256": one.sha256,
-                "remarks": "; ".join(one.remarks),
+                "bag_sha256": result.sha256,
+                "remarks": "; ".join(result.remarks),
                 "windows": len(estimates),
                 "valid": sum(row["valid"] for row in estimates),
-                "end_ns": one.end_ns,
+                "end_ns": result.end_ns,
             }
-        state[one.state if one.state in state else ""].append(row)
+        state[result.state if result.state in state else ""].append(row)
     for kind, rows in state.items():
         if not rows:
             continue
@@ -96,7 +96,7 @@ def _note_bags(
 
 def _add_rows(db: duckdb.DuckDBPyConnection, results: Iterable[BagResult]) -> None:
     """Insert the rows of bags, and their units."""
-    units = [(one.task.url, part) for one in results for part in one.units]
+    units = [(result.task.url, part) for result in results for part in result.units]
     if not units:
         return
     parts = [
@@ -145,11 +145,15 @@ def commit_units(store: Store, results: Sequence[tuple[UnitEntry, UnitResult]]) 
         for table in (*UNIT_TABLES, *HISTORY_TABLES):
             db.execute(f"DELETE FROM {table} {_UNITS_OF}", [units])
         for name in UNIT_TABLES:
-            tables = [placed(of.tables[name], one.model, one.unit) for one, of in results]
+            tables = [
+                placed(result.tables[name], entry.model, entry.unit) for entry, result in results
+            ]
             insert(db, name, pa.concat_tables(tables))
         kept = [(entry, result.kept) for entry, result in results if result.kept]
         for name in HISTORY_TABLES if kept else ():
-            tables = [placed(of.tables[name], one.model, one.unit) for one, of in kept]
+            tables = [
+                placed(result.tables[name], entry.model, entry.unit) for entry, result in kept
+            ]
             insert(db, name, pa.concat_tables(tables))
         rows = [
             {

@@ -136,9 +136,9 @@ def state_of_archive(archive: Path) -> tuple[int, ...]:
     """
     status = [(archive / FILE).stat()]
     with suppress(FileNotFoundError):
-        # Of changes that a killed run left.
+        # Changes left by a killed run.
         status.append((archive / f"{FILE}.wal").stat())
-    return tuple(of for one in status for of in (one.st_mtime_ns, one.st_ino))
+    return tuple(value for stat in status for value in (stat.st_mtime_ns, stat.st_ino))
 
 
 def _plain(row: Row) -> Row:
@@ -184,7 +184,7 @@ def survival(
     begin, end = np.asarray(from_age, dtype=float), np.asarray(to_age, dtype=float)
     is_failure = np.asarray(has_failed, dtype=bool) & (end > begin)
     ages, failures = np.unique(end[is_failure], return_counts=True)
-    # Those watched from before on, without those that went before.
+    # Units observed before the age, minus units that left before it.
     watched = np.searchsorted(np.sort(begin), ages) - np.searchsorted(np.sort(end), ages)
     enough = watched >= math.sqrt(np.sum(end > begin))
     first = int(np.argmax(enough)) if enough.any() else ages.size

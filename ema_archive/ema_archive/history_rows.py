@@ -103,7 +103,7 @@ def kept_history(
 ) -> KeptHistory:
     """Convert a history to rows without loss, together with its growth state."""
     tests = [_test_row(number, test) for number, test in enumerate(history.tests)]
-    assessments = [_assessment_row(one) for one in history.assessments.values()]
+    assessments = [_assessment_row(assessment) for assessment in history.assessments.values()]
     pieces = [growth[begin : begin + _CHUNK] for begin in range(0, len(growth), _CHUNK)]
     states = [{"number": number, "state": piece} for number, piece in enumerate(pieces)]
     rows = {TESTS: tests, ASSESSMENTS: assessments, GROWTH: states}
@@ -164,11 +164,11 @@ def _test_from(row: Row, window: Row) -> Test:
     )
 
 
-def _assessment_row(one: Assessment) -> dict[str, Any]:
+def _assessment_row(assessment: Assessment) -> dict[str, Any]:
     # A map of Arrow is a list of pairs.
-    return asdict(one) | {
-        "alarms": list(one.alarms.items()),
-        "unconfirmed": list(one.unconfirmed.items()),
+    return asdict(assessment) | {
+        "alarms": list(assessment.alarms.items()),
+        "unconfirmed": list(assessment.unconfirmed.items()),
     }
 
 

@@ -107,7 +107,7 @@ def _without_formulas(schema: pa.Schema) -> str:
 
 def _asked(db: duckdb.DuckDBPyConnection, question: str) -> duckdb.DuckDBPyRelation:
     statements = db.extract_statements(question)
-    if [one.type for one in statements] != [duckdb.StatementType.SELECT]:
+    if [statement.type for statement in statements] != [duckdb.StatementType.SELECT]:
         names = db.execute(
             "SELECT DISTINCT table_name FROM duckdb_columns() "
             "WHERE NOT internal AND schema_name = 'main' ORDER BY 1"

@@ -71,10 +71,10 @@ class ArchiveSettings:
 
     def as_mapping(self) -> dict[str, Any]:
         """Return plain values that `of_mapping` can read."""
-        for component, known in self.prognosis.tracker.laws.items():
-            if not isinstance(known.law, str):
+        for component, prior in self.prognosis.tracker.laws.items():
+            if not isinstance(prior.law, str):
                 raise ValueError(
-                    f"law {known.law} of {component}: an archive stores laws by name, expected one "
+                    f"law {prior.law} of {component}: an archive stores laws by name, expected one "
                     f"of {', '.join(GROWING_LAWS)}"
                 )
         values = asdict(self)

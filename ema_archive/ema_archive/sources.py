@@ -28,24 +28,16 @@ _CHANGE_MARKS: Final = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "las
 
 @dataclass(frozen=True)
 class Listed:
-    """A bag as listed by its folder.
-
-    Attributes
-    ----------
-    url
-        Path, or address in an object store.
-    size
-        Size [bytes].
-    mark
-        Token that changes with the content: size, and the store's mark or the modification time.
-    beside
-        Address of the calibration in the same folder; empty if there is none.
-    """
+    """A bag as listed by its folder."""
 
     url: str
+    """Path, or address in an object store."""
     size: int
+    """Size [bytes]."""
     mark: str
+    """Token that changes with the content: size, and the store's mark or the modification time."""
     beside: str
+    """Address of the calibration in the same folder; empty if there is none."""
 
 
 def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:

@@ -200,11 +200,11 @@ class Store(AbstractContextManager[Any, None]):
                 db.execute("BEGIN")
                 yield db
                 db.execute("COMMIT")
-                # Of the file as it stays on the disk.
+                # The note must describe the file as stored on disk.
                 db.execute("CHECKPOINT")
                 self._note()
             except duckdb.Error as error:
-                # A full disk, above all. What was not committed is undone.
+                # A full disk, above all. Uncommitted changes are rolled back.
                 raise OSError(f"{self.path} cannot be written: {first_line(error)}") from error
             finally:
                 self._detach()
@@ -327,7 +327,7 @@ def _require_file(path: Path) -> None:
     try:
         require_regular_file(path)
     except OSError:
-        # Missing; or DuckDB says why it cannot be read.
+        # Missing, or DuckDB reports why it cannot be read.
         return
     except ValueError as error:
         raise ValueError(f"{error}: {REMEDY}") from error

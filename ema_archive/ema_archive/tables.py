@@ -202,18 +202,18 @@ def placed(rows: pa.Table, model: str, unit: str) -> pa.Table:
     return rows
 
 
-def estimate_row(one: Estimate, number: int) -> dict[str, Any]:
+def estimate_row(estimate: Estimate, number: int) -> dict[str, Any]:
     """Convert an estimate to a row without loss. The caller adds provenance and unit."""
-    row = estimate_values(one)
+    row = estimate_values(estimate)
     row |= row.pop("faults")
-    row["reasons"] = reason_rows(one.reasons)
-    row |= {f"{name}_sigma": value for name, value in one.sigma._asdict().items()}
+    row["reasons"] = reason_rows(estimate.reasons)
+    row |= {f"{name}_sigma": value for name, value in estimate.sigma._asdict().items()}
     if row["comparison"] is not None and row["comparison"]["states"] is not None:
         # A map of Arrow is a list of pairs.
         row["comparison"]["states"] = list(row["comparison"]["states"].items())
     for name in ("covariance", "quantiles"):
         row[name] = list(chain.from_iterable(row[name]))
-    return row | {"tested": one.end_ns // 1000, "number": number}
+    return row | {"tested": estimate.end_ns // 1000, "number": number}
 
 
 def estimate_from(row: Mapping[str, Any]) -> Estimate:
@@ -223,8 +223,8 @@ def estimate_from(row: Mapping[str, Any]) -> Estimate:
     if compared is not None and compared["states"] is not None:
         compared = {**compared, "states": dict(compared["states"])}
     reasons = [reason.as_record() for reason in reasons_from(row["reasons"])]
-    found = {**row, "faults": row, **matrices, "comparison": compared, "reasons": reasons}
-    return estimate_of(found)
+    values = {**row, "faults": row, **matrices, "comparison": compared, "reasons": reasons}
+    return estimate_of(values)
 
 
 def reason_rows(reasons: Iterable[Reason]) -> list[dict[str, str]]:

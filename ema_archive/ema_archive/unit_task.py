@@ -115,21 +115,21 @@ def follow_unit(task: UnitTask) -> UnitResult:
     shared = names | {"software": prognosis_software(), "settings": task.settings.prognosis_id}
     maker = made_by(task.settings, identity_of(calibration))
     estimates, refused = _windows(task.estimates)
-    # The same count in several bags is one.
+    # A count repeated in several bags counts once.
     columns = (task.usage[name].to_pylist() for name in ("stamp_ns", "hours", "cycles"))
     usage = [Count(*values) for values in dict.fromkeys(zip(*columns, strict=True))]
     duty = _pieces(task.duty)
-    known, history = _history_of(task, maker, estimates, usage, duty)
+    processed, history = _history_of(task, maker, estimates, usage, duty)
     # Stamps of a table are dates when they are read.
-    before = task.health.to_pylist() if known else []
+    before = task.health.to_pylist() if processed else []
     rows = [row | {"tested": row["stamp_ns"] // 1000} for row in before]
     unit, last = Unit(history, settings), None
-    later = (estimate_from(row) for row in estimates[known:])
-    known_ns = estimates[known - 1]["end_ns"] if known else None
+    later = (estimate_from(row) for row in estimates[processed:])
+    processed_ns = estimates[processed - 1]["end_ns"] if processed else None
     flown = [
         (row["stamp_ns"], duty_from(row))
         for row in duty
-        if known_ns is None or row["stamp_ns"] > known_ns
+        if processed_ns is None or row["stamp_ns"] > processed_ns
     ]
     for estimate, outlook in unit.follow(later, parameters, settings, usage, flown):
         if outlook is not None:
@@ -138,7 +138,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
     if last is None:
         last = unit.resume(parameters, settings) or unknown_outlook("no test so far")
     kept = None
-    # Where hours by cycle take the place of counts, that is said once, at the first count.
+    # If hours by cycle replace counts, the first count reports this, once.
     if settings.service.hours_per_cycle == 0.0 and history.entries:
         digest = _digest_of(estimates, usage, duty)
         kept = kept_history(history, unit.growth.state(), maker, digest, len(estimates))
@@ -166,7 +166,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
         prognosis_software(),
         {name: pa.Table.from_pylist(of, UNIT_TABLES[name]) for name, of in tables.items()},
         kept,
-        len(estimates) - known,
+        len(estimates) - processed,
     )
 
 
@@ -230,12 +230,12 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
     Valid tests whose order is unknown are refused, and also returned as rows in the second list.
     Failures and departures are kept.
     """
-    found: dict[int, Row] = {}
+    windows_by_end: dict[int, Row] = {}
     rows = table.to_pylist()
     for row in rows:
-        other = found.setdefault(row["end_ns"], row)
-        if _telling(row) > _telling(other):
-            found[row["end_ns"]] = row
+        best = windows_by_end.setdefault(row["end_ns"], row)
+        if _telling(row) > _telling(best):
+            windows_by_end[row["end_ns"]] = row
     reasons = unordered(
         StampedTest(
             row["start_ns"],
@@ -251,10 +251,10 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
         {"bag": row["bag"], "number": row["number"]}
         | {"tested": row["end_ns"] // 1000, "reason": reasons[first]}
         for row in rows
-        if row["valid"] and (first := found[row["end_ns"]]["bag"]) in reasons
+        if row["valid"] and (first := windows_by_end[row["end_ns"]]["bag"]) in reasons
     ]
     windows = []
-    for row in found.values():
+    for row in windows_by_end.values():
         if row["valid"] and row["bag"] in reasons:
             why = {
                 "verdict": REFUSED,
