@@ -116,6 +116,8 @@ class Unit:
         self._author = author
         # Stamp of the newest test received since the start, its reception [ns], and whether live.
         self._received = 0, 0, False
+        # Latest time of the tests from before a step of the clock [ns].
+        self._step_ns = 0
         # Outlook by the valid tests; None once settings or tests have changed.
         self._by_valid: Outlook | None = None
         self._lock = threading.RLock()
@@ -608,8 +610,25 @@ class Unit:
         texts = [event.text for event in events if event.worn_baseline == newest]
         return texts[-1] if texts else ""
 
+    def mark_clock_step(self, until_ns: int | None = None) -> None:
+        """Do not count the faults that tests up to a time have shown as shown recently.
+
+        Their stamps are from before a clock stepped back, so that their age is not known.
+
+        Parameters
+        ----------
+        until_ns
+            Latest time of these tests [ns]; all tests so far by default.
+        """
+        with self._lock:
+            stamps_ns = (test.stamp_ns for test in self.history.tests)
+            before_ns = (ns for ns in stamps_ns if until_ns is None or ns <= until_ns)
+            self._step_ns = max(self._step_ns, max(before_ns, default=0))
+            self._by_valid = None
+
     def _since_step_ns(self, from_ns: int) -> int:
         """Return the time of the first test after the latest clock step, at least ``from_ns``."""
+        from_ns = max(from_ns, self._step_ns + 1)
         by_clock, after = self._settings.has_clock, None
         for test in reversed(self.history.tests):
             if test.verdict == SKIPPED:

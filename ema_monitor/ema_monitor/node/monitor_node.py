@@ -79,6 +79,7 @@ class MonitorNode(ManagedNode):
             self.get_fully_qualified_name(),
             namespace,
             log,
+            lambda: clock.passed_ns,
         )
         self.outputs = Outputs(self.add_publisher, self.destroy_lifecycle_publisher)
         self.actuators = Actuators(
@@ -88,6 +89,7 @@ class MonitorNode(ManagedNode):
             settings.operation,
             admission.why_not,
             self.histories.rewind,
+            self.histories.mark_clock_step,
             log,
         )
         self.sources = Sources(settings.trigger.value, settings.operation, self.actuators.lock)

@@ -40,6 +40,8 @@ class Actuators(dict[str, ActuatorStatus]):
         Returns why this monitor does not follow an actuator; empty if it does.
     rewind
         Discards tests later than a time [ns] to which simulated time has stepped back.
+    mark_clock_step
+        Marks all tests so far as from before a step of the clock.
 
     Attributes
     ----------
@@ -58,6 +60,7 @@ class Actuators(dict[str, ActuatorStatus]):
         operation: LiveSettings[Operation],
         why_not: Callable[[str], str],
         rewind: Callable[[int], None],
+        mark_clock_step: Callable[[], None],
         log: Log,
     ) -> None:
         super().__init__()
@@ -69,6 +72,7 @@ class Actuators(dict[str, ActuatorStatus]):
         self._operation = operation
         self._why_not = why_not
         self._rewind = rewind
+        self._mark_clock_step = mark_clock_step
         self._log = log
 
     def follow(self, actuator_id: str, finder: WindowFinder, stream: Stream) -> ActuatorStatus:
@@ -104,7 +108,9 @@ class Actuators(dict[str, ActuatorStatus]):
         self._log.warning(reason)
         for status in self.values():
             status.health.end_claim(reason)
-        if not now.is_real:
+        if now.is_real:
+            self._mark_clock_step()
+        else:
             self._rewind(now.clock_ns)
 
     def find(self, actuator_id: str) -> tuple[ActuatorStatus, ActuatorDescription]:

@@ -67,6 +67,11 @@ class ReceiverClock:
         self._offset_ns = self._kept_ns = self._read_kept()
         self._is_continued = self._offset_ns is not None
 
+    @property
+    def passed_ns(self) -> int:
+        """Latest stamp-clock time before the clock stepped back [ns]; 0 without a step."""
+        return self._passed_ns
+
     def read(self) -> tuple[Moment, int]:
         """Return the time and the backward clock step since the previous call [ns]."""
         clock_ns = self._read_ns()
@@ -90,6 +95,7 @@ class ReceiverClock:
         with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
             record = json.loads(self._kept.read_text(encoding="utf-8"))
             if record["boot_id"] == self._boot_id:
+                self._passed_ns = int(record.get("passed_ns", 0))
                 return int(record["offset_ns"])
         return None
 
@@ -104,7 +110,8 @@ class ReceiverClock:
         with contextlib.suppress(OSError):
             self._kept.parent.mkdir(parents=True, exist_ok=True)
             with complete_file(self._kept) as partial:
-                kept = json.dumps({"boot_id": self._boot_id, "offset_ns": offset_ns})
+                record = {"boot_id": self._boot_id, "offset_ns": offset_ns}
+                kept = json.dumps(record | {"passed_ns": self._passed_ns})
                 partial.write_text(kept, encoding="utf-8")
 
     def _read_simulated(self, clock_ns: int) -> tuple[Moment, int]:

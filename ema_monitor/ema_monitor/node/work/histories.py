@@ -47,6 +47,7 @@ class Histories:
         author: str,
         namespace: str,
         log: Log,
+        passed_ns: Callable[[], int],
     ) -> None:
         self.folder = folder
         self.lock = threading.RLock()
@@ -56,6 +57,7 @@ class Histories:
         self.author = author
         self._namespace = namespace
         self._log = log
+        self._passed_ns = passed_ns
         self._units: dict[UnitKey, Unit] = {}
         self._logged: dict[UnitKey, str] = {}
 
@@ -72,6 +74,8 @@ class Histories:
                     unit = self._units[key] = Unit(
                         History(*key, path), self.settings(), time.time_ns(), self.author
                     )
+                    if passed_ns := self._passed_ns():
+                        unit.mark_clock_step(passed_ns)
         self.log(description, unit)
         return unit
 
@@ -110,6 +114,11 @@ class Histories:
         with self.lock:
             for key in [key for key in self._units if key[0] == actuator_id]:
                 self._units.pop(key).history.close()
+
+    def mark_clock_step(self) -> None:
+        """Mark all tests so far as from before a step of the clock."""
+        for unit in list(self._units.values()):
+            unit.mark_clock_step()
 
     def rewind(self, time_ns: int) -> None:
         """Discard tests later than ``time_ns``, to which simulated time has stepped back."""
