@@ -184,6 +184,7 @@ class Unit:
             is_new = not self.history.holds(estimate.end_ns)
             if place.problem or not estimate.valid:
                 test = UnusedCycle.of(estimate, flown, place.shift_ns)
+                test = replace(test, is_ordered=place.is_ordered)
                 if place.problem:
                     test = UnusedCycle(
                         estimate.end_ns,
@@ -236,10 +237,12 @@ class Unit:
         before = self.history.newest
         self.history.append(test)
         is_newest = self.history.newest is test
-        if test.verdict == FAILED and is_newest:
-            self._intermittent.add_failure(test.stamp_ns)
-        elif test.verdict == FAILED:
-            self._intermittent = self._intermittent_by_all()
+        if test.verdict == FAILED:
+            self._by_valid = None
+            if is_newest:
+                self._intermittent.add_failure(test.stamp_ns)
+            else:
+                self._intermittent = self._intermittent_by_all()
         if not is_newest:
             return None
         if self._by_valid is None:
@@ -342,6 +345,7 @@ class Unit:
                     self.history.assess(assessment)
             self._received, self._by_valid = (0, 0, False), None
             self._shown = self._shown_by_all()
+            self._intermittent = self._intermittent_by_all()
             self._recompute_growth()
 
     def note(self, person: str, text: str, stamp_ns: int = 0) -> None:
@@ -506,23 +510,29 @@ class Unit:
 
     def _intermittent_by_all(self) -> Intermittent:
         """Return the intermittent faults from all tests and their notes."""
-        result, assessments = Intermittent(self._settings.limits), self.history.assessments
+        result = Intermittent(self._settings.limits)
+        # A note holds from the test on that it is about, or with which it is kept.
+        notes = deque(
+            sorted(
+                (max(stamp_ns, self._time_of(event.stamp_ns)), self._time_of(event.stamp_ns))
+                for stamp_ns, assessment in self.history.assessments.items()
+                for event in assessment.events
+                if event.kind == NOTE
+            )
+        )
         for test in sorted(self.history.tests, key=lambda test: test.stamp_ns):
-            if isinstance(test, UnusedCycle):
-                if test.verdict == FAILED:
-                    result.add_failure(test.stamp_ns)
-                continue
-            result.add(test.estimate)
-            assessment = assessments.get(test.stamp_ns)
-            for event in assessment.events if assessment else ():
-                if event.kind == NOTE:
-                    result.acknowledge(self._time_of(event.stamp_ns))
+            if isinstance(test, Entry):
+                result.add(test.estimate)
+            elif test.verdict == FAILED:
+                result.add_failure(test.stamp_ns)
+            while notes and notes[0][0] <= test.stamp_ns:
+                result.acknowledge(notes.popleft()[1])
         return result
 
     def _time_of(self, end_ns: int) -> int:
-        """Return the time of the valid test that ends at ``end_ns``, or else ``end_ns``."""
-        every = (*self.history.late, *reversed(self.history.entries))
-        return next((entry.stamp_ns for entry in every if entry.end_ns == end_ns), end_ns)
+        """Return the time of the test that ends at ``end_ns``, or else ``end_ns``."""
+        every = reversed(self.history.tests)
+        return next((test.stamp_ns for test in every if test.end_ns == end_ns), end_ns)
 
     def _recompute_growth(self) -> None:
         self.growth = self._growth_of_all()

@@ -409,3 +409,27 @@ def test_rate_that_changes_is_learned_anew(before_hz, after_hz):
     assert blocks[-1].sample_period == pytest.approx(1.0 / after_hz)
     assert blocks[-1].stamp_ns > START_NS + 7 * 10**9
     assert sum(map(len, blocks)) > 3 * before_hz + after_hz
+
+
+@pytest.mark.parametrize("kind", ["rate of the mapping", "bursts"])
+def test_rate_that_is_given_or_uneven_is_not_learned_again_and_again(kind):
+    fixed = {"clock": {"rate_hz": 1000.0}} if kind == "rate of the mapping" else {}
+    target = joint_bridge(mapping(command=None, **fixed), learn_s=0.5)
+    columns, stamps = moves(8.0, 500.0)
+    if kind == "bursts":
+        number = np.arange(len(stamps))
+        stamps = START_NS + number // 16 * 32_000_000 + number % 16 * 500_000
+    blocks = []
+    for i, stamp in enumerate(stamps):
+        time = SimpleNamespace(sec=int(stamp) // 10**9, nanosec=int(stamp) % 10**9)
+        message = SimpleNamespace(
+            header=SimpleNamespace(stamp=time),
+            name=["flap"],
+            position=[columns["position"][i]],
+            velocity=[columns["speed"][i] * JOINT_TAU],
+            effort=[columns["current"][i]],
+        )
+        collect(target, STATES, message, 0, int(stamp))
+        blocks += target.advance() if i % 20 == 0 else []
+    assert target.rate is not None
+    assert blocks or target.withheld

@@ -168,3 +168,12 @@ def test_each_joint_has_its_columns(motion):
 def test_too_few_rows_are_not_judged(motion):
     columns = {name: motion[name][:40] for name in ("position", "speed")}
     assert Recognizer(columns, 0.005, hint_of).joints() == []
+
+
+@pytest.mark.parametrize("kind", ["at first", "between"])
+def test_column_that_is_constant_where_it_is_compared_is_left_out(motion, kind):
+    columns = {name: np.tile(motion[name], 20) for name in ("position", "speed", "current")}
+    rows = np.arange(len(columns["position"]))
+    columns["stage"] = np.minimum(rows, 10.0) if kind == "at first" else rows % 5.0
+    period = 0.005 if kind == "at first" else 0.001
+    assert Recognizer(columns, period, hint_of).joints()

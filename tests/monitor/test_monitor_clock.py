@@ -8,8 +8,12 @@ import pytest
 
 from ema_core.levels import ERROR, OK, STALE
 from ema_monitor import Monitor, MonitorSettings, Outlook
+from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 from ema_sim import simulate
+
+from ..prognosis.made_tests import UNIT, hiding, made_test
 
 MINUTE_NS = 60 * 10**9
 PAST_NS = 1_700_000_000 * 10**9
@@ -53,3 +57,32 @@ def test_tests_are_ordered_by_reception_if_this_computer_goes_back_too(monkeypat
     made = outlooks(Monitor(), course(start_ns, 60 * MINUTE_NS))
     assert [outlook.health.level for outlook in made[:3]] == [OK] * 3
     assert made[-1].health.level == ERROR
+
+
+def test_older_recording_does_not_replace_the_level_of_a_worn_unit():
+    """Not even after a test of it that cannot be used, or failed."""
+    monitor = Monitor()
+    worn = outlooks(monitor, [(PAST_NS + i * MINUTE_NS, 0.8) for i in range(3)])
+    assert worn[-1].health.level == ERROR
+    older_ns = PAST_NS - 1440 * MINUTE_NS
+    telemetry = simulate({}, seed=9, current_noise=0.02, causes={"open_phase_a": 1.0})
+    telemetry = replace(telemetry, stamp_ns=older_ns + telemetry.stamp_ns)
+    list(monitor.feed(telemetry))
+    made = outlooks(monitor, [(older_ns + i * MINUTE_NS, 0.0) for i in range(1, 5)])
+    assert OK not in [outlook.health.level for outlook in made]
+
+
+def test_fault_shown_before_a_step_of_the_clock_is_not_shown_recently():
+    settings = PrognosisSettings(good_for_s=30.0)
+    unit = Unit(History(*UNIT), settings)
+    outlook = unit.update(made_test(0), None, settings)
+    assert outlook is not None
+    assert outlook.health.level == OK
+    unit.mark_clock_step()
+    outlook = unit.update(hiding(made_test(1), {"backlash"}), None, settings)
+    assert outlook is not None
+    assert outlook.health.level == STALE
+    assert "backlash" in outlook.health.reason
+    outlook = unit.update(made_test(2), None, settings)
+    assert outlook is not None
+    assert outlook.health.level == OK

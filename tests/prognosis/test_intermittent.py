@@ -171,3 +171,34 @@ def test_person_acknowledges_an_intermittent_failure_also_after_a_restart(tmp_pa
     assert failing("..", settings, again, first=10)[-1].health.level == OK
     assert failing("f.f...", settings, again, first=12)[-1].health.level == WARN
     again.history.close()
+
+
+def test_acknowledged_failure_stays_so_after_a_restart_right_after_the_note(tmp_path: Path):
+    settings, path = SETTINGS[1], tmp_path / "unit.sqlite"
+    unit = Unit(History(*UNIT, path), settings)
+    failing("...f.f", settings, unit)
+    unit.note("Ada", "connector replaced", FIRST_NS + 5 * PERIOD_NS)
+    assert failing("...", settings, unit, first=6)[-1].health.level == OK
+    unit.history.close()
+    again = Unit(History(*UNIT, path), settings)
+    assert failing(".", settings, again, first=9)[-1].health.level == OK
+    again.history.close()
+
+
+def test_replay_that_loops_counts_a_failure_once():
+    settings = SETTINGS[1]
+    unit = Unit(History(*UNIT), settings)
+    failing("....f", settings, unit)
+    for _ in range(3):
+        unit.rewind(FIRST_NS + 3 * PERIOD_NS)
+        made = failing("f.....", settings, unit, first=4)
+    assert made[-1].health.level == OK
+
+
+def test_unit_that_has_just_failed_is_in_alarm():
+    settings = SETTINGS[1]
+    unit = Unit(History(*UNIT), settings)
+    failing("....f", settings, unit)
+    assert "a phase is open" in unit.alarm(None, settings)
+    unit.update(made_test(5, valid=False), None, settings)
+    assert unit.alarm(None, settings)

@@ -26,6 +26,8 @@ class Place(NamedTuple):
     """Reason why the order of the tests is unknown; None if it is known."""
     is_known: bool = False
     """Whether the history already contains the test."""
+    is_ordered: bool = True
+    """Whether later tests with stamps like this one may be put after it."""
 
 
 def place_of(
@@ -78,9 +80,11 @@ def place_of(
         return Place(newest.shift_ns)
     has_gone_back = received_ns < (newest_received_ns or newest.end_ns)
     is_ahead = end_ns > received_ns + _LEAST_AHEAD_NS  # stamped before the clock went back
-    if is_live or (has_gone_back and not is_ahead) or not estimate.valid:
-        # A failure is reported even if its order is unknown.
+    if is_live or (has_gone_back and not is_ahead):
         return Place(shift_ns)
+    if not estimate.valid:
+        # A failure is a failure, whenever it was, but later tests of its recording stay unordered.
+        return Place(shift_ns, is_ordered=False)
     return Place(shift_ns, _problem(end_ns, newest))
 
 

@@ -248,19 +248,24 @@ class Bridge:
     def _has_new_rate(self) -> bool:
         """Return whether samples have arrived at a new, steady rate for at least ``learn_s``."""
         assert self._stream is not None
-        if self._clock is not None or len(self._recent_ns) < LEAST_SAMPLES:
+        has_rate = bool(self._clock or self.mapping.clock.rate_hz)
+        if has_rate or len(self._recent_ns) < LEAST_SAMPLES:
             return False
         if 1e-9 * np.ptp(self._recent_ns) < self.settings.learn_s:
             return False
-        # Uneven steps indicate two publishers rather than a new rate.
-        short, usual, long = np.quantile(1e-9 * np.diff(self._recent_ns), (0.1, 0.5, 0.9))
+        # Uneven steps indicate two publishers, or bursts, rather than a new rate.
+        steps_s = 1e-9 * np.diff(self._recent_ns)
+        short, usual, long = np.quantile(steps_s, (0.1, 0.5, 0.9))
+        longest = max(float(long), float(np.mean(steps_s)))
+        if longest > _NEW_RATE * usual or usual > _NEW_RATE * short:
+            return False
         period = self._stream.description.sample_period
-        is_new = not period / _NEW_RATE < usual < period * _NEW_RATE
-        return is_new and bool(long < _NEW_RATE * usual and usual < _NEW_RATE * short)
+        return not period / _NEW_RATE < usual < period * _NEW_RATE
 
     def _restart_learning(self) -> None:
-        """Discard the rate and measure it again from the waiting and later samples."""
+        """Discard the rate, and the waiting samples; measure it again from later samples."""
         self._stream, self.rate, self.defects = None, None, []
+        self._waiting = {topic: series[len(series) :] for topic, series in self._waiting.items()}
         self._settled, self._stamped = np.empty(0, dtype=np.int64), 0
         self._recent_ns = np.empty(0, dtype=np.int64)
         self._latest.clear()

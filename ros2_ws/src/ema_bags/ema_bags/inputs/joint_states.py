@@ -70,16 +70,21 @@ class JointStates:
         sent_ns, received_ns
             Publication time (0 if unknown) and reception time [ns].
         """
-        names = tuple(message.name)
+        names: tuple[str, ...] = tuple(
+            getattr(message, "name", ()) or getattr(message, "joint_names", ())
+        )
         order = self._orders.get(names)
         if order is None:
-            places = {name: place for place, name in enumerate(names)}
+            # Of a name that occurs twice, the first value counts.
+            places: dict[str, int] = {
+                name: place for place, name in reversed(list(enumerate(names)))
+            }
             order = np.array([places.get(joint, -1) for joint in self._joints], dtype=np.intp)
             if len(self._orders) >= _MOST_ORDERS:
                 self._orders.clear()
             self._orders[names] = order
         stamp = NO_STAMP
-        if self._reads_header:
+        if self._reads_header and hasattr(message, "header"):
             stamp_of = message.header.stamp
             stamp = stamp_of.sec * 1_000_000_000 + stamp_of.nanosec or NO_STAMP
         arrival = sent_ns if sent_ns and self._sent_first else received_ns

@@ -134,6 +134,11 @@ class Recognizer:
         values = np.array([_thinned(column, stride) for column in varying.values()])
         if values.size:
             values = values[:, _liveliest(values)]
+            # A column may vary elsewhere, or only between the samples that are compared.
+            varies = np.ptp(values, axis=1) > 0.0
+            values = values[varies]
+            self.names = [name for name, kept in zip(self.names, varies, strict=True) if kept]
+            self._hints = [hint for hint, kept in zip(self._hints, varies, strict=True) if kept]
         self.period = period * stride
         self.values = values
         self._position: dict[int, float] = {}
