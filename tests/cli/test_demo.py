@@ -152,9 +152,9 @@ def test_demo_prints_a_line_a_cycle_and_the_latency(demos):
         )
         for demo in demos
     ]
-    # On a busy machine, seconds may pass for few cycles: the other demo was awaited.
-    assert len(cycles[0]) >= 1
-    assert len(cycles[1]) >= 2
+    # On a busy machine, few cycles pass in the time of a demo, and a level may be STALE by then.
+    assert all(len(lines) >= 1 for lines in cycles)
+    assert len(re.findall("^ +[0-9]+  ", demos[1].said, re.MULTILINE)) >= 2
     assert finished.said.count("\ncycle  friction ") == 1
     assert all(float(latency) > 0.0 for lines in cycles for _, latency in lines)
     assert re.search(r"latency median [\d.]+ s, 95 % below [\d.]+ s", finished.said)
