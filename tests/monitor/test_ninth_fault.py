@@ -17,6 +17,7 @@ ENTRY = """    Fault(
         name="viscosity", label="viscosity", kind="viscosity", healthy=0.0, highest=1.0,
         quantity="viscous damping", base=1.0, slope=20.0, unit="x nominal", mismatch=1e-3,
         limit=0.5, growth=TypicalGrowth("linear", 3e-4),
+        damage=Damage.HOURS,
     ),
 """
 CHANGES = (
