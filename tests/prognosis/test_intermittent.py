@@ -188,7 +188,7 @@ def test_acknowledged_failure_stays_so_after_a_restart_right_after_the_note(tmp_
 def test_replay_that_loops_counts_a_failure_once():
     settings = SETTINGS[1]
     unit = Unit(History(*UNIT), settings)
-    failing("....f", settings, unit)
+    made = failing("....f", settings, unit)
     for _ in range(3):
         unit.rewind(FIRST_NS + 3 * PERIOD_NS)
         made = failing("f.....", settings, unit, first=4)
