@@ -19,7 +19,7 @@ WORST_RATIO: Final = 2.0
 """Largest ratio of the cost of a fault to the cost of a healthy unit with deviations at which the
 fault still explains a window [-].
 
-Measured 0.4 to 1.5 for a phase shorted by 45 to 60 %, and 1.0 to 5 for 30 healthy units, which show
+Measured 0.4 to 1.5 for a phase shorted by 45 to 60 %, and 1.0 to 5 for 18 healthy units, which show
 no fault beyond its limit."""
 
 _WINDOWS: Final = 2
