@@ -45,19 +45,20 @@ def fault_instead(
     """
     fitted = calibration.of_any_motion()
     nominal = replace(fitted, unit=Deviations())
-    faulty: list[Estimate] = []
+    faulty: list[tuple[Estimate, str]] = []
     for window in windows[:_WINDOWS]:
         healthy = _estimate(window, description, fitted)
         estimate = _estimate(window, description, nominal)
         if not estimate.valid or estimate.fitness > WORST_RATIO * healthy.fitness:
             return ""
-        if assess(estimate, HealthLimits()).level != ERROR:
+        health = assess(estimate, HealthLimits())
+        if health.level != ERROR:
             return ""
-        faulty.append(estimate)
-    name = assess(faulty[0], HealthLimits()).dominant_fault
+        faulty.append((estimate, health.dominant_fault))
+    estimate, name = faulty[0]
     if name not in FAULT_BY_NAME:
         return ""
-    label, value = FAULT_BY_NAME[name].label, getattr(faulty[0].faults, name)
+    label, value = FAULT_BY_NAME[name].label, getattr(estimate.faults, name)
     return f"{label} {value:.2g} would explain them as well"
 
 

@@ -206,7 +206,7 @@ def _date_in(values: NDArray[Any]) -> float:
 
 def _unit_of_times(values: NDArray[Any]) -> str:
     finite = values[np.isfinite(values)].astype(float)
-    step = abs(float(np.median(np.diff(finite)))) if len(finite) > 1 else 0.0
+    step = _step_of(values)
     for least, unit in _EPOCHS if len(finite) else ():
         # Plausible as a time since 1970 at a usual sample rate.
         if abs(finite[-1]) > least and _FASTEST_NS < step * TIMES_NS[unit] < _SLOWEST_NS:

@@ -29,6 +29,7 @@ _SURE_RATE: Final = 0.95
 _FOLLOWS: Final = 0.9
 _EXPLAINED: Final = 0.3
 _ALIKE: Final = 0.1
+_LEAST_SCORE: Final = 0.8
 _SAME: Final = 0.985
 _UNIT_TOLERANCE: Final = 0.04
 _BLOCKS: Final = 10
@@ -51,7 +52,7 @@ class Hint(NamedTuple):
         return 1.0 if quantity in self.quantities else -1.0
 
 
-class Finding(NamedTuple):
+class IdentifiedColumn(NamedTuple):
     """Column identified for a quantity."""
 
     name: str
@@ -65,7 +66,7 @@ class Finding(NamedTuple):
 class JointColumns:
     """Columns identified for one joint."""
 
-    columns: Mapping[str, Finding]
+    columns: Mapping[str, IdentifiedColumn]
     """Columns by quantity: ``position``, ``command``, ``speed``, ``effort``."""
 
     travel: float
@@ -141,7 +142,6 @@ class Recognizer:
             self._hints = [hint for hint, kept in zip(self._hints, varies, strict=True) if kept]
         self.period = period * stride
         self.values = values
-        self._position: dict[int, float] = {}
 
     @property
     def can_judge(self) -> bool:
@@ -155,23 +155,21 @@ class Recognizer:
         scores = np.array([self._position_score(a) for a in range(len(self.names))])
         joints, taken = [], set[int]()
         for a in np.argsort(-scores, kind="stable"):
-            if scores[a] < 0.8 or int(a) in taken:
+            if scores[a] < _LEAST_SCORE or int(a) in taken:
                 continue
             joint = self._joint_of(int(a), taken)
             joints.append(joint)
             taken |= {self.names.index(item.name) for item in joint.columns.values()}
             # Copies of this position do not form further joints.
-            taken |= {
-                b for b in range(len(self.names)) if self._is_copy(int(a), b) and b not in taken
-            }
+            taken |= {b for b in range(len(self.names)) if self._is_copy(int(a), b)}
         return joints
 
     def _joint_of(self, a: int, taken: set[int]) -> JointColumns:
         rates = self._rates_of(a, taken)
-        columns = {"position": Finding(self.names[a], bool(rates))}
+        columns = {"position": IdentifiedColumn(self.names[a], bool(rates))}
         if rates:
             best = max(rates, key=lambda b: self._rate_score(a, b))
-            columns["speed"] = Finding(self.names[best], self._is_sure_rate(a, best))
+            columns["speed"] = IdentifiedColumn(self.names[best], self._is_sure_rate(a, best))
         used = {a, *(self.names.index(item.name) for item in columns.values())}
         command = self._command_of(a, taken | used)
         if command is not None:
@@ -184,7 +182,7 @@ class Recognizer:
         if self._hints[a].supports("position") > 0.0 and any(
             item.is_confirmed for item in (command, effort) if item
         ):
-            columns["position"] = Finding(self.names[a], is_confirmed=True)
+            columns["position"] = IdentifiedColumn(self.names[a], is_confirmed=True)
         return JointColumns(columns, float(np.ptp(self.values[a])))
 
     def _rates_of(self, a: int, taken: set[int]) -> list[int]:
@@ -243,7 +241,7 @@ class Recognizer:
         relation = self._copy[a][b]
         return a != b and abs(relation.correlation) > _SAME
 
-    def _command_of(self, a: int, taken: set[int]) -> Finding | None:
+    def _command_of(self, a: int, taken: set[int]) -> IdentifiedColumn | None:
         """Return the command that a position follows, or None."""
         candidates: dict[int, tuple[float, bool]] = {}
         for b in range(len(self.names)):
@@ -266,9 +264,9 @@ class Recognizer:
         if not candidates:
             return None
         best = max(candidates, key=lambda b: candidates[b][0])
-        return Finding(self.names[best], candidates[best][1])
+        return IdentifiedColumn(self.names[best], candidates[best][1])
 
-    def _effort_of(self, a: int, taken: set[int]) -> Finding | None:
+    def _effort_of(self, a: int, taken: set[int]) -> IdentifiedColumn | None:
         """Return the column best explained by inertia, friction and gravity, or None."""
         candidates: dict[int, tuple[float, bool]] = {}
         for b in range(len(self.names)):
@@ -284,7 +282,7 @@ class Recognizer:
             return None
         best, *rest = sorted(candidates, key=lambda b: -candidates[b][0])
         is_alone = all(candidates[best][0] - candidates[b][0] > _ALIKE for b in rest)
-        return Finding(self.names[best], candidates[best][1] and is_alone)
+        return IdentifiedColumn(self.names[best], candidates[best][1] and is_alone)
 
     def _explained_effort(self, a: int, b: int) -> float:
         """Return the cross-validated share of a column that a position's motion explains [-]."""
@@ -320,15 +318,18 @@ class Recognizer:
     @cached_property
     def _spectra(self) -> NDArray[np.complex128]:
         """Spectra of the columns after subtracting the line between their end points."""
-        n = self.values.shape[1]
-        lines = np.linspace(self.values[:, 0], self.values[:, -1], n, axis=1)
-        return np.fft.rfft(self.values - lines, axis=1)
+        return np.fft.rfft(self.values - self._lines, axis=1)
 
     @cached_property
     def _smooth(self) -> NDArray[np.float64]:
         n = self.values.shape[1]
-        lines = np.linspace(self.values[:, 0], self.values[:, -1], n, axis=1)
-        return lines + np.fft.irfft(self._spectra * np.sqrt(self._weights), n, axis=1)
+        return self._lines + np.fft.irfft(self._spectra * np.sqrt(self._weights), n, axis=1)
+
+    @cached_property
+    def _lines(self) -> NDArray[np.float64]:
+        """Straight lines between the end points of the columns, ``(columns, n)``."""
+        ends = self.values[:, 0], self.values[:, -1]
+        return np.linspace(*ends, self.values.shape[1], axis=1)
 
     @cached_property
     def _rate(self) -> list[list[_Relation]]:
