@@ -65,9 +65,6 @@ def fault_instead(
 def _estimate(
     window: Window, description: ActuatorDescription, calibration: Calibration
 ) -> Estimate:
-    run = ModelIdentification(window, description, calibration, SearchSettings(), False, None).run()
-    while True:
-        try:
-            next(run)
-        except StopIteration as end:
-            return end.value.estimate
+    return ModelIdentification(
+        window, description, calibration, SearchSettings(), False, None
+    ).estimate()

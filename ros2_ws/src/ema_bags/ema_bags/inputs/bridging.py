@@ -285,7 +285,7 @@ class Bridge:
 
     def _latest_stamps(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the latest stamps, including new ones, spanning twice ``learn_s`` [ns]."""
-        recent = np.concatenate([self._recent_ns, stamps])[-_MOST_WAITING:]
+        recent = np.concatenate([self._recent_ns, stamps])
         if not len(recent):
             return recent
         # Twice ``learn_s``, so that the samples cover it for any block length.

@@ -69,9 +69,6 @@ class JointColumns:
     columns: Mapping[str, IdentifiedColumn]
     """Columns by quantity: ``position``, ``command``, ``speed``, ``effort``."""
 
-    travel: float
-    """Range of the position, in the unit of its column."""
-
 
 _RATE_RATIOS: Final = np.array(
     [
@@ -183,7 +180,7 @@ class Recognizer:
             item.is_confirmed for item in (command, effort) if item
         ):
             columns["position"] = IdentifiedColumn(self.names[a], is_confirmed=True)
-        return JointColumns(columns, float(np.ptp(self.values[a])))
+        return JointColumns(columns)
 
     def _rates_of(self, a: int, taken: set[int]) -> list[int]:
         return [
