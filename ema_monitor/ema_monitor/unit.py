@@ -2,37 +2,27 @@
 
 import math
 import threading
-from bisect import bisect
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from heapq import nlargest
-from itertools import islice
 from typing import Final, NamedTuple
 
-from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
+from ema_core.levels import ERROR, LEVEL_NAMES, OK, WARN
 from ema_core.parameters import ActuatorParameters
-from ema_core.wording import counted
-from ema_monitor.health import warned
-from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED, SKIPPED, Estimate
-from ema_monitor.joint.comparison import FRICTION
+from ema_monitor.identification.estimate import DEPARTED, FAILED, REFUSED, Estimate
 from ema_monitor.prognosis.assessing import assessment_of
-from ema_monitor.prognosis.confirmation import confirmed
+from ema_monitor.prognosis.baseline_changes import baseline_change, other_calibration, worn_baseline
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
+from ema_monitor.prognosis.earlier_levels import failed_since, last_level, with_unconfirmed_levels
+from ema_monitor.prognosis.failures import with_earlier_failure
 from ema_monitor.prognosis.forecaster import Forecaster, outlook_of
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import (
-    CALIBRATION,
     DEPARTURE,
     FAULT,
-    GAP,
     HISTORY,
-    NOTE,
-    OTHER,
-    RESTART,
-    SERVICE_HOURS,
     Assessment,
     Count,
     Entry,
@@ -40,27 +30,20 @@ from ema_monitor.prognosis.history_entry import (
     UnitEvent,
     UnusedCycle,
 )
-from ema_monitor.prognosis.intermittent import LATEST_TESTS, Intermittent
-from ema_monitor.prognosis.notes import Notes
-from ema_monitor.prognosis.order import Place, is_after_step, moved, place_of
+from ema_monitor.prognosis.intermittent import Intermittent, intermittent_of
+from ema_monitor.prognosis.new_entries import late_entry, next_entry
+from ema_monitor.prognosis.order import Place, moved, place_of, since_clock_step_ns
 from ema_monitor.prognosis.outlook import Claim, Outlook, unknown_outlook
+from ema_monitor.prognosis.pending_events import PendingEvents
 from ema_monitor.prognosis.requirements.requirements import (
     WITHOUT_MODEL,
     RequirementLimits,
     requirements_of,
 )
-from ema_monitor.prognosis.sentences import (
-    cause_of_level,
-    failures_in_words,
-    label_of,
-    recurrence_in_words,
-)
+from ema_monitor.prognosis.sentences import cause_of_level, recurrence_in_words
 from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.prognosis.shown import LastShown, recent_faults, recent_from_ns
-
-SHOWN_SHARE: Final = 0.05
-"""Share of its limit above which a fault is named in a baseline change [-]."""
 
 KEPT_EVERY: Final = 50
 """Number of tests between two stored tracker states (0.8 MB each)."""
@@ -128,13 +111,11 @@ class Unit:
         history.growth = b""
         # Number of tests in the stored state of the tracker.
         self._kept_tests = self.growth.kept_tests
-        self._notes = Notes()
-        self._findings = [Finding(HISTORY, history.problem)] if history.problem else []
-        self._ignores_usage = False
-        # Time at which the history was opened, and its number of tests.
-        self._restarted = None
+        problems = [Finding(HISTORY, history.problem)] if history.problem else []
+        restarted = None
         if opened_ns is not None and history.entries:
-            self._restarted = opened_ns, len(history.entries)
+            restarted = opened_ns, len(history.entries)
+        self._pending = PendingEvents(problems, restarted)
 
     def update(
         self,
@@ -197,15 +178,18 @@ class Unit:
                 return self._refuse(test, parameters) if is_new and not place.is_known else None
             latest = self.growth.service.latest
             if place.is_known:
-                text = "a test that is in the history already came again and changes nothing"
-                self._findings.append(Finding(OTHER, text))
+                self._pending.report_repeated()
             elif latest is not None and estimate.end_ns < latest.stamp_ns:
                 self._add_late(estimate, latest, count, flown)
             else:
                 cycles = len(self.history.unused) + is_new
                 flown = self.history.unused_duty + flown
-                entry, findings = self._entry(estimate, cycles, count, flown)
-                entry = replace(entry, shift_ns=place.shift_ns)
+                service, each = self.growth.service, self._settings.service.hours_per_cycle
+                findings = self._pending.ignored_usage(count, each)
+                entry, missing = next_entry(
+                    estimate, service, each, cycles, count, flown, place.shift_ns
+                )
+                findings += missing
                 before = self.history.newest
                 if estimate.verdict == DEPARTED and not (before and before.verdict == DEPARTED):
                     findings.append(Finding(DEPARTURE, estimate.departure))
@@ -217,11 +201,11 @@ class Unit:
                     raise
                 self.history.append(entry)
                 self._shown.add(estimate)
-                self._findings += [
+                self._pending.report(
                     Finding(FAULT, recurrence_in_words(name, self._intermittent.faults[name]))
                     for name in self._intermittent.add(estimate)
-                ]
-                self._findings += findings
+                )
+                self._pending.report(findings)
             return self._outlook_with_events(parameters)
 
     def _place_of(self, estimate: Estimate, received_ns: int, is_live: bool) -> Place:
@@ -259,30 +243,17 @@ class Unit:
         self, estimate: Estimate, latest: Entry, count: Count | None, flown: FlownDuty
     ) -> None:
         """Record a valid test that is older than the latest one, between its neighbours."""
-        entries = self.history.entries
-        place = bisect(entries, estimate.end_ns, key=lambda entry: entry.stamp_ns)
-        before, after = entries[place - 1] if place else None, entries[place]
-        cycles = min(before.cycles + 1, after.cycles) if before else max(after.cycles - 1, 1)
-        hours, each = math.nan, self._settings.service.hours_per_cycle
-        if each > 0.0:
-            begin = before.hours + each if before else max(after.hours - each, 0.0)
-            hours, count = min(begin, after.hours), None
-        else:
-            count = _later(count, before.count if before else None, estimate.end_ns)
+        entries, each = self.history.entries, self._settings.service.hours_per_cycle
+        entry = late_entry(estimate, entries, each, count, flown)
         entries_before = len(entries)
-        self.history.append(Entry(estimate, hours, cycles, count, flown))
+        self.history.append(entry)
         self._shown.add(estimate)
         self._intermittent = self._intermittent_by_all()
         if len(entries) > entries_before:
             self._recompute_growth()
         late_s = (latest.stamp_ns - estimate.end_ns) * 1e-9
-        text = (
-            f"a test came late, {late_s:g} s older than the latest one: it counts for growth; "
-            "the latest one gives the level"
-        )
-        self._findings.append(Finding(OTHER, text))
-        if estimate.verdict == DEPARTED:
-            self._findings.append(Finding(DEPARTURE, estimate.departure))
+        departure = estimate.departure if estimate.verdict == DEPARTED else ""
+        self._pending.report_late(late_s, departure)
 
     def follow(
         self,
@@ -371,8 +342,10 @@ class Unit:
             newest_ns, assessments = self.history.entries[-1].stamp_ns, self.history.assessments
             newest, noted = assessments.get(newest_ns), assessments.get(stamp_ns or newest_ns)
             hours, published = noted.hours if noted else math.nan, newest.events if newest else ()
-            self._notes.add_note(person, text, stamp_ns or newest_ns, hours, published)
-            self._intermittent.acknowledge(self._time_of(stamp_ns) if stamp_ns else newest_ns)
+            self._pending.add_note(person, text, stamp_ns or newest_ns, hours, published)
+            self._intermittent.acknowledge(
+                self.history.time_of(stamp_ns) if stamp_ns else newest_ns
+            )
 
     def alarm(self, parameters: ActuatorParameters | None, settings: PrognosisSettings) -> str:
         """Return the cause of a WARN or ERROR, even if the level has expired; "" if none."""
@@ -394,18 +367,9 @@ class Unit:
         with self._lock:
             if not self.history.entries:
                 return False
-            newest = self.history.entries[-1]
-            items = self._by_valid.health.faults if self._by_valid else ()
-            seen = [f"{label_of(i.name)} {i.value:.3f}" for i in items if i.share > SHOWN_SHARE]
-            before = ", ".join(seen) or "no fault above 5 % of its limit"
-            text = (
-                f"baseline changed by {person}: {calibration_id} instead of "
-                f"{newest.estimate.calibration_id}, which showed {before}"
-            )
-            worn = calibration_id if seen else ""
-            assessment = self.history.assessments.get(newest.stamp_ns)
-            hours = assessment.hours if assessment else math.nan
-            self._notes.add(UnitEvent(newest.stamp_ns, hours, CALIBRATION, text, person, worn))
+            faults = self._by_valid.health.faults if self._by_valid else ()
+            event = baseline_change(person, calibration_id, self.history, faults)
+            self._pending.add(event)
             return True
 
     def outlook(
@@ -509,30 +473,7 @@ class Unit:
         return LastShown(self._settings.limits, (*self.history.entries, *self.history.late))
 
     def _intermittent_by_all(self) -> Intermittent:
-        """Return the intermittent faults from all tests and their notes."""
-        result = Intermittent(self._settings.limits)
-        # A note holds from the test on that it is about, or with which it is kept.
-        notes = deque(
-            sorted(
-                (max(stamp_ns, self._time_of(event.stamp_ns)), self._time_of(event.stamp_ns))
-                for stamp_ns, assessment in self.history.assessments.items()
-                for event in assessment.events
-                if event.kind == NOTE
-            )
-        )
-        for test in sorted(self.history.tests, key=lambda test: test.stamp_ns):
-            if isinstance(test, Entry):
-                result.add(test.estimate)
-            elif test.verdict == FAILED:
-                result.add_failure(test.stamp_ns)
-            while notes and notes[0][0] <= test.stamp_ns:
-                result.acknowledge(notes.popleft()[1])
-        return result
-
-    def _time_of(self, end_ns: int) -> int:
-        """Return the time of the test that ends at ``end_ns``, or else ``end_ns``."""
-        every = reversed(self.history.tests)
-        return next((test.stamp_ns for test in every if test.end_ns == end_ns), end_ns)
+        return intermittent_of(self.history, self._settings.limits)
 
     def _recompute_growth(self) -> None:
         self.growth = self._growth_of_all()
@@ -546,9 +487,9 @@ class Unit:
         assessments = self.history.assessments
         stamps_ns = (entry.stamp_ns for entry in reversed(self.history.entries[-2:]))
         before = next((assessments[ns] for ns in stamps_ns if ns in assessments), None)
-        assessment = assessment_of(outlook, before, self._findings, self._further_events(outlook))
-        # Each finding is published once.
-        self._findings = []
+        events = self._pending.take_events(outlook.hours)
+        events += other_calibration(outlook, self.history)
+        assessment = assessment_of(outlook, before, self._pending.take_findings(), events)
         self.history.assess(assessment)
         published = before.events if before else ()
         shift_ns = self.history.entries[-1].shift_ns
@@ -593,32 +534,27 @@ class Unit:
             requirements = WITHOUT_MODEL
         entries, shown = self.history.entries, self._shown.estimates
         from_ns = recent_from_ns(entries, self._settings.good_for_s)
-        recent = recent_faults(shown, max(from_ns, self._since_step_ns(from_ns)))
+        from_ns = max(from_ns, self._step_ns + 1)
+        from_ns = since_clock_step_ns(self.history.tests, from_ns, self._settings.has_clock)
+        recent = recent_faults(shown, from_ns)
         outlook = outlook_of(
             self.growth, self._settings, requirements, shown, recent, self._intermittent.faults
         )
-        outlook = self._after_failures(self._confirmed(outlook))
+        needed = self._settings.level_confirmations
+        outlook = with_unconfirmed_levels(outlook, self.history, needed)
+        failure = self._intermittent.failure
+        outlook = with_earlier_failure(outlook, self.history.tests, failure, needed)
         # Laplace's rule gives the probability that a test has no valid estimate.
         missing = max(entries[-1].cycles - entries[0].cycles + 1 - len(entries), 0)
-        reason = "; ".join(filter(None, [outlook.health.reason, self._worn_baseline()]))
+        reason = "; ".join(filter(None, [outlook.health.reason, worn_baseline(self.history)]))
         return replace(
             outlook,
             health=replace(outlook.health, reason=reason),
             assumption="; ".join(filter(None, [outlook.assumption, self._fleet_in_words])),
-            failed_since=self._failed_since(outlook),
-            last_level=self._last_level(outlook),
+            failed_since=failed_since(outlook, self.history),
+            last_level=last_level(outlook, self.history),
             missing_share=(missing + 1) / (missing + len(entries) + 2),
         )
-
-    def _worn_baseline(self) -> str:
-        """Return who set the current baseline while the unit was worn, or ""."""
-        newest = _baseline(self.history.entries[-1])
-        earlier = (entry for entry in reversed(self.history.entries) if _baseline(entry) != newest)
-        before = next(earlier, None)
-        assessment = self.history.assessments.get(before.stamp_ns) if before else None
-        events = assessment.events if assessment else ()
-        texts = [event.text for event in events if event.worn_baseline == newest]
-        return texts[-1] if texts else ""
 
     def mark_clock_step(self, until_ns: int | None = None) -> None:
         """Do not count the faults that tests up to a time have shown as shown recently.
@@ -635,154 +571,3 @@ class Unit:
             before_ns = (ns for ns in stamps_ns if until_ns is None or ns <= until_ns)
             self._step_ns = max(self._step_ns, max(before_ns, default=0))
             self._by_valid = None
-
-    def _since_step_ns(self, from_ns: int) -> int:
-        """Return the time of the first test after the latest clock step, at least ``from_ns``."""
-        from_ns = max(from_ns, self._step_ns + 1)
-        by_clock, after = self._settings.has_clock, None
-        for test in reversed(self.history.tests):
-            if test.verdict == SKIPPED:
-                continue
-            if after is not None and is_after_step(after, test, by_clock):
-                return after.stamp_ns
-            if test.stamp_ns < from_ns:
-                break
-            after = test
-        return from_ns
-
-    def _confirmed(self, outlook: Outlook) -> Outlook:
-        """Return the outlook with earlier levels and departures kept until tests confirm their end.
-
-        ``level_confirmations`` consecutive tests confirm the end. Records without a judgement do
-        not count.
-        """
-        newest = self.history.entries[-1].estimate
-        earlier = (
-            entry for entry in reversed(self.history.entries[:-1]) if _counts(entry.estimate)
-        )
-        assessments = (self.history.assessments.get(entry.stamp_ns) for entry in earlier)
-        needed = islice(filter(None, assessments), self._settings.level_confirmations - 1)
-        outlook = confirmed(outlook, needed)
-        if newest.comparison is None or outlook.health.level != OK:
-            return outlook
-        judged = filter(_is_judged, (entry.estimate for entry in reversed(self.history.entries)))
-        latest = islice(judged, self._settings.level_confirmations)
-        departure = next((estimate.departure for estimate in latest if estimate.departure), "")
-        if not departure:
-            return outlook
-        words = f"{departure}, in an earlier record: the next record must confirm that it has ended"
-        return replace(outlook, health=warned(outlook.health), departure=words)
-
-    def _after_failures(self, outlook: Outlook) -> Outlook:
-        """Return the outlook with an earlier failure kept until tests confirm its end.
-
-        The end is confirmed by ``level_confirmations`` tests in a row. An intermittent failure must
-        be acknowledged by a person.
-        """
-        judged = (
-            test for test in self.history.tests if isinstance(test, Entry) or test.verdict == FAILED
-        )
-        needed = self._settings.level_confirmations
-        latest = nlargest(max(needed, LATEST_TESTS), judged, key=lambda test: test.stamp_ns)
-        tests_since, reason = next(
-            (
-                (since, test.reason)
-                for since, test in enumerate(latest)
-                if isinstance(test, UnusedCycle)
-            ),
-            (len(latest), ""),
-        )
-        recurrence = self._intermittent.failure
-        if recurrence is not None:
-            words = failures_in_words(reason, recurrence)
-        elif reason and tests_since < needed:
-            words = f"{reason}, in an earlier test: the next test must confirm that it has ended"
-        else:
-            return outlook
-        departure = "; ".join(filter(None, [outlook.departure, words]))
-        return replace(outlook, health=warned(outlook.health), departure=departure)
-
-    def _last_level(self, outlook: Outlook) -> int:
-        """Return the last known level before a STALE outlook; STALE for any other outlook."""
-        if outlook.health.level == STALE:
-            for entry in reversed(self.history.entries):
-                assessment = self.history.assessments.get(entry.stamp_ns)
-                is_earlier = entry.stamp_ns < outlook.stamp_ns
-                if is_earlier and assessment is not None and assessment.level != STALE:
-                    return assessment.level
-        return STALE
-
-    def _failed_since(self, outlook: Outlook) -> float:
-        """Return the service hour at which the current run of ERROR tests started [h]."""
-        if outlook.health.level != ERROR:
-            return math.nan
-        since = outlook.hours
-        for entry in reversed(self.history.entries):
-            if entry.stamp_ns != outlook.stamp_ns:
-                assessment = self.history.assessments.get(entry.stamp_ns)
-                if assessment is None or assessment.level != ERROR:
-                    break
-                since = assessment.hours
-        return since
-
-    def _further_events(self, outlook: Outlook) -> list[UnitEvent]:
-        """Return events not derived from tests: notes, a restart, and a changed calibration."""
-        events, entries = self._notes.take(), self.history.entries
-        if self._restarted:
-            opened_ns, tests = self._restarted
-            self._restarted = None
-            text = f"the monitor started and read {counted(tests, 'valid test')}"
-            events.append(UnitEvent(opened_ns, outlook.hours, RESTART, text))
-        if len(entries) > 1 and outlook.stamp_ns not in self.history.assessments:
-            old, new = (entry.estimate.calibration_id for entry in entries[-2:])
-            if old != new:
-                text = f"{new} instead of {old}"
-                events.append(UnitEvent(outlook.stamp_ns, outlook.hours, CALIBRATION, text))
-        return events
-
-    def _entry(
-        self, estimate: Estimate, new_cycles: int, count: Count | None, flown: FlownDuty
-    ) -> tuple[Entry, list[Finding]]:
-        """Return the history entry of a test, with findings on ignored counts and missed tests."""
-        latest = self.growth.service.latest
-        each = self._settings.service.hours_per_cycle
-        cycles = new_cycles + (latest.cycles if latest else 0)
-        hours, newest, findings = math.nan, None, list[Finding]()
-        if each > 0.0:
-            hours = self.growth.service.after(cycles, each)
-            if count is not None and not self._ignores_usage:
-                self._ignores_usage = True
-                text = f"usage is ignored, {count.hours:g} h: hours_per_cycle = {each:g} h is set"
-                findings.append(Finding(SERVICE_HOURS, text))
-        else:
-            before = latest.count if latest else None
-            # After a restart, the latest count may be found in the history only.
-            newest = _later(count, before, estimate.end_ns)
-            if newest is not None and newest != before:
-                cycles = newest.cycles or cycles
-        missed = cycles - latest.cycles - 1 if latest else 0
-        if missed > 0:
-            text = f"{counted(missed, 'test')} without a valid estimate before this one"
-            findings.append(Finding(GAP, text))
-        return Entry(estimate, hours, cycles, newest, flown), findings
-
-
-def _baseline(entry: Entry) -> str:
-    return entry.estimate.calibration_id
-
-
-def _counts(estimate: Estimate) -> bool:
-    """Return whether a test counts for the confirmation of a lower level."""
-    return estimate.comparison is None or _is_judged(estimate)
-
-
-def _is_judged(estimate: Estimate) -> bool:
-    """Return whether a record shows a departure or determines the friction."""
-    compared = estimate.comparison
-    return compared is not None and (compared.has_departed or compared[FRICTION].is_judged)
-
-
-def _later(first: Count | None, second: Count | None, end_ns: int) -> Count | None:
-    """Return the later of two counts that was read before the end of a test [ns]."""
-    read = [count for count in (first, second) if count and count.stamp_ns <= end_ns]
-    return max(read, key=lambda count: count.stamp_ns, default=None)

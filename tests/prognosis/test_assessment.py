@@ -24,8 +24,8 @@ from ema_monitor.prognosis.history_entry import (
     assessment_text,
     read_assessment,
 )
-from ema_monitor.prognosis.notes import MOST_NOTES, MOST_PERSONS
 from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.pending_events import MOST_NOTES, MOST_PERSONS
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.unit import Unit

@@ -131,6 +131,11 @@ class History:
         """Return whether a valid test whose window ends at ``stamp_ns`` is in the history."""
         return self._is_valid.get(stamp_ns, False)
 
+    def time_of(self, end_ns: int) -> int:
+        """Return the time of the latest test with this end [ns]; ``end_ns`` if there is none."""
+        latest_first = reversed(self.tests)
+        return next((test.stamp_ns for test in latest_first if test.end_ns == end_ns), end_ns)
+
     def append(self, test: Test) -> None:
         """Add a test and flush it to disk."""
         with self._lock:

@@ -6,7 +6,9 @@ from typing import Final
 
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_monitor.health import ONE_SIDED_95, HealthLimits, Recurrence
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import FAILED, Estimate
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import NOTE, Entry
 
 LATEST_TESTS: Final = 20
 """Number of latest tests that are searched for intermittent faults."""
@@ -109,6 +111,28 @@ class Intermittent:
         """Reset intermittent faults and failures that were present in the test of a stamp [ns]."""
         for sign in (*self._faults.values(), self._failure):
             sign.acknowledge(stamp_ns)
+
+
+def intermittent_of(history: History, limits: HealthLimits) -> Intermittent:
+    """Return the intermittent faults and failures from all tests and the notes on them."""
+    result = Intermittent(limits)
+    # A note holds from the test on that it is about, or with which it is kept.
+    notes = deque(
+        sorted(
+            (max(stamp_ns, history.time_of(event.stamp_ns)), history.time_of(event.stamp_ns))
+            for stamp_ns, assessment in history.assessments.items()
+            for event in assessment.events
+            if event.kind == NOTE
+        )
+    )
+    for test in sorted(history.tests, key=lambda test: test.stamp_ns):
+        if isinstance(test, Entry):
+            result.add(test.estimate)
+        elif test.verdict == FAILED:
+            result.add_failure(test.stamp_ns)
+        while notes and notes[0][0] <= test.stamp_ns:
+            result.acknowledge(notes.popleft()[1])
+    return result
 
 
 def _times(distances: Iterable[float]) -> int:

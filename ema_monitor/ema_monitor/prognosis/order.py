@@ -1,5 +1,6 @@
 """Ordering of a unit's tests by stamp or by reception."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -96,6 +97,20 @@ def is_after_step(test: Test, before: Test, by_clock: bool) -> bool:
     if by_clock:
         return test.shift_ns != before.shift_ns
     return test.stamp_ns == before.stamp_ns + 1
+
+
+def since_clock_step_ns(tests: Sequence[Test], from_ns: int, by_clock: bool) -> int:
+    """Return the time of the first test after the latest clock step, at least ``from_ns`` [ns]."""
+    after = None
+    for test in reversed(tests):
+        if test.verdict == SKIPPED:
+            continue
+        if after is not None and is_after_step(after, test, by_clock):
+            return after.stamp_ns
+        if test.stamp_ns < from_ns:
+            break
+        after = test
+    return from_ns
 
 
 def moved(estimate: Estimate, shift_ns: int) -> Estimate:

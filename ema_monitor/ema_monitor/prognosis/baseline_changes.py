@@ -1,0 +1,70 @@
+"""Changes of a unit's calibration, as events."""
+
+import math
+from collections.abc import Iterable
+from typing import Final
+
+from ema_monitor.health import FaultHealth
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import CALIBRATION, Entry, UnitEvent
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.sentences import label_of
+
+SHOWN_SHARE: Final = 0.05
+"""Share of its limit above which a fault is named in a baseline change [-]."""
+
+
+def baseline_change(
+    person: str, calibration_id: str, history: History, faults: Iterable[FaultHealth]
+) -> UnitEvent:
+    """Return the event that a person changed the calibration of a unit.
+
+    Parameters
+    ----------
+    person
+        Person who changed the calibration.
+    calibration_id
+        Identity of the calibration used from now on.
+    history
+        Tests of the unit, at least one of them valid.
+    faults
+        Health of the faults after the newest valid test; empty if unknown.
+    """
+    newest = history.entries[-1]
+    seen = [f"{label_of(i.name)} {i.value:.3f}" for i in faults if i.share > SHOWN_SHARE]
+    before = ", ".join(seen) or "no fault above 5 % of its limit"
+    text = (
+        f"baseline changed by {person}: {calibration_id} instead of "
+        f"{_baseline(newest)}, which showed {before}"
+    )
+    worn = calibration_id if seen else ""
+    assessment = history.assessments.get(newest.stamp_ns)
+    hours = assessment.hours if assessment else math.nan
+    return UnitEvent(newest.stamp_ns, hours, CALIBRATION, text, person, worn)
+
+
+def other_calibration(outlook: Outlook, history: History) -> list[UnitEvent]:
+    """Return the event of a newest test with another calibration than the test before it."""
+    entries = history.entries
+    if len(entries) < 2 or outlook.stamp_ns in history.assessments:
+        return []
+    old, new = map(_baseline, entries[-2:])
+    if old == new:
+        return []
+    text = f"{new} instead of {old}"
+    return [UnitEvent(outlook.stamp_ns, outlook.hours, CALIBRATION, text)]
+
+
+def worn_baseline(history: History) -> str:
+    """Return who set the current baseline while the unit was worn, or ""."""
+    newest = _baseline(history.entries[-1])
+    earlier = (entry for entry in reversed(history.entries) if _baseline(entry) != newest)
+    before = next(earlier, None)
+    assessment = history.assessments.get(before.stamp_ns) if before else None
+    events = assessment.events if assessment else ()
+    texts = [event.text for event in events if event.worn_baseline == newest]
+    return texts[-1] if texts else ""
+
+
+def _baseline(entry: Entry) -> str:
+    return entry.estimate.calibration_id

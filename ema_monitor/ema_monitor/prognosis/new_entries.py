@@ -1,0 +1,95 @@
+"""Entries of new tests: their service hours and test cycles."""
+
+import math
+from bisect import bisect
+
+from ema_core.wording import counted
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.duty.damage import FlownDuty
+from ema_monitor.prognosis.history_entry import GAP, Count, Entry, Finding
+from ema_monitor.prognosis.service import ServiceHours
+
+
+def next_entry(
+    estimate: Estimate,
+    service: ServiceHours,
+    hours_per_cycle: float,
+    new_cycles: int,
+    count: Count | None,
+    flown: FlownDuty,
+    shift_ns: int,
+) -> tuple[Entry, list[Finding]]:
+    """Return the entry of the next valid test, with a finding if tests are missing before it.
+
+    Parameters
+    ----------
+    estimate
+        Estimate of its window.
+    service
+        Service hours of the tests so far.
+    hours_per_cycle
+        Flight hours of a test cycle [h]; 0 if a count gives the service hours.
+    new_cycles
+        Test cycles since the latest valid test.
+    count
+        Latest count of service hours read before the test, or None.
+    flown
+        Duty since the latest valid test.
+    shift_ns
+        Correction that was added to the stamps of the estimate [ns].
+    """
+    latest = service.latest
+    cycles = new_cycles + (latest.cycles if latest else 0)
+    hours, newest = math.nan, None
+    if hours_per_cycle > 0.0:
+        hours = service.after(cycles, hours_per_cycle)
+    else:
+        before = latest.count if latest else None
+        # After a restart, the latest count may be found in the history only.
+        newest = _later(count, before, estimate.end_ns)
+        if newest is not None and newest != before:
+            cycles = newest.cycles or cycles
+    findings = []
+    missed = cycles - latest.cycles - 1 if latest else 0
+    if missed > 0:
+        text = f"{counted(missed, 'test')} without a valid estimate before this one"
+        findings.append(Finding(GAP, text))
+    return Entry(estimate, hours, cycles, newest, flown, shift_ns), findings
+
+
+def late_entry(
+    estimate: Estimate,
+    entries: list[Entry],
+    hours_per_cycle: float,
+    count: Count | None,
+    flown: FlownDuty,
+) -> Entry:
+    """Return the entry of a valid test that is older than the latest one, between its neighbours.
+
+    Parameters
+    ----------
+    estimate
+        Estimate of its window.
+    entries
+        Valid tests in order of their stamps, the last one later than this test.
+    hours_per_cycle
+        Flight hours of a test cycle [h]; 0 if a count gives the service hours.
+    count
+        Latest count of service hours read before the test, or None.
+    flown
+        Duty since the test before it.
+    """
+    place = bisect(entries, estimate.end_ns, key=lambda entry: entry.stamp_ns)
+    before, after = entries[place - 1] if place else None, entries[place]
+    cycles = min(before.cycles + 1, after.cycles) if before else max(after.cycles - 1, 1)
+    if hours_per_cycle > 0.0:
+        begin = before.hours + hours_per_cycle if before else after.hours - hours_per_cycle
+        return Entry(estimate, min(max(begin, 0.0), after.hours), cycles, None, flown)
+    count = _later(count, before.count if before else None, estimate.end_ns)
+    return Entry(estimate, math.nan, cycles, count, flown)
+
+
+def _later(first: Count | None, second: Count | None, end_ns: int) -> Count | None:
+    """Return the later of two counts that was read before the end of a test [ns]."""
+    read = [count for count in (first, second) if count and count.stamp_ns <= end_ns]
+    return max(read, key=lambda count: count.stamp_ns, default=None)
