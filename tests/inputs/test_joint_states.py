@@ -36,7 +36,7 @@ def message(i, names, *, without=()):
 def read(messages, of=None):
     states = JointStates(of or mapping())
     for i, item in enumerate(messages):
-        states.add(item, 0, i)
+        states.add(STATES, item, 0, i)
     states.share()
     return states
 
@@ -90,3 +90,27 @@ def test_what_was_taken_is_not_given_again():
 )
 def test_only_plain_fields_of_one_topic_are_read_at_once(changes, is_read_at_once):
     assert reads_joint_states(mapping(**changes)) is is_read_at_once
+
+
+def test_commands_of_another_topic_are_read_with_the_states():
+    of = mapping(command={"topic": "/commands", "source": "position"})
+    assert reads_joint_states(of)
+    states = JointStates(of)
+    for i in range(4):
+        states.add(STATES, message(i, "abc"), 0, i)
+    states.add("/commands", message(9, "ba"), 0, 9)
+    states.share()
+    taken = states.of_joint("b").take()
+    assert list(taken[STATES].values["position"]) == [98.0, 99.0, 100.0, 101.0]
+    assert list(taken["/commands"].values["command"]) == [107.0]
+    assert len(states.of_joint("c").take()["/commands"]) == 0
+
+
+def test_removed_joint_is_not_collected():
+    states = JointStates(mapping())
+    collector = states.of_joint("b")
+    states.remove("b")
+    states.add(STATES, message(0, "abc"), 0, 0)
+    states.share()
+    assert len(collector.take()[STATES]) == 0
+    assert len(states.of_joint("a").take()[STATES]) == 1

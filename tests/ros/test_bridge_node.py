@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray
 
-from ema_bags.inputs import bridge_node
+from ema_bags.inputs import bridged_robot
 from ema_bags.inputs.bridge_node import BridgeNode
 from ema_bags.inputs.bridging import Bridge
 from ema_bags.inputs.input_defect import InputDefect
@@ -66,7 +66,7 @@ def mapping_file(tmp_path):
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch):
-    monkeypatch.setattr(bridge_node, "SILENT_S", 1.0)
+    monkeypatch.setattr(bridged_robot, "SILENT_S", 1.0)
 
 
 def joint_state(stamp_ns: int, joint: str, position: float, velocity: float, effort: float) -> Any:
@@ -404,3 +404,79 @@ def test_type_that_is_not_installed_is_refused_with_the_package(graph: Spinning,
     assert not bridge.bring_up()
     assert bridge.state == "unconfigured"
     assert "install package odrive_can (ros-jazzy-odrive-can)" in bridge._refused
+
+
+class Robots:
+    """Publishes the joint states of robots, each on its topic, 200 times a second of their time."""
+
+    def __init__(self, graph: Spinning) -> None:
+        self.bridge = graph.managed(BridgeNode)
+        assert self.bridge.bring_up()
+        self._node = graph.node("robots")
+        self._publishers: dict[str, Any] = {}
+        self.descriptions = graph.listen(
+            DescriptionMessage, "/ema/actuator_description", LATCHED_BY_MANY
+        )
+        self.blocks: list[TelemetryBlock] = graph.listen(TelemetryBlock, "/ema/telemetry", STREAM)
+        self.robots = {"/joint_states": ["elbow", "wrist"], "/left/joint_states": ["elbow"]}
+        self._number = 0
+
+    def publish(self, *, effort: float = 1.0) -> None:
+        self._number += 1
+        angle, rate = math.sin(0.02 * self._number), 4.0 * math.cos(0.02 * self._number)
+        for topic, names in self.robots.items():
+            if topic not in self._publishers:
+                self._publishers[topic] = self._node.create_publisher(JointState, topic, 100)
+            listed = names[::-1] if self._number % 3 else names
+            message = JointState(name=listed, position=[angle] * len(listed))
+            message.header.stamp = stamp_to_message(START_NS + self._number * 5_000_000)
+            message.velocity, message.effort = [rate] * len(listed), [effort] * len(listed)
+            self._publishers[topic].publish(message)
+
+    def wait_for_blocks(self, names: set[str], **columns: float) -> None:
+        def publish_and_ask() -> bool:
+            self.publish(**columns)
+            return {item.actuator_id for item in self.blocks} >= names
+
+        wait_for(publish_and_ask, f"blocks of {names}")
+
+    @property
+    def joints(self) -> Task:
+        return next(task for task in self.bridge.tasks() if task.name == "joints")
+
+
+def test_without_a_mapping_all_joints_of_all_robots_are_bridged(graph: Spinning):
+    robots = Robots(graph)
+    robots.wait_for_blocks({"elbow", "wrist", "left/elbow"})
+    described = {message.actuator_id: message for message in robots.descriptions}
+    assert set(described) == {"elbow", "wrist", "left/elbow"}
+    assert description_from_message(described["wrist"]).drive == "unknown"
+    assert (robots.joints.level, robots.joints.values["joints"]) == (OK, 3)
+    # A joint that appears later is bridged, too, and the others go on.
+    robots.robots["/left/joint_states"].append("gripper")
+    before = len([item for item in robots.blocks if item.actuator_id == "wrist"])
+    robots.wait_for_blocks({"left/gripper"})
+    assert len([item for item in robots.blocks if item.actuator_id == "wrist"]) > before
+    assert len([message for message in robots.descriptions if message.actuator_id == "wrist"]) == 1
+
+
+def test_joint_without_effort_is_bridged_and_named(graph: Spinning):
+    robots = Robots(graph)
+    robots.wait_for_blocks({"wrist"}, effort=0.0)
+    assert robots.joints.level == WARN
+    assert "no effort is published: elbow, left/elbow, wrist" in robots.joints.message
+    first = next(block for block in robots.blocks if block.actuator_id == "wrist")
+    assert len(first.current) == 0
+    robots.blocks.clear()
+    wait_for(
+        lambda: (robots.publish(), any(len(block.current) for block in robots.blocks))[1],
+        "telemetry with effort",
+    )
+    wait_for(lambda: (robots.publish(), robots.joints.level == OK)[1], "all joints with effort")
+
+
+def test_bridge_without_joint_states_says_so(graph: Spinning):
+    bridge = graph.managed(BridgeNode)
+    assert bridge.bring_up()
+    [task] = bridge.tasks()
+    assert (task.level, task.message) == (WARN, "no publisher of joint states")

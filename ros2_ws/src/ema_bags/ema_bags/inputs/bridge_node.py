@@ -7,12 +7,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from ema_bags.inputs.bridged_actuator import SILENT_S, BridgedActuator, Reception
+from rclpy.lifecycle.publisher import LifecyclePublisher
+
+from ema_bags.inputs.bridged_actuator import BridgedActuator, Reception
+from ema_bags.inputs.bridged_robot import BridgedRobot
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
-from ema_bags.inputs.joint_states import JointStates, reads_joint_states
+from ema_bags.inputs.joint_finder import (
+    CONTROLLER_STATE,
+    DESCRIPTION_TOPIC,
+    JOINT_STATE,
+    FoundJoints,
+    JointFinder,
+    is_command,
+)
+from ema_bags.inputs.mapping import Mapping as ColumnMapping
 from ema_bags.inputs.mapping import load_mapping
-from ema_bags.inputs.series import Collector
-from ema_bags.message_type import message_class
+from ema_bags.message_type import is_installed, message_class
 from ema_bags.qos import common_offer
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
@@ -23,10 +33,11 @@ from ema_ros.managed_node import ManagedNode
 from ema_ros.messages import description_to_message, measured_to_message, telemetry_to_message
 from ema_ros.node_parameters import declare, read
 from ema_ros.run import run
-from ema_ros.status import Task, hardware_name
+from ema_ros.status import OK, WARN, Task, hardware_name
 
 _DISCOVERY_S: Final = 0.2
 _DEPTH: Final = 5000
+_STRING: Final = "std_msgs/msg/String"
 # With several joints, blocks are at least this long, because each block has a fixed cost.
 _JOINTS_BLOCK_S: Final = 0.2
 
@@ -35,35 +46,41 @@ class BridgeNode(ManagedNode):
     """Converts third-party topics to actuator telemetry and descriptions.
 
     If the mapping lists ``joints``, each joint is a separate actuator; otherwise there is one
-    actuator. The node's parameters are the fields of ``BridgeSettings``; ``docs/inputs.md``
-    describes the mapping file. Message types are looked up by name, in the mapping or the ROS
-    graph, so only the message packages of the mapped topics must be installed.
+    actuator. Without a mapping, the node bridges all joints of all joint state topics outside its
+    namespace, also joints that appear later; a robot in a namespace adds it to its joints' names.
+    The node's parameters are the fields of ``BridgeSettings``; ``docs/inputs.md`` describes the
+    mapping file. Message types are looked up by name, in the mapping or the ROS graph, so only the
+    message packages of the mapped topics must be installed.
     """
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("bridge", **kwargs)
         declare(self, BridgeSettings)
-        self._descriptions: list[ActuatorDescription] = []
+        self._robots: list[BridgedRobot] = []
 
     @property
     def hardware_id(self) -> str:
         """Name of the actuator if there is only one, else the name of the node."""
-        if len(self._descriptions) == 1:
-            return self._hardware_of(self._descriptions[0])
+        if len(self._actuators) == 1:
+            return next(iter(self._actuators.values())).hardware_id
         return super().hardware_id
+
+    @property
+    def _actuators(self) -> dict[str, BridgedActuator]:
+        """Bridged actuators of all robots, by name."""
+        return {name: unit for robot in self._robots for name, unit in robot.actuators.items()}
 
     def _hardware_of(self, unit: ActuatorDescription) -> str:
         return hardware_name(self.unit_namespace, unit.actuator_id, unit.serial_number)
 
     def configure(self) -> None:
         """Read the mapping and the actuator descriptions."""
-        settings = read(self, BridgeSettings)
-        if not settings.mapping_file:
-            raise ValueError("parameter mapping_file = '': expected a YAML file (docs/inputs.md)")
-        self._settings = settings
-        self._mapping = load_mapping(Path(settings.mapping_file))
-        self._descriptions = load_descriptions(settings.actuator_file, self._mapping.joints)
-        if len(self._descriptions) > 1:
+        self._settings = settings = read(self, BridgeSettings)
+        self._mapping = load_mapping(Path(settings.mapping_file)) if settings.mapping_file else None
+        self._descriptions: list[ActuatorDescription] = []
+        if self._mapping is not None:
+            self._descriptions = load_descriptions(settings.actuator_file, self._mapping.joints)
+        if len(self._descriptions) != 1:
             self._settings = replace(settings, block_s=max(settings.block_s, _JOINTS_BLOCK_S))
         for unit in self._descriptions:
             for remark in unit.remarks:
@@ -72,7 +89,6 @@ class BridgeNode(ManagedNode):
         for topic, kind in self._types.items():
             if kind:
                 _class_of(topic, kind)
-        self._inputs: set[str] = set()
         self._missing: dict[str, str] = {}
         self._withheld: dict[str, set[str]] = {}
         self._outputs = {
@@ -80,13 +96,11 @@ class BridgeNode(ManagedNode):
             for name, (kind, qos) in topics.ACTUATOR_TOPICS.items()
             if name == topics.TELEMETRY
         }
-        kind, qos = topics.ACTUATOR_TOPICS[topics.DESCRIPTION]
         # One publisher per actuator, so that every description stays latched.
-        self._descriptors = {
-            unit.actuator_id: self.add_publisher(kind, topics.DESCRIPTION, qos)
-            for unit in self._descriptions
-        }
-        if self._mapping.temperature is not None:
+        self._descriptors: dict[str, LifecyclePublisher] = {}
+        for unit in self._descriptions:
+            self._add_descriptor(unit.actuator_id)
+        if self._mapping is not None and self._mapping.temperature is not None:
             kind, qos = topics.SYSTEM_TOPICS[topics.MEASURED_CAUSES]
             measured = self.add_publisher(kind, topics.MEASURED_CAUSES, qos)
             self._outputs[topics.MEASURED_CAUSES] = measured
@@ -102,29 +116,39 @@ class BridgeNode(ManagedNode):
         self._inputs.clear()
 
     def tasks(self) -> list[Task]:
-        """Return the diagnostic tasks: input and mapping of each actuator."""
+        """Return the diagnostic tasks: the joints found, and input and mapping of each actuator."""
         reception = Reception(self.state, self._missing, self._has_source)
-        return [task for unit in self._actuators.values() for task in unit.tasks(reception)]
+        tasks = [self._finding_task()] if self._mapping is None else []
+        return [*tasks, *(t for unit in self._actuators.values() for t in unit.tasks(reception))]
 
     def _begin(self) -> None:
+        self._inputs: set[str] = set()
         self._described: dict[str, ActuatorDescription] = {}
-        self._states: JointStates | None = None
-        if len(self._descriptions) > 1 and reads_joint_states(self._mapping):
-            self._states = JointStates(self._mapping)
-        self._actuators = {unit.actuator_id: self._bridged(unit) for unit in self._descriptions}
+        self._robots = []
         self._types: dict[str, str] = {}
         self._names_topics: set[str] = set()
-        for unit in self._actuators.values():
-            self._types |= dict.fromkeys(unit.bridge.collector.topics, "")
-            self._types |= unit.bridge.collector.types
-            self._names_topics |= set(unit.bridge.collector.names_topics)
+        self._finder = JointFinder(self._settings.joints, self._settings.effort_unit)
+        # Topics examined by the finder, with their types.
+        self._searched: dict[str, str] = {}
+        if self._mapping is not None:
+            joints = self._mapping.joints or [""]
+            self._add(self._mapping, dict(zip(joints, self._descriptions, strict=True)))
 
-    def _bridged(self, unit: ActuatorDescription) -> BridgedActuator:
-        mapping = self._mapping.of_joint(unit.actuator_id)
-        collector = self._states.of_joint(unit.actuator_id) if self._states else None
-        bridge = Bridge(mapping, unit, self._settings, collector)
-        prefix = unit.actuator_id if len(self._descriptions) > 1 else ""
-        return BridgedActuator(bridge, self._hardware_of(unit), prefix, _DISCOVERY_S, SILENT_S)
+    def _add(self, mapping: ColumnMapping, units: Mapping[str, ActuatorDescription]) -> None:
+        """Bridge the joints of a mapping; they replace actuators of the same names."""
+        for robot in self._robots:
+            robot.remove([unit.actuator_id for unit in units.values()])
+        robot = BridgedRobot(
+            mapping,
+            units,
+            self._settings,
+            self._hardware_of,
+            _DISCOVERY_S,
+            has_prefix=self._mapping is None or len(units) > 1,
+        )
+        self._robots = [*(other for other in self._robots if other.actuators), robot]
+        self._types |= robot.types
+        self._names_topics |= robot.names_topics
 
     def counts(self) -> NodeStatus:
         """Return the node status with the number of samples lost at the input."""
@@ -138,30 +162,90 @@ class BridgeNode(ManagedNode):
         return topic in self._inputs and bool(count)
 
     def _discover(self) -> None:
-        """Subscribe to each topic that has a publisher, with the QoS it offers."""
-        for unit in self._actuators.values():
-            unit.note()
-        for topic in self._types:
-            name = self.resolve_topic_name(topic)
-            publishers = self.get_publishers_info_by_topic(name)
-            if topic in self._inputs or not publishers:
-                continue
-            try:
-                kind = self._type_of(topic, {item.topic_type for item in publishers})
-            except ValueError as error:
-                if self._missing.get(topic) != str(error):
-                    self._missing[topic] = str(error)
-                    self.get_logger().error(str(error))
-                continue
-            self._missing.pop(topic, None)
-            request = common_offer([item.qos_profile for item in publishers], _DEPTH)
-            receive: Any = partial(self._receive, topic)
-            self.create_subscription(kind, topic, receive, request)
-            self._inputs.add(topic)
-            self.get_logger().info(f"subscribed to {name}")
+        """Find joints if there is no mapping, and subscribe to each topic with a publisher."""
+        for robot in self._robots:
+            robot.note()
+        if self._mapping is None:
+            self._find()
+        for topic in [*self._searched, *self._types]:
+            if topic not in self._inputs:
+                self._subscribe(topic)
+
+    def _subscribe(self, topic: str) -> None:
+        """Subscribe to a topic with the quality of service that its publishers offer, if any."""
+        name = self.resolve_topic_name(topic)
+        publishers = self.get_publishers_info_by_topic(name)
+        if not publishers:
+            return
+        try:
+            kind = self._type_of(topic, {item.topic_type for item in publishers})
+        except ValueError as error:
+            if self._missing.get(topic) != str(error):
+                self._missing[topic] = str(error)
+                self.get_logger().error(str(error))
+            return
+        self._missing.pop(topic, None)
+        request = common_offer([item.qos_profile for item in publishers], _DEPTH)
+        receive: Any = partial(self._receive, topic)
+        self.create_subscription(kind, topic, receive, request)
+        self._inputs.add(topic)
+        self.get_logger().info(f"subscribed to {name}")
+
+    def _find(self) -> None:
+        """Search the graph for joint states, and bridge the joints that they have."""
+        wanted = {self.resolve_topic_name(topic) for topic in self._settings.state_topics}
+        for topic, kinds in self.get_topic_names_and_types():
+            # The monitored actuators' own joint states show their telemetry.
+            is_own = topic.startswith(f"{self.unit_namespace.rstrip('/')}/")
+            for kind in kinds:
+                is_states = kind == JOINT_STATE and (
+                    not wanted or topic in wanted or is_command(topic)
+                )
+                is_description = kind == _STRING and topic.rpartition("/")[2] == DESCRIPTION_TOPIC
+                is_reference = kind == CONTROLLER_STATE and is_installed(kind)
+                if not is_own and (is_states or is_description or is_reference):
+                    self._searched.setdefault(topic, kind)
+        for found in self._finder.found(time.monotonic_ns()):
+            joints = list(found.names)
+            units = load_descriptions(self._settings.actuator_file, joints)
+            names = found.names.values()
+            described = [
+                replace(unit, actuator_id=name) for unit, name in zip(units, names, strict=True)
+            ]
+            self._add(found.mapping, dict(zip(joints, described, strict=True)))
+            for name in names:
+                self._add_descriptor(name)
+            self.get_logger().info(_found_text(found))
+
+    def _add_descriptor(self, name: str) -> None:
+        if name not in self._descriptors:
+            kind, qos = topics.ACTUATOR_TOPICS[topics.DESCRIPTION]
+            self._descriptors[name] = self.add_publisher(kind, topics.DESCRIPTION, qos)
+
+    def _finding_task(self) -> Task:
+        """Return the status of the search for joints."""
+        actuators = self._actuators
+        states = [topic for topic, kind in self._searched.items() if kind == JOINT_STATE]
+        without = sorted(
+            name for name, unit in actuators.items() if unit.bridge.mapping.current is None
+        )
+        values = {
+            "joints": len(actuators),
+            "joint state topics": ", ".join(states) or "none",
+            "without effort": ", ".join(without) or "none",
+        }
+        level, text = OK, f"{counted(len(actuators), 'joint')} on {', '.join(states)}"
+        if not states:
+            level, text = WARN, "no publisher of joint states"
+        elif not actuators:
+            level, text = WARN, f"no joint moves on {', '.join(states)} yet, or none matches joints"
+        elif without:
+            level = WARN
+            text += f"; no effort is published: {', '.join(without)}: friction cannot be judged"
+        return Task("joints", level, text, super().hardware_id, values)
 
     def _type_of(self, topic: str, published: set[str]) -> Any:
-        mapped = self._types.get(topic)
+        mapped = self._searched.get(topic) or self._types.get(topic)
         if len(published) > 1 or (mapped and published != {mapped}):
             expected = mapped or "one type"
             raise ValueError(
@@ -172,21 +256,21 @@ class BridgeNode(ManagedNode):
     def _receive(self, topic: str, message: Any, information: Mapping[str, Any]) -> None:
         sent_ns = int(information.get("source_timestamp") or 0)
         received_ns = int(information.get("received_timestamp") or time.time_ns())
-        if self._states is not None:
-            self._states.add(message, sent_ns, received_ns)
-            for unit in self._actuators.values():
-                unit.count(topic)
+        searched = self._searched.get(topic)
+        if searched == _STRING:
+            if reason := self._finder.describe(topic, message.data):
+                self.get_logger().warning(reason)
             return
-        for unit in self._actuators.values():
-            collector = unit.bridge.collector
-            if isinstance(collector, Collector) and topic in collector.topics:
-                is_read = collector.add(topic, message, sent_ns, received_ns)
-                unit.count(topic, is_left_out=not is_read)
+        if searched:
+            self._finder.add(topic, searched, message, time.monotonic_ns())
+        for robot in self._robots:
+            if topic in robot.types:
+                robot.receive(topic, message, sent_ns, received_ns)
 
     def _advance(self) -> None:
         """Publish each actuator's description, if it changed, and its completed samples."""
-        if self._states is not None:
-            self._states.share()
+        for robot in self._robots:
+            robot.share()
         for name, unit in self._actuators.items():
             try:
                 blocks = unit.advance()
@@ -210,11 +294,12 @@ class BridgeNode(ManagedNode):
         assert description is not None
         assert rate is not None
         self._described[name] = description
-        longest_s = max(item.bridge.block_s for item in self._actuators.values())
+        actuators = self._actuators
+        longest_s = max(item.bridge.block_s for item in actuators.values())
         self._timer.timer_period_ns = round(longest_s * 1e9)
         self._descriptors[name].publish(description_to_message(description, time.time_ns()))
         kept = "as they are" if rate.is_regular else "interpolated on their stamps"
-        prefix = f"{name}: " if len(self._actuators) > 1 else ""
+        prefix = f"{name}: " if self._mapping is None or len(actuators) > 1 else ""
         self.get_logger().info(
             f"{prefix}{1.0 / rate.measured_period:.6g} samples a second, taken as "
             f"{1.0 / rate.period:g} Hz; jitter {1e6 * rate.jitter:.3g} us: {kept}"
@@ -232,6 +317,17 @@ class BridgeNode(ManagedNode):
         if refused.keys() != reported:
             self._withheld[name] = set(refused)
             self.report()
+
+
+def _found_text(found: FoundJoints) -> str:
+    """Return a log line about found joints and their columns."""
+    mapping = found.mapping
+    columns = {"speed": mapping.speed, "effort": mapping.current, "command": mapping.command}
+    present = [f"{name} ({item.topic})" for name, item in columns.items() if item]
+    missing = [name for name, item in columns.items() if not item]
+    text = f"{', '.join(found.names.values())}: position ({mapping.position.topic})"
+    text = ", ".join([text, *present])
+    return f"{text}; not published: {', '.join(missing)}" if missing else text
 
 
 def _class_of(topic: str, kind: str) -> Any:

@@ -47,6 +47,8 @@ class BridgedActuator:
 
     Attributes
     ----------
+    hardware_id
+        Namespace, name and serial number of the actuator.
     problem
         Reason why the sample rate cannot be measured; empty if it can.
     """
@@ -56,7 +58,7 @@ class BridgedActuator:
     ) -> None:
         self.bridge = bridge
         self.problem = ""
-        self._hardware_id = hardware_id
+        self.hardware_id = hardware_id
         self._prefix = f"{prefix} " if prefix else ""
         self._silent_s = silent_s
         # Message and sample counts: current values, and a history covering the last seconds.
@@ -128,7 +130,7 @@ class BridgedActuator:
             "withheld": bridge.withheld,
         }
         level, message = self._input_level(reception, recent)
-        return Task(f"{self._prefix}input", level, message, self._hardware_id, values)
+        return Task(f"{self._prefix}input", level, message, self.hardware_id, values)
 
     def _input_level(self, reception: Reception, recent: dict[str, float]) -> tuple[int, str]:
         bridge, source = self.bridge, self.bridge.mapping.position.topic
@@ -202,4 +204,4 @@ class BridgedActuator:
                 if item.needs_action and item.name not in self.bridge.mapping.accept
             ]
             level, text = WARN if asking else OK, "; ".join(map(str, asking or defects))
-        return Task(f"{self._prefix}mapping", level, text, self._hardware_id, values)
+        return Task(f"{self._prefix}mapping", level, text, self.hardware_id, values)

@@ -26,8 +26,9 @@ from ema_bags.inputs.rate import Rate, find_rate
 from ema_bags.inputs.resampling import Losses
 from ema_bags.inputs.series import Collector, Series
 from ema_bags.inputs.temperature import MeasuredRise
+from ema_core.acquisition import EFFORT_UNITS
 from ema_core.description import ActuatorDescription
-from ema_core.quantity import Checked, quantity, text
+from ema_core.quantity import Checked, quantity, text, texts
 from ema_core.telemetry import COLUMNS, Telemetry
 
 LEAST_SAMPLES: Final = 40
@@ -56,11 +57,24 @@ class _Part(NamedTuple):
 class BridgeSettings(Checked):
     """Settings of a bridge."""
 
-    mapping_file: str = text("", "mapping of topics to telemetry, a YAML file")
+    mapping_file: str = text(
+        "",
+        "mapping of topics to telemetry, a YAML file; empty: all joints of all joint state topics",
+    )
+    joints: tuple[str, ...] = texts(
+        "without a mapping: actuators to bridge, as patterns such as left/*; empty: all"
+    )
+    state_topics: tuple[str, ...] = texts(
+        "without a mapping: joint state topics to read; empty: all in the graph"
+    )
+    effort_unit: str = text(
+        "N.m", "without a mapping: unit of the effort of revolute joints", EFFORT_UNITS
+    )
     actuator_file: str = text(
         "",
         "description of the actuator, with {joint} in its name for each joint of the mapping; "
-        "empty: the built-in actuator, or for several joints drives that are unknown",
+        "empty: the built-in actuator, or for several joints, and without a mapping, drives that "
+        "are unknown",
     )
     block_s: float = quantity(
         0.01,

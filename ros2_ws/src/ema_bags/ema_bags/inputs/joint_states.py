@@ -1,7 +1,9 @@
 """Reading of a robot's joint states once for all its joints."""
 
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Callable, Sequence
+from collections.abc import Mapping as ByName
+from operator import attrgetter
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,26 +12,64 @@ from ema_bags.inputs.mapping import CLOCKS, Mapping
 from ema_bags.inputs.series import NO_STAMP, Series
 from ema_core.wording import counted
 
-FIELDS: Final = ("position", "velocity", "effort")
-"""Per-joint arrays of ``sensor_msgs/msg/JointState``."""
+REFERENCE: Final = "reference.positions"
+"""Commanded positions in ``control_msgs/msg/JointTrajectoryControllerState``."""
+
+FIELDS: Final = ("position", "velocity", "effort", REFERENCE)
+"""Per-joint arrays of ``sensor_msgs/msg/JointState`` and of trajectory controllers."""
 
 _MOST_ORDERS: Final = 100
 
 
 def reads_joint_states(mapping: Mapping) -> bool:
-    """Return whether all mapped quantities come from a single joint state topic."""
+    """Return whether all mapped quantities are fields of joint states, on one or more topics."""
     return mapping.clock.source in ("", *CLOCKS) and all(
-        item.topic == mapping.position.topic
-        and text in FIELDS
-        and not (item.joint or item.names_topic)
+        text in FIELDS and not (item.joint or item.names_topic)
         for _, text, item in mapping.wanted()
     )
+
+
+class _Row(NamedTuple):
+    """Values of one message."""
+
+    stamp_ns: int
+    """Stamp, or ``NO_STAMP`` [ns]."""
+    arrival_ns: int
+    """Publication time, or reception time if unknown [ns]."""
+    order: NDArray[np.intp]
+    """Index of each joint in the message, -1 if absent."""
+    values: list[Any]
+    """Array of each mapped field."""
+
+
+class _Topic:
+    """Mapped fields of one topic, and the messages received since the last call."""
+
+    def __init__(self) -> None:
+        self.fields: dict[str, str] = {}
+        self.readers: list[Callable[[Any], Any]] = []
+        self.orders: dict[tuple[str, ...], NDArray[np.intp]] = {}
+        self.rows: list[_Row] = []
+
+    def order_of(self, names: tuple[str, ...], joints: Sequence[str]) -> NDArray[np.intp]:
+        """Return the index of each joint among the names of a message, -1 if absent."""
+        order = self.orders.get(names)
+        if order is None:
+            # Of a name that occurs twice, the first value counts.
+            places: dict[str, int] = {
+                name: place for place, name in reversed(list(enumerate(names)))
+            }
+            order = np.array([places.get(joint, -1) for joint in joints], dtype=np.intp)
+            if len(self.orders) >= _MOST_ORDERS:
+                self.orders.clear()
+            self.orders[names] = order
+        return order
 
 
 class JointStates:
     """Distributes joint state messages to the series of several joints.
 
-    Several publishers with different joints may share the topic, and the order of the joints may
+    Several publishers with different joints may share a topic, and the order of the joints may
     change between messages.
 
     Parameters
@@ -39,142 +79,158 @@ class JointStates:
     """
 
     def __init__(self, mapping: Mapping) -> None:
-        self._topic = mapping.position.topic
         self._joints = mapping.joints
-        self._keys = {key: text for key, text, _ in mapping.wanted()}
+        self._primary = mapping.position.topic
+        self._topics: dict[str, _Topic] = {}
+        self._types: dict[str, str] = {}
+        for key, text, item in mapping.wanted():
+            topic = self._topics.setdefault(item.topic, _Topic())
+            topic.fields[key] = text
+            topic.readers.append(attrgetter(text))
+            self._types[item.topic] = self._types.get(item.topic) or item.type
         self._reads_header = mapping.clock.source in ("", "header")
         self._sent_first = mapping.clock.source != "arrival"
         self._columns = {
-            joint: JointColumns(self, joint, mapping.position.type) for joint in mapping.joints
+            joint: JointColumns(joint, self._types, {n: t.fields for n, t in self._topics.items()})
+            for joint in mapping.joints
         }
-        # Index of each joint in a message, -1 if absent, by the tuple of names in the message.
-        self._orders: dict[tuple[str, ...], NDArray[np.intp]] = {}
-        self._rows: list[tuple[int, int, NDArray[np.intp], list[Any]]] = []
-
-    @property
-    def topic(self) -> str:
-        """Joint state topic."""
-        return self._topic
 
     def of_joint(self, joint: str) -> "JointColumns":
         """Return the collector of one joint."""
         return self._columns[joint]
 
-    def add(self, message: Any, sent_ns: int, received_ns: int) -> None:
-        """Add a message.
+    def remove(self, joint: str) -> None:
+        """Stop collecting the samples of a joint."""
+        self._columns.pop(joint, None)
+
+    def add(self, topic: str, message: Any, sent_ns: int, received_ns: int) -> None:
+        """Add a message of a topic; other topics are ignored.
 
         Parameters
         ----------
+        topic
+            Topic of the message.
         message
-            A ``sensor_msgs/msg/JointState`` message.
+            A ``sensor_msgs/msg/JointState`` message, or another message with these fields.
         sent_ns, received_ns
             Publication time (0 if unknown) and reception time [ns].
         """
+        collected = self._topics.get(topic)
+        if collected is None:
+            return
         names: tuple[str, ...] = tuple(
             getattr(message, "name", ()) or getattr(message, "joint_names", ())
         )
-        order = self._orders.get(names)
-        if order is None:
-            # Of a name that occurs twice, the first value counts.
-            places: dict[str, int] = {
-                name: place for place, name in reversed(list(enumerate(names)))
-            }
-            order = np.array([places.get(joint, -1) for joint in self._joints], dtype=np.intp)
-            if len(self._orders) >= _MOST_ORDERS:
-                self._orders.clear()
-            self._orders[names] = order
         stamp = NO_STAMP
         if self._reads_header and hasattr(message, "header"):
             stamp_of = message.header.stamp
             stamp = stamp_of.sec * 1_000_000_000 + stamp_of.nanosec or NO_STAMP
         arrival = sent_ns if sent_ns and self._sent_first else received_ns
-        self._rows.append(
-            (stamp, arrival, order, [getattr(message, field) for field in self._keys.values()])
-        )
+        order = collected.order_of(names, self._joints)
+        values = [read(message) for read in collected.readers]
+        collected.rows.append(_Row(stamp, arrival, order, values))
 
     def share(self) -> None:
         """Distribute the messages received since the previous call to the joints."""
-        rows, self._rows = self._rows, []
-        first = 0
-        for last in range(1, len(rows) + 1):
-            # Convert consecutive messages with the same order of names together.
-            if last == len(rows) or _form(rows[last]) != _form(rows[first]):
-                self._share(rows[first:last])
-                first = last
+        for name, topic in self._topics.items():
+            rows, topic.rows = topic.rows, []
+            first = 0
+            for last in range(1, len(rows) + 1):
+                # Convert consecutive messages with the same order of names together.
+                if last == len(rows) or _form(rows[last]) != _form(rows[first]):
+                    self._share(name, rows[first:last])
+                    first = last
 
-    def _share(self, rows: Sequence[tuple[int, int, NDArray[np.intp], list[Any]]]) -> None:
-        stamps = np.array([row[0] for row in rows], dtype=np.int64)
-        arrivals = np.array([row[1] for row in rows], dtype=np.int64)
-        order = rows[0][2]
+    def _share(self, topic: str, rows: Sequence[_Row]) -> None:
+        stamps = np.array([row.stamp_ns for row in rows], dtype=np.int64)
+        arrivals = np.array([row.arrival_ns for row in rows], dtype=np.int64)
+        keys = self._topics[topic].fields
         # (n, joints in the message) per field; (n, 0) if the messages have no values for it.
-        tables = [
-            np.array([row[3][k] for row in rows], dtype=float) for k in range(len(self._keys))
-        ]
-        for place, joint in zip(order, self._joints, strict=True):
-            columns = self._columns[joint]
+        tables = [np.array([row.values[k] for row in rows], dtype=float) for k in range(len(keys))]
+        for place, joint in zip(rows[0].order, self._joints, strict=True):
+            columns = self._columns.get(joint)
+            if columns is None:
+                continue
             if place < 0:
-                columns.missed += len(rows)
+                if topic == self._primary:
+                    columns.missed += len(rows)
                 continue
             values = {
                 key: np.ascontiguousarray(table[:, place])
                 if place < table.shape[1]
                 else np.full(len(rows), np.nan)
-                for key, table in zip(self._keys, tables, strict=True)
+                for key, table in zip(keys, tables, strict=True)
             }
-            columns.give(Series(stamps, arrivals, values))
+            columns.give(topic, Series(stamps, arrivals, values))
+            if topic == self._primary:
+                columns.received += len(rows)
 
 
-def _form(row: tuple[int, int, NDArray[np.intp], list[Any]]) -> tuple[int, ...]:
+def _form(row: _Row) -> tuple[int, ...]:
     """Return a key that is equal for rows that can be converted together."""
-    return (id(row[2]), *map(len, row[3]))
+    return (id(row.order), *map(len, row.values))
 
 
 class JointColumns:
     """Collector of one joint; provides the `Collector` methods that a bridge uses.
 
+    Parameters
+    ----------
+    joint
+        Name of the joint in the messages.
+    types
+        Message type by topic; empty if the mapping does not state the type.
+    fields
+        Mapped field by key, of each topic.
+
     Attributes
     ----------
     missed
-        Number of messages that lack the joint.
+        Number of messages on the topic of the position that lack the joint.
+    received
+        Number of messages on the topic of the position that contain the joint.
     """
 
-    def __init__(self, states: JointStates, joint: str, kind: str) -> None:
+    def __init__(
+        self, joint: str, types: ByName[str, str], fields: ByName[str, ByName[str, str]]
+    ) -> None:
         self.missed = 0
         self.received = 0
-        self._states = states
         self._joint = joint
-        self._kind = kind
-        self._series: list[Series] = []
-        self._empty = Series(
-            np.empty(0, dtype=np.int64),
-            np.empty(0, dtype=np.int64),
-            {key: np.empty(0) for key in states._keys},
-        )
+        self._types = types
+        nothing = np.empty(0, dtype=np.int64)
+        self._empty = {
+            topic: Series(nothing, nothing, {key: np.empty(0) for key in keys})
+            for topic, keys in fields.items()
+        }
+        self._series: dict[str, list[Series]] = {topic: [] for topic in fields}
 
     @property
     def topics(self) -> list[str]:
-        """The joint state topic, as a list."""
-        return [self._states.topic]
+        """The mapped topics."""
+        return list(self._series)
 
     @property
-    def types(self) -> dict[str, str]:
-        """Message type of the topic; empty if the mapping does not state it."""
-        return {self._states.topic: self._kind}
+    def types(self) -> ByName[str, str]:
+        """Message type by topic; empty if the mapping does not state the type."""
+        return self._types
 
     @property
     def names_topics(self) -> list[str]:
         """Empty list, because joint states contain the names."""
         return []
 
-    def give(self, series: Series) -> None:
-        """Append a series of samples."""
-        self.received += len(series)
-        self._series.append(series)
+    def give(self, topic: str, series: Series) -> None:
+        """Append a series of samples of a topic."""
+        self._series[topic].append(series)
 
     def take(self) -> dict[str, Series]:
         """Return the series collected since the previous call, by topic."""
-        series, self._series = self._series, []
-        return {self._states.topic: sum(series, start=self._empty)}
+        taken = {
+            topic: sum(series, start=self._empty[topic]) for topic, series in self._series.items()
+        }
+        self._series = {topic: [] for topic in self._series}
+        return taken
 
     def problem(self) -> str:
         """Return a message if no received message contains the joint, else ""."""
