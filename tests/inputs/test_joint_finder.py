@@ -12,6 +12,7 @@ from ema_bags.inputs.joint_finder import (
     is_command,
 )
 from ema_bags.inputs.joint_states import REFERENCE, reads_joint_states
+from ema_bags.inputs.mapping import mapping_text
 
 URDF = (
     '<robot name="r"><joint name="lift" type="prismatic"/><joint name="a" type="revolute"/></robot>'
@@ -19,7 +20,7 @@ URDF = (
 STEP_NS = 50_000_000
 
 
-def state(names, *, speed=1.0, effort=2.0):
+def state(names, *, speed: float | None = 1.0, effort: float | None = 2.0):
     """Return a message; a column that is None is an empty array."""
     columns = {"position": 0.5, "velocity": speed, "effort": effort}
     arrays = {
@@ -50,6 +51,8 @@ def names_of(found):
 def test_joints_have_the_columns_of_their_messages():
     [group] = Graph().run({"/joint_states": state("ab")})
     mapping = group.mapping
+    assert mapping.speed is not None
+    assert mapping.current is not None
     assert group.names == {"a": "a", "b": "b"}
     assert mapping.joints == ("a", "b")
     assert mapping.position.topic == mapping.speed.topic == mapping.current.topic
@@ -97,7 +100,9 @@ def test_commands_belong_to_the_robot_of_their_namespace():
     }
     found = {names_of([group])[0]: group.mapping for group in Graph().run(messages)}
     assert found["a"].command is None
-    assert found["left/a"].command.topic == "/left/joint_commands"
+    command = found["left/a"].command
+    assert command is not None
+    assert command.topic == "/left/joint_commands"
     assert is_command("/left/joint_commands")
     assert not is_command("/command_unit/joint_states")
 
@@ -107,6 +112,7 @@ def test_reference_of_a_trajectory_controller_is_the_command():
     reference = SimpleNamespace(joint_names=["a"], reference=SimpleNamespace(positions=[0.5]))
     graph.finder.add("/arm_controller/controller_state", CONTROLLER_STATE, reference, 1)
     [group] = graph.run({"/joint_states": state("a")})
+    assert group.mapping.command is not None
     assert group.mapping.command.source == REFERENCE
     assert reads_joint_states(group.mapping)
 
@@ -138,8 +144,8 @@ def test_prismatic_joint_of_the_robot_description_has_metres_and_newtons():
         for group in graph.run({"/joint_states": state(["a", "lift"])})
     }
     assert groups["lift"].position.unit == "m"
-    assert groups["lift"].speed.unit == "m/s"
-    assert groups["lift"].current.unit == "N"
+    assert mapping_text(groups["lift"]).count("unit: m/s") == 1
+    assert mapping_text(groups["lift"]).count("unit: N\n") == 1
     assert groups["a"].position.unit == "rad"
 
 

@@ -16,8 +16,8 @@ from ema_bags.inputs.joint_finder import (
     CONTROLLER_STATE,
     DESCRIPTION_TOPIC,
     JOINT_STATE,
-    FoundJoints,
     JointFinder,
+    JointGroup,
     is_command,
 )
 from ema_bags.inputs.mapping import Mapping as ColumnMapping
@@ -146,7 +146,7 @@ class BridgeNode(ManagedNode):
             _DISCOVERY_S,
             has_prefix=self._mapping is None or len(units) > 1,
         )
-        self._robots = [*(other for other in self._robots if other.actuators), robot]
+        self._robots = [*(bridged for bridged in self._robots if bridged.actuators), robot]
         self._types |= robot.types
         self._names_topics |= robot.names_topics
 
@@ -205,17 +205,17 @@ class BridgeNode(ManagedNode):
                 is_reference = kind == CONTROLLER_STATE and is_installed(kind)
                 if not is_own and (is_states or is_description or is_reference):
                     self._searched.setdefault(topic, kind)
-        for found in self._finder.found(time.monotonic_ns()):
-            joints = list(found.names)
+        for group in self._finder.found(time.monotonic_ns()):
+            joints = list(group.names)
             units = load_descriptions(self._settings.actuator_file, joints)
-            names = found.names.values()
+            names = group.names.values()
             described = [
                 replace(unit, actuator_id=name) for unit, name in zip(units, names, strict=True)
             ]
-            self._add(found.mapping, dict(zip(joints, described, strict=True)))
+            self._add(group.mapping, dict(zip(joints, described, strict=True)))
             for name in names:
                 self._add_descriptor(name)
-            self.get_logger().info(_found_text(found))
+            self.get_logger().info(_group_text(group))
 
     def _add_descriptor(self, name: str) -> None:
         if name not in self._descriptors:
@@ -319,13 +319,13 @@ class BridgeNode(ManagedNode):
             self.report()
 
 
-def _found_text(found: FoundJoints) -> str:
-    """Return a log line about found joints and their columns."""
-    mapping = found.mapping
+def _group_text(group: JointGroup) -> str:
+    """Return a log line about joints and their columns."""
+    mapping = group.mapping
     columns = {"speed": mapping.speed, "effort": mapping.current, "command": mapping.command}
     present = [f"{name} ({item.topic})" for name, item in columns.items() if item]
     missing = [name for name, item in columns.items() if not item]
-    text = f"{', '.join(found.names.values())}: position ({mapping.position.topic})"
+    text = f"{', '.join(group.names.values())}: position ({mapping.position.topic})"
     text = ", ".join([text, *present])
     return f"{text}; not published: {', '.join(missing)}" if missing else text
 

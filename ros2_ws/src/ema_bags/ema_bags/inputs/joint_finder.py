@@ -39,7 +39,7 @@ class Columns(NamedTuple):
     """Field of the commanded position in the messages of ``command``."""
 
 
-class FoundJoints(NamedTuple):
+class JointGroup(NamedTuple):
     """Joints that share a topic and have the same columns."""
 
     mapping: Mapping
@@ -71,7 +71,7 @@ class _Topic:
 class JointFinder:
     """Finds joints, and the columns that they have, from messages on joint state topics.
 
-    A joint state topic whose name is that of a command, such as ``joint_commands``, has commanded
+    A joint state topic named like a command, such as ``joint_commands``, has the commanded
     positions of the joints in its namespace, as has the state of a trajectory controller. Of two
     state topics in a namespace with the same joint, the first one counts, unless only the second
     has an effort.
@@ -143,7 +143,7 @@ class JointFinder:
         self._prismatic[namespace_of(topic)] = prismatic
         return ""
 
-    def found(self, now_ns: int) -> list[FoundJoints]:
+    def found(self, now_ns: int) -> list[JointGroup]:
         """Return joints that are new, or have columns that they lacked, since the last call.
 
         Such columns replace the earlier mapping of their joint.
@@ -160,7 +160,7 @@ class JointFinder:
                 groups.setdefault((topic, is_linear, columns), []).append(name)
                 joint.decided = columns
         return [
-            FoundJoints(
+            JointGroup(
                 self._mapping(topic, names, columns, is_linear=is_linear),
                 {name: actuator_name(topic, name) for name in names},
             )
@@ -174,8 +174,10 @@ class JointFinder:
             return False
         rivals = (
             state.joints[name].decided
-            for other, state in self._states.items()
-            if other != topic and actuator_name(other, name) == actuator and name in state.joints
+            for rival_topic, state in self._states.items()
+            if rival_topic != topic
+            and actuator_name(rival_topic, name) == actuator
+            and name in state.joints
         )
         decided = [rival for rival in rivals if rival is not None]
         return not decided or (
@@ -217,7 +219,7 @@ class JointFinder:
 
 
 def is_command(topic: str) -> bool:
-    """Return whether the name of a joint state topic is that of commanded positions."""
+    """Return whether the name of a joint state topic suggests commanded positions."""
     return "command" in roles_of(topic.rpartition("/")[2])
 
 
