@@ -1,14 +1,13 @@
 """Joints of other makes for joints.py: their physics, their controllers, and their recorded logs.
 
-A joint has two masses, the motor and the load, with a gear of finite stiffness between them. All
-figures are in units of the output: rad, N.m and kg.m2, or m, N and kg. A unit of a joint is drawn
-by its seed. Its healthy records are from a few days, its tests from a month later on.
+``ema_sim.robot.joint`` simulates them. A unit of a joint is drawn by its seed. Its healthy records
+are from a few days, its tests from a month later on.
 """
 
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import exp, pi, sin
+from math import pi
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 from zlib import crc32
@@ -16,76 +15,41 @@ from zlib import crc32
 import numpy as np
 import pandas as pd
 import yaml
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from ema_core._jit import kernel
+from ema_sim.robot.joint import (
+    CONTROL_S,
+    Plant,
+    SimulatedJoint,
+    Vector,
+    controller_of,
+    rest,
+    simulate_joint,
+)
+from ema_sim.robot.joint import plant_of as joint_plant
 
-Vector = NDArray[np.float64]
 Motion = Literal["place", "trapezoid", "cycle", "sweep", "teleoperation", "gait"]
 
-STEP_S: Final = 1e-4
-"""Step of the simulation [s]."""
-CONTROL_STEPS: Final = 10
-CONTROL_S: Final = STEP_S * CONTROL_STEPS
-"""Period of the controllers [s]."""
 DAY_S: Final = 86_400.0
 START_S: Final = 1_772_521_200.0
 """First healthy record: 3 March 2026, 07:00 UTC [s]."""
 FIRST_TEST_DAY: Final = 35
 
 _SPREAD_OF_DAYS: Final = 4.0  # standard deviation of the temperature between days [K]
-_DAMPING: Final = 0.08  # of the resonance
-_KINDS: Final = ("position", "pd", "velocity", "torque")
 _REST_S: Final = 0.4
 _ROOT: Final = 47_100
 
 
-@dataclass(frozen=True)
-class Joint:
-    """A type of joint in units of its output (SI), with its controller, motion and log."""
+@dataclass(frozen=True, kw_only=True)
+class Joint(SimulatedJoint):
+    """A type of joint with its motion and log."""
 
-    control: Literal["position", "pd", "velocity", "torque"]
     motion: Motion
     reach: float
     """Largest distance of the motion from its centre."""
-    speed: float
-    """Largest speed of the motion."""
     rate_hz: int
-    motor_inertia: float
-    load_inertia: float
-    resonance_hz: float
-    """Resonance of the two masses on the gear."""
-    motor_friction: float
-    """Coulomb friction at the motor."""
-    load_friction: float = 0.0
-    viscous: float = 0.0
-    grease: float = 1.0
-    """Exponent of the viscous friction: below 1 where grease thins with speed."""
-    stribeck: float = 0.0
-    """Static over Coulomb friction, less 1."""
-    stribeck_speed: float = 0.01
-    load_dependence: float = 0.0
-    """Friction over transmitted load; above 1 the gear locks itself."""
-    asymmetry: float = 0.0
-    gravity: float = 0.0
-    """Gravity torque at a right angle."""
-    constant_load: float = 0.0
     payload: float = 0.0
     """Gravity and load inertia vary by this share between records."""
-    play: float = 0.0
-    cogging: float = 0.0
-    cogging_periods: float = 0.0
-    """Periods of the cogging for each rad or m of the output."""
-    warming: float = 6.0
-    """Rise of the temperature in operation [K]."""
-    viscous_per_kelvin: float = -0.03
-    dry_per_kelvin: float = 0.001
-    dry_of_days: float = 0.015
-    """Standard deviation of dry friction between days, at the same temperature [-]."""
-    bandwidth: float = 150.0
-    """Bandwidth of the speed loop, or of the position loop of a PD controller [rad/s]."""
-    feedforward: bool = False
     ratio: float = 1.0
     """Motor speed over output speed of a rotary joint."""
     lead: float = 0.0
@@ -95,23 +59,14 @@ class Joint:
     rated: float = 10.0
     """Rated current [A]: 100 per cent."""
     sampling: Literal["mean", "instantaneous"] = "mean"
-    effort_noise: float = 0.01
-    """Standard deviation of the noise of the effort over the Coulomb friction [-]."""
     effort_step: float = 0.0
     """Resolution of the effort, in the unit of the log."""
-    position_step: float = 1e-6
-    sensor: Literal["motor", "output"] = "motor"
     has_speed: bool = True
     lag: float = 0.0
     """Samples by which the effort is late."""
     seconds: float = 25.0
     is_varied: bool = False
     """Amplitude and speed of tests are 0.7 to 1.3 times those of the healthy records."""
-
-    @property
-    def coulomb(self) -> float:
-        """Coulomb friction at motor and load."""
-        return float(self.motor_friction + self.load_friction)
 
     @property
     def has_command(self) -> bool:
@@ -162,104 +117,6 @@ def cases(joint: Joint, healthy: int) -> dict[str, Case]:
     if joint.play:
         cases["play"] = Case(play=4.0)
     return cases | {f"healthy {i}": HEALTHY for i in range(healthy)}
-
-
-class Plant(NamedTuple):
-    """Constants of the simulation, in units of the output."""
-
-    motor_inertia: float
-    load_inertia: float
-    stiffness: float
-    damping: float
-    play: float
-    motor_friction: float
-    load_friction: float
-    viscous: float
-    grease: float
-    scale_speed: float  # where the exponent of the grease changes nothing
-    stribeck: float
-    stribeck_speed: float
-    load_dependence: float
-    asymmetry: float
-    gravity: float
-    load: float
-    cogging: float
-    cogging_periods: float
-    torque: float  # effort over the effort that the drive assumes
-
-
-class Controller(NamedTuple):
-    """Gains of a controller; its kind is the place in ``_KINDS``."""
-
-    kind: int
-    position: float
-    speed: float
-    integral: float
-    inertia: float
-    gravity: float
-    limit: float
-    position_step: float
-    at_output: float  # 1 where the position loop closes on the output
-
-
-@kernel()
-def simulate(
-    reference: Vector, dry: Vector, thick: Vector, plant: Plant, drive: Controller
-) -> Vector:
-    """Return output and motor position, motor speed and effort, ``(n, 4)``, every ``CONTROL_S``.
-
-    ``reference`` is position, speed and acceleration, ``(n, 3)``; ``dry`` and ``thick`` are the
-    factors of dry and viscous friction, ``(n,)``.
-    """
-    recorded = np.empty((len(reference), 4))
-    position = motor = reference[0, 0]
-    v_load = v_motor = integral = effort = 0.0
-    h, half = STEP_S, 0.5 * plant.play
-    for k in range(len(reference)):
-        wanted, v_wanted, a_wanted = reference[k]
-        seen = position if drive.at_output > 0.0 else motor
-        if drive.position_step > 0.0:
-            seen = drive.position_step * np.round(seen / drive.position_step)
-        if drive.kind == 1:
-            effort = drive.position * (wanted - seen) + drive.speed * (v_wanted - v_motor)
-            effort += drive.inertia * a_wanted
-        elif drive.kind == 3:
-            a = drive.position * (wanted - seen) + drive.speed * (v_wanted - v_motor)
-            effort = drive.inertia * (a_wanted + a) + drive.gravity * sin(seen)
-        else:
-            error = v_wanted + drive.position * (wanted - seen) - v_motor
-            bound = 0.6 * drive.limit
-            integral = min(max(integral + drive.integral * CONTROL_S * error, -bound), bound)
-            effort = drive.speed * error + integral + drive.inertia * a_wanted
-        effort = min(max(effort, -drive.limit), drive.limit)
-        for _ in range(CONTROL_STEPS):
-            twist = motor - position
-            gap = min(max(twist, -half), half)
-            transmitted = 0.0
-            if twist != gap or half == 0.0:
-                transmitted = plant.stiffness * (twist - gap) + plant.damping * (v_motor - v_load)
-            drop = 1.0
-            if plant.stribeck > 0.0:
-                drop += plant.stribeck * exp(-((v_motor / plant.stribeck_speed) ** 2))
-            push = plant.torque * effort - transmitted
-            push += plant.cogging * sin(2.0 * pi * plant.cogging_periods * motor)
-            thickness = plant.viscous * thick[k]
-            if plant.grease != 1.0:
-                thickness *= (abs(v_motor) / plant.scale_speed + 1e-3) ** (plant.grease - 1.0)
-            push -= thickness * v_motor
-            rub = plant.motor_friction * drop + plant.load_dependence * abs(transmitted)
-            free = v_motor + h * push / plant.motor_inertia
-            rub *= dry[k] * (1.0 + np.sign(free) * plant.asymmetry)
-            lost = h * rub / plant.motor_inertia
-            v_motor = np.sign(free) * max(abs(free) - lost, 0.0)
-            pull = transmitted - plant.gravity * sin(position) - plant.load
-            free = v_load + h * pull / plant.load_inertia
-            lost = h * dry[k] * plant.load_friction * drop / plant.load_inertia
-            v_load = np.sign(free) * max(abs(free) - lost, 0.0)
-            motor += h * v_motor
-            position += h * v_load
-        recorded[k] = position, motor, v_motor, effort
-    return recorded
 
 
 def _moves(joint: Joint, n: int, size: float, pace: float, seed: tuple[int, ...]) -> Vector:
@@ -369,7 +226,9 @@ class Unit:
         dry = case.friction * dry_of_day * (1.0 + joint.dry_per_kelvin * kelvin)
         payload = 1.0 + joint.payload * rng.uniform(-1.0, 1.0)
         plant = plant_of(joint, case, payload)
-        recorded = simulate(reference, dry, thick, plant, controller_of(joint))
+        conditions = np.column_stack([dry, thick, np.zeros((len(t), 2))])
+        state = rest(float(reference[0, 0]))
+        recorded = simulate_joint(reference, conditions, plant, controller_of(joint), state)
         return Record(self._log(reference, recorded, day, number, rng), float(dry.mean()))
 
     def _log(
@@ -469,58 +328,13 @@ def write_truth(folder: Path, truth: Mapping[str, Mapping[str, Any]]) -> None:
 
 def plant_of(joint: Joint, case: Case = HEALTHY, payload: float = 1.0) -> Plant:
     """Return the plant of a joint; ``payload`` scales gravity and the inertia of the load."""
-    reduced = joint.motor_inertia * joint.load_inertia / (joint.motor_inertia + joint.load_inertia)
-    omega = 2.0 * pi * joint.resonance_hz
-    load = payload * joint.constant_load + case.load * joint.coulomb
-    return Plant(
-        motor_inertia=float(joint.motor_inertia),
-        load_inertia=payload * joint.load_inertia,
-        stiffness=reduced * omega**2,
-        damping=2.0 * _DAMPING * reduced * omega,
-        play=float(joint.play * case.play),
-        motor_friction=float(joint.motor_friction),
-        load_friction=float(joint.load_friction),
-        viscous=joint.viscous * case.viscous,
-        grease=float(joint.grease),
-        scale_speed=0.5 * joint.speed,
-        stribeck=float(joint.stribeck),
-        stribeck_speed=joint.stribeck_speed,
-        load_dependence=float(joint.load_dependence),
-        asymmetry=joint.asymmetry,
-        gravity=payload * joint.gravity,
-        load=load,
-        cogging=float(joint.cogging),
-        cogging_periods=float(joint.cogging_periods),
+    plant = joint_plant(joint, payload)
+    return plant._replace(
+        play=plant.play * case.play,
+        viscous=plant.viscous * case.viscous,
+        load=plant.load + case.load * joint.coulomb,
         torque=case.torque,
     )
-
-
-def controller_of(joint: Joint) -> Controller:
-    """Return the controller of a joint, which is designed for its nominal figures."""
-    inertia, omega = float(joint.motor_inertia + joint.load_inertia), float(joint.bandwidth)
-    largest = joint.coulomb + joint.gravity + joint.constant_load + joint.viscous * joint.speed
-    drive = Controller(
-        kind=_KINDS.index(joint.control),
-        position=omega / 5.0,
-        speed=inertia * omega,
-        integral=inertia * omega**2 / 8.0,
-        inertia=inertia if joint.feedforward else 0.0,
-        gravity=0.0,
-        limit=4.0 * (largest * (1.0 + joint.load_dependence) + inertia * joint.speed * 10.0),
-        position_step=0.0,
-        at_output=float(joint.sensor == "output"),
-    )
-    match joint.control:
-        case "pd":  # on the encoder of the log, the others on a fine one
-            gains = {"position": inertia * omega**2, "speed": 1.4 * inertia * omega}
-            return drive._replace(**gains, position_step=float(joint.position_step))
-        case "torque":
-            gains = {"position": omega**2, "speed": 2.0 * omega}
-            return drive._replace(**gains, inertia=inertia, gravity=float(joint.gravity))
-        case "velocity":  # commanded by a slow position loop
-            return drive._replace(position=1.0, inertia=0.0)
-        case _:
-            return drive
 
 
 def _quantised(values: Vector, step: float) -> Vector:

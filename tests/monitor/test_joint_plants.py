@@ -7,6 +7,7 @@ import pytest
 
 from ema_bags.inputs.mapping import load_mapping
 from ema_ros.actuator_file import load_description
+from ema_sim.robot.joint import constant_conditions, controller_of, rest, simulate_joint
 
 from ..benchmarks import benchmark
 
@@ -48,13 +49,13 @@ def test_weaker_motor_needs_more_current_in_the_same_motion(name):
 
 
 def test_worm_gear_locks_itself_where_a_harmonic_drive_falls():
-    at, ones = np.zeros((1000, 3)), np.ones(1000)
+    at, still = np.zeros((1000, 3)), constant_conditions(1000)
     at[:, 0] = 1.0
     fallen = {}
     for name in ("worm", "arm"):
         joint = plants.JOINTS[name]
-        unpowered = plants.controller_of(joint)._replace(limit=0.0)
-        recorded = plants.simulate(at, ones, ones, plants.plant_of(joint), unpowered)
+        unpowered = controller_of(joint)._replace(limit=0.0)
+        recorded = simulate_joint(at, still, plants.plant_of(joint), unpowered, rest(1.0))
         fallen[name] = 1.0 - recorded[-1, 1]
     assert fallen["worm"] < 1e-3 < 0.1 < fallen["arm"]
 
@@ -63,10 +64,11 @@ def test_worm_gear_locks_itself_where_a_harmonic_drive_falls():
 def test_play_separates_motor_and_output(name):
     joint = plants.JOINTS[name]
     reference = plants.reference_of(joint, 1.0, 1.0, (1,))
-    ones, lost = np.ones(len(reference)), []
+    still, lost = constant_conditions(len(reference)), []
     for play in (1.0, 4.0):
         plant = plants.plant_of(joint, plants.Case(play=play))
-        recorded = plants.simulate(reference, ones, ones, plant, plants.controller_of(joint))
+        state = rest(float(reference[0, 0]))
+        recorded = simulate_joint(reference, still, plant, controller_of(joint), state)
         lost.append(np.diff(np.quantile(recorded[:, 1] - recorded[:, 0], (0.02, 0.98))))
     # A constant load beyond friction and inertia keeps the gear on one flank. The rest is wind-up.
     wider = 0.0 if joint.constant_load > joint.load_friction else 3.0 * joint.play

@@ -1,0 +1,1 @@
+"""Simulated robot arm: joints, their work, and its telemetry."""
