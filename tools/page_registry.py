@@ -22,8 +22,9 @@ FILE: Final = WEB / "src/registry.json"
 INTERFACES: Final = FILE.with_name("interfaces.ts")
 
 _READ: Final = (
-    *(msg.ActuatorDescription, msg.Advice, DiagnosticArray, msg.FaultEstimate, msg.Health),
-    *(msg.HealthForecast, msg.PlaybackState, msg.TelemetryBlock, msg.UnitHistory, msg.WindowFit),
+    *(msg.ActuatorDescription, msg.Advice, msg.BaselineStatus, DiagnosticArray),
+    *(msg.FaultEstimate, msg.FrictionCurve, msg.Health, msg.HealthForecast, msg.PlaybackState),
+    *(msg.TelemetryBlock, msg.UnitHistory, msg.WindowFit),
 )
 _SIMPLE: Final = {"string": "string", "boolean": "boolean", "int64": "bigint", "uint64": "bigint"}
 _NUMBERS: Final = ("double", "float", "octet", "uint8", "int32", "uint32")

@@ -33,8 +33,8 @@ MAPPING = {
     "current": {"topic": "/joint_states", "source": "effort"},
     "command": {"topic": "command", "source": "data"},
 }
-NOT_ALWAYS = {"/clock"}
-"""Publishers at a rate other than 1, and where a package is installed."""
+NOT_ALWAYS = {"/clock", "/ema/baseline", "/ema/friction_curve"}
+"""Publishers at a rate other than 1, where a package is installed, and for an unknown drive."""
 
 
 def names(pairs: list[tuple[str, list[str]]]) -> set[str]:

@@ -1,7 +1,8 @@
 """Publishers of a monitor: one topic for estimates, latched topics per actuator."""
 
+import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from rclpy.lifecycle.publisher import LifecyclePublisher
 
@@ -20,6 +21,9 @@ from ema_monitor.prognosis.advice import Advice
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.outlook import Outlook
 from ema_ros import topics
+
+_OF_UNKNOWN_DRIVES: Final = (topics.BASELINE, topics.FRICTION_CURVE)
+"""Topics whose publishers are created when an actuator first needs them."""
 
 
 class Outputs:
@@ -46,26 +50,35 @@ class Outputs:
         self._add_publisher, self._remove_publisher = add_publisher, remove_publisher
         # Each actuator has a publisher for each topic, so that its latest message stays latched.
         self._latched: dict[tuple[str, str], LifecyclePublisher] = {}
+        self._lock = threading.Lock()
         message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
         self.estimates = add_publisher(message_class, topics.FAULT_ESTIMATE, qos)
 
     def add(self, actuator_id: str) -> None:
-        """Create the publishers of an actuator."""
+        """Create the publishers that every actuator needs."""
+        with self._lock:
+            for topic, (_, qos) in topics.MONITOR_TOPICS.items():
+                if qos is topics.LATCHED and topic not in _OF_UNKNOWN_DRIVES:
+                    self._add(topic, actuator_id)
+
+    def _add(self, topic: str, actuator_id: str) -> LifecyclePublisher:
+        message_class, qos = topics.MONITOR_TOPICS[topic]
         # Events on incompatible subscriptions are slow with many publishers.
         quiet = bool(self._latched)
-        for topic, (message_class, qos) in topics.MONITOR_TOPICS.items():
-            if qos is topics.LATCHED:
-                publisher = self._add_publisher(message_class, topic, qos, quiet=quiet)
-                self._latched[topic, actuator_id] = publisher
+        publisher = self._add_publisher(message_class, topic, qos, quiet=quiet)
+        self._latched[topic, actuator_id] = publisher
+        return publisher
 
     def remove(self, actuator_id: str) -> None:
         """Remove the publishers of an actuator."""
-        for key in [key for key in self._latched if key[1] == actuator_id]:
-            self._remove_publisher(self._latched.pop(key))
+        with self._lock:
+            for key in [key for key in self._latched if key[1] == actuator_id]:
+                self._remove_publisher(self._latched.pop(key))
 
     def clear(self) -> None:
         """Stop publishing for all actuators; the node removes the publishers."""
-        self._latched.clear()
+        with self._lock:
+            self._latched.clear()
 
     def publish_estimate(self, diagnosed: Diagnosed) -> None:
         """Publish an estimate."""
@@ -94,6 +107,10 @@ class Outputs:
 
     def _publish(self, topic: str, message: Any) -> None:
         """Publish on a latched topic of an actuator, unless the actuator was forgotten."""
-        publisher = self._latched.get((topic, message.actuator_id))
+        name = message.actuator_id
+        with self._lock:
+            publisher = self._latched.get((topic, name))
+            if publisher is None and (topics.HEALTH, name) in self._latched:
+                publisher = self._add(topic, name)
         if publisher is not None:
             publisher.publish(message)

@@ -14,6 +14,8 @@ HEALTH_SUMMARY: Final = "health_summary"
 HEALTH_FORECAST: Final = "health_forecast"
 ADVICE: Final = "advice"
 WINDOW_FIT: Final = "window_fit"
+BASELINE: Final = "baseline"
+FRICTION_CURVE: Final = "friction_curve"
 PLAYBACK_STATE: Final = "playback_state"
 NODE_STATUS: Final = "node_status"
 

@@ -13,8 +13,10 @@ from sensor_msgs.msg import JointState
 from ema_interfaces.msg import (
     ActuatorDescription,
     Advice,
+    BaselineStatus,
     FaultEstimate,
     FaultVectorStamped,
+    FrictionCurve,
     Health,
     HealthForecast,
     HealthSummary,
@@ -27,8 +29,10 @@ from ema_interfaces.msg import (
 )
 from ema_ros.topic_names import (
     ADVICE,
+    BASELINE,
     DESCRIPTION,
     FAULT_ESTIMATE,
+    FRICTION_CURVE,
     HEALTH,
     HEALTH_FORECAST,
     HEALTH_SUMMARY,
@@ -77,6 +81,8 @@ MONITOR_TOPICS: Final = {
     HEALTH_FORECAST: (HealthForecast, LATCHED),
     ADVICE: (Advice, LATCHED),
     WINDOW_FIT: (WindowFit, LATCHED),
+    BASELINE: (BaselineStatus, LATCHED),
+    FRICTION_CURVE: (FrictionCurve, LATCHED),
 }
 """Message class and quality of service of a monitor's topics, by name."""
 

@@ -55,6 +55,26 @@ export interface Advice {
   reason: string;
 }
 
+export interface BaselineStatus {
+  header: Header;
+  actuator_id: string;
+  serial_number: string;
+  state: number;
+  records: number;
+  records_needed: number;
+  days: number;
+  slowest: number;
+  fastest: number;
+  forward_share: number;
+  detectable_same_day: number;
+  detectable_other_day: number;
+  advice: string[];
+  reason: string;
+  calibration_id: string;
+  author: string;
+  accepted: Time;
+}
+
 export interface Confusion {
   part: string[];
   stand_in: string[];
@@ -134,6 +154,17 @@ export interface FaultHealth {
 }
 
 export type FaultVector = Record<string, number>;
+
+export interface FrictionCurve {
+  header: Header;
+  actuator_id: string;
+  serial_number: string;
+  unit: string;
+  speed: Float64Array;
+  healthy_low: Float64Array;
+  healthy_high: Float64Array;
+  latest: Float64Array;
+}
 
 export interface Header {
   stamp: Time;
