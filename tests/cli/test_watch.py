@@ -13,7 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console
 
-from ema_cli.commands.watch import Completion
+from ema_cli.processes.health_listener import Completion
 from ema_cli.show.health_table import SILENT_S, HealthTable, LatestHealths
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, STALE, WARN

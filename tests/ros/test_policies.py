@@ -131,11 +131,11 @@ def test_what_player_and_bridge_have_is_permitted(graph: Spinning, tmp_path):
 
 @pytest.mark.parametrize("name", ["watch", "demo"])
 def test_what_a_listener_has_is_permitted(name):
-    from ema_cli.commands.watch import _HealthListener
+    from ema_cli.processes.health_listener import HealthListener
     from ema_cli.processes.listener import Listener
     from ema_cli.processes.observer import _TOPICS
 
-    listened = _TOPICS if name == "demo" else _HealthListener(["/ema"])._topics
+    listened = _TOPICS if name == "demo" else HealthListener(["/ema"], "watch")._topics
     access = node_access()[name]
     with Listener(name, listened, lambda *_: None) as listener:
         node = listener._node
