@@ -88,7 +88,7 @@ def test_preview_shows_columns_rate_and_what_is_wrong_as_comments(ema, table):
     assert "column 'position [rad]' [rad]: -0.00" in words
     assert "10000 Hz by the stamps, taken as 10000 Hz" in words
     assert "lost 999 in 1 gap" in words
-    assert "current never changes: it is taken as not measured" in words
+    assert "current never changes: it is assumed not to be measured" in words
     assert "speed: " in words
     assert "current" not in yaml.safe_load(text)
 
@@ -99,7 +99,7 @@ def test_defect_refuses_the_import_with_value_and_remedy(ema, table, tmp_path):
     output = tmp_path / "out.mcap"
     result = ema("import", path, "--mapping", mapping, "-o", output)
     assert result.exit_code == 1
-    assert "speed has unit rad/s, rpm was probably meant" in result.stderr
+    assert "speed has unit rad/s, but is probably rpm" in result.stderr
     assert "speed: {unit: rpm}" in result.stderr
     assert not output.exists()
     accepting = tmp_path / "accepting.yaml"

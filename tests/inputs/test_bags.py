@@ -140,7 +140,7 @@ def test_mapping_of_a_bag_is_guessed(telemetry, tmp_path):
     command = source("/commands", "data[0]", between="hold")
     assert guess.mapping == joint_states(clock="header", command=command)
     words = "\n".join(guess.remarks)
-    assert "joint 'flap' on /joint_states is a guess, it moves most; others: other" in words
+    assert "joint 'flap' on /joint_states is a guess: it moves most; alternatives: other" in words
     assert "command.source data[0] is a guess" in words
 
 
@@ -152,7 +152,7 @@ def test_mapping_of_a_bag_is_guessed(telemetry, tmp_path):
         ({"command": source("/commands", "data[7]")}, "data has 2 elements"),
         (
             {"command": source("/commands", "data", type="std_msgs/msg/Float64")},
-            "topic /commands holds std_msgs/msg/Float64MultiArray, the mapping says",
+            "topic /commands has type std_msgs/msg/Float64MultiArray, but the mapping has",
         ),
     ],
 )

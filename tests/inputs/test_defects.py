@@ -41,29 +41,29 @@ def test_nothing_is_wrong_with_what_is_right(found):
     ("changes", "name", "value", "remedy"),
     [
         ({"current": 0.0}, "current_zero", "0 in all 1700 samples", "sampling: none"),
-        ({"current": lambda x: 0 * x + 2}, "current_frozen", "is 2 in", "leave current out"),
-        ({"speed": lambda x: 0 * x + 3}, "speed_frozen", "speed is 3 in", "leave speed out"),
+        ({"current": lambda x: 0 * x + 2}, "current_frozen", "is 2 in", "omit current"),
+        ({"speed": lambda x: 0 * x + 3}, "speed_frozen", "speed is 3 in", "omit speed"),
         ({"position": 0.0}, "position_frozen", "position is 0", "choose another source"),
         ({"command": 0.0}, "command_frozen", "command is 0", "choose another source"),
         ({"position": 57.29578}, "position_unit", "56.", "position: {unit: deg}"),
-        ({"command": 57.29578}, "command_unit", "rad, deg was", "command: {unit: deg}"),
-        ({"speed": RPM}, "speed_unit", "rpm was probably meant", "speed: {unit: rpm}"),
-        ({"speed": 57.29578}, "speed_unit", "deg/s was", "speed: {unit: deg/s}"),
-        ({"speed": 1 / (2 * np.pi)}, "speed_unit", "turn/s was", "speed: {unit: turn/s}"),
+        ({"command": 57.29578}, "command_unit", "rad, but is probably deg", "command: {unit: deg}"),
+        ({"speed": RPM}, "speed_unit", "is probably rpm", "speed: {unit: rpm}"),
+        ({"speed": 57.29578}, "speed_unit", "is probably deg/s", "speed: {unit: deg/s}"),
+        ({"speed": 1 / (2 * np.pi)}, "speed_unit", "is probably turn/s", "speed: {unit: turn/s}"),
         ({"position": -1}, "position_sign_reversed", "-0.98", "position: {sign: -1}"),
         ({"command": -1}, "command_sign_reversed", "-0.98", "command: {sign: -1}"),
         ({"speed": -1}, "speed_sign_reversed", "-1 times the speed", "speed: {sign: -1}"),
         ({"current": -1}, "current_sign_reversed", "correlation -0.9", "current: {sign: -1}"),
-        ({"position": 1000}, "position_unit", "mrad was", "position: {unit: mrad}"),
-        ({"position": 1e-3}, "position_scale", "1000 was", "position: {scale: 1000}"),
-        ({"speed": 1000}, "speed_unit", "mrad/s was", "speed: {unit: mrad/s}"),
+        ({"position": 1000}, "position_unit", "is probably mrad", "position: {unit: mrad}"),
+        ({"position": 1e-3}, "position_scale", "is probably 1000", "position: {scale: 1000}"),
+        ({"speed": 1000}, "speed_unit", "is probably mrad/s", "speed: {unit: mrad/s}"),
         ({"current": 1000}, "current_unit", "1.2", "current: {unit: mA}"),
-        ({"current": 1e-3}, "current_unit", "times as large", "current: {scale: 1000}"),
-        ({"speed": TAU}, "speed_shaft", "user was", "speed: {shaft: user}"),
-        ({"position": 1 / TAU}, "position_shaft", "motor was", "position: {shaft: motor}"),
+        ({"current": 1e-3}, "current_unit", "times what", "current: {scale: 1000}"),
+        ({"speed": TAU}, "speed_shaft", "is probably user", "speed: {shaft: user}"),
+        ({"position": 1 / TAU}, "position_shaft", "is probably motor", "position: {shaft: motor}"),
         ({"speed": 0.8}, "gear_ratio", "the description has 1/500", "unit and shaft of both"),
         ({"command": 0.25}, "command_position", "3.9", "command: {scale: 3.9"),
-        ({"position": np.nan}, "not_finite", "in 1700 of 1700", "choose another one"),
+        ({"position": np.nan}, "not_finite", "in 1700 of 1700", "choose another source"),
     ],
 )
 def test_defect_is_named_with_value_and_remedy(found, changes, name, value, remedy):
@@ -161,13 +161,13 @@ def test_no_fault_and_no_cause_of_the_simulator_is_taken_for_a_wrong_mapping(map
 def test_losses_and_stamps_are_named_with_their_number():
     losses = Losses(samples=1000, lost=3, gaps=2, filled=5, jumps=1, repeated=4)
     found = {item.name: item for item in stream_defects(losses, 6)}
-    assert "3 samples of 1003 missing in 2 places" in found["lost_samples"].text
-    assert "5 lost samples beside 1000 put on a line" in found["filled_samples"].text
-    assert "goes back 1 time and stands still 4 times" in found["time_not_monotonic"].text
-    assert "6 stamps of 1000 rebuilt" in found["stamps_rebuilt"].text
+    assert "3 samples of 1003 missing in 2 gaps" in found["lost_samples"].text
+    assert "5 lost samples interpolated linearly" in found["filled_samples"].text
+    assert "decreases 1 time and repeats 4 times" in found["time_not_monotonic"].text
+    assert "6 stamps of 1000 reconstructed" in found["stamps_rebuilt"].text
     assert not any(item.is_error for item in found.values())
     [mostly] = stream_defects(Losses(samples=100, repeated=90), 0)
     assert mostly.is_error
-    assert "rebuilds the stamps" in mostly.remedy
+    assert "reconstructs the stamps" in mostly.remedy
     [rows] = stream_defects(Losses(samples=100, jumps=50), 0, of_table=True)
-    assert rows.remedy == "is clock.source the right one? Rows have to be in the order of time"
+    assert rows.remedy == "check clock.source. Sort the rows by time"

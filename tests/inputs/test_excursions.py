@@ -110,7 +110,7 @@ def test_command_beyond_all_travel_for_longer_is_named(mapped, length):
     got = imported(mapped(), columns, stamps, 250.0)
     [defect] = [item for item in got.defects if item.is_error]
     assert (defect.name, defect.is_certain) == ("command_range", False)
-    assert "the command is -3.277e+04 rad, far beyond the travel from -0.2" in defect.text
+    assert "the command is -3.277e+04 rad, far outside the travel from -0.2" in defect.text
     assert f"in {length} samples of 3000" in defect.text
 
 

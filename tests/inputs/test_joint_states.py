@@ -62,7 +62,7 @@ def test_messages_without_a_joint_are_another_publishers():
     assert len(states.of_joint("c").take()[STATES]) == 3
     assert not states.of_joint("a").problem()
     gone = read([message(0, "ab"), message(1, "ab")]).of_joint("c")
-    assert gone.problem() == "joint 'c' is in none of 2 messages"
+    assert gone.problem() == "joint 'c' is missing in all 2 messages"
 
 
 def test_array_that_is_empty_is_not_a_number():

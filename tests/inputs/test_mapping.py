@@ -37,19 +37,19 @@ def test_example_is_a_mapping_and_its_text_is_the_same_mapping(path, tmp_path):
         ({"position": {"source": "p", "shafts": 1}}, "position: unknown entry 'shafts'"),
         ({"position": {"source": ""}}, "position: source = ''"),
         ({"position": 3}, "position = 3: expected a mapping"),
-        ({"error": "e"}, "both of command and error given"),
+        ({"error": "e"}, "command and error are both set"),
         ({"speed": {"source": "s", "sign": 2}}, "speed: sign = 2 is outside"),
         ({"speed": {"source": "s", "sign": 0}}, "speed: sign = 0: expected 1 or -1"),
         ({"speed": {"source": "s", "scale": 0}}, "speed: scale = 0"),
-        ({"speed": {"topic": "/a", "source": "s"}}, "without topic: expected a topic for every"),
+        ({"speed": {"topic": "/a", "source": "s"}}, "without topic: expected topics for all"),
         ({"speed": {"source": "s", "type": "a/msg/B"}}, "without topic: expected both"),
         ({"current": {"source": "i", "unit": "N.m", "kind": "i_q"}}, "i_q: expected A, mA"),
         ({"current": {"source": "i", "kind": "motor_torque"}}, "unit = 'A' with kind"),
-        ({"current": {"source": "i", "amplitude": "rms"}}, "only i_q has one"),
-        ({"current": {"source": "i", "kind": "phase_currents"}}, "phase_currents needs both"),
+        ({"current": {"source": "i", "amplitude": "rms"}}, "only i_q has an amplitude"),
+        ({"current": {"source": "i", "kind": "phase_currents"}}, "phase_currents requires both"),
         ({"current": {"source": "i", "sampling": "filtered"}}, "current_filter = 0 s"),
         ({"position": "q_{joint}"}, "source = 'q_{joint}' without joint: expected both"),
-        ({"joints": ["a", "a"]}, "joints = ['a', 'a']: expected one joint, or different ones"),
+        ({"joints": ["a", "a"]}, "joints = ['a', 'a']: expected one joint, or distinct joints"),
         ({"clock": {}}, "clock without source and rate_hz"),
         ({"clock": {"source": "t", "unit": "week"}}, "clock: unit = 'week' is unknown"),
         ({"accept": "current_zero"}, "accept = 'current_zero': expected a list of texts"),
@@ -136,7 +136,7 @@ def test_names_may_come_in_a_message_of_their_own():
         ("data", "gives list, expected a number"),
         ("dato[0]", "has no field 'dato'"),
         ("reference.positions[joint_names=wing]", "'wing' is not in joint_names, which has a,"),
-        ("data[keys=a]", "there is no array keys of names for 'a'"),
+        ("data[keys=a]", "there is no name array keys to find 'a' in"),
     ],
 )
 def test_field_that_is_not_there_is_named(path, words):
@@ -147,7 +147,7 @@ def test_field_that_is_not_there_is_named(path, words):
 
 @pytest.mark.parametrize("path", ["", "a..b", "a[", "a[x]", "a b", "a."])
 def test_text_that_is_no_path_is_refused(path):
-    with pytest.raises(ValueError, match="expected names of fields separated by dots"):
+    with pytest.raises(ValueError, match="expected field names separated by dots"):
         FieldPath(path)
 
 

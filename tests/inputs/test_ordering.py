@@ -81,7 +81,9 @@ def test_second_publisher_that_repeats_the_values_is_a_note_with_both_rates(mapp
         "values_repeat": False,
         "two_publishers": False,
     }
-    assert "repeat 2 times: renewed at 250 Hz, published at 500 Hz" in by_name["values_repeat"].text
+    assert (
+        "published 2 times: updated at 250 Hz, published at 500 Hz" in by_name["values_repeat"].text
+    )
     [run] = got.runs
     position = run.values[:, got.stream.filled.index("position")]
     np.testing.assert_array_equal(position, columns["position"])

@@ -123,21 +123,24 @@ def test_columns_are_recognised(guessed, named):
 
 def test_columns_without_names_are_a_guess(guessed):
     guess = guessed(FORMS["no names"])
-    assert "current 'ch2' is a guess by its values alone" in guess.remarks
-    assert "command 'ch5' is a guess by its values alone" in guess.remarks
+    assert "current 'ch2' is a guess from its values alone" in guess.remarks
+    assert "command 'ch5' is a guess from its values alone" in guess.remarks
 
 
 def test_name_that_the_motion_contradicts_is_a_guess(guessed):
     """A speed that is not the derivative of the position is taken by its name alone."""
     guess = guessed({"pos": ("position", 1.0), "vel": ("voltage", 1.0), "tau": ("current", 1.0)})
     assert guess.mapping.speed is not None
-    assert "speed 'vel' is a guess by its name alone" in guess.remarks
+    assert "speed 'vel' is a guess from its name alone" in guess.remarks
 
 
 def test_names_alone_decide_where_nothing_moves(motion, guessed):
     guess = guessed({"pos": ("voltage", 1.0), "tau": ("current", 1.0)})
     assert guess.mapping.position.source == "pos"
-    assert "the motion does not show which column is what: names alone decide" in guess.remarks
+    assert (
+        "the columns could not be identified from the motion, only from their names"
+        in guess.remarks
+    )
 
 
 def test_following_error_is_no_speed(guessed):

@@ -228,5 +228,5 @@ def test_stamps_do_not_depend_on_how_messages_come_in_parts():
 
 
 def test_stamps_that_never_grow_are_refused():
-    with pytest.raises(ValueError, match="expected stamps that grow"):
+    with pytest.raises(ValueError, match="expected increasing stamps"):
         find_rate(np.full(10, START_NS))

@@ -45,7 +45,7 @@ def test_states_renewed_at_200_hz_and_published_at_1000_hz_are_resampled(mapped)
     assert 1.0 / got.description.sample_period == pytest.approx(200.0)
     [defect] = got.defects
     assert (defect.name, defect.is_error) == ("values_repeat", False)
-    assert "repeat 5 times: renewed at 200 Hz, published at 1000 Hz" in defect.text
+    assert "published 5 times: updated at 200 Hz, published at 1000 Hz" in defect.text
     [run] = got.runs
     position = run.values[:, got.stream.filled.index("position")]
     np.testing.assert_array_equal(position, slow["position"])
@@ -162,7 +162,7 @@ def test_single_sample_beyond_what_an_actuator_can_is_a_note(mapped, name, value
     got = imported(mapped(), columns, stamps, 200.0)
     [defect] = got.defects
     assert (defect.name, defect.is_error) == ("impossible_samples", False)
-    assert "1 sample of 2400 that no actuator can give" in defect.text
+    assert "1 sample of 2400 physically impossible" in defect.text
     near = np.max(np.abs(true[1495:1506] - true[1500]))
     assert abs(got.columns[name][1500] - true[1500]) <= near
 
@@ -290,4 +290,4 @@ def test_repeated_values_of_a_modelled_drive_question_neither_gears_nor_scales(
     words = " ".join(str(item.remedy) for item in got.defects)
     assert "tau" not in words
     assert "scale" not in words
-    assert all(item.name == "gear_ratio" and "too few" in item.remedy for item in others)
+    assert all(item.name == "gear_ratio" and "too slow" in item.remedy for item in others)

@@ -65,7 +65,7 @@ def test_empty_cells_are_no_numbers_and_texts_no_columns(tmp_path):
     found = read_columns(path)
     assert list(found.texts["state"]) == ["on", "on", "no", "no", "no"]
     assert str(found.values["pos"]) == "[1.5 nan 3.5 nan 5.5]"
-    with pytest.raises(ValueError, match="column 'state' holds no numbers"):
+    with pytest.raises(ValueError, match="column 'state' contains no numbers"):
         found.column("state")
     with pytest.raises(ValueError, match="unknown column 'poss'; did you mean 'pos'"):
         found.column("poss")
@@ -125,7 +125,7 @@ def test_parquet_gives_the_same_columns(tmp_path):
 
 def test_table_whose_comments_hold_all_numbers_is_refused(tmp_path):
     path = written(tmp_path / "a.csv", "# 1,2\n# 3,4\n# 5,6\n")
-    with pytest.raises(ValueError, match=r"none of its first 3 lines is a row of numbers"):
+    with pytest.raises(ValueError, match=r"none of the first 3 lines is a row of numbers"):
         read_columns(path)
 
 
@@ -270,8 +270,8 @@ def test_what_is_a_guess_is_said(guessed):
     remarks = guessed(t=("t", 1.0), pos=("p", 1.0), cmd=("c", 1.0), cur=("i", 1.0)).remarks
     words = "\n".join(remarks)
     assert "current.unit is a guess" in words
-    assert "current.sampling cannot be found" in words
-    assert "no column seems to be the speed" in words
+    assert "current.sampling cannot be inferred" in words
+    assert "no column was recognized as speed" in words
 
 
 def test_effort_that_never_changes_is_taken_as_not_measured(guessed):
@@ -281,7 +281,7 @@ def test_effort_that_never_changes_is_taken_as_not_measured(guessed):
 
 
 def test_table_without_a_command_is_refused_with_its_columns(guessed):
-    with pytest.raises(ValueError, match=r"no column seems to be the command.*columns: t, pos"):
+    with pytest.raises(ValueError, match=r"no column was recognized as command.*columns: t, pos"):
         guessed(t=("t", 1.0), pos=("p", 1.0))
 
 
@@ -295,15 +295,15 @@ def test_columns_of_two_joints_are_not_mixed_and_the_choice_is_said(guessed):
     )
     mapping = found.mapping
     assert (mapping.position.source, mapping.command.source) == ("left_pos", "left_command")
-    assert "position 'left_pos' is a guess; others: 'right_pos'" in found.remarks
-    assert "command 'left_command' is a guess; others: 'right_command'" in found.remarks
+    assert "position 'left_pos' is a guess; alternatives: 'right_pos'" in found.remarks
+    assert "command 'left_command' is a guess; alternatives: 'right_command'" in found.remarks
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda t: 0.0 * t, "never changes and is no clock"),
-        (lambda t: t.sample(frac=1.0, random_state=1).to_numpy(), "goes back"),
+        (lambda t: 0.0 * t, "never changes and is not a clock"),
+        (lambda t: t.sample(frac=1.0, random_state=1).to_numpy(), "decreases"),
     ],
 )
 def test_no_rate_is_invented_where_a_column_looks_like_the_time(telemetry, tmp_path, change, words):
@@ -394,7 +394,7 @@ def test_rows_with_the_newest_first_are_reversed(telemetry, tmp_path, kind):
     series = source.series(guess.mapping)[""]
     assert np.all(np.diff(series.stamps_ns) == 1_000_000)
     np.testing.assert_allclose(series.values["position"], telemetry.position, atol=1e-15)
-    assert source.remarks == ["'Time' goes back from row to row: the rows are reversed"]
+    assert source.remarks == ["'Time' decreases from row to row: the rows are read in reverse"]
 
 
 def test_table_without_a_command_is_guessed_for_an_unknown_drive(telemetry, tmp_path):
@@ -405,7 +405,7 @@ def test_table_without_a_command_is_guessed_for_an_unknown_drive(telemetry, tmp_
     source = InputFile(path)
     guess = source.guess(replace(described(1000), drive="unknown"))
     assert not guess.mapping.has_command
-    assert "no command seems to be there: tracking is then not judged" in guess.remarks
+    assert "no command was recognized: tracking is not assessed" in guess.remarks
     with pytest.raises(ValueError, match=r"with drive: unknown in the actuator file, no command"):
         source.guess(described(1000))
 
@@ -527,7 +527,7 @@ def test_tables_of_two_bytes_a_character_are_read(tmp_path, encoding):
 def test_cell_too_many_is_named_with_its_line(tmp_path):
     lines = ["t,pos,cur", *["1,2,3"] * 500, "1,2,3,4", *["1,2,3"] * 10, ""]
     path = written(tmp_path / "a.csv", "\n".join(lines))
-    with pytest.raises(ValueError, match=r"line 502 has 4 cells, expected 3 .* or quote its cell"):
+    with pytest.raises(ValueError, match=r"line 502 has 4 cells, expected 3 .* or quote the cell"):
         read_columns(path)
 
 

@@ -83,7 +83,7 @@ def test_kelvin_read_as_degrees_is_an_error_that_names_the_unit(mapped):
     found = imported(mapped, series(warming(), 1.0, 273.15))
     [defect] = refused(found.defects, found.mapping)
     assert defect.name == "temperature_range"
-    assert "a temperature of 304.3 degC, expected -130 to 270" in defect.text
+    assert "temperature 304.3 degC, expected -130 to 270" in defect.text
     assert "temperature: {unit: K}" in defect.remedy
     assert found.rises == []
 

@@ -112,7 +112,7 @@ def test_rate_that_differs_by_a_few_per_cent_is_a_note(mapped):
     imported = import_series({"": series}, mapped(), joint(200.0))
     [defect] = imported.defects
     assert (defect.name, defect.is_error) == ("other_rate", False)
-    assert "come at 195 Hz, described are 200" in defect.text
+    assert "rate is 195 Hz, but the description has 200" in defect.text
     assert imported.description.sample_period == pytest.approx(1 / 195)
 
 
@@ -123,7 +123,7 @@ def test_position_that_is_the_command_is_named(mapped, lag):
     columns["position"] = columns["position"][: len(stamps)]
     [defect] = find_defects(columns, stamps, mapped(), joint())
     assert (defect.name, defect.is_error) == ("position_commanded", False)
-    assert "a set point, not a measurement" in defect.text
+    assert "a setpoint, not a measurement" in defect.text
 
 
 def test_speed_that_is_that_of_the_command_is_named(mapped):
@@ -147,7 +147,7 @@ def test_sensor_that_holds_its_value_is_named_with_its_rate(mapped):
     columns["current"] = np.repeat(columns["current"][::15], 15)[: len(stamps)]
     [defect] = find_defects(columns, stamps, mapped(), joint())
     assert (defect.name, defect.is_error) == ("values_repeat", False)
-    assert "the current repeats each value 15 times (renewed at 13.33 Hz)" in defect.text
+    assert "the current repeats each value 15 times (updated at 13.33 Hz)" in defect.text
 
 
 def test_position_that_jumps_is_an_error(mapped):
@@ -324,7 +324,7 @@ def test_joint_that_settles_after_its_command_withholds_nothing(mapped):
     assert withholding(short, mapping) == []
     [long] = withholding(found(mapping, {"command": 0.0}), mapping)
     assert long.name == "command_frozen"
-    assert "or leave command out" in long.remedy
+    assert "or omit command" in long.remedy
 
 
 def test_start_of_the_motion_is_that_of_the_stamps():

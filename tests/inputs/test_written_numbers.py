@@ -51,7 +51,7 @@ def test_thousands_in_quotes_are_read_in_a_table_with_commas(tmp_path):
 def test_thousands_that_could_be_decimals_are_named(tmp_path):
     found = read_columns(table(tmp_path, [grouped(value, ".") for value in SPEEDS], ","))
     [note] = found.notes_of(["speed"])
-    assert note == "column 'speed', row 2: '1.885' is read with '.' between thousands"
+    assert note == "column 'speed', row 2: '1.885' is read with '.' as thousands separator"
 
 
 @pytest.mark.parametrize("minus", "\u2212\u2013\u2010\u2011\ufe63\uff0d")
@@ -76,11 +76,11 @@ def test_column_of_another_country_is_read_if_its_cells_leave_no_doubt(tmp_path)
 @pytest.mark.parametrize(
     ("cells", "decimal", "words"),
     [
-        (["1.5", "1.2.3", "2.5"], ".", "row 2: '1.2.3' is no number"),
-        (["1.5", "12:30", "2.5"], ".", "row 2: '12:30' is no number"),
-        (["1.5", "2.5 A", "2.5"], ".", "row 2: '2.5 A' is no number"),
-        (["1,5", "1,23,4", "2,5"], ",", "row 2: '1,23,4' is no number"),
-        (["1.885", "885", "4500"], ",", "row 1: '1.885' has '.' between thousands, and row 3"),
+        (["1.5", "1.2.3", "2.5"], ".", "row 2: '1.2.3' is not a number"),
+        (["1.5", "12:30", "2.5"], ".", "row 2: '12:30' is not a number"),
+        (["1.5", "2.5 A", "2.5"], ".", "row 2: '2.5 A' is not a number"),
+        (["1,5", "1,23,4", "2,5"], ",", "row 2: '1,23,4' is not a number"),
+        (["1.885", "885", "4500"], ",", "row 1: '1.885' has '.' as thousands separator, but row 3"),
     ],
 )
 def test_cell_that_is_no_number_is_refused_when_its_column_is_used(tmp_path, cells, decimal, words):
@@ -95,7 +95,9 @@ def test_cell_that_is_no_number_is_refused_when_its_column_is_used(tmp_path, cel
 @pytest.mark.parametrize("mark", ",.")
 def test_thousands_are_refused_where_nothing_shows_the_decimal_sign(tmp_path, mark):
     path = table(tmp_path, [grouped(value, mark) for value in SPEEDS], more=False)
-    with pytest.raises(ValueError, match=rf"'speed', row 2: '1\{mark}885' may have thousands or"):
+    with pytest.raises(
+        ValueError, match=rf"'speed', row 2: '1\{mark}885' may contain a thousands separator or"
+    ):
         read_columns(path).column("speed")
     other = "," if mark == "." else "."
     assert list(read_columns(path, Table(decimal=other)).column("speed")) == SPEEDS
@@ -106,7 +108,7 @@ def test_mark_of_thousands_that_is_a_decimal_sign_elsewhere_is_refused(tmp_path)
     path = tmp_path / "a.csv"
     path.write_text("a;b;c;speed\n0,5;0,5;12.34;1.885\n0,5;0,25;0.5;885\n0,5;0,1;7.5;12\n")
     with pytest.raises(
-        ValueError, match=r"'speed', row 1: '1\.885': '\.' is the decimal sign else"
+        ValueError, match=r"'speed', row 1: '1\.885': '\.' is the decimal sign in other"
     ):
         read_columns(path).column("speed")
 
@@ -118,5 +120,5 @@ def test_words_among_numbers_are_no_numbers(tmp_path):
 
 
 def test_column_of_texts_is_refused_with_a_cell(tmp_path):
-    with pytest.raises(ValueError, match=r"'speed' holds no numbers: row 1: '12\.5 rpm'"):
+    with pytest.raises(ValueError, match=r"'speed' contains no numbers: row 1: '12\.5 rpm'"):
         read_columns(table(tmp_path, ["12.5 rpm", "13.5 rpm"])).column("speed")

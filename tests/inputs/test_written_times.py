@@ -171,7 +171,8 @@ def test_date_whose_day_and_month_no_row_shows_is_refused_until_it_is_given(tele
     frame.to_csv(path, index=False)
     source = InputFile(path)
     with pytest.raises(
-        ValueError, match=r"'Date', row 1: '05/10/2026 08:15:00\.000' has day and mo"
+        ValueError,
+        match=r"'Date', the order of day and month is ambiguous: row 1: '05/10/2026 08:15:00\.000'",
     ):
         source.guess(described(1000))
     first = [
@@ -184,9 +185,9 @@ def test_date_whose_day_and_month_no_row_shows_is_refused_until_it_is_given(tele
 @pytest.mark.parametrize(
     ("name", "cells", "words"),
     [
-        ("Time [ticks]", lambda n: np.arange(n) * 0.5, "unit 'ticks' of a time"),
-        ("Zeit", lambda n: ["yesterday"] * n, "its cells are no times: 'yesterday'"),
-        ("Time", lambda n: [f"12:00:{i // 1000:02d}" for i in range(n)], "of the rows only"),
+        ("Time [ticks]", lambda n: np.arange(n) * 0.5, "unknown time unit 'ticks'"),
+        ("Zeit", lambda n: ["yesterday"] * n, "its cells are not times: 'yesterday'"),
+        ("Time", lambda n: [f"12:00:{i // 1000:02d}" for i in range(n)], "changes in only"),
         (
             "Time",
             lambda n: ["12:00:00.5", *["12 o'clock 5"] * 3, *["12:00:01.5"] * (n - 4)],
@@ -237,7 +238,7 @@ def test_date_written_as_a_number_is_refused_with_the_way_to_write_it(tmp_path, 
 @pytest.mark.parametrize("unit_s", [60.0, 3600.0])
 def test_minutes_and_hours_without_a_unit_are_not_taken_for_seconds(tmp_path, unit_s):
     moving(0.005 * np.arange(500) / unit_s).to_csv(tmp_path / "a.csv", index=False)
-    with pytest.raises(ValueError, match=r"column 'Time' has no unit, .* give clock\.unit"):
+    with pytest.raises(ValueError, match=r"column 'Time' has no unit, .* set clock\.unit"):
         InputFile(tmp_path / "a.csv").guess(described(1000))
 
 
@@ -254,7 +255,7 @@ def test_column_with_another_unit_is_not_taken_for_a_time(tmp_path, name):
     frame = moving(np.arange(300)).rename(columns={"Time": name, "command": "cmd [deg]"})
     frame.to_csv(tmp_path / "a.csv", index=False)
     guess = InputFile(tmp_path / "a.csv").guess(described(1000))
-    assert "no column seems to be the time" in "; ".join(guess.remarks)
+    assert "no column was recognized as the time" in "; ".join(guess.remarks)
 
 
 @pytest.mark.parametrize("wrong", ["1970-01-01T00:00:00", "2106-02-07T06:28:00"])

@@ -169,10 +169,10 @@ def _facts(imported: Imported) -> list[str]:
     """Return lines on rate, losses and ranges."""
     rate, losses = imported.rate, imported.stream.losses
     by = "the stamps" if imported.mapping.clock.source else "clock.rate_hz"
-    kept = "as they are" if rate.is_regular else "interpolated on their stamps"
+    processing = "samples used unchanged" if rate.is_regular else "samples interpolated by stamp"
     lines = [
         f"{counted(losses.samples, 'sample')}, {1.0 / rate.measured_period:.6g} Hz by {by}, "
-        f"taken as {1.0 / rate.period:.6g} Hz; jitter {1e6 * rate.jitter:.3g} us: {kept}",
+        f"taken as {1.0 / rate.period:.6g} Hz; jitter {1e6 * rate.jitter:.3g} us: {processing}",
         f"lost {losses.lost} in {counted(losses.gaps, 'gap')} beside {losses.filled} filled in, "
         f"{counted(losses.pauses, 'pause')}, {counted(losses.jumps, 'jump')} of the clock, "
         f"{losses.repeated} repeated, {losses.missing} not finite, "

@@ -196,4 +196,4 @@ def monitors(context: LaunchContext, count: str = "1", **parameters: Any) -> lis
 def _require_file(name: str, file: str) -> None:
     # Launch would start the node with its defaults.
     if not Path(file).is_file():
-        raise RuntimeError(f"{name}_params:={file}: there is no such file")
+        raise RuntimeError(f"{name}_params:={file}: no such file")

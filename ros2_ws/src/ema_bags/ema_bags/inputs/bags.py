@@ -127,7 +127,8 @@ def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
         recorded_type = bag.topics[name].type_name
         if type_name and recorded_type != type_name:
             raise ValueError(
-                f"{bag.path}: topic {name} holds {recorded_type}, the mapping says {type_name}"
+                f"{bag.path}: topic {name} has type {recorded_type}, but the mapping has "
+                f"{type_name}"
             )
     # Read the names first: they may have been recorded after the first values.
     for part in (collector.names_topics, collector.topics):
@@ -136,7 +137,7 @@ def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
     by_topic = collector.take()
     for name, series in by_topic.items():
         if not len(series):
-            reason = collector.reason or f"topic {name} has no message"
+            reason = collector.reason or f"topic {name} has no messages"
             raise ValueError(f"{bag.path}: {reason}")
     return by_topic, collector.problem()
 

@@ -298,11 +298,14 @@ class BridgeNode(ManagedNode):
         longest_s = max(item.bridge.block_s for item in actuators.values())
         self._timer.timer_period_ns = round(longest_s * 1e9)
         self._descriptors[name].publish(description_to_message(description, time.time_ns()))
-        kept = "as they are" if rate.is_regular else "interpolated on their stamps"
+        processing = (
+            "samples used unchanged" if rate.is_regular else "samples interpolated by stamp"
+        )
         prefix = f"{name}: " if self._mapping is None or len(actuators) > 1 else ""
         self.get_logger().info(
-            f"{prefix}{1.0 / rate.measured_period:.6g} samples a second, taken as "
-            f"{1.0 / rate.period:g} Hz; jitter {1e6 * rate.jitter:.3g} us: {kept}"
+            f"{prefix}sample rate {1.0 / rate.period:g} Hz, measured "
+            f"{1.0 / rate.measured_period:.6g} Hz; jitter {1e6 * rate.jitter:.3g} us: "
+            f"{processing}"
         )
 
     def _report_withheld(self, name: str, bridge: Bridge) -> None:
@@ -313,7 +316,9 @@ class BridgeNode(ManagedNode):
             self.get_logger().error(f"{name}: telemetry is withheld: {refused[defect]}")
         if reported and not refused:
             withheld = counted(bridge.withheld, "sample")
-            self.get_logger().info(f"{name}: telemetry is published again; {withheld} withheld")
+            self.get_logger().info(
+                f"{name}: telemetry is published again; {withheld} withheld so far"
+            )
         if refused.keys() != reported:
             self._withheld[name] = set(refused)
             self.report()
@@ -337,7 +342,7 @@ def _class_of(topic: str, kind: str) -> Any:
     except ValueError as error:
         package = kind.partition("/")[0]
         raise ValueError(
-            f"topic {topic}: type {kind} is not installed here: install package {package} "
+            f"topic {topic}: type {kind} is not installed: install package {package} "
             f"(ros-jazzy-{package.replace('_', '-')}), or source the workspace that has it"
         ) from error
 

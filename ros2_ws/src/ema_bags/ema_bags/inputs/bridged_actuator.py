@@ -88,8 +88,8 @@ class BridgedActuator:
             blocks = self.bridge.advance()
         except ValueError as error:
             self.problem = (
-                f"the rate cannot be learned: {error}: set clock.source or clock.rate_hz in the "
-                "mapping"
+                f"cannot measure the sample rate: {error}: set clock.source or clock.rate_hz in "
+                "the mapping"
             )
             raise
         self.problem = ""
@@ -135,11 +135,11 @@ class BridgedActuator:
     def _input_level(self, reception: Reception, recent: dict[str, float]) -> tuple[int, str]:
         bridge, source = self.bridge, self.bridge.mapping.position.topic
         if reception.state != "active":
-            return STALE, f"{reception.state}: nothing is received"
+            return STALE, f"{reception.state}: the node receives no messages"
         if reception.missing:
             return ERROR, "; ".join(reception.missing.values())
         if waits := [topic for topic in bridge.collector.topics if not reception.has_source(topic)]:
-            return WARN, f"no publisher of {', '.join(waits)}"
+            return WARN, f"no publisher on {', '.join(waits)}"
         is_long = len(self._past) == self._past.maxlen
         silent = self._silent(recent) if is_long else {}
         if source in silent:
@@ -158,23 +158,23 @@ class BridgedActuator:
             reasons += filter(None, [bridge.collector.problem()])
         if bridge.rate is None and not reasons:
             expected = f"expected at least {LEAST_SAMPLES} in {bridge.settings.learn_s:g} s or more"
-            return WARN, f"learning the rate: {self._counts[source]} messages; {expected}"
+            return WARN, f"measuring the sample rate: {self._counts[source]} messages; {expected}"
         is_idle = is_long and not recent[_PUBLISHED]
         # The first messages after a silence cannot be published yet.
         middle = self._past[len(self._past) // 2][1]
         is_resumed = middle[source] == self._past[0][1][source]
         if bridge.refused or self.problem or (is_idle and not is_resumed):
-            reason = "see mapping" if bridge.refused else "no sample is complete"
+            reason = "see mapping" if bridge.refused else "no complete samples"
             if not bridge.refused:
                 reasons += [str(item) for item in bridge.defects if item.is_error]
-            text = f"{recent[source]:.4g} Hz received, no telemetry is published"
+            text = f"{recent[source]:.4g} Hz received, but no telemetry is published"
             return ERROR, f"{text}: {'; '.join(reasons) or reason}"
         if reasons:
             return WARN, "; ".join(reasons)
         if is_idle:
-            return STALE, f"{recent[source]:.4g} Hz received again, no telemetry is published yet"
+            return STALE, f"{recent[source]:.4g} Hz received again, telemetry not yet published"
         rate = f"{1.0 / bridge.rate.period:g} Hz" if bridge.rate else ""
-        return OK, "; ".join([rate, *(f"{text} is held" for text in silent.values())])
+        return OK, "; ".join([rate, *(f"{text}; last value held" for text in silent.values())])
 
     def _silent(self, recent: dict[str, float]) -> dict[str, str]:
         """Return a message for each topic that has been silent for `silent_s`."""
@@ -189,14 +189,16 @@ class BridgedActuator:
     def _mapping_task(self) -> Task:
         defects, errors = self.bridge.defects, self.bridge.refused
         values = {item.name: str(item) for item in defects}
-        level, text = OK, "nothing wrong seen"
+        level, text = OK, "no defects found"
         if not self._recent()[_CHECKED]:
             level, text = STALE, "no samples to check"
         elif errors:
             level, text = ERROR, f"telemetry is withheld: {'; '.join(map(str, errors))}"
         elif uncertain := self.bridge.uncertain:
-            words = "; ".join(map(str, uncertain))
-            level, text = WARN, f"to be judged again after more motion, not withheld: {words}"
+            descriptions = "; ".join(map(str, uncertain))
+            level = WARN
+            text = "possible errors, to be checked again after more motion; telemetry is not "
+            text += f"withheld: {descriptions}"
         elif defects:
             asking = [
                 item

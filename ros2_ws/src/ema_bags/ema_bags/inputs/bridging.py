@@ -58,11 +58,10 @@ class BridgeSettings(Checked):
     """Settings of a bridge."""
 
     mapping_file: str = text(
-        "",
-        "mapping of topics to telemetry, a YAML file; empty: all joints of all joint state topics",
+        "", "YAML file that maps topics to telemetry; empty: all joints of all joint state topics"
     )
     joints: tuple[str, ...] = texts(
-        "without a mapping: actuators to bridge, as patterns such as left/*; empty: all"
+        "without a mapping: patterns of the actuators to bridge, such as left/*; empty: all"
     )
     state_topics: tuple[str, ...] = texts(
         "without a mapping: joint state topics to read; empty: all in the graph"
@@ -72,20 +71,25 @@ class BridgeSettings(Checked):
     )
     actuator_file: str = text(
         "",
-        "description of the actuator, with {joint} in its name for each joint of the mapping; "
-        "empty: the built-in actuator, or for several joints, and without a mapping, drives that "
-        "are unknown",
+        "actuator file; {joint} in its name is replaced by each joint of the mapping; empty: the "
+        "built-in actuator, or unknown drives if there are several joints or no mapping",
     )
     block_s: float = quantity(
         0.01,
         "s",
         1e-3,
         1.0,
-        "time between two blocks; at least 20 samples, or 0.1 s if that is shorter",
+        "block duration; blocks have at least 20 samples or last 0.1 s, whichever is shorter",
     )
-    learn_s: float = quantity(1.0, "s", 0.1, 60.0, "time in which the rate is found, at the start")
+    learn_s: float = quantity(
+        1.0, "s", 0.1, 60.0, "initial time during which the sample rate is measured"
+    )
     wait_s: float = quantity(
-        0.3, "s", 0.0, 10.0, "how long a position waits at most for what was sent before it"
+        0.3,
+        "s",
+        0.0,
+        10.0,
+        "longest time a position sample waits for earlier values on other topics",
     )
 
 
@@ -134,7 +138,9 @@ class Bridge:
         collector: Collector | JointColumns | None = None,
     ) -> None:
         if mapping.is_table:
-            raise ValueError("position has no topic: expected a mapping of topics, not of columns")
+            raise ValueError(
+                "position has no topic: expected a mapping of topics, not of table columns"
+            )
         self.mapping = mapping
         self._description = description
         self.settings = settings

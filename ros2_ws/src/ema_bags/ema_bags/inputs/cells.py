@@ -109,7 +109,7 @@ def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> 
     marked = grouped & texts.str.contains(mark, regex=False).to_numpy(bool)
     problem, example = "", ""
     if np.any(bad):
-        problem = f"{_place(texts, int(np.argmax(bad)))} is no number"
+        problem = f"{_place(texts, int(np.argmax(bad)))} is not a number"
     elif np.any(marked):
         example = _place(texts, int(np.argmax(marked)))
         # A program that writes thousands separators writes them in all large numbers.
@@ -118,7 +118,7 @@ def _read(texts: "pd.Series[Any]", missing: NDArray[np.bool_], decimal: str) -> 
         bare &= ~texts.str.contains("e", case=False, regex=False).to_numpy(bool)
         if np.any(bare):
             problem = (
-                f"{example} has {mark!r} between thousands, and "
+                f"{example} has {mark!r} as thousands separator, but "
                 f"{_place(texts, int(np.argmax(bare)))} has none"
             )
     cells = texts[~missing]

@@ -13,8 +13,8 @@ def change_remedy(change: MappingChange) -> str:
 def change_reason(change: MappingChange) -> str:
     """Describe the probable mistake in the mapping and its evidence."""
     return (
-        f"{change.quantity} has {change.entry} {_words(change.stated)}, {_words(change.value)} was "
-        f"probably meant ({', '.join(_facts(change.relations))})"
+        f"{change.quantity} has {change.entry} {_words(change.stated)}, but is probably "
+        f"{_words(change.value)} ({', '.join(_facts(change.relations))})"
     )
 
 
@@ -28,7 +28,7 @@ def _facts(relations: Relations) -> list[str]:
         )
     if relations.end_stop is not None:
         facts.append(
-            f"the position reaches {relations.reach:.4g} rad, the end stop is at "
+            f"the position reaches {relations.reach:.4g} rad, but the end stop is at "
             f"{relations.end_stop:g} rad"
         )
     return facts

@@ -42,14 +42,14 @@ def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Itera
         return
     if (lag := _lag_of_copy(command, position)) is not None:
         late = f" {lag} samples later" if lag else ""
-        text = f"the position is equal to the command{late}: it is a set point, not a measurement"
-        remedy = "position: choose the source of the encoder"
+        text = f"the position equals the command{late}: it is a setpoint, not a measurement"
+        remedy = "position: choose the encoder as source"
         yield InputDefect("position_commanded", text, remedy, False)
         return
     speed = present.get("speed")
     if speed is not None and _follows(speed, np.gradient(command), np.gradient(position)):
-        text = "the speed is the derivative of the command: it is a set point, not a measurement"
-        remedy = "speed: choose the measured source, or leave speed out"
+        text = "the speed is the derivative of the command: it is a setpoint, not a measurement"
+        remedy = "speed: choose a measured source, or omit speed"
         yield InputDefect("speed_commanded", text, remedy, False)
     current = present.get("current")
     if current is None:
@@ -61,8 +61,8 @@ def find_commanded(columns: dict[str, NDArray[np.float64]], tau: float) -> Itera
         ("position error and speed", (command - position, rate, ones)),
     ):
         if _residual(current, terms) < _EXACT:
-            text = f"the current follows {source} exactly: it is a set point, not a measurement"
-            remedy = "a change of the torque per unit of effort does not show in it"
+            text = f"the current follows {source} exactly: it is a setpoint, not a measurement"
+            remedy = "changes in torque per unit of effort are not visible in it"
             yield InputDefect("current_commanded", text, remedy, False)
             return
 

@@ -125,8 +125,8 @@ def _turned(
         lead = source.lead or p.lead
         if not lead or not math.isclose(lead, p.lead or lead):
             raise ValueError(
-                f"{source.source}: unit = {source.unit} with lead = {lead:g}: expected the travel "
-                f"for one turn of the shaft [m], as in the actuator file (lead = {p.lead:g})"
+                f"{source.source}: unit = {source.unit} with lead = {lead:g}: expected the "
+                f"travel per shaft turn [m], as in the actuator file (lead = {p.lead:g})"
             )
         turn = 2.0 * math.pi / lead
     factor = source.sign * source.scale * UNITS[source.unit] * turn * shaft
@@ -156,8 +156,8 @@ def _current_factor(source: CurrentSource, description: ActuatorDescription, lea
             return factor * lead / (2.0 * math.pi) * p.tau / p.k_t
         if description.drive != "unknown":
             raise ValueError(
-                "current: kind = force with lead = 0: expected the travel for one turn of the "
-                "shaft in the actuator file (lead [m])"
+                "current: kind = force with lead = 0: expected the travel per shaft turn in the "
+                "actuator file (lead [m])"
             )
     if kind == "i_q":
         constant = _PHASE_TO_PHASE if description.drive == "six_step" else 1.0

@@ -117,7 +117,9 @@ def _problem(texts: "pd.Series[Any]", unread: NDArray[np.bool_]) -> str:
     if not np.any(unread):
         return ""
     row = int(np.argmax(unread))
-    return f"row {row + 1}: {texts.iloc[row].strip()!r} is no time like those before it"
+    return (
+        f"row {row + 1}: {texts.iloc[row].strip()!r} is not a time in the format of the cells above"
+    )
 
 
 def _of_day(parts: "pd.DataFrame") -> NDArray[np.int64]:

@@ -68,8 +68,8 @@ def find_defects(
     if not any(item.is_error for item in defects):
         defects += wrong_current(motion, mapping, description)
     if mapping.position.shaft == "motor":
-        text = "the position is measured at the motor, before the backlash"
-        remedy = "backlash cannot be seen in it; an encoder at the user shaft shows it"
+        text = "the position is measured at the motor, upstream of the backlash"
+        remedy = "backlash is not visible in it; use an encoder at the user shaft"
         defects.append(InputDefect("position_at_motor", text, remedy, False, needs_action=False))
     return defects
 
@@ -90,49 +90,52 @@ def stream_defects(
     if losses.lost:
         text = (
             f"{counted(losses.lost, 'sample')} of {n + losses.lost} missing in "
-            f"{counted(losses.gaps, 'place')}"
+            f"{counted(losses.gaps, 'gap')}"
         )
-        remedy = "no window spans a gap; fill_lost of the mapping fills short ones"
+        remedy = "no window spans a gap; set fill_lost in the mapping to fill short gaps"
         if is_unknown:
             remedy = f"records are interpolated across gaps of at most {PAUSE_S:g} s"
         yield InputDefect("lost_samples", text, remedy, False)
     if losses.filled:
-        text = f"{counted(losses.filled, 'lost sample')} beside {n} put on a line (fill_lost)"
-        remedy = "currents between samples are guessed: have the source lose fewer"
+        text = (
+            f"{counted(losses.filled, 'lost sample')} interpolated linearly (fill_lost), in "
+            f"addition to {n} received"
+        )
+        remedy = "interpolated currents are estimates: reduce losses at the source"
         yield InputDefect("filled_samples", text, remedy, False)
     if bad := losses.jumps + losses.repeated:
         text = (
-            f"the time goes back {counted(losses.jumps, 'time')} and stands still "
+            f"the time decreases {counted(losses.jumps, 'time')} and repeats "
             f"{counted(losses.repeated, 'time')} in {counted(n, 'sample')}"
         )
-        remedy = "samples that repeat a stamp are left out, and no window spans a jump"
+        remedy = "samples with a repeated stamp are dropped, and no window spans a backward step"
         if is_error := bad > _MANY * n:
-            order = "Rows have to be in the order of time"
-            rebuild = "clock: {source: arrival} rebuilds the stamps"
-            remedy = f"is clock.source the right one? {order if of_table else rebuild}"
+            order = "Sort the rows by time"
+            rebuild = "clock: {source: arrival} reconstructs the stamps"
+            remedy = f"check clock.source. {order if of_table else rebuild}"
         yield InputDefect("time_not_monotonic", text, remedy, is_error)
     if losses.reordered:
         text = f"{counted(losses.reordered, 'sample')} of {n} out of order by at most "
         text += f"{counted(MOST_DISPLACED, 'sample')}"
-        remedy = "they are sorted by their stamps"
+        remedy = "they are sorted by stamp"
         yield InputDefect("samples_reordered", text, remedy, False, needs_action=False)
     if losses.duplicates:
         text = f"{counted(losses.duplicates, 'sample')} of {n} published twice"
-        yield InputDefect("duplicate_samples", text, "each is used once", False, needs_action=False)
+        yield InputDefect(
+            "duplicate_samples", text, "each sample is used once", False, needs_action=False
+        )
     if losses.impossible:
-        text = f"{counted(losses.impossible, 'sample')} of {n} that no actuator can give"
-        remedy = "they are put on the line between their neighbours, or left out as a gap"
+        text = f"{counted(losses.impossible, 'sample')} of {n} physically impossible"
+        remedy = "they are interpolated linearly, or dropped as a gap"
         if is_error := losses.impossible > _MANY * n:
-            remedy = "repair the source: these are too many"
+            remedy = "repair the source: too many to interpolate"
         yield InputDefect("impossible_samples", text, remedy, is_error, needs_action=is_error)
     if losses.wraps:
-        text = f"an angle begins again {counted(losses.wraps, 'time')} at the end of its register"
-        yield InputDefect(
-            "angle_wraps", text, "it is continued over each wrap", False, needs_action=False
-        )
+        text = f"an angle wraps {counted(losses.wraps, 'time')} at the end of its register"
+        yield InputDefect("angle_wraps", text, "the angle is unwrapped", False, needs_action=False)
     if rebuilt:
-        text = f"{counted(rebuilt, 'stamp')} of {n} rebuilt from arrival"
-        remedy = "have the source fill header.stamp, if it can"
+        text = f"{counted(rebuilt, 'stamp')} of {n} reconstructed from arrival times"
+        remedy = "set header.stamp at the source if possible"
         yield InputDefect("stamps_rebuilt", text, remedy, False)
 
 
@@ -143,13 +146,13 @@ def not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[InputDefect]
     if not np.any(is_bad):
         return
     parts = [(name, int(np.count_nonzero(rows))) for name, rows in bad.items() if np.any(rows)]
-    text = ", ".join(f"{name} is not a finite number in {count}" for name, count in parts)
-    remedy = "these samples are left out"
+    text = ", ".join(f"{name} is not finite in {count}" for name, count in parts)
+    remedy = "these samples are dropped"
     if is_error := bool(np.mean(is_bad) > 0.5):
         name = max(parts, key=lambda item: item[1])[0]
-        remedy = f"{name}: repair its source or choose another one"
+        remedy = f"{name}: repair its source or choose another source"
         if name in ("current", "speed"):
-            remedy += f", or leave {name} out if it is not measured"
+            remedy += f", or omit {name} if it is not measured"
     yield InputDefect("not_finite", f"{text} of {counted(len(is_bad), 'sample')}", remedy, is_error)
 
 
@@ -157,9 +160,12 @@ def other_rate(rate: Rate, description: ActuatorDescription) -> Iterator[InputDe
     """Yield a defect if the sample rate differs by 0.2 % to 10 % from the description."""
     described = description.sample_period
     if _SAME_RATE < abs(rate.period / described - 1.0) < _SIMILAR_RATE:
-        text = f"the samples come at {1.0 / rate.period:.5g} Hz, described are {1.0 / described:g}"
+        text = (
+            f"the sample rate is {1.0 / rate.period:.5g} Hz, but the description has "
+            f"{1.0 / described:g} Hz"
+        )
         yield InputDefect(
-            "other_rate", text, "the rate of the samples is used", False, needs_action=False
+            "other_rate", text, "the measured rate is used", False, needs_action=False
         )
 
 
@@ -169,10 +175,10 @@ def renewed_slowly(rate: Rate, times: float) -> InputDefect:
     ``rate`` is the rate at which values change, ``times`` the number of samples per value.
     """
     text = (
-        f"the values repeat {round(times)} times: renewed at {1.0 / rate.period:.5g} Hz, published "
-        f"at {times / rate.period:.4g} Hz"
+        f"each value is published {round(times)} times: updated at {1.0 / rate.period:.5g} Hz, "
+        f"published at {times / rate.period:.4g} Hz"
     )
-    remedy = f"the telemetry has {1.0 / rate.period:.5g} Hz, the rate at which values are renewed"
+    remedy = f"the telemetry uses the update rate, {1.0 / rate.period:.5g} Hz"
     return InputDefect("values_repeat", text, remedy, False, needs_action=False)
 
 
@@ -191,8 +197,7 @@ def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator
     if current is not None and current.kind == "i_q" and description.drive == "six_step":
         yield InputDefect(
             "drive_of_i_q",
-            "the current is i_q, which is of a field-oriented drive, and the description has drive "
-            "six_step",
+            "the current is i_q of a field-oriented drive, but the description has drive six_step",
             "drive: field_oriented in the description, with k_t as torque per ampere of i_q, or "
             "current: {kind: equivalent}",
         )
@@ -210,14 +215,14 @@ def _held(
         return
     rate_hz = 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)
     parts = [
-        f"the {name} repeats each value {count} times (renewed at {rate_hz / count:.4g} Hz)"
+        f"the {name} repeats each value {count} times (updated at {rate_hz / count:.4g} Hz)"
         for name, count in held.items()
     ]
-    remedy = "have the driver publish each value once, and all at one rate"
+    remedy = "configure the driver to publish each value once, all at the same rate"
     if is_unknown:
-        remedy = "it is used as it is; have the driver publish each value once"
+        remedy = "it is used unchanged; configure the driver to publish each value once"
         if "position" in held:
-            remedy = "records put it on the line between renewals; have the driver publish each "
+            remedy = "records interpolate it between updates; configure the driver to publish each "
             remedy += "value once"
     yield InputDefect(
         "values_repeat", ", ".join(parts), remedy, not is_unknown, needs_action=not is_unknown
@@ -274,10 +279,10 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
     jumps = sizes[is_jump & (rows >= _FIRST_JUDGED)]
     if 0 < len(jumps) <= _MANY * len(steps):
         text = (
-            f"the position jumps {counted(len(jumps), 'time')}, at most by "
-            f"{np.max(jumps):.4g} rad within a sample"
+            f"the position jumps {counted(len(jumps), 'time')}, by up to {np.max(jumps):.4g} rad "
+            "per sample"
         )
-        remedy = "is the encoder homed or reset, or do two sources publish?"
+        remedy = "check whether the encoder is homed or reset, or two sources publish"
         yield InputDefect("position_jumps", text, remedy)
 
 
@@ -294,10 +299,10 @@ def _beyond_travel(
     if not 0 < count <= _MANY * len(command) or is_beyond[-1] or not high > low:
         return
     text = (
-        f"the command is {command[is_beyond][0]:.4g} rad, far beyond the travel from {low:.3g} to "
+        f"the command is {command[is_beyond][0]:.4g} rad, far outside the travel from {low:.3g} to "
         f"{high:.3g} rad, in {counted(count, 'sample')} of {len(command)}"
     )
-    remedy = "command: choose another source, or leave command out"
+    remedy = "command: choose another source, or omit command"
     yield InputDefect("command_range", text, remedy, is_certain=False)
 
 
@@ -318,14 +323,14 @@ def _frozen(
         finite = values[np.isfinite(values)]
         if not moving or not len(finite) or np.ptp(finite) > 0.0:
             continue
-        text = f"in all {counted(len(finite), 'sample')} while {moving[0]} moves"
+        text = f"in all {counted(len(finite), 'sample')} while {moving[0]} changes"
         if name == "current" and finite[0] == 0.0:
             text = f"current is 0 {text}: the drive does not publish it"
-            remedy = "current: {sampling: none, ...}, or leave current out"
+            remedy = "current: {sampling: none, ...}, or omit current"
             yield InputDefect("current_zero", text, remedy, is_certain=is_certain)
         else:
             remedy = f"{name}: choose another source"
             if name in ("current", "speed") or (name == "command" and is_unknown):
-                remedy += f", or leave {name} out"
+                remedy += f", or omit {name}"
             text = f"{name} is {finite[0]:g} {text}"
             yield InputDefect(f"{name}_frozen", text, remedy, is_certain=is_certain)

@@ -37,8 +37,8 @@ class FieldPath:
         steps = [_STEP.fullmatch(part) for part in re.split(r"\.(?![^\[\]]*\])", text)]
         if not all(steps):
             raise ValueError(
-                f"field path {text!r}: expected names of fields separated by dots, with an element "
-                "of an array as data[0] or position[name=flap_joint]"
+                f"field path {text!r}: expected field names separated by dots, and array "
+                "elements such as data[0] or position[name=flap_joint]"
             )
         self._steps = [(step[1], _SELECTOR.findall(step[2])) for step in steps if step]
 
@@ -62,7 +62,7 @@ class FieldPath:
         for name, selectors in self._steps:
             if not hasattr(value, name):
                 raise self._error(
-                    f": {type(value).__name__} has no field {name!r}; it has "
+                    f": {type(value).__name__} has no field {name!r}; its fields are "
                     f"{', '.join(_fields_of(value)) or 'none'}"
                 )
             outer.append(value)
@@ -76,8 +76,7 @@ class FieldPath:
             return float(value)
         except (TypeError, ValueError) as error:
             raise self._error(
-                f" gives {type(value).__name__}, expected a number: choose an element or a field "
-                "of it"
+                f" gives {type(value).__name__}, expected a number: select an element or field"
             ) from error
 
     def _element(
@@ -100,8 +99,8 @@ class FieldPath:
                 listing = ", ".join(map(str, listed)) or "none"
                 raise self._error(f": {wanted!r} is not in {key}, which has {listing}")
         raise self._error(
-            f": there is no array {' or '.join(keys)} of names for {wanted!r}: choose an element "
-            "by its number, as data[0]"
+            f": there is no name array {' or '.join(keys)} to find {wanted!r} in: select the "
+            "element by index, such as data[0]"
         )
 
     def _error(self, words: str) -> ValueError:

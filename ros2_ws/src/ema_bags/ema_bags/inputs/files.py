@@ -41,7 +41,7 @@ class InputFile:
         self.path = path
         self._problem = ""
         if not path.exists():
-            raise FileNotFoundError(2, "there is no such file", str(path))
+            raise FileNotFoundError(2, "no such file", str(path))
         self._held: TableColumns | AnyBag
         if is_bag(path):
             self._held = open_bag(path)
@@ -69,7 +69,7 @@ class InputFile:
                 notes = self._held.notes_of(names)
                 if self._held.is_newest_first(clock):
                     notes.append(
-                        f"{clock.source!r} goes back from row to row: the rows are reversed"
+                        f"{clock.source!r} decreases from row to row: the rows are read in reverse"
                     )
                 self._problem = "; ".join(notes)
                 return {"": table_series(self._held, mapping)}
@@ -93,7 +93,7 @@ class InputFile:
             If the file is not a table, or a column is missing.
         """
         if not isinstance(self._held, TableColumns):
-            raise ValueError(f"{self.path} is a bag: a table has columns")
+            raise ValueError(f"{self.path} is a bag: expected a table")
         for values, rows in self._held.parts(columns):
             part = copy(self)
             part._held = rows
@@ -135,7 +135,7 @@ class InputFile:
         lines = []
         for name, values in list(self._held.values.items())[:_MOST_LISTED]:
             finite = values[np.isfinite(values)]
-            reach = f"{finite.min():.6g} to {finite.max():.6g}" if len(finite) else "no number"
+            reach = f"{finite.min():.6g} to {finite.max():.6g}" if len(finite) else "no numbers"
             unit = self._held.units.get(name, "")
             line = f"column {name!r}{f' [{unit}]' if unit else ''}: {reach}"
             if empty := len(values) - len(finite):

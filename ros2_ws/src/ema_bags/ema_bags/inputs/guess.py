@@ -31,7 +31,7 @@ from ema_core.units import LINEAR, TORQUES
 
 JOINT_STATE: Final = "sensor_msgs/msg/JointState"
 _LEAD: Final = 0.005
-_NO_COMMAND: Final = "no command seems to be there: tracking is then not judged"
+_NO_COMMAND: Final = "no command was recognized: tracking is not assessed"
 _COMMANDS: Final = {
     "control_msgs/msg/JointTrajectoryControllerState": "reference.positions",
     "control_msgs/msg/SingleDOFStateStamped": "dof_state.reference",
@@ -82,7 +82,7 @@ def guess_columns(
         If no column looks like the position or the required command, or if a column looks like the
         time but is not monotonic.
     """
-    remarks = [f"column {name!r} holds no numbers" for name in columns.texts]
+    remarks = [f"column {name!r} contains no numbers" for name in columns.texts]
     if clock is None:
         clock, unused = guess_clock(columns, remarks)
     else:
@@ -99,7 +99,7 @@ def guess_columns(
         taken["current"] = phases.pop("phase_a")  # in A, not of phase A: there is no other phase
     if "position" not in taken and {"command", "error"} <= taken.keys():
         taken["position"] = f"{taken['command']} - {taken['error']}"
-        remarks.append(f"position is {taken['position']}: an error is command less position")
+        remarks.append(f"position is {taken['position']}: the error is command minus position")
     if "command" in taken:
         taken.pop("error", None)
     missing = [name for name in ("position",) if name not in taken]
@@ -109,15 +109,15 @@ def guess_columns(
         remarks.append(_NO_COMMAND)
     if missing:
         raise ValueError(
-            f"{columns.path}: no column seems to be the {' or the '.join(missing)}; columns: "
+            f"{columns.path}: no column was recognized as {' or '.join(missing)}; columns: "
             f"{', '.join(columns.values)}: write a mapping by hand"
             + "; with drive: unknown in the actuator file, no command is needed"
             * ("position" in taken)
         )
     if needs_command and "temperature" in taken:
         remarks.append(
-            f"{taken.pop('temperature')!r} may be the temperature of the winding: if it is, map "
-            "it as temperature"
+            f"{taken.pop('temperature')!r} may be the winding temperature: if so, map it as "
+            "temperature"
         )
     sources: dict[str, Any] = {}
     for quantity, name in taken.items():
@@ -128,12 +128,14 @@ def guess_columns(
     if "current" not in sources and len(phases) >= 2:
         names = ", ".join(phases[key] for key in sorted(phases))
         remarks.append(
-            f"phase currents {names}: map them by current: {{kind: phase_currents, phases: "
-            f"[{names}], torque_sign: COLUMN}}, a column with the sign of the torque"
+            f"phase currents {names}: map them as current: {{kind: phase_currents, phases: "
+            f"[{names}], torque_sign: COLUMN}}, where COLUMN has the sign of the torque"
         )
     for quantity in ("speed", "current"):
         if quantity not in sources:
-            remarks.append(f"no column seems to be the {quantity}: it is taken as not measured")
+            remarks.append(
+                f"no column was recognized as {quantity}: it is assumed not to be measured"
+            )
     return Guess(Mapping(**sources, clock=clock, table=columns.format), remarks)
 
 
@@ -144,7 +146,7 @@ def _chosen(
     joints = _joints(columns, clock, list(kinds))
     physical = dict(joints[0].columns) if joints else {}
     if not joints:
-        remarks.append("the motion does not show which column is what: names alone decide")
+        remarks.append("the columns could not be identified from the motion, only from their names")
     taken = {
         "current" if quantity == "effort" else quantity: column.name
         for quantity, column in physical.items()
@@ -161,11 +163,11 @@ def _chosen(
             taken[quantity] = max(matches, key=lambda name: len(words_of(name) & position))
             matches.remove(taken[quantity])
             if physical and quantity not in ("temperature", "error"):
-                remarks.append(f"{quantity} {taken[quantity]!r} is a guess by its name alone")
+                remarks.append(f"{quantity} {taken[quantity]!r} is a guess from its name alone")
         key = "effort" if quantity == "current" else quantity
         if key in physical and not physical[key].is_confirmed:
-            by = "its name alone" if quantity in kinds[taken[quantity]] else "its values alone"
-            remarks.append(f"{quantity} {taken[quantity]!r} is a guess by {by}")
+            by = "its name" if quantity in kinds[taken[quantity]] else "its values"
+            remarks.append(f"{quantity} {taken[quantity]!r} is a guess from {by} alone")
         matches += [
             joint.columns[key].name
             for joint in joints[1:]
@@ -173,7 +175,7 @@ def _chosen(
         ]
         if matches and quantity in taken:
             listed = ", ".join(map(repr, matches))
-            remarks.append(f"{quantity} {taken[quantity]!r} is a guess; others: {listed}")
+            remarks.append(f"{quantity} {taken[quantity]!r} is a guess; alternatives: {listed}")
     return taken
 
 
@@ -216,22 +218,26 @@ def guess_topics(
     states = [name for name, names in joints.items() if names]
     command = _command_topic(topics)
     if not states or (command is None and needs_command):
-        what = "to be the command" if states else f"{JOINT_STATE} with a joint"
-        lacking = f"no topic {'seems' if states else 'of'} {what}"
+        missing = "recognized as the command" if states else f"of type {JOINT_STATE} with a joint"
+        reason = f"no topic {missing}"
         listed = ", ".join(f"{name} ({kind})" for name, kind in topics.items()) or "none"
         raise ValueError(
-            f"{lacking}; topics: {listed}: write a mapping by hand, the examples show how"
+            f"{reason}; topics: {listed}: write a mapping by hand, following the examples"
         )
     topic = states[0]
     joint, *alternatives = [*joints[topic], *states[1:]]
     if alternatives:
         listed = ", ".join(alternatives)
-        remarks.append(f"joint {joint!r} on {topic} is a guess, it moves most; others: {listed}")
+        remarks.append(
+            f"joint {joint!r} on {topic} is a guess: it moves most; alternatives: {listed}"
+        )
     if command is None:
         remarks.append(_NO_COMMAND)
     elif command.source.endswith("[0]"):
         remarks.append(f"command.source {command.source} is a guess")
-    remarks.append("effort may be a current, a torque of motor or joint, or nothing: confirm kind")
+    remarks.append(
+        "effort may be a current, a motor torque, a joint torque, or unused: confirm kind"
+    )
     mapping = Mapping(
         position=AngleSource("position", topic),
         command=command,
@@ -257,23 +263,29 @@ def refine(
             continue
         if not with_lead(description, mapping).parameters.lead:
             mapping = replace(mapping, **{name: replace(source, lead=_LEAD)})
-            remarks.append(f"{name}.lead {_LEAD:g} m is a guess: the way for one turn of the shaft")
+            remarks.append(f"{name}.lead {_LEAD:g} m is a guess: enter the travel per shaft turn")
     for name in ("current", "speed"):
         values = raw.get(name)
         if values is not None and len(np.unique(values[np.isfinite(values)])) < 2:
             mapping = replace(mapping, **{name: None})
-            remarks.append(f"{name} never changes: it is taken as not measured")
+            remarks.append(f"{name} never changes: it is assumed not to be measured")
 
     for name in ("position", "command", "error", "speed", "current"):
         encoding = _encoding(raw[name]) if name in raw else ""
         if encoding and (source := getattr(mapping, name)) is not None:
             mapping = replace(mapping, **{name: replace(source, encoding=encoding)})
-            remarks.append(f"{name}.encoding {encoding}: its values are of a register without sign")
+            remarks.append(
+                f"{name}.encoding {encoding}: its values are from a signed register read as "
+                "unsigned"
+            )
     current = mapping.current
     is_unsigned = current and not current.encoding and np.nanmin(raw["current"]) >= 0.0
     if current and current.kind == "equivalent" and is_unsigned:
         mapping = replace(mapping, current=replace(current, kind="magnitude"))
-        remarks.append("current.kind magnitude: it is never negative, or a load holds it above 0")
+        remarks.append(
+            "current.kind magnitude: the current is never negative; confirm that no load keeps "
+            "it above 0"
+        )
 
     def moving(of: Mapping) -> ThinnedMotion | None:
         columns = convert(raw, of, with_lead(description, of))
@@ -326,22 +338,26 @@ def _refined(
 ) -> CurrentSource:
     """Return the current source with the sign and shaft that match inertia and friction."""
     if relation is None or abs(relation[1]) < 0.4:
-        remarks.append("sign and unit of the current cannot be checked")
+        remarks.append("the sign and unit of the current cannot be checked")
         return current
     size, correlation = relation
     if correlation < 0.0:
         current = replace(current, sign=-current.sign)
-        remarks.append(f"current.sign {current.sign}: it opposes the acceleration otherwise")
+        remarks.append(
+            f"current.sign {current.sign}: with the opposite sign, it would oppose the acceleration"
+        )
     tau = description.parameters.tau
     if current.kind == "motor_torque" and abs(np.log(size * tau)) < abs(np.log(size)):
         current = replace(current, kind="joint_torque")
-        remarks.append("current.kind joint_torque: too large for the motor")
+        remarks.append("current.kind joint_torque: too large for a motor torque")
     elif current.kind == "equivalent" and not 0.03 < size < 30.0:
         remarks.append(
-            f"the current is {size:.3g} times as large as inertia and friction of the description "
-            "need: is it a torque?"
+            f"the current is {size:.3g} times what the described inertia and friction require: "
+            "is it a torque?"
         )
-    remarks.append("current.sampling cannot be found from data: mean, filtered or instantaneous?")
+    remarks.append(
+        "current.sampling cannot be inferred from the data: choose mean, filtered or instantaneous"
+    )
     return current
 
 
@@ -351,7 +367,7 @@ def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
     [choices] = [item.metadata["choices"] for item in fields(kind) if item.name == "unit"]
     more: dict[str, Any] = {"unit": unit} if unit in choices else {}
     if not more:
-        remarks.append(f"{quantity}.unit is a guess: {name!r} does not give it")
+        remarks.append(f"{quantity}.unit is a guess: the name {name!r} has no unit")
     if quantity == "current":
         words = name.lower().replace(" ", "").replace("_", "")
         if unit in TORQUES or any(w in words for w in ("torque", "trq", "moment")):

@@ -46,7 +46,7 @@ def guess_clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[
             continue
         if clock.unit != unit:
             remarks.append(
-                f"clock.unit {clock.unit} by the size of the {'values' if unit else 'steps'}"
+                f"clock.unit {clock.unit} is inferred from the {'values' if unit else 'steps'}"
             )
         return clock, rest if sums else [item for item in names if item != name]
     if errors:
@@ -54,7 +54,7 @@ def guess_clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[
     if named := [*named, *(name for name in columns.texts if "time" in roles_of(name))]:
         raise ValueError(
             f"{columns.path}: column {named[0]!r} looks like the time, but "
-            f"{_disorder(columns, named[0])}: give clock.source and clock.unit, or clock.rate_hz "
+            f"{_disorder(columns, named[0])}: set clock.source and clock.unit, or clock.rate_hz "
             "if the samples are regular (--set)"
         )
     for clock in [_clock_of(columns, name) for name in rest if _may_be_time(columns, name)]:
@@ -62,9 +62,9 @@ def guess_clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[
         step_ns = _step_of(values) * TIMES_NS[clock.unit]
         is_usual = clock.source in columns.dates or _FASTEST_NS < step_ns < _SLOWEST_NS
         if is_usual and not _counts(values) and _is_clock(columns, clock):
-            remarks.append(f"clock.unit {clock.unit} by the size of the steps")
+            remarks.append(f"clock.unit {clock.unit} is inferred from the steps")
             return clock, [name for name in rest if name != clock.source]
-    remarks.append("no column seems to be the time: give clock.rate_hz, here 1000 as a guess")
+    remarks.append("no column was recognized as the time: set clock.rate_hz; 1000 is a guess")
     return Clock(rate_hz=1000.0), rest
 
 
@@ -110,7 +110,7 @@ def _clock_of(columns: TableColumns, name: str) -> Clock:
         if is_named and unit == "s" and 0.0 < step < _LEAST_STEP_S:
             raise ValueError(
                 f"{columns.path}: column {name!r} has no unit, and its steps of {step:.3g} are too "
-                "small for seconds: give clock.unit (--set), such as min, h or day"
+                "small for seconds: set clock.unit (--set), such as min, h or day"
             )
     return Clock(name, unit)
 
@@ -129,8 +129,8 @@ def _time_unit(columns: TableColumns, name: str) -> str:
     if unit in TIMES_NS or not text or text.lower() in _NO_UNITS:
         return unit if unit in TIMES_NS else ""
     raise ValueError(
-        f"{columns.path}: column {name!r}: unit {text!r} of a time: expected "
-        f"{', '.join(TIMES_NS)}; give clock.unit, or clock.rate_hz (--set)"
+        f"{columns.path}: column {name!r}: unknown time unit {text!r}: expected "
+        f"{', '.join(TIMES_NS)}; set clock.unit or clock.rate_hz (--set)"
     )
 
 
@@ -151,18 +151,18 @@ def _disorder(columns: TableColumns, name: str) -> str:
     """Explain why a column of times is not a clock."""
     if name in columns.texts:
         cells = columns.texts[name]
-        return f"its cells are no times: {next((cell for cell in cells if cell == cell), '')!r}"
+        return f"its cells are not times: {next((cell for cell in cells if cell == cell), '')!r}"
     values = columns.stamps(_clock_of(columns, name))
     values = values[values != NO_STAMP]
     if len(values) < 2 or np.ptp(values) == 0:
-        return "never changes and is no clock"
+        return "never changes and is not a clock"
     steps = np.diff(values)
     back = int(np.count_nonzero(steps < 0))
     if not back:
-        return f"changes in {np.mean(steps > 0):.0%} of the rows only"
+        return f"changes in only {np.mean(steps > 0):.0%} of the rows"
     return (
-        f"goes back {counted(back, 'time')} in {counted(len(values), 'row')} and is no clock (sort "
-        "the rows by it, if they have lost their order)"
+        f"decreases {counted(back, 'time')} in {counted(len(values), 'row')} and is not a clock "
+        "(if the rows are out of order, sort them by it)"
     )
 
 

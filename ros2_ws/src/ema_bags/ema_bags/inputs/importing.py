@@ -232,15 +232,15 @@ def import_series(
     stamps, columns, runs = stream.push_joined(raw, stamps, is_last=True)
     if not runs:
         raise ValueError(
-            f"none of {stream.losses.samples} samples has a finite value in all of "
+            f"none of the {stream.losses.samples} samples has finite values for all of "
             f"{', '.join(stream.filled)}"
         )
     defects = find_defects(columns, stamps, mapping, stream.description)
     if rows is not None:
         too_slow = (
-            f"{1.0 / rate.period:.4g} Hz may be too few for this motion: have the source renew "
+            f"{1.0 / rate.period:.4g} Hz may be too slow for this motion: update the values "
+            "faster at the source"
         )
-        too_slow += "its values faster"
         defects = [
             replace(defect, remedy=too_slow) if defect.name == "gear_ratio" else defect
             for defect in defects

@@ -236,4 +236,4 @@ class JointColumns:
         """Return a message if no received message contains the joint, else ""."""
         if self.received or not self.missed:
             return ""
-        return f"joint {self._joint!r} is in none of {counted(self.missed, 'message')}"
+        return f"joint {self._joint!r} is missing in all {counted(self.missed, 'message')}"

@@ -84,17 +84,21 @@ class Source(Checked):
         values.
     """
 
-    source: str = text("", "column of a table, or path of a field in a message")
-    topic: str = text("", "topic of the message; empty: a table")
-    type: str = text("", "type of the message; empty: as it is published")
-    names_topic: str = text("", "topic with the names that the message itself does not have")
-    joint: str = text("", "joint whose element of an array is meant")
+    source: str = text("", "table column, or field path in a message")
+    topic: str = text("", "topic of the message; empty for a table")
+    type: str = text("", "message type; empty: the type that is published")
+    names_topic: str = text("", "topic that publishes the element names, if the message has none")
+    joint: str = text("", "joint whose array element is read")
     unit: str = text("", "unit of the source")
-    scale: float = quantity(1.0, "-", -1e12, 1e12, "factor, beside the unit's")
-    sign: int = quantity(1, "-", -1, 1, "-1 where the source counts the other way")
-    offset: float = quantity(0.0, "-", -1e12, 1e12, "added at last, in rad, rad/s, A or K")
-    encoding: str = text("", "how a register has its sign", tuple(ENCODINGS))
-    between: str = text("linear", "value between two messages", ("linear", "hold"))
+    scale: float = quantity(1.0, "-", -1e12, 1e12, "factor, in addition to the unit conversion")
+    sign: int = quantity(1, "-", -1, 1, "-1 if the source counts in the opposite direction")
+    offset: float = quantity(0.0, "-", -1e12, 1e12, "added last, in rad, rad/s, A or K")
+    encoding: str = text("", "sign encoding of a register read as unsigned", tuple(ENCODINGS))
+    between: str = text(
+        "linear",
+        "how values between messages are obtained: interpolated or held",
+        ("linear", "hold"),
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -119,7 +123,9 @@ class _ShaftSource(Source):
     """Source of an angle or speed; a lead converts a length to an angle."""
 
     shaft: str = text("user", "shaft of the angle or speed", SHAFTS)
-    lead: float = quantity(0.0, "m", 0.0, 10.0, "of a length, if the description has none")
+    lead: float = quantity(
+        0.0, "m", 0.0, 10.0, "travel per shaft turn for a length unit, if the description has none"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -153,11 +159,11 @@ class CurrentSource(Source):
     """
 
     unit: str = text("A", "unit of the source", (*CURRENTS, *TORQUES, *FORCES))
-    kind: str = text("equivalent", "what the source is", _KINDS)
-    amplitude: str = text("", "of i_q: its convention; empty: peak", _AMPLITUDES)
-    phases: tuple[str, ...] = texts("of phase_currents: sources of three phases, or of two")
-    torque_sign: str = text("", "of phase_currents: source with the sign of the torque")
-    sampling: str = text("mean", "what a sample stands for", CURRENT_SAMPLINGS)
+    kind: str = text("equivalent", "kind of current or effort", _KINDS)
+    amplitude: str = text("", "i_q: amplitude convention; empty: peak", _AMPLITUDES)
+    phases: tuple[str, ...] = texts("phase_currents: sources of two or three phases")
+    torque_sign: str = text("", "phase_currents: source with the sign of the torque")
+    sampling: str = text("mean", "what a sample represents", CURRENT_SAMPLINGS)
     filter_time: float = quantity(0.0, "s", 0.0, 1.0, "time constant of a filtered current")
 
     def __post_init__(self) -> None:
@@ -175,17 +181,17 @@ class CurrentSource(Source):
             )
         if self.amplitude and self.kind != "i_q":
             raise ValueError(
-                f"amplitude = {self.amplitude!r} with kind = {self.kind}: only i_q has one"
+                f"amplitude = {self.amplitude!r} with kind = {self.kind}: only i_q has an amplitude"
             )
         is_phases = self.kind == "phase_currents"
         if is_phases != bool(self.phases) or is_phases != bool(self.torque_sign):
             raise ValueError(
                 f"phases = {list(self.phases)} and torque_sign = {self.torque_sign!r} with kind = "
-                f"{self.kind}: phase_currents needs both, no other kind has them"
+                f"{self.kind}: phase_currents requires both; other kinds allow neither"
             )
         if is_phases and len(self.phases) not in (2, 3):
             raise ValueError(
-                f"phases = {list(self.phases)}: expected the sources of three phases, or of two"
+                f"phases = {list(self.phases)}: expected the sources of two or three phases"
             )
 
     def numbers(self, name: str = "") -> dict[str, str]:
@@ -201,25 +207,29 @@ class TemperatureSource(Source):
     """Source of the motor, gear or oil temperature, on which friction depends."""
 
     unit: str = text("degC", "unit of the source", tuple(TEMPERATURES))
-    between: str = text("hold", "value between two messages", ("linear", "hold"))
+    between: str = text(
+        "hold", "how values between messages are obtained: interpolated or held", ("linear", "hold")
+    )
 
 
 @dataclass(frozen=True)
 class Clock(Checked):
     """Clock of the samples; invalid values raise ValueError."""
 
-    source: str = text("", "column of a table; header, sent, arrival or a field path of a message")
-    unit: str = text("s", "unit of a column or field", (*TIMES_NS, *ORDERS))
-    rate_hz: float = quantity(0.0, "Hz", 0.0, 1e6, "rate of the samples; 0: as the stamps say")
+    source: str = text("", "table column; or header, sent, arrival or a field path of a message")
+    unit: str = text("s", "time unit of a column or field", (*TIMES_NS, *ORDERS))
+    rate_hz: float = quantity(0.0, "Hz", 0.0, 1e6, "sample rate; 0: measured from the stamps")
 
 
 @dataclass(frozen=True)
 class Table(Checked):
     """Format of a table; empty entries are detected, invalid values raise ValueError."""
 
-    separator: str = text("", "character between the columns", ("", ",", ";", "\t", "|", " "))
+    separator: str = text("", "column separator", ("", ",", ";", "\t", "|", " "))
     decimal: str = text("", "decimal sign", ("", ".", ","))
-    segment: str = text("", "column that changes where a record of its own begins, as a cycle")
+    segment: str = text(
+        "", "column whose value changes at the start of each record, such as a cycle number"
+    )
 
 
 @dataclass(frozen=True)
@@ -245,12 +255,12 @@ class Mapping(Checked):
     """Current or effort; None if not measured."""
     temperature: TemperatureSource | None = None
     """Temperature; None if not measured."""
-    joint: str = text("", "joint that is meant wherever a source names none, or as {joint}")
-    joints: tuple[str, ...] = texts("instead of joint: several, each an actuator of its own")
+    joint: str = text("", "default joint of sources without a joint, and replacement for {joint}")
+    joints: tuple[str, ...] = texts("several joints instead of joint; each is a separate actuator")
     clock: Clock = Clock()
     table: Table = Table()
-    fill_lost: int = quantity(0, "-", 0, 10, "lost samples in a row that are filled in")
-    accept: tuple[str, ...] = texts("names of defects that are known and accepted")
+    fill_lost: int = quantity(0, "-", 0, 10, "longest run of lost samples to interpolate")
+    accept: tuple[str, ...] = texts("names of defects to accept")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -259,36 +269,35 @@ class Mapping(Checked):
                 raise ValueError(f"accept: {unknown_name('defect', name, DEFECTS)}")
         if self.command is not None and self.error is not None:
             raise ValueError(
-                "both of command and error given: expected the command, or instead of it the "
-                "position error"
+                "command and error are both set: expected either the command or the position error"
             )
         if self.joints and (self.joint or len(set(self.joints)) < len(self.joints)):
             joint = f"joint = {self.joint!r} and " if self.joint else ""
             raise ValueError(
-                f"{joint}joints = {list(self.joints)}: expected one joint, or different ones"
+                f"{joint}joints = {list(self.joints)}: expected one joint, or distinct joints"
             )
         sources = dict(self.sources())
         for name, item in sources.items():
             if not all(item.numbers().values()):
-                raise ValueError(f"{name}: source = '': expected a column or the path of a field")
+                raise ValueError(f"{name}: source = '': expected a column or field path")
             names_joint = any(_ANY_JOINT in path for path in item.numbers().values())
             if names_joint and not (item.joint or self.joint or self.joints):
                 raise ValueError(f"{name}: source = {item.source!r} without joint: expected both")
         without = [name for name, item in sources.items() if not item.topic]
         if 0 < len(without) < len(sources):
             raise ValueError(
-                f"{', '.join(without)} without topic: expected a topic for every quantity, or for "
-                "none (columns of a table)"
+                f"{', '.join(without)} without topic: expected topics for all quantities, or for "
+                "none (table columns)"
             )
         current = self.current
         if current and current.kind == "magnitude" and not self.is_table and self.speed is None:
             raise ValueError(
-                "current: kind = magnitude takes its sign from the motion: expected the speed, too"
+                "current: kind = magnitude takes its sign from the motion: map the speed as well"
             )
         if self.is_table and not self.clock.source and not self.clock.rate_hz:
             raise ValueError(
-                "clock without source and rate_hz: expected the column of the time, or the rate of "
-                "the samples [Hz]"
+                "clock without source and rate_hz: expected the time column, or the sample rate "
+                "[Hz]"
             )
 
     @property

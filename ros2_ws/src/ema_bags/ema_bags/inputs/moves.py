@@ -25,17 +25,22 @@ class MovesMapping(Checked):
         If ``time`` or ``figures`` is missing, or ``time_unit`` is unknown.
     """
 
-    time: str = text("", "time of the move: dates, or numbers in ``time_unit``")
-    figures: tuple[str, ...] = texts("figures that rise as the unit wears, all positive")
-    time_unit: str = text("s", "unit of the time", (*TIMES_NS, *ORDERS))
-    like: tuple[str, ...] = texts("what was commanded, and the load: compared where they are equal")
-    test: str = text("", "moves with the same value make a test of their medians; empty: the day")
-    unit: str = text("", "serial number; empty: one unit")
+    time: str = text("", "column with the time of the move: dates, or numbers in ``time_unit``")
+    figures: tuple[str, ...] = texts("columns with positive figures that increase with wear")
+    time_unit: str = text("s", "unit of numeric times", (*TIMES_NS, *ORDERS))
+    like: tuple[str, ...] = texts(
+        "columns with operating conditions, such as command and load; only moves under equal "
+        "conditions are compared"
+    )
+    test: str = text(
+        "", "column that groups moves into tests, each with the medians of its moves; empty: by day"
+    )
+    unit: str = text("", "column with the serial number; empty if there is one unit")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.time or not self.figures:
-            raise ValueError("expected time, a column, and figures, a list of columns")
+            raise ValueError("expected time (a column) and figures (a list of columns)")
 
 
 def load_moves_mapping(path: Path) -> MovesMapping:

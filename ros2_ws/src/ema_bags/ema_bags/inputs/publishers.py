@@ -37,14 +37,14 @@ def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
         if np.ptp(regular[first]) > _ALTERNATING * period / 2.0:
             continue
         low, high = sorted(1e-6 * ahead[first][:2])
-        rates = f"each at {1e9 / period:.4g} Hz"
+        rates = f"both at {1e9 / period:.4g} Hz"
         if times > 1:
             rates = f"one at {1e9 / period:.4g} Hz, the other at {1e9 / (times * period):.4g} Hz"
         text = (
-            f"the steps of the stamps alternate between {low:.3g} and {high:.3g} ms: two "
-            f"publishers send the joint, {rates}"
+            f"stamp intervals alternate between {low:.3g} ms and {high:.3g} ms: the joint has "
+            f"two publishers, {rates}"
         )
-        remedy = "let one publisher send it: `ros2 topic info -v` names them"
+        remedy = "stop one of them: `ros2 topic info -v` lists the publishers"
         yield InputDefect("two_publishers", text, remedy)
         return
 

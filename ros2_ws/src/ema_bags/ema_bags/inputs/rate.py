@@ -62,7 +62,7 @@ def find_rate(stamps_ns: NDArray[np.int64], rate_hz: float = 0.0) -> Rate:
     steps = steps[steps > 0].astype(np.float64)
     if not len(steps):
         raise ValueError(
-            f"{len(stamps_ns)} samples have no two stamps that differ: expected stamps that grow"
+            f"the stamps of {len(stamps_ns)} samples do not increase: expected increasing stamps"
         )
     period = _first_period(stamps_ns, steps)
     # Each pass measures the period over a longer stretch without lost samples. The error decreases

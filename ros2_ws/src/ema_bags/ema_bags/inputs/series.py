@@ -169,12 +169,12 @@ class Collector:
 
     def problem(self) -> str:
         """Return the number of rejected messages and the latest reason, or ""."""
-        return f"{counted(self._refused, 'message')} left out: {self.reason}" * bool(self._refused)
+        return f"{counted(self._refused, 'message')} rejected: {self.reason}" * bool(self._refused)
 
     def _value(self, message: Any, path: FieldPath, names_topic: str) -> float:
         names = self._names.get(names_topic)
         if names_topic and names is None:
-            raise ValueError(f"no names on {names_topic} yet")
+            raise ValueError(f"no names received on {names_topic} yet")
         return path.value(message, names)
 
     def _stamp(self, topic: _Topic, message: Any) -> int:

@@ -111,7 +111,7 @@ class TableColumns:
             if clock.unit in ORDERS:
                 formats = ", ".join(TIMES_NS)
                 raise ValueError(
-                    f"{self.path}: column {clock.source!r} holds numbers, no dates: expected "
+                    f"{self.path}: column {clock.source!r} contains numbers, not dates: expected "
                     f"clock.unit {formats}"
                 )
             return stamps_of(
@@ -158,7 +158,9 @@ class TableColumns:
             if name in self.problems:
                 raise ValueError(f"{self.path}: column {name!r}, {self.problems[name]}")
             if name in self.texts:
-                raise ValueError(f"{self.path}: column {name!r} holds no numbers{self._cell(name)}")
+                raise ValueError(
+                    f"{self.path}: column {name!r} contains no numbers{self._cell(name)}"
+                )
             if name not in self.values:
                 raise ValueError(f"{self.path}: {unknown_name('column', text, self.values)}")
         return terms
@@ -273,17 +275,19 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
             units.setdefault(name, unit[1])
     for name, (mark, example) in thousands.items():
         if mark in decimals:
-            columns.problems.setdefault(name, f"{example}: {mark!r} is the decimal sign elsewhere")
-        columns.notes[name] = f"{example} is read with {mark!r} between thousands"
+            columns.problems.setdefault(
+                name, f"{example}: {mark!r} is the decimal sign in other columns"
+            )
+        columns.notes[name] = f"{example} is read with {mark!r} as thousands separator"
     if not decimals and not (table and table.decimal):
         for name, example in unclear.items():
             columns.problems[name] = (
-                f"{example} may have thousands or decimals: give table: {{decimal: '.'}} or "
-                "{decimal: ','} in the mapping"
+                f"{example} may contain a thousands separator or a decimal sign: set table: "
+                f"{{decimal: '.'}} or {{decimal: ','}} in the mapping"
             )
     lines = len(next(iter(read.values()), ()))
     if not columns.values or not lines:
-        raise ValueError(f"{path} has no columns of numbers: {lines} lines were read")
+        raise ValueError(f"{path} has no numeric columns: {lines} lines were read")
     return columns
 
 
@@ -294,7 +298,7 @@ def _with_times(columns: TableColumns, name: str, times: WrittenTimes) -> TableC
         columns.problems[name] = times.problem
     if times.exchanged is not None:
         columns.exchanged[name] = times.exchanged
-        columns.notes[name] = f"{times.example} has day and month in an order that no row shows"
+        columns.notes[name] = f"the order of day and month is ambiguous: {times.example}"
     of_day = (*columns.of_day, *[name] * times.is_of_day)
     return replace(columns, dates=(*columns.dates, name), of_day=of_day)
 
@@ -320,7 +324,7 @@ def table_series(columns: TableColumns, mapping: Mapping) -> Series:
     stamps = _without_strays(columns.stamps(clock))
     is_stamped = stamps != NO_STAMP
     if np.count_nonzero(is_stamped) < 2:
-        raise ValueError(f"{columns.path}: column {clock.source!r} has no two times")
+        raise ValueError(f"{columns.path}: column {clock.source!r} has fewer than two times")
     # Tables have no arrival times; interpolate them between the stamped rows.
     first = stamps[is_stamped][0]
     arrivals = first + np.rint(
@@ -420,7 +424,7 @@ def _flat(names: "pd.Index[Any]") -> list[str]:
 def _read_csv(path: Path, table: Table) -> tuple[_Columns, dict[str, str], Table]:
     encoding, lines = _first_lines(path)
     if not any(line.strip() for line in lines):
-        raise ValueError(f"{path} is empty: expected lines of numbers below a line of names")
+        raise ValueError(f"{path} is empty: expected a line of names, followed by lines of numbers")
     separator, decimal = _style(path, lines, table)
     written = Table(separator, decimal)
     try:
@@ -462,7 +466,7 @@ def _read_csv(path: Path, table: Table) -> tuple[_Columns, dict[str, str], Table
 def _too_many(path: Path, expected: int, line: int, cells: int) -> ValueError:
     return ValueError(
         f"{path}: line {line} has {cells} cells, expected {expected} as in the lines before: "
-        "remove the separator too many, or quote its cell"
+        "remove the extra separator, or quote the cell that contains it"
     )
 
 
@@ -517,8 +521,8 @@ def _style(path: Path, lines: Sequence[str], table: Table) -> tuple[str, str]:
                 best, chosen = share, (separator, decimal)
     if chosen is None or best < 0.3:
         raise ValueError(
-            f"{path} is not a table of numbers: no separator of "
-            f"{', '.join(map(repr, _SEPARATORS))} divides its lines into columns of numbers"
+            f"{path} is not a table of numbers: none of the separators "
+            f"{', '.join(map(repr, _SEPARATORS))} splits its lines into numeric columns"
         )
     return chosen
 
@@ -541,7 +545,7 @@ def _head(lines: Sequence[str], separator: str) -> tuple[list[str], dict[str, st
     if first is None:
         shown = next(line for line in reversed(lines) if line.strip()).strip()
         raise ValueError(
-            f"none of its first {len(lines)} lines is a row of numbers: expected cells such as "
+            f"none of the first {len(lines)} lines is a row of numbers: expected cells such as "
             f"1.5, 1,5 or -2e3 between separators, found {_shortened(shown)!r}"
         )
     heads = [i for i in range(first) if len(rows[i]) >= width and filled[i] > 1]

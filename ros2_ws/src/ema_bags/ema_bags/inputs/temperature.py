@@ -18,7 +18,7 @@ CAUSE: Final = "winding_temperature"
 REFERENCE_DEGC: Final = 20.0
 """Temperature at which the rise is zero [degC]."""
 
-_SIGMA: Final = 2.0  # of a sensor at the motor [K]
+_SIGMA: Final = 2.0  # of a temperature sensor at the motor [K]
 _SECOND_NS: Final = 1_000_000_000
 _HOLDS_BEFORE_NS: Final = 10 * _SECOND_NS
 
@@ -78,11 +78,12 @@ class RiseSampler:
         if self.impossible is not None:
             cause = CAUSE_BY_NAME[CAUSE]
             lowest, highest = REFERENCE_DEGC + cause.lowest, REFERENCE_DEGC + cause.highest
-            text = (
-                f"a temperature of {self.impossible:.4g} degC, expected {lowest:g} to {highest:g}"
-            )
+            text = f"temperature {self.impossible:.4g} degC, expected {lowest:g} to {highest:g}"
             unit = "K" if self._source.unit != "K" else "degC"
-            remedy = f"temperature: {{unit: {unit}}}, if that is its unit; else it is left out"
+            remedy = (
+                f"temperature: {{unit: {unit}}} if this is its unit; otherwise these values are "
+                "ignored"
+            )
             yield InputDefect("temperature_range", text, remedy, is_certain=False)
 
 

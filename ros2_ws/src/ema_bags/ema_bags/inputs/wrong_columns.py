@@ -51,16 +51,16 @@ def wrong_factors(
     if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:
         yield InputDefect(
             "gear_ratio",
-            f"position and speed give a gear ratio of {_as_ratio(tau * ratio)}, the "
+            f"position and speed give a gear ratio of {_as_ratio(tau * ratio)}, but the "
             f"description has {_as_ratio(tau)}",
-            "are position and speed of the same joint, and are unit and shaft of both right? If "
-            "they are, and tau is as in the data sheet: accept: [gear_ratio]",
+            "check that position and speed belong to the same joint, and check unit and shaft of "
+            "both. If they are right and tau matches the data sheet: accept: [gear_ratio]",
         )
     if gain is not None and not 0.5 < gain < 2.0:
         yield InputDefect(
             "command_position",
             f"the position moves {gain:.3g} times as far as the command",
-            f"command: {{scale: {gain:.6g}}} if both are of the same shaft, or choose another "
+            f"command: {{scale: {gain:.6g}}} if both refer to the same shaft, or choose another "
             "source",
         )
 
@@ -74,12 +74,19 @@ def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
     if ratio is not None and abs(ratio - 1.0) > _RATIO_WITHIN:
         is_near = 1.0 / _MUCH < ratio < _MUCH
         why = "elasticity, lag or sampling" if is_near else "no unit, sign or shaft explains it"
-        remedy = "the speed is used as it is" if is_near else "is the speed of the same joint?"
+        remedy = (
+            "the speed is used unchanged"
+            if is_near
+            else "check that the speed belongs to the same joint"
+        )
         text = f"the speed is {1.0 / ratio:.3g} times the derivative of the position {over}: {why}"
         yield InputDefect("speed_ratio", text, remedy, False, needs_action=not is_near)
     if gain is not None and not 1.0 / _GAIN < gain < _GAIN:
         text = f"the position moves {gain:.3g} times as far as the command {over}"
-        remedy = "lag or elasticity, or the command of another joint; it is used as it is"
+        remedy = (
+            "possible causes: lag, elasticity, or the command of another joint; it is used "
+            "unchanged"
+        )
         yield InputDefect("command_position", text, remedy, False)
 
 
@@ -95,8 +102,9 @@ def wrong_current(
         if source is not None and is_opposed and motion.work_share < -_GAINS_ENERGY:
             yield InputDefect(
                 "current_sign_reversed",
-                "the current brakes where the friction needs it to drive (correlation with the "
-                f"speed {correlation:.2f}, net work {motion.work_share:.0%} of all work)",
+                "the current opposes the motion, where friction requires it to drive "
+                f"(correlation with the speed {correlation:.2f}, net work {motion.work_share:.0%} "
+                "of all work)",
                 f"current: {{sign: {-source.sign}}}",
                 is_certain=motion.is_ample,
             )
@@ -108,16 +116,14 @@ def wrong_current(
     if correlation < -_OPPOSED:
         yield InputDefect(
             "current_sign_reversed",
-            "the current is negative where the motor accelerates and drives friction in the "
-            f"positive direction (correlation {correlation:.2f})",
+            "the current is negative while acceleration and friction require a positive current "
+            f"(correlation {correlation:.2f})",
             f"current: {{sign: {-source.sign}}}",
         )
         return
     if correlation < _OPPOSED:
         return
-    text = (
-        f"the current is {slope:.3g} times as large as inertia and friction of the description need"
-    )
+    text = f"the current is {slope:.3g} times what the described inertia and friction require"
     for mistake in usual_mistakes("current", description.parameters.tau):
         factor = mistake.factor
         if mistake.kind is Kind.SCALE and 1.0 / _CURRENT_SIZE < slope / factor < _CURRENT_SIZE:
@@ -128,8 +134,8 @@ def wrong_current(
             return
     if not 1.0 / 30.0 < slope < 30.0:
         remedy = (
-            "is current.kind right (current or torque, motor or joint)? Are J_m, J_u and the "
-            "friction of the description?"
+            "check current.kind (current or torque, motor or joint), and J_m, J_u and friction "
+            "in the description"
         )
         yield InputDefect("current_size", text, remedy)
 
