@@ -33,7 +33,7 @@ from ema_archive.query import answer
 from ema_archive.running import RunTally, run_bags, run_units, scan
 from ema_archive.store import FILE
 from ema_bags.reader import Bag
-from ema_core.linear_algebra import array_environment
+from ema_core.array_environment import array_environment
 from ema_core.tasks import Workers as Tasks
 
 FLEET_BAGS: Final = 6_000_000

@@ -28,7 +28,7 @@ from rich.table import Table
 from script import Figures, Workers, command, in_a_process
 from targets import Row, at_least, at_most, grid, none_of
 
-from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.files import open_input
 from ema_bags.inputs.importing import import_series
 from ema_bags.inputs.mapping import load_mapping
 from ema_cli.processes.domains import Domain
@@ -74,7 +74,7 @@ def recorded_units(folder: Path, joints: int) -> tuple[list[list[Telemetry]], Ac
         for i in range(_RECORDS):
             path = unit.write(unit.record(40 + i, 0, HEALTHY), place, f"test_{i}")
             described = load_description(place / "actuator.yaml")
-            imported = import_series(InputFile(path, mapping).series(mapping), mapping, described)
+            imported = import_series(open_input(path, mapping).series(mapping), mapping, described)
             description = imported.description
             records[-1].append(join(list(imported.blocks())))
     return records, description

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from targets import Row, target_table
 
-from ema_core.linear_algebra import array_environment
+from ema_core.array_environment import array_environment
 from ema_monitor.model.threads import limit_threads
 
 Figures = dict[str, Any]

@@ -12,7 +12,7 @@ from click.testing import Result
 
 from ema_cli import progress
 from ema_cli.processes.domains import Domain
-from ema_core.linear_algebra import array_environment
+from ema_core.array_environment import array_environment
 
 from . import commands
 from .leftovers import nothing_left

@@ -11,7 +11,7 @@ import click
 
 from ema_cli.options import values_of_options
 from ema_core.faults import FAULT_NAMES
-from ema_core.parameter import parameters_of
+from ema_core.settings_parameters import parameters_of
 from ema_core.wording import as_identifier, unknown_name
 
 Settings = TypeVar("Settings")

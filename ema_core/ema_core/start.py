@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
-from ema_core.linear_algebra import array_environment
+from ema_core.array_environment import array_environment
 
 
 @contextmanager

@@ -36,7 +36,7 @@ def imported(*arguments: str | Path) -> set[str]:
 def test_help_imports_no_command():
     modules = imported("--help")
     ours = {name for name in modules if name.startswith("ema_")}
-    core = {"ema_core", "ema_core.linear_algebra", "ema_core.start"}
+    core = {"ema_core", "ema_core.array_environment", "ema_core.start"}
     assert ours == {"ema_cli", "ema_cli.main"} | core
     assert not modules & {"numpy", "rich", "yaml"}
 

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from tests.monitor.joint.plant import Joint, Sensors, telemetry_of, tones
 
-from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.files import open_input
 from ema_core.description import ActuatorDescription
 
 ACTUATOR = "actuator_id: wrist\nserial_number: W-1\ndrive: unknown\n"
@@ -84,12 +84,12 @@ def test_friction_is_compared_at_the_temperature_of_the_record(ema, folder):
 
 
 def test_temperature_of_a_modelled_drive_is_mapped_only_by_its_owner(folder):
-    source = InputFile(folder / "healthy_0.csv")
+    source = open_input(folder / "healthy_0.csv")
     guess = source.guess(ActuatorDescription(drive="unknown", actuator_id="w", serial_number="1"))
     assert guess.mapping.temperature is not None
     frame = pd.read_csv(folder / "healthy_0.csv")
     frame["Command [rad]"] = frame["Position [rad]"]
     frame.to_csv(folder / "commanded.csv", index=False)
-    guess = InputFile(folder / "commanded.csv").guess(ActuatorDescription())
+    guess = open_input(folder / "commanded.csv").guess(ActuatorDescription())
     assert guess.mapping.temperature is None
     assert any("may be the temperature of the winding" in remark for remark in guess.remarks)

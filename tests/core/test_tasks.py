@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ema_core.linear_algebra import array_environment
+from ema_core.array_environment import array_environment
 from ema_core.tasks import WorkerLostError, Workers
 
 from ..waiting import wait_for

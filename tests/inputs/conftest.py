@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.mapping import ColumnMapping
 from ema_core.description import ActuatorDescription
 from ema_core.settings_file import settings_from
 from ema_core.telemetry import Telemetry
 from ema_sim import simulate
 
-mapping_from = partial(settings_from, Mapping)
+mapping_from = partial(settings_from, ColumnMapping)
 COLUMNS = {"position": "p", "command": "c", "speed": "s", "current": "i", "clock": "t"}
 
 
@@ -32,10 +32,10 @@ def telemetry() -> Telemetry:
 
 
 @pytest.fixture
-def mapped() -> Callable[..., Mapping]:
+def mapped() -> Callable[..., ColumnMapping]:
     """Mapping of columns in SI units, with sections changed, or left out where None."""
 
-    def make(**sections: Any) -> Mapping:
+    def make(**sections: Any) -> ColumnMapping:
         content = {**COLUMNS, **sections}
         return mapping_from({name: item for name, item in content.items() if item is not None})
 

@@ -8,7 +8,7 @@ import pytest
 import zstandard
 
 from ema_bags.inputs.bags import SqliteBag
-from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.files import open_input
 from ema_bags.inputs.importing import import_series
 from ema_bags.reader import Bag
 from ema_monitor.model.threads import limit_threads
@@ -38,7 +38,7 @@ def joint_states(**changes):
 
 
 def imported(path, mapping, description=FLAP):
-    return import_series(InputFile(path).series(mapping), mapping, description)
+    return import_series(open_input(path).series(mapping), mapping, description)
 
 
 def assert_same(found, telemetry, start=0, tolerance=1e-12):
@@ -136,7 +136,7 @@ def test_drive_of_odrive_is_the_telemetry_but_for_its_stamps(telemetry, tmp_path
 def test_mapping_of_a_bag_is_guessed(telemetry, tmp_path):
     with OtherBag(tmp_path / "bag") as bag:
         other_makes.write_joint_states(bag, telemetry)
-    guess = InputFile(tmp_path / "bag").guess(FLAP)
+    guess = open_input(tmp_path / "bag").guess(FLAP)
     command = source("/commands", "data[0]", between="hold")
     assert guess.mapping == joint_states(clock="header", command=command)
     words = "\n".join(guess.remarks)
@@ -167,7 +167,7 @@ def test_what_a_bag_does_not_hold_is_named(telemetry, tmp_path, changes, words):
 def test_folder_without_a_bag_is_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileNotFoundError, match="is not a recording"):
-        InputFile(tmp_path / "empty")
+        open_input(tmp_path / "empty")
 
 
 def other_storage(kind: str, folder: Path) -> Path:

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.files import open_input
 from ema_bags.inputs.guess import Guess
 from ema_bags.inputs.names import hint_of
 from ema_bags.inputs.recognition import Recognizer
@@ -37,7 +37,7 @@ def guessed(motion, tmp_path):
         frame = pd.DataFrame({name: motion[key] * scale for name, (key, scale) in named.items()})
         frame.insert(0, "t [s]", motion["time"])
         frame.to_csv(tmp_path / "log.csv", index=False)
-        return InputFile(tmp_path / "log.csv").guess(joint())
+        return open_input(tmp_path / "log.csv").guess(joint())
 
     return guess
 

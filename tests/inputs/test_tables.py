@@ -6,11 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ema_bags.inputs import tables
-from ema_bags.inputs.files import InputFile
+from ema_bags.inputs import csv_file, parquet_file
+from ema_bags.inputs.files import open_input
 from ema_bags.inputs.mapping import Clock, Table
 from ema_bags.inputs.series import NO_STAMP
-from ema_bags.inputs.tables import read_columns, stamps_of, table_series
+from ema_bags.inputs.table_columns import stamps_of
+from ema_bags.inputs.table_series import table_series
+from ema_bags.inputs.tables import read_columns
 
 from .conftest import described, mapping_from
 
@@ -157,7 +159,7 @@ def guessed(telemetry, tmp_path):
     def guess(**named):
         frame = pd.DataFrame({name: own[key] * factor for name, (key, factor) in named.items()})
         frame.to_csv(tmp_path / "a.csv", index=False)
-        return InputFile(tmp_path / "a.csv").guess(FLAP)
+        return open_input(tmp_path / "a.csv").guess(FLAP)
 
     return guess
 
@@ -175,7 +177,7 @@ def test_registers_of_a_servo_are_guessed_with_their_sign(telemetry, tmp_path):
         }
     )
     frame.astype(np.int64).to_csv(tmp_path / "servo.csv", index=False)
-    mapping = InputFile(tmp_path / "servo.csv").guess(FLAP).mapping
+    mapping = open_input(tmp_path / "servo.csv").guess(FLAP).mapping
     assert mapping.current is not None
     assert (mapping.current.encoding, mapping.current.kind) == ("sign_bit_16", "equivalent")
     for source in (mapping.position, mapping.command):
@@ -184,7 +186,7 @@ def test_registers_of_a_servo_are_guessed_with_their_sign(telemetry, tmp_path):
     # An encoder that only ever stands above half of its range has no sign.
     frame["present_position"] = 40000 + counts % 1000
     frame.to_csv(tmp_path / "servo.csv", index=False)
-    assert not InputFile(tmp_path / "servo.csv").guess(FLAP).mapping.position.encoding
+    assert not open_input(tmp_path / "servo.csv").guess(FLAP).mapping.position.encoding
 
 
 def as_mapping(sections, clock):
@@ -315,7 +317,7 @@ def test_no_rate_is_invented_where_a_column_looks_like_the_time(telemetry, tmp_p
         }
     )
     frame.to_csv(tmp_path / "a.csv", index=False)
-    source = InputFile(tmp_path / "a.csv")
+    source = open_input(tmp_path / "a.csv")
     with pytest.raises(ValueError, match=rf"column 'time \[s\]' .*{words}.* clock\.rate_hz"):
         source.guess(FLAP)
     assert source.guess(FLAP, Clock(rate_hz=500)).mapping.clock.rate_hz == 500
@@ -343,7 +345,7 @@ def test_index_of_a_parquet_frame_is_its_time(telemetry, tmp_path):
     frame = frame.set_index(stamps).drop(index=stamps[700:709])
     path = tmp_path / "a.parquet"
     frame.to_parquet(path)
-    source = InputFile(path)
+    source = open_input(path)
     mapping = source.guess(described(1000)).mapping
     assert mapping.clock.source == "time"
     series = source.series(mapping)[""]
@@ -386,7 +388,7 @@ def test_rows_with_the_newest_first_are_reversed(telemetry, tmp_path, kind):
         newest_first.to_csv(path, index=False)
     else:
         newest_first.to_parquet(path, index=False)
-    source = InputFile(path)
+    source = open_input(path)
     guess = source.guess(described(1000))
     assert guess.mapping.clock.source == "Time"
     assert guess.mapping.speed is not None
@@ -402,7 +404,7 @@ def test_table_without_a_command_is_guessed_for_an_unknown_drive(telemetry, tmp_
     frame.insert(0, "t", 1e-9 * telemetry.stamps_ns)
     path = tmp_path / "a.csv"
     frame.drop(columns="command").to_csv(path, index=False)
-    source = InputFile(path)
+    source = open_input(path)
     guess = source.guess(replace(described(1000), drive="unknown"))
     assert not guess.mapping.has_command
     assert "no command was recognized: tracking is not assessed" in guess.remarks
@@ -435,13 +437,13 @@ PLAIN = "t,n,x\n0.1,3,1e-3\n0.2,4,-0.25\n0.3,5,nan\n"
 )
 def test_columns_without_pandas_are_those_of_pandas(tmp_path, monkeypatch, text, is_plain):
     path, plain = written(tmp_path / "a.csv", text), []
-    read = tables.read_plain_csv
+    read = csv_file.read_plain_csv
     monkeypatch.setattr(
-        tables, "read_plain_csv", lambda *a, **b: plain.append(read(*a, **b)) or plain[-1]
+        csv_file, "read_plain_csv", lambda *a, **b: plain.append(read(*a, **b)) or plain[-1]
     )
     fast = read_columns(path)
     assert (plain[-1] is not None) == is_plain
-    monkeypatch.setattr(tables, "read_plain_csv", lambda *_, **__: None)
+    monkeypatch.setattr(csv_file, "read_plain_csv", lambda *_, **__: None)
     slow = read_columns(path)
     assert (fast.units, fast.dates, fast.texts.keys()) == (
         slow.units,
@@ -482,7 +484,7 @@ def test_parquet_without_pandas_is_as_by_pandas(tmp_path, monkeypatch, missing, 
         frame.index = pd.RangeIndex(5, 8, name=index)
     frame.to_parquet(path := tmp_path / "a.parquet")
     fast = read_columns(path)
-    monkeypatch.setattr(tables, "plain_parquet", lambda _: None)
+    monkeypatch.setattr(parquet_file, "plain_parquet", lambda _: None)
     slow = read_columns(path)
     assert list(fast.values) == list(slow.values)
     for name, values in fast.values.items():

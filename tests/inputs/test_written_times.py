@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.files import open_input
 from ema_bags.inputs.importing import import_series
 from ema_bags.inputs.mapping import Clock
 from ema_bags.inputs.tables import read_columns
@@ -59,7 +59,7 @@ UNITS = {
 
 def imported(path, telemetry):
     """Return the telemetry of a table with the mapping that is guessed."""
-    source = InputFile(path)
+    source = open_input(path)
     description = described(1000)
     mapping = source.guess(description).mapping
     return mapping, import_series(source.series(mapping), mapping, description)
@@ -169,7 +169,7 @@ def test_date_whose_day_and_month_no_row_shows_is_refused_until_it_is_given(tele
     frame.insert(0, "Date", milliseconds(moments - pd.Timedelta(days=18), "%d/%m/%Y %H:%M:%S"))
     path = tmp_path / "a.csv"
     frame.to_csv(path, index=False)
-    source = InputFile(path)
+    source = open_input(path)
     with pytest.raises(
         ValueError,
         match=r"'Date', the order of day and month is ambiguous: row 1: '05/10/2026 08:15:00\.000'",
@@ -203,14 +203,14 @@ def test_no_rate_is_invented_while_a_column_looks_like_the_time(
     frame.insert(0, name, cells(len(frame)))
     frame.to_csv(tmp_path / "a.csv", index=False)
     with pytest.raises(ValueError, match=words):
-        InputFile(tmp_path / "a.csv").guess(described(1000))
+        open_input(tmp_path / "a.csv").guess(described(1000))
 
 
 def test_number_of_a_row_is_no_time(telemetry, tmp_path):
     _, frame = frame_of(telemetry)
     frame.insert(0, "number", np.arange(len(frame)))
     frame.to_csv(tmp_path / "a.csv", index=False)
-    guess = InputFile(tmp_path / "a.csv").guess(described(1000))
+    guess = open_input(tmp_path / "a.csv").guess(described(1000))
     assert guess.mapping.clock == Clock(rate_hz=1000.0)
 
 
@@ -219,7 +219,7 @@ def test_temperature_named_t_is_no_time(telemetry, tmp_path):
     frame.insert(0, "T [degC]", 20.0)
     frame.insert(1, "stamp", milliseconds(moments, "%d.%m.%Y %H:%M:%S"))
     frame.to_csv(tmp_path / "a.csv", index=False)
-    assert InputFile(tmp_path / "a.csv").guess(described(1000)).mapping.clock.source == "stamp"
+    assert open_input(tmp_path / "a.csv").guess(described(1000)).mapping.clock.source == "stamp"
 
 
 def moving(times, **more):
@@ -232,14 +232,14 @@ def test_date_written_as_a_number_is_refused_with_the_way_to_write_it(tmp_path, 
     times = 20260330080000 + np.arange(50) // 5 + fraction
     moving(times).to_csv(tmp_path / "a.csv", index=False, float_format="%.17g")
     with pytest.raises(ValueError, match=r"column 'Time': 20260330080000.* date written as a num"):
-        InputFile(tmp_path / "a.csv").guess(described(1000))
+        open_input(tmp_path / "a.csv").guess(described(1000))
 
 
 @pytest.mark.parametrize("unit_s", [60.0, 3600.0])
 def test_minutes_and_hours_without_a_unit_are_not_taken_for_seconds(tmp_path, unit_s):
     moving(0.005 * np.arange(500) / unit_s).to_csv(tmp_path / "a.csv", index=False)
     with pytest.raises(ValueError, match=r"column 'Time' has no unit, .* set clock\.unit"):
-        InputFile(tmp_path / "a.csv").guess(described(1000))
+        open_input(tmp_path / "a.csv").guess(described(1000))
 
 
 def test_julian_days_ask_for_their_unit(tmp_path):
@@ -247,14 +247,14 @@ def test_julian_days_ask_for_their_unit(tmp_path):
         tmp_path / "a.csv", index=False, float_format="%.12f"
     )
     with pytest.raises(ValueError, match=r"column 'MJD' has no unit, .* such as min, h or day"):
-        InputFile(tmp_path / "a.csv").guess(described(1000))
+        open_input(tmp_path / "a.csv").guess(described(1000))
 
 
 @pytest.mark.parametrize("name", ["Row", "Setpoint [deg]"])
 def test_column_with_another_unit_is_not_taken_for_a_time(tmp_path, name):
     frame = moving(np.arange(300)).rename(columns={"Time": name, "command": "cmd [deg]"})
     frame.to_csv(tmp_path / "a.csv", index=False)
-    guess = InputFile(tmp_path / "a.csv").guess(described(1000))
+    guess = open_input(tmp_path / "a.csv").guess(described(1000))
     assert "no column was recognized as the time" in "; ".join(guess.remarks)
 
 
@@ -265,7 +265,7 @@ def test_stamp_far_from_all_others_is_rebuilt(tmp_path, wrong, at):
     stamps = times.strftime("%Y-%m-%dT%H:%M:%S.%f").to_numpy(object)
     stamps[at] = wrong
     moving(stamps).to_csv(tmp_path / "a.csv", index=False)
-    source = InputFile(tmp_path / "a.csv")
+    source = open_input(tmp_path / "a.csv")
     found = source.series(source.guess(described(200)).mapping)[""]
     stamped, rebuilt = found.stamped()
     assert rebuilt == 1

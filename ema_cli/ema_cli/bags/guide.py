@@ -8,12 +8,12 @@ from typing import Any, Final
 import click
 import yaml
 
-from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.input_file import InputFile
 from ema_bags.inputs.mapping import (
     AngleSource,
     Clock,
+    ColumnMapping,
     CurrentSource,
-    Mapping,
     SpeedSource,
     TemperatureSource,
     mapping_text,
@@ -37,7 +37,7 @@ _SECTIONS: Final[dict[str, tuple[Any, tuple[str, ...], str]]] = {
 
 def mapping_of(
     source: InputFile, description: ActuatorDescription, entries: Sequence[str], *, asks: bool
-) -> Mapping:
+) -> ColumnMapping:
     """Return the mapping for a file: guessed, overridden by entries, completed by answers.
 
     Parameters
@@ -71,7 +71,7 @@ def mapping_of(
         try:
             if asks:
                 _ask(content, is_set)
-            mapping = settings_from(Mapping, content)
+            mapping = settings_from(ColumnMapping, content)
             source.series(mapping)
             return mapping
         except ValueError as error:

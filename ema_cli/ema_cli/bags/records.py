@@ -10,9 +10,10 @@ from typing import Any, Final
 import click
 
 from ema_bags.inputs.defects import refused
-from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.files import open_input
 from ema_bags.inputs.importing import BLOCK_S, Imported, import_series
-from ema_bags.inputs.mapping import Mapping, load_mapping
+from ema_bags.inputs.input_file import InputFile
+from ema_bags.inputs.mapping import ColumnMapping, load_mapping
 from ema_bags.message_type import type_name
 from ema_bags.recording import MemoryRecording
 from ema_cli.output import new_bag
@@ -62,7 +63,7 @@ def table_recordings(
         click.echo(f"note: no --actuator, so {table} is of the built-in actuator", err=True)
     mapping = load_mapping(mapping_file)
     actuators = actuators_of(mapping, actuator_file)
-    source = InputFile(table, mapping)
+    source = open_input(table, mapping)
     parts = source.parts(columns) if columns else [(list[str](), source)]
     for values, part in parts:
         records = [[read_record(part, *actuator, accepts=False)] for actuator in actuators]
@@ -74,8 +75,8 @@ def table_recordings(
 
 
 def actuators_of(
-    mapping: Mapping, actuator_file: Path | None
-) -> list[tuple[Mapping, ActuatorDescription]]:
+    mapping: ColumnMapping, actuator_file: Path | None
+) -> list[tuple[ColumnMapping, ActuatorDescription]]:
     """Return mapping and description of each joint, or of a single actuator.
 
     Each joint's name is its actuator's name, and replaces ``{joint}`` in the file name. Without a
@@ -91,7 +92,7 @@ def described(actuator_file: Path | None) -> ActuatorDescription:
 
 
 def read_record(
-    source: InputFile, mapping: Mapping, description: ActuatorDescription, *, accepts: bool
+    source: InputFile, mapping: ColumnMapping, description: ActuatorDescription, *, accepts: bool
 ) -> Imported:
     """Return the telemetry of a file. Print its defects, and refuse them unless accepted."""
     file = f"{source.path}, joint {mapping.joint}" if mapping.joint else source.path
@@ -112,7 +113,7 @@ def read_record(
 
 def read_records(
     sources: Sequence[InputFile],
-    mapping: Mapping,
+    mapping: ColumnMapping,
     description: ActuatorDescription,
     *,
     accepts: bool,
@@ -147,7 +148,7 @@ def read_records(
 
 def imported_by(
     source: InputFile,
-    mapping: Mapping,
+    mapping: ColumnMapping,
     description: ActuatorDescription,
     period: float | None = None,
 ) -> Imported:

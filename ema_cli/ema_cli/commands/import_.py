@@ -5,9 +5,9 @@ from typing import Any
 
 import click
 
-from ema_bags.inputs.files import InputFile
+from ema_bags.inputs.files import open_input
 from ema_bags.inputs.importing import Imported
-from ema_bags.inputs.mapping import Mapping, load_mapping, mapping_text
+from ema_bags.inputs.mapping import ColumnMapping, load_mapping, mapping_text
 from ema_bags.inputs.temperature import REFERENCE_DEGC
 from ema_cli.bags.guide import mapping_of
 from ema_cli.bags.reading import ReadingOptions, read_windows
@@ -85,7 +85,7 @@ def import_(
         require_free(path, inputs, overwrite=overwrite)
     mapping = load_mapping(mapping_file) if mapping_file else None
     if is_asked:
-        source = InputFile(files[0])
+        source = open_input(files[0])
         if guide:
             _comment(source.contents())
         mapping = mapping_of(source, described(actuator_file), entries, asks=guide)
@@ -98,7 +98,7 @@ def import_(
         # Before the data are checked: the answers are kept even if the data are refused.
         written.write_text(mapping_text(mapping), encoding="utf-8")
         click.echo(f"{written}: the mapping")
-    sources = [InputFile(file, mapping) for file in files]
+    sources = [open_input(file, mapping) for file in files]
     actuators = [
         read_records(sources, *actuator, accepts=accept_defects)
         for actuator in actuators_of(mapping, actuator_file)
@@ -138,9 +138,9 @@ def _draw(bag: Path, picture: Path) -> None:
     save_picture(draw_telemetry(read_windows(bag, ReadingOptions(), outline.add), outline), picture)
 
 
-def _preview(file: Path, mapping: Mapping | None, actuator_file: Path | None) -> None:
+def _preview(file: Path, mapping: ColumnMapping | None, actuator_file: Path | None) -> None:
     """Print a mapping as YAML, with remarks and defects as comments."""
-    source = InputFile(file, mapping)
+    source = open_input(file, mapping)
     lines = [str(file), *source.contents()]
     try:
         if mapping is None:

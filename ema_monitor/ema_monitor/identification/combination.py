@@ -11,9 +11,9 @@ from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.combined import combined_estimate
 from ema_monitor.identification.defects import drive_defect
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate_of_stretches import combined_estimate
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.inference import WindowResult
 from ema_monitor.identification.knowledge import Knowledge

@@ -12,7 +12,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from ema_core.linear_algebra import array_environment
+from ema_core.array_environment import array_environment
 from ema_ros.monitor_shards import file_for, monitor_names, shard_parameters
 from launch import LaunchContext, LaunchDescription
 

@@ -16,7 +16,7 @@ from rclpy.exceptions import InvalidParameterValueException, ParameterNotDeclare
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ema_core.parameter import SettingsParameter, parameters_of
+from ema_core.settings_parameters import SettingsParameter, parameters_of
 from ema_ros.rclpy_private import parameter_overrides
 
 Definition = TypeVar("Definition")

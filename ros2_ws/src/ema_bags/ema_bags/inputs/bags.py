@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.mapping import ColumnMapping
 from ema_bags.inputs.series import Collector, Series
 from ema_bags.metadata import METADATA_FILE, PACKED_SUFFIX
 from ema_bags.recording import MalformedMessages, MessagePlace, Recorded, Topic
@@ -110,7 +110,7 @@ def open_bag(path: Path) -> AnyBag:
     return SqliteBag(path) if is_sqlite else Bag(path)
 
 
-def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
+def bag_series(bag: AnyBag, mapping: ColumnMapping) -> tuple[dict[str, Series], str]:
     """Return the mapped series of a bag by topic, and a remark on skipped messages ("" if none).
 
     Raises

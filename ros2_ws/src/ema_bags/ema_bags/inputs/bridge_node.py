@@ -20,8 +20,7 @@ from ema_bags.inputs.joint_finder import (
     JointGroup,
     is_command,
 )
-from ema_bags.inputs.mapping import Mapping as ColumnMapping
-from ema_bags.inputs.mapping import load_mapping
+from ema_bags.inputs.mapping import ColumnMapping, load_mapping
 from ema_bags.message_type import is_installed, message_class
 from ema_bags.qos import common_offer
 from ema_core.description import ActuatorDescription

@@ -6,7 +6,7 @@ from typing import Any
 from ema_bags.inputs.bridged_actuator import SILENT_S, BridgedActuator
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
 from ema_bags.inputs.joint_states import JointStates, reads_joint_states
-from ema_bags.inputs.mapping import Mapping as ColumnMapping
+from ema_bags.inputs.mapping import ColumnMapping
 from ema_bags.inputs.series import Collector
 from ema_core.description import ActuatorDescription
 

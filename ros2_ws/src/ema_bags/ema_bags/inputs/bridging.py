@@ -19,7 +19,7 @@ from ema_bags.inputs.defects import (
 from ema_bags.inputs.importing import SampleStream, uses_arrival
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.joint_states import JointColumns
-from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.mapping import ColumnMapping
 from ema_bags.inputs.ordering import settled_samples, sorting_order
 from ema_bags.inputs.publishers import two_publishers
 from ema_bags.inputs.rate import Rate, find_rate
@@ -132,7 +132,7 @@ class Bridge:
 
     def __init__(
         self,
-        mapping: Mapping,
+        mapping: ColumnMapping,
         description: ActuatorDescription,
         settings: BridgeSettings,
         collector: Collector | JointColumns | None = None,

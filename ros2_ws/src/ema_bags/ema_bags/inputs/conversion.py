@@ -1,8 +1,7 @@
 """Conversion of source values to telemetry columns in SI units."""
 
 import math
-from collections.abc import Mapping as Columns
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -13,8 +12,8 @@ from ema_bags.inputs.mapping import (
     ENCODINGS,
     TEMPERATURES,
     AngleSource,
+    ColumnMapping,
     CurrentSource,
-    Mapping,
     SpeedSource,
     TemperatureSource,
 )
@@ -40,7 +39,7 @@ _SLOWEST: Final = 0.02
 _SLOW: Final = 0.3
 
 
-def with_lead(description: ActuatorDescription, mapping: Mapping) -> ActuatorDescription:
+def with_lead(description: ActuatorDescription, mapping: ColumnMapping) -> ActuatorDescription:
     """Return the description with a lead for converting lengths, if its drive is unknown.
 
     The lead is taken from the description, else from the mapping. Linear motors and prismatic
@@ -54,8 +53,8 @@ def with_lead(description: ActuatorDescription, mapping: Mapping) -> ActuatorDes
 
 
 def convert(
-    raw: Columns[str, NDArray[np.float64]],
-    mapping: Mapping,
+    raw: Mapping[str, NDArray[np.float64]],
+    mapping: ColumnMapping,
     description: ActuatorDescription,
     breaks: Sequence[int] = (),
 ) -> dict[str, NDArray[np.float64]]:
@@ -64,8 +63,8 @@ def convert(
     Parameters
     ----------
     raw
-        Source values by the keys of ``Mapping.wanted``, ``(n,)`` each. The temperature is ignored
-        because it is not a telemetry column.
+        Source values by the keys of ``ColumnMapping.wanted``, ``(n,)`` each. The temperature is
+        ignored because it is not a telemetry column.
     mapping
         Sources of the columns.
     description
@@ -165,7 +164,7 @@ def _current_factor(source: CurrentSource, description: ActuatorDescription, lea
     return factor
 
 
-def _of_phases(raw: Columns[str, NDArray[np.float64]], is_sinusoidal: bool) -> NDArray[np.float64]:
+def _of_phases(raw: Mapping[str, NDArray[np.float64]], is_sinusoidal: bool) -> NDArray[np.float64]:
     """Return the equivalent current of two or three phase currents, which sum to zero."""
     a, b = raw["phase_a"], raw["phase_b"]
     c = raw["phase_c"] if "phase_c" in raw else -a - b

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ema_bags.inputs.commanded import find_commanded
 from ema_bags.inputs.held import find_held
 from ema_bags.inputs.input_defect import InputDefect
-from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.mapping import ColumnMapping
 from ema_bags.inputs.motion import ThinnedMotion
 from ema_bags.inputs.ordering import MOST_DISPLACED
 from ema_bags.inputs.rate import Rate
@@ -38,7 +38,7 @@ _FIRST_JUDGED: Final = 20
 def find_defects(
     columns: dict[str, NDArray[np.float64]],
     stamps_ns: NDArray[np.int64],
-    mapping: Mapping,
+    mapping: ColumnMapping,
     description: ActuatorDescription,
 ) -> list[InputDefect]:
     """Return the defects found in converted telemetry columns.
@@ -182,17 +182,17 @@ def renewed_slowly(rate: Rate, times: float) -> InputDefect:
     return InputDefect("values_repeat", text, remedy, False, needs_action=False)
 
 
-def refused(defects: Iterable[InputDefect], mapping: Mapping) -> list[InputDefect]:
+def refused(defects: Iterable[InputDefect], mapping: ColumnMapping) -> list[InputDefect]:
     """Return the errors that the mapping does not accept; they prevent estimates."""
     return [item for item in defects if item.is_error and item.name not in mapping.accept]
 
 
-def withholding(defects: Iterable[InputDefect], mapping: Mapping) -> list[InputDefect]:
+def withholding(defects: Iterable[InputDefect], mapping: ColumnMapping) -> list[InputDefect]:
     """Return the certain errors that the mapping does not accept; they withhold live telemetry."""
     return [item for item in refused(defects, mapping) if item.is_certain]
 
 
-def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator[InputDefect]:
+def _other_drive(mapping: ColumnMapping, description: ActuatorDescription) -> Iterator[InputDefect]:
     current = mapping.measured_current
     if current is not None and current.kind == "i_q" and description.drive == "six_step":
         yield InputDefect(

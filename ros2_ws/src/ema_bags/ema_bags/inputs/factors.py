@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ema_bags.inputs.mapping import SHAFTS, AngleSource, Mapping, SpeedSource
+from ema_bags.inputs.mapping import SHAFTS, AngleSource, ColumnMapping, SpeedSource
 from ema_bags.inputs.motion import ThinnedMotion
 from ema_core.column_errors import Kind, Mistake, mistaken_unit
 from ema_core.description import ActuatorDescription
@@ -86,7 +86,7 @@ class _Option(NamedTuple):
 
 
 def explain(
-    motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
+    motion: ThinnedMotion, mapping: ColumnMapping, description: ActuatorDescription
 ) -> list[MappingChange] | None:
     """Return the smallest set of mapping changes that makes the columns consistent.
 

@@ -1,7 +1,7 @@
 """Guessing a mapping from names, magnitudes and physical relations, for the user to confirm."""
 
 import re
-from collections.abc import Mapping as ByName
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final
 
@@ -15,8 +15,8 @@ from ema_bags.inputs.guessed_clock import guess_clock
 from ema_bags.inputs.mapping import (
     AngleSource,
     Clock,
+    ColumnMapping,
     CurrentSource,
-    Mapping,
     Source,
     SpeedSource,
     TemperatureSource,
@@ -25,7 +25,7 @@ from ema_bags.inputs.motion import ThinnedMotion
 from ema_bags.inputs.names import hint_of, roles_of, unit_in_name, unit_of, words_of
 from ema_bags.inputs.recognition import JointColumns, Recognizer
 from ema_bags.inputs.series import NO_STAMP
-from ema_bags.inputs.tables import TableColumns
+from ema_bags.inputs.table_columns import TableColumns
 from ema_core.description import ActuatorDescription
 from ema_core.units import LINEAR, TORQUES
 
@@ -55,7 +55,7 @@ _UNLIKE: Final[dict[str, set[str]]] = {
 class Guess:
     """A guessed mapping and its reasons."""
 
-    mapping: Mapping
+    mapping: ColumnMapping
     """The guessed mapping."""
 
     remarks: list[str]
@@ -136,11 +136,11 @@ def guess_columns(
             remarks.append(
                 f"no column was recognized as {quantity}: it is assumed not to be measured"
             )
-    return Guess(Mapping(**sources, clock=clock, table=columns.format), remarks)
+    return Guess(ColumnMapping(**sources, clock=clock, table=columns.format), remarks)
 
 
 def _chosen(
-    columns: TableColumns, clock: Clock, kinds: ByName[str, set[str]], remarks: list[str]
+    columns: TableColumns, clock: Clock, kinds: Mapping[str, set[str]], remarks: list[str]
 ) -> dict[str, str]:
     """Return a column name per quantity, identified from the motion or else from the names."""
     joints = _joints(columns, clock, list(kinds))
@@ -196,7 +196,7 @@ def _joints(columns: TableColumns, clock: Clock, names: list[str]) -> list[Joint
 
 
 def guess_topics(
-    topics: ByName[str, str], joints: ByName[str, list[str]], *, needs_command: bool = True
+    topics: Mapping[str, str], joints: Mapping[str, list[str]], *, needs_command: bool = True
 ) -> Guess:
     """Guess the mapping of the topics of a bag from their types and names.
 
@@ -238,7 +238,7 @@ def guess_topics(
     remarks.append(
         "effort may be a current, a motor torque, a joint torque, or unused: confirm kind"
     )
-    mapping = Mapping(
+    mapping = ColumnMapping(
         position=AngleSource("position", topic),
         command=command,
         speed=SpeedSource("velocity", topic, shaft="user"),
@@ -251,7 +251,7 @@ def guess_topics(
 
 def refine(
     guess: Guess,
-    raw: ByName[str, NDArray[np.float64]],
+    raw: Mapping[str, NDArray[np.float64]],
     stamps_ns: NDArray[np.int64],
     description: ActuatorDescription,
 ) -> Guess:
@@ -287,7 +287,7 @@ def refine(
             "it above 0"
         )
 
-    def moving(of: Mapping) -> ThinnedMotion | None:
+    def moving(of: ColumnMapping) -> ThinnedMotion | None:
         columns = convert(raw, of, with_lead(description, of))
         return ThinnedMotion.of(columns, stamps_ns, description.parameters.tau)
 
@@ -377,7 +377,7 @@ def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
     return kind(source=name, **more)
 
 
-def _command_topic(topics: ByName[str, str]) -> AngleSource | None:
+def _command_topic(topics: Mapping[str, str]) -> AngleSource | None:
     for name in sorted(topics, key=lambda name: "command" not in roles_of(name)):
         if path := _COMMANDS.get(topics[name]):
             # A setpoint without a stamp holds until the next message.

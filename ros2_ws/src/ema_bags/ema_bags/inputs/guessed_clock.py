@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ema_bags.inputs.mapping import EPOCHS, TIMES_NS, Clock
 from ema_bags.inputs.names import roles_of, unit_in_name, unit_of
 from ema_bags.inputs.series import NO_STAMP
-from ema_bags.inputs.tables import TableColumns
+from ema_bags.inputs.table_columns import TableColumns
 from ema_core.wording import counted
 
 _EPOCHS: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s"))

@@ -1,6 +1,6 @@
 """Detection of sensor columns that are updated more slowly than they are published."""
 
-from collections.abc import Mapping as ByName
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Final
 
@@ -14,14 +14,14 @@ SENSORS: Final = ("position", "speed", "current")
 _TOGETHER: Final = 0.9
 
 
-def find_held(columns: ByName[str, NDArray[np.float64]]) -> dict[str, int]:
+def find_held(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, int]:
     """Return the number of samples per update of each sensor column, if greater than 1."""
     present = {name: columns[name] for name in SENSORS if len(columns.get(name, ()))}
     by_column = {name: held_samples(values) for name, values in present.items()}
     return {name: held for name, held in by_column.items() if held > 1}
 
 
-def renewed_rows(columns: ByName[str, NDArray[np.float64]]) -> NDArray[np.int64] | None:
+def renewed_rows(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.int64] | None:
     """Return the rows at which all sensor columns are updated together, or None.
 
     While no value changes, rows are spaced by the update period.

@@ -1,7 +1,6 @@
 """Import of telemetry from the samples of a file or bag."""
 
-from collections.abc import Iterator
-from collections.abc import Mapping as ByName
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -21,7 +20,7 @@ from ema_bags.inputs.held import renewed_rows
 from ema_bags.inputs.impossible import ImpossibleSamples
 from ema_bags.inputs.input_defect import InputDefect
 from ema_bags.inputs.limits import limits_of
-from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.mapping import ColumnMapping
 from ema_bags.inputs.ordering import sorting_order
 from ema_bags.inputs.publishers import two_publishers
 from ema_bags.inputs.rate import Rate, find_rate
@@ -65,7 +64,9 @@ class SampleStream:
         Sampler of the measured temperature; None if not measured.
     """
 
-    def __init__(self, mapping: Mapping, description: ActuatorDescription, rate: Rate) -> None:
+    def __init__(
+        self, mapping: ColumnMapping, description: ActuatorDescription, rate: Rate
+    ) -> None:
         self.rises = RiseSampler(mapping.temperature) if mapping.temperature else None
         acquisition = mapping.acquisition
         self.description = replace(
@@ -88,7 +89,7 @@ class SampleStream:
         return self._resampler.losses
 
     def push(
-        self, by_topic: ByName[str, Series], stamps_ns: NDArray[np.int64], *, is_last: bool = False
+        self, by_topic: Mapping[str, Series], stamps_ns: NDArray[np.int64], *, is_last: bool = False
     ) -> Converted:
         """Convert the next samples to SI units and gapless runs.
 
@@ -101,7 +102,7 @@ class SampleStream:
 
     def push_joined(
         self,
-        raw: ByName[str, NDArray[np.float64]],
+        raw: Mapping[str, NDArray[np.float64]],
         stamps_ns: NDArray[np.int64],
         *,
         is_last: bool = False,
@@ -142,7 +143,7 @@ class SampleStream:
 class Imported:
     """Imported telemetry, with its rate and defects."""
 
-    mapping: Mapping
+    mapping: ColumnMapping
     """Mapping used for the import."""
     stream: SampleStream
     """Converter used for the import."""
@@ -182,8 +183,8 @@ class Imported:
 
 
 def import_series(
-    by_topic: ByName[str, Series],
-    mapping: Mapping,
+    by_topic: Mapping[str, Series],
+    mapping: ColumnMapping,
     description: ActuatorDescription,
     period: float | None = None,
 ) -> Imported:
@@ -263,7 +264,7 @@ def import_series(
     return Imported(mapping, stream, rate, columns, runs, rebuilt, defects, rises)
 
 
-def _renewed_rate(stamps_ns: NDArray[np.int64], times: float, mapping: Mapping) -> Rate:
+def _renewed_rate(stamps_ns: NDArray[np.int64], times: float, mapping: ColumnMapping) -> Rate:
     """Return the rate at which values are updated, if each is published `times` times."""
     rate = find_rate(stamps_ns)
     if not mapping.clock.rate_hz:
@@ -271,12 +272,12 @@ def _renewed_rate(stamps_ns: NDArray[np.int64], times: float, mapping: Mapping) 
     return replace(rate, period=round(times) / mapping.clock.rate_hz)
 
 
-def uses_arrival(series: Series, mapping: Mapping) -> bool:
+def uses_arrival(series: Series, mapping: ColumnMapping) -> bool:
     """Return whether the samples of a topic are stamped by their arrival times."""
     return mapping.clock.source in ("sent", "arrival") or not series.is_stamped
 
 
-def primary_stamps(primary: Series, mapping: Mapping) -> tuple[NDArray[np.int64], int]:
+def primary_stamps(primary: Series, mapping: ColumnMapping) -> tuple[NDArray[np.int64], int]:
     """Return the sample stamps [ns] and the number reconstructed from arrival times."""
     if mapping.is_table or not uses_arrival(primary, mapping):
         return primary.stamped()

@@ -1,6 +1,6 @@
 """Physically impossible samples: all-zero messages, absurdly large values and spikes."""
 
-from collections.abc import Mapping as ByName
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.excursions import FEWEST, MOST_IN_A_ROW, Excursions, Pace, find_excursions
-from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.mapping import ColumnMapping
 
 _ABSURD: Final = 1e15
 _MOST_ZEROS: Final = 200
@@ -61,7 +61,9 @@ class ImpossibleSamples:
         Number of impossible samples so far.
     """
 
-    def __init__(self, mapping: Mapping, limits: ByName[str, float] = MappingProxyType({})) -> None:
+    def __init__(
+        self, mapping: ColumnMapping, limits: Mapping[str, float] = MappingProxyType({})
+    ) -> None:
         self.count = 0
         self._limits = limits
         self._commands = [name for name in _COMMANDS if getattr(mapping, name) is not None]
@@ -75,7 +77,7 @@ class ImpossibleSamples:
     def push(
         self,
         stamps_ns: NDArray[np.int64],
-        raw: ByName[str, NDArray[np.float64]],
+        raw: Mapping[str, NDArray[np.float64]],
         *,
         is_last: bool = False,
     ) -> tuple[NDArray[np.int64], dict[str, NDArray[np.float64]]]:
@@ -106,7 +108,7 @@ class ImpossibleSamples:
             return stamps_ns[:passed], columns
         return stamps_ns[:passed][kept], {name: values[kept] for name, values in columns.items()}
 
-    def _find(self, columns: ByName[str, NDArray[np.float64]], *, is_last: bool) -> _Findings:
+    def _find(self, columns: Mapping[str, NDArray[np.float64]], *, is_last: bool) -> _Findings:
         sensors = {name: columns[name] for name in _SENSORS if name in columns}
         n = len(columns["position"])
         absurd = np.any([np.abs(values) > _ABSURD for values in sensors.values()], axis=0)
@@ -148,7 +150,7 @@ class ImpossibleSamples:
         return values
 
     def _remember(
-        self, columns: ByName[str, NDArray[np.float64]], dropped: NDArray[np.bool_]
+        self, columns: Mapping[str, NDArray[np.float64]], dropped: NDArray[np.bool_]
     ) -> None:
         """Store the last samples, with which the next block is compared."""
         kept = np.flatnonzero(~dropped)
@@ -161,7 +163,7 @@ class ImpossibleSamples:
             self._past[name] = np.concatenate([past, values[np.isfinite(values)]])[-_REMEMBERED:]
 
     def _empty(
-        self, sensors: ByName[str, NDArray[np.float64]], n: int, *, is_last: bool
+        self, sensors: Mapping[str, NDArray[np.float64]], n: int, *, is_last: bool
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], int]:
         """Return masks of empty messages, and the first sample that cannot be judged yet.
 
@@ -244,7 +246,7 @@ class ImpossibleSamples:
                 first_open = row
         return Excursions(parts, first_open)
 
-    def _excessive(self, sensors: ByName[str, NDArray[np.float64]], n: int) -> NDArray[np.bool_]:
+    def _excessive(self, sensors: Mapping[str, NDArray[np.float64]], n: int) -> NDArray[np.bool_]:
         """Return a mask, ``(n,)``, of speeds or currents that briefly exceed their limit."""
         beyond = np.zeros(n, bool)
         for name in ("speed", "current"):

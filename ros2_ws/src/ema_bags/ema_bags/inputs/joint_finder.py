@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ema_bags.inputs.joint_states import REFERENCE
-from ema_bags.inputs.mapping import AngleSource, Clock, CurrentSource, Mapping, SpeedSource
+from ema_bags.inputs.mapping import AngleSource, Clock, ColumnMapping, CurrentSource, SpeedSource
 from ema_bags.inputs.names import roles_of
 
 JOINT_STATE: Final = "sensor_msgs/msg/JointState"
@@ -42,7 +42,7 @@ class Columns(NamedTuple):
 class JointGroup(NamedTuple):
     """Joints that share a topic and have the same columns."""
 
-    mapping: Mapping
+    mapping: ColumnMapping
     """Mapping of the joints, which it lists."""
     names: dict[str, str]
     """Actuator of each joint: the joint's name, after the robot's namespace if it has one."""
@@ -199,14 +199,14 @@ class JointFinder:
 
     def _mapping(
         self, topic: str, names: Iterable[str], columns: Columns, *, is_linear: bool
-    ) -> Mapping:
+    ) -> ColumnMapping:
         length, speed = ("m", "m/s") if is_linear else ("rad", "rad/s")
         unit = "N" if is_linear and self._effort_unit == "N.m" else self._effort_unit
         command = AngleSource(columns.command_field, columns.command, unit=length, between="hold")
         effort = CurrentSource(
             "effort", topic, unit=unit, kind="equivalent", sampling="instantaneous"
         )
-        return Mapping(
+        return ColumnMapping(
             position=AngleSource("position", topic, unit=length),
             command=command if columns.command else None,
             speed=SpeedSource("velocity", topic, unit=speed, shaft="user")

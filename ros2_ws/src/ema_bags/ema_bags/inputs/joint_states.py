@@ -1,14 +1,13 @@
 """Reading of a robot's joint states once for all its joints."""
 
-from collections.abc import Callable, Sequence
-from collections.abc import Mapping as ByName
+from collections.abc import Callable, Mapping, Sequence
 from operator import attrgetter
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.inputs.mapping import CLOCKS, Mapping
+from ema_bags.inputs.mapping import CLOCKS, ColumnMapping
 from ema_bags.inputs.series import NO_STAMP, Series
 from ema_core.wording import counted
 
@@ -21,7 +20,7 @@ FIELDS: Final = ("position", "velocity", "effort", REFERENCE)
 _MOST_ORDERS: Final = 100
 
 
-def reads_joint_states(mapping: Mapping) -> bool:
+def reads_joint_states(mapping: ColumnMapping) -> bool:
     """Return whether all mapped quantities are fields of joint states, on one or more topics."""
     return mapping.clock.source in ("", *CLOCKS) and all(
         text in FIELDS and not (item.joint or item.names_topic)
@@ -78,7 +77,7 @@ class JointStates:
         Mapping that lists the joints; `reads_joint_states` must be true.
     """
 
-    def __init__(self, mapping: Mapping) -> None:
+    def __init__(self, mapping: ColumnMapping) -> None:
         self._joints = mapping.joints
         self._primary = mapping.position.topic
         self._topics: dict[str, _Topic] = {}
@@ -192,7 +191,7 @@ class JointColumns:
     """
 
     def __init__(
-        self, joint: str, types: ByName[str, str], fields: ByName[str, ByName[str, str]]
+        self, joint: str, types: Mapping[str, str], fields: Mapping[str, Mapping[str, str]]
     ) -> None:
         self.missed = 0
         self.received = 0
@@ -211,7 +210,7 @@ class JointColumns:
         return list(self._series)
 
     @property
-    def types(self) -> ByName[str, str]:
+    def types(self) -> Mapping[str, str]:
         """Message type by topic; empty if the mapping does not state the type."""
         return self._types
 

@@ -3,7 +3,7 @@
 import math
 from typing import Final
 
-from ema_bags.inputs.mapping import AngleSource, Mapping, SpeedSource
+from ema_bags.inputs.mapping import AngleSource, ColumnMapping, SpeedSource
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
 from ema_core.units import CURRENTS, LINEAR, UNITS
@@ -13,7 +13,7 @@ _LIMITS: Final = 3.0
 
 
 def limits_of(
-    mapping: Mapping, description: ActuatorDescription, period: float
+    mapping: ColumnMapping, description: ActuatorDescription, period: float
 ) -> dict[str, float]:
     """Return the largest possible position step, speed and current, for ``ImpossibleSamples``.
 

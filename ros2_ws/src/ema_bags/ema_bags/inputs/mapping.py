@@ -58,7 +58,7 @@ DEFECTS: Final = (
     *("position_jumps", "impossible_samples", "temperature_range"),
     *("two_publishers", "values_repeat"),
 )
-"""Names of error defects that ``Mapping.accept`` can list."""
+"""Names of error defects that ``ColumnMapping.accept`` can list."""
 
 _ANY_JOINT: Final = "{joint}"
 _QUANTITIES: Final = ("position", "command", "error", "speed", "current")
@@ -233,7 +233,7 @@ class Table(Checked):
 
 
 @dataclass(frozen=True)
-class Mapping(Checked):
+class ColumnMapping(Checked):
     """Sources of the telemetry columns.
 
     Raises
@@ -360,7 +360,7 @@ class Mapping(Checked):
                 yield key, path.replace(_ANY_JOINT, item.joint or self.joint), item
 
 
-def load_mapping(path: Path) -> Mapping:
+def load_mapping(path: Path) -> ColumnMapping:
     """Load a mapping from a YAML file.
 
     Raises
@@ -368,10 +368,10 @@ def load_mapping(path: Path) -> Mapping:
     ValueError
         If the file cannot be read or is not a mapping; the message names the file.
     """
-    return load_settings(path, "mapping file", Mapping)
+    return load_settings(path, "mapping file", ColumnMapping)
 
 
-def mapping_text(mapping: Mapping) -> str:
+def mapping_text(mapping: ColumnMapping) -> str:
     """Return a mapping as YAML text, omitting most default values."""
     return yaml.safe_dump(_shown(mapping), sort_keys=False, allow_unicode=True)
 

@@ -1,6 +1,6 @@
 """Mapped series of tables and topics, and joining of topics."""
 
-from collections.abc import Mapping as ByName
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Self
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.field_path import FieldPath
-from ema_bags.inputs.mapping import CLOCKS, EPOCHS, TIMES_NS, Mapping
+from ema_bags.inputs.mapping import CLOCKS, EPOCHS, TIMES_NS, ColumnMapping
 from ema_core.wording import counted
 
 NO_STAMP: Final = -(2**63)
@@ -25,7 +25,7 @@ class Series:
     """Stamps of the samples, ``(n,)`` [ns]; ``NO_STAMP`` where missing."""
     arrivals_ns: NDArray[np.int64]
     """Publication times, or reception times if unknown, ``(n,)`` [ns]."""
-    values: ByName[str, NDArray[np.float64]]
+    values: Mapping[str, NDArray[np.float64]]
     """Source values by key, ``(n,)`` each."""
 
     def __len__(self) -> int:
@@ -103,7 +103,7 @@ class Collector:
         If a field path or the clock is invalid.
     """
 
-    def __init__(self, mapping: Mapping) -> None:
+    def __init__(self, mapping: ColumnMapping) -> None:
         self.reason = ""
         self._refused = 0
         source = mapping.clock.source or "header"
@@ -187,9 +187,9 @@ class Collector:
 
 
 def join_topics(
-    by_topic: ByName[str, Series], mapping: Mapping, stamps_ns: NDArray[np.int64]
+    by_topic: Mapping[str, Series], mapping: ColumnMapping, stamps_ns: NDArray[np.int64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the values of all sources at the position samples, by the keys of ``Mapping.wanted``.
+    """Return the values of all sources at the position samples, by ``ColumnMapping.wanted``.
 
     Each array is ``(n,)``, NaN where a source has no value.
 

@@ -1,14 +1,14 @@
 """Unwrapping of angles that wrap after a turn or at the end of their register."""
 
 import math
-from collections.abc import Mapping as ByName
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_bags.inputs.mapping import AngleSource, Mapping
+from ema_bags.inputs.mapping import AngleSource, ColumnMapping
 from ema_core.units import LINEAR, UNITS
 
 _ANGLES: Final = ("position", "command", "error")
@@ -59,7 +59,7 @@ class Unwrapper:
         Size of a wrap, by quantity, in source units.
     """
 
-    def __init__(self, mapping: Mapping) -> None:
+    def __init__(self, mapping: ColumnMapping) -> None:
         self.wraps: dict[str, int] = {}
         self.periods: dict[str, float] = {}
         self._angles: dict[str, _Angle] = {}
@@ -70,7 +70,7 @@ class Unwrapper:
                 is_length = source.unit in LINEAR
                 self._angles[name] = _Angle(math.inf if is_length else 2.0 * math.pi / size)
 
-    def push(self, raw: ByName[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+    def push(self, raw: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
         """Return the columns with unwrapped angles; ``raw`` holds source values, ``(n,)`` each."""
         changed = dict(raw)
         if "command" in self._angles:
@@ -79,7 +79,7 @@ class Unwrapper:
             changed[name] = self._continued(name, angle, raw[name])
         return changed
 
-    def _align(self, raw: ByName[str, NDArray[np.float64]]) -> None:
+    def _align(self, raw: Mapping[str, NDArray[np.float64]]) -> None:
         """Align the command to the position if their first values differ by a wrap."""
         command, position = self._angles["command"], self._angles["position"]
         both = np.isfinite(raw["command"]) & np.isfinite(raw["position"])

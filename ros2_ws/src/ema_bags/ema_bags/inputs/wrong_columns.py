@@ -7,7 +7,7 @@ from typing import Final
 from ema_bags.inputs.change_wording import change_reason, change_remedy
 from ema_bags.inputs.factors import explain
 from ema_bags.inputs.input_defect import InputDefect
-from ema_bags.inputs.mapping import Mapping
+from ema_bags.inputs.mapping import ColumnMapping
 from ema_bags.inputs.motion import ThinnedMotion
 from ema_core.column_errors import Kind, usual_mistakes
 from ema_core.description import ActuatorDescription
@@ -29,7 +29,7 @@ _NAMES: Final = {
 
 
 def wrong_factors(
-    motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
+    motion: ThinnedMotion, mapping: ColumnMapping, description: ActuatorDescription
 ) -> Iterator[InputDefect]:
     """Yield a defect for each unit, sign or shaft that is inconsistent with the other columns."""
     is_unknown = description.drive == "unknown"
@@ -91,7 +91,7 @@ def _unlike(motion: ThinnedMotion) -> Iterator[InputDefect]:
 
 
 def wrong_current(
-    motion: ThinnedMotion, mapping: Mapping, description: ActuatorDescription
+    motion: ThinnedMotion, mapping: ColumnMapping, description: ActuatorDescription
 ) -> Iterator[InputDefect]:
     """Yield a defect if the sign or size of the current contradicts acceleration and friction."""
     source = mapping.measured_current

@@ -10,8 +10,8 @@ import pytest
 from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, N_FAULTS
 from ema_monitor.identification.alternatives import Alternative
-from ema_monitor.identification.combined import combined_estimate
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate_of_stretches import combined_estimate
 from ema_monitor.identification.inference import WindowResult
 from ema_monitor.identification.knowledge import Knowledge
 from ema_monitor.identification.uncertainty import USUAL_MISFIT

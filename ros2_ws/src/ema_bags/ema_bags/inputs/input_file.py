@@ -1,0 +1,81 @@
+"""Interface of third-party files: a table or a bag as mapped series."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Self
+
+from ema_bags.inputs.guess import Guess, refine
+from ema_bags.inputs.importing import primary_stamps
+from ema_bags.inputs.mapping import Clock, ColumnMapping
+from ema_bags.inputs.series import Series, join_topics
+from ema_core.description import ActuatorDescription
+
+MOST_LISTED = 40
+"""Largest number of columns or topics that ``contents`` lists."""
+
+
+class InputFile(ABC):
+    """A third-party file with one or several series.
+
+    Attributes
+    ----------
+    path
+        Path of the file or of the bag folder.
+    """
+
+    path: Path
+
+    @property
+    @abstractmethod
+    def remarks(self) -> list[str]:
+        """Remarks on problems encountered while reading."""
+
+    @abstractmethod
+    def series(self, mapping: ColumnMapping) -> Mapping[str, Series]:
+        """Return the mapped series by topic; a table has the topic ``""``.
+
+        Raises
+        ------
+        ValueError
+            If a mapped column or topic is missing, or the mapping is for a different kind of file.
+        """
+
+    @abstractmethod
+    def parts(self, columns: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
+        """Split a table where the given columns change; yield their values and the rows.
+
+        Raises
+        ------
+        ValueError
+            If the file is not a table, or a column is missing.
+        """
+
+    @abstractmethod
+    def contents(self) -> list[str]:
+        """Describe the content of the file, one line per column or topic."""
+
+    @abstractmethod
+    def guess_sources(self, clock: Clock | None, *, needs_command: bool) -> Guess:
+        """Guess the sources by their names and types, before their values are compared."""
+
+    def guess(self, description: ActuatorDescription, clock: Clock | None = None) -> Guess:
+        """Guess a mapping from the content of the file.
+
+        Parameters
+        ----------
+        description
+            Description of the actuator.
+        clock
+            Known clock of a table; None to guess it.
+
+        Raises
+        ------
+        ValueError
+            If no column or topic looks like the position, or like a command that the drive
+            requires.
+        """
+        first = self.guess_sources(clock, needs_command=description.drive != "unknown")
+        series = self.series(first.mapping)
+        stamps, _ = primary_stamps(series[first.mapping.position.topic], first.mapping)
+        return refine(first, join_topics(series, first.mapping, stamps), stamps, description)

@@ -1,0 +1,85 @@
+"""A CSV or Parquet file as mapped series."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from ema_bags.inputs.guess import Guess, guess_columns
+from ema_bags.inputs.input_file import MOST_LISTED, InputFile
+from ema_bags.inputs.mapping import Clock, ColumnMapping
+from ema_bags.inputs.series import Series
+from ema_bags.inputs.table_series import table_series
+from ema_bags.inputs.tables import read_columns
+
+
+class InputTable(InputFile):
+    """A CSV or Parquet file.
+
+    Parameters
+    ----------
+    path
+        Path of the file.
+    mapping
+        Mapping that defines the CSV format; None to detect it.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be read.
+    OSError
+        If the file cannot be opened.
+    """
+
+    def __init__(self, path: Path, mapping: ColumnMapping | None = None) -> None:
+        self.path = path
+        self._problem = ""
+        self._columns = read_columns(path, mapping.table if mapping else None)
+
+    @property
+    def remarks(self) -> list[str]:
+        """Remarks on problems encountered while reading."""
+        return [self._problem] if self._problem else []
+
+    def series(self, mapping: ColumnMapping) -> Mapping[str, Series]:
+        """Return the mapped series, of the topic ``""``."""
+        if not mapping.is_table:
+            raise ValueError(
+                f"{self.path} is a table, but position has topic {mapping.position.topic!r}: "
+                "expected a mapping of columns"
+            )
+        clock = mapping.clock
+        names = [clock.source, *(text for _, text, _ in mapping.wanted())]
+        notes = self._columns.notes_of(names)
+        if self._columns.is_newest_first(clock):
+            notes.append(
+                f"{clock.source!r} decreases from row to row: the rows are read in reverse"
+            )
+        self._problem = "; ".join(notes)
+        return {"": table_series(self._columns, mapping)}
+
+    def parts(self, columns: Sequence[str]) -> Iterator[tuple[list[str], Self]]:
+        """Split the table where the given columns change; yield their values and the rows."""
+        for values, rows in self._columns.parts(columns):
+            part = copy(self)
+            part._columns = rows
+            yield values, part
+
+    def guess_sources(self, clock: Clock | None, *, needs_command: bool) -> Guess:
+        """Guess the sources by the names and units of the columns."""
+        return guess_columns(self._columns, clock, needs_command=needs_command)
+
+    def contents(self) -> list[str]:
+        """Describe the columns, one line each."""
+        lines = []
+        for name, values in list(self._columns.values.items())[:MOST_LISTED]:
+            finite = values[np.isfinite(values)]
+            reach = f"{finite.min():.6g} to {finite.max():.6g}" if len(finite) else "no numbers"
+            unit = self._columns.units.get(name, "")
+            line = f"column {name!r}{f' [{unit}]' if unit else ''}: {reach}"
+            if empty := len(values) - len(finite):
+                line += f", {empty} of {len(values)} empty"
+            lines.append(line)
+        return lines
