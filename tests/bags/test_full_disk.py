@@ -199,7 +199,7 @@ def test_recording_of_a_bag_that_is_removed_goes_on_in_a_new_file(tmp_path: Path
         bag.write("/words", String(data="after"), 20)
     [removed] = bag.removed
     assert removed.startswith("4 messages from 0.000 s to 0.000 s not recorded: ")
-    assert "was removed or moved while it was recorded" in removed
+    assert "was removed or moved during the recording" in removed
     found = Bag(path)
     assert found.damage == ""
     assert [one.message.data for one in found.messages(["/words"])] == ["after"]
@@ -214,7 +214,7 @@ def test_without_patience_a_removed_bag_is_an_error(tmp_path: Path):
     bag = BagWriter(path)
     bag.add_topic("/words", String, QOS)
     path.unlink()
-    with pytest.raises(FileNotFoundError, match="was removed or moved while it was recorded"):
+    with pytest.raises(FileNotFoundError, match="was removed or moved during the recording"):
         bag.flush()
     with pytest.raises(FileNotFoundError):
         bag.close()

@@ -104,7 +104,9 @@ def test_installed_schema_passes_by_hash_and_by_fields():
 def test_other_fields_are_refused_by_name(old: str, new: str, told: str, recorded_hash: str):
     text = schema_text(TELEMETRY)
     assert old in text
-    with pytest.raises(ValueError, match=f"recorded {TELEMETRY} is not the installed one.*{told}"):
+    with pytest.raises(
+        ValueError, match=f"recorded {TELEMETRY} differs from the installed version.*{told}"
+    ):
         to_installed(TELEMETRY, text.replace(old, new), recorded_hash)
 
 
@@ -117,7 +119,7 @@ def test_other_order_is_refused():
 
 
 def test_other_hash_alone_is_refused():
-    with pytest.raises(ValueError, match=r"RIHS01_0+ there, RIHS01_[0-9a-f]+ here"):
+    with pytest.raises(ValueError, match=r"recorded RIHS01_0+, installed RIHS01_[0-9a-f]+"):
         to_installed(TELEMETRY, schema_text(TELEMETRY), "RIHS01_" + "0" * 64)
 
 
@@ -221,10 +223,10 @@ def test_only_fields_with_a_default_may_be_missing():
     text = schema_text(DESCRIPTION_TYPE)
     other_hash = "RIHS01_" + "0" * 64
     without_default = re.sub(r"float64 gear_ratio.*\n", "", text)
-    with pytest.raises(ValueError, match=r"is not the installed one.*float64 gear_ratio"):
+    with pytest.raises(ValueError, match=r"differs from the installed version.*float64 gear_ratio"):
         to_installed(DESCRIPTION_TYPE, without_default, other_hash)
     renamed = older_text().replace("float64 gear_ratio", "float64 ratio")
-    with pytest.raises(ValueError, match=r"is not the installed one.*float64 ratio"):
+    with pytest.raises(ValueError, match=r"differs from the installed version.*float64 ratio"):
         to_installed(DESCRIPTION_TYPE, renamed, other_hash)
 
 

@@ -90,7 +90,7 @@ def test_snapshot_begins_with_what_held_before_it(record, tmp_path: Path):
         receive_block(number, number * S // 10)
     assert received(recording, health(WARN), 5 * S) == "health of flap from OK to WARN"
     recording.write_snapshot()
-    with pytest.raises(ValueError, match="nothing was received since the last snapshot"):
+    with pytest.raises(ValueError, match="no messages received after the last snapshot"):
         recording.write_snapshot()
     receive_block(50, 6 * S)
     recording.write_snapshot()

@@ -212,7 +212,7 @@ def test_nothing_but_a_recording_is_replaced(tmp_path: Path):
     (tmp_path / "folder.mcap").mkdir()
     (tmp_path / "file").write_text("mine")
     for target in (folder, tmp_path / "folder.mcap", tmp_path / "file"):
-        with pytest.raises(FileExistsError, match="not a recording alone"):
+        with pytest.raises(FileExistsError, match="contains more than a recording"):
             BagWriter(target, overwrite=True)
     assert (folder / "notes.txt").read_text() == "mine"
     assert (tmp_path / "file").read_text() == "mine"
@@ -232,7 +232,7 @@ def test_wrong_use_is_refused_and_leaves_the_recording_whole(path: Path):
             writer.add_topic("/t", String, QOS)
         with pytest.raises(ValueError, match=r"topic '/u' was not added .*; added: /t"):
             writer.write("/u", String(), 0, 0)
-        with pytest.raises(ValueError, match="topic /t holds std_msgs/msg/String, not Header"):
+        with pytest.raises(ValueError, match="topic /t has type std_msgs/msg/String, not Header"):
             writer.write("/t", Header(), 0, 0)
         with pytest.raises(ValueError, match="log_time_ns = -1 ns on topic /t is outside"):
             writer.write("/t", String(), -1, 0)
@@ -310,7 +310,7 @@ def test_killed_writer_leaves_what_it_wrote_out(path: Path):
     assert [item.message.data for item in read] == [str(number) for number in range(len(read))]
     assert len(read) >= before
     assert bag.topics["/t"].count == len(read)
-    assert "not closed" in bag.damage or "breaks off" in bag.damage
+    assert "not closed" in bag.damage or "damaged at byte" in bag.damage
 
 
 N = 100
@@ -422,7 +422,7 @@ def test_metadata_list_what_is_closed_and_the_rest_is_found(tmp_path: Path):
 
 
 def test_one_file_cannot_be_split(tmp_path: Path):
-    with pytest.raises(ValueError, match=r"flight.mcap is one file: expected a folder"):
+    with pytest.raises(ValueError, match=r"flight.mcap is a single file: expected a folder"):
         BagWriter(tmp_path / "flight.mcap", max_bytes=1_000_000)
     assert not any(tmp_path.iterdir())
 

@@ -129,4 +129,4 @@ def test_impossible_options_are_one_clear_line(tmp_path: Path):
     result = subprocess.run(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, check=False)
     assert result.returncode == 1
     [line] = without_progress(result.stderr).splitlines()
-    assert "is one file: expected a folder" in line
+    assert "is a single file: expected a folder" in line

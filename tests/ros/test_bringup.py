@@ -238,7 +238,7 @@ def test_arguments_become_parameters(file: str, given: dict, node: str, own: dic
 @pytest.mark.parametrize(
     ("file", "given", "told"),
     [
-        ("ema", {"actuator_params": "no.yaml"}, r"actuator_params:=no\.yaml: there is no such"),
+        ("ema", {"actuator_params": "no.yaml"}, r"actuator_params:=no\.yaml: no such"),
         ("fleet", {"monitors": "2", "monitor_params": "no.yaml"}, r"monitor_params:=no\.yaml"),
         ("fleet", {"actuators": "a,a"}, "expected names that differ"),
         ("fleet", {"monitors": "0"}, "monitors:=0: expected a whole number"),

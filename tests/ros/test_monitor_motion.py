@@ -82,7 +82,7 @@ def test_an_estimate_of_later_motion_ends_a_defect():
     unit = ActuatorStatus(FLAP.actuator_id, finder, lambda _: None, 0, Arrivals())
     unit.finder.describe(FLAP)
     unit.finder.windows = 40
-    unit.add_defect("the description is impossible")
+    unit.add_defect("invalid description")
     estimate = replace(
         refusal(Refusal(5, 9, ""), "", SearchSettings(), WindowUnusable("")), valid=True
     )

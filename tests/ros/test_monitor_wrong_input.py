@@ -134,13 +134,13 @@ def test_telemetry_waits_for_the_description_and_what_is_wrong_with_one_is_named
         status = session.until_status("flap telemetry", "no description", ERROR)
         assert status.hardware_id == f"/ema/{FLAP.actuator_id}"
         session.send(topics.DESCRIPTION, wrong)
-        session.until_status("flap telemetry", "the description is impossible")
+        session.until_status("flap telemetry", "invalid description")
         session.until_status("flap telemetry", "-1")
         assert session.estimates() == []
         session.describe()
         assert session.next_estimate().valid
         before = len(session.statuses("flap telemetry"))
         session.send(topics.DESCRIPTION, wrong)
-        session.until_status("flap telemetry", "the description is impossible", WARN, since=before)
+        session.until_status("flap telemetry", "invalid description", WARN, since=before)
         session.feed(source.cycle())
         assert session.next_estimate().valid

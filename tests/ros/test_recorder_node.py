@@ -176,7 +176,7 @@ def test_bag_that_is_there_is_not_replaced_unasked(graph: Spinning, tmp_path: Pa
     for name, value in (("output", str(other)), ("topics", ["text"])):
         [answer] = recorder.set_parameters([Parameter(name, value=value)])
         assert not answer.successful
-        assert answer.reason == f"{name}: {path} is open; clean the node up first"
+        assert answer.reason == f"{name}: {path} is open; clean up the node first"
     recorder.trigger_deactivate()
     recorder.trigger_cleanup()
     before = (path / "flight_0.mcap").read_bytes()
@@ -228,7 +228,7 @@ def test_gone_publisher_is_told(graph: Spinning, tmp_path: Path):
     assert "/ema/never: no publisher yet" in task(recorder).message
     source.destroy_publisher(publisher)
     wait_for(lambda: task(recorder).values["publisher gone"] == "/ema/text", "the remark")
-    assert "/ema/text: the publisher is gone" in task(recorder).message
+    assert "/ema/text: the publisher has disappeared" in task(recorder).message
 
 
 @pytest.fixture
@@ -258,7 +258,7 @@ def test_type_that_is_not_the_installed_one_is_not_recorded(
 ):
     def not_installed(name: str) -> str:
         if missing:
-            raise ValueError(f"message type {name} is not installed here")
+            raise ValueError(f"message type {name} is not installed")
         return "RIHS01_of_another_version"
 
     monkeypatch.setattr(recorded_topic, "type_hash", not_installed)
@@ -328,11 +328,11 @@ def test_recorder_that_stood_still_says_so_in_status_and_bag(
         time.sleep(0.6)
     wait_for(lambda: int(task(recorder).values["standstills"]) > before, "the standstill")
     assert task(recorder).level == WARN
-    assert "may be missing: the recorder stood still for " in task(recorder).message
+    assert "may be missing: the recorder was suspended for " in task(recorder).message
     recorder.trigger_shutdown()
     remarks = Bag(tmp_path / "flight").remarks
     pattern = (
-        r"gap: (messages from [\d.]+ s to [\d.]+ s may be missing: the recorder stood still .*)"
+        r"gap: (messages from [\d.]+ s to [\d.]+ s may be missing: the recorder was suspended .*)"
     )
     told = [match[1] for text in remarks if (match := re.fullmatch(pattern, text))]
     assert len(told) == len(remarks) >= 1
@@ -367,11 +367,11 @@ def test_recorder_writes_when_a_level_changes_and_on_demand(
         text.publish(String(data=data))
         wait_for(lambda: task(recorder).values["kept [B]"], "the message")
 
-    assert snapshot().message == "nothing was received since the last snapshot"
+    assert snapshot().message == "no messages received after the last snapshot"
     keep("20")
     answer = snapshot()
     assert answer.success
-    assert answer.message == f"1 messages of 0.000 s to {path / 'flight_1.mcap'}"
+    assert answer.message == f"1 messages (0.000 s) written to {path / 'flight_1.mcap'}"
 
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -382,7 +382,7 @@ def test_recorder_writes_when_a_level_changes_and_on_demand(
         answer = snapshot()
         assert task(recorder).level == ERROR
     assert not answer.success
-    buffered = "are buffered in memory and not yet written: [Errno 28] No space left on device"
+    buffered = "are buffered in memory and not written yet: [Errno 28] No space left on device"
     assert buffered in answer.message
     recording = recorder._recorded
     assert recording is not None
@@ -403,6 +403,8 @@ def test_cache_that_is_too_small_is_told(graph: Spinning, tmp_path: Path):
     wait_for_match(recorder, text)
     for number in range(12):
         text.publish(String(data=str(number) * 10_000))
-    wait_for(lambda: "max_cache_size = 100000 B holds" in task(recorder).message, "the remark")
+    wait_for(
+        lambda: "max_cache_size = 100000 B is enough for" in task(recorder).message, "the remark"
+    )
     assert task(recorder).level == WARN
     assert int(task(recorder).values["kept [B]"]) <= 100_000

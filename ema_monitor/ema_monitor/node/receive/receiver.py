@@ -99,7 +99,7 @@ class Receiver:
         try:
             self.describe(description_from_message(message))
         except ValueError as error:
-            self.add_defect(message.actuator_id, f"the description is impossible: {error}")
+            self.add_defect(message.actuator_id, f"invalid description: {error}")
 
     def receive_measured(self, message: Any) -> None:
         """Store ``ema_interfaces/msg/MeasuredCauses``."""

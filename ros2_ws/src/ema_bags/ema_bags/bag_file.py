@@ -81,7 +81,7 @@ class HeldFile:
         while self.held:
             count = self._file.write(self.held) or 0
             if not count:
-                raise OSError(errno.EIO, "nothing was written")
+                raise OSError(errno.EIO, "no bytes were written")
             self._written += count
             del self.held[:count]
 

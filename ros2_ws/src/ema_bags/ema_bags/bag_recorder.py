@@ -27,29 +27,37 @@ class RecorderSettings(Checked):
 
     output: str = text(
         "",
-        "bag to write: a name ending in .mcap is one file, any other a folder; "
-        "empty: ema_<UTC date and time> in the working folder",
+        "bag to write: a single file if the name ends in .mcap, else a folder; empty: ema_<UTC "
+        "date and time> in the working folder",
     )
     overwrite: bool = flag(False, "replace an existing bag")
     flush_s: float = quantity(
-        0.5, "s", 0.01, 60.0, "longest time between writes; a killed recorder loses that much"
+        0.5,
+        "s",
+        0.01,
+        60.0,
+        "longest time between writes; a killed recorder loses at most this time",
     )
     max_bag_size: int = quantity(
-        0, "B", 0, 10**15, "size from which on the next file is begun, 100000 at least; 0: never"
+        0, "B", 0, 10**15, "size at which the next file begins, at least 100000; 0: never"
     )
     max_bag_duration: float = quantity(
-        0.0, "s", 0.0, 1e7, "recorded time after which the next file is begun; 0: never"
+        0.0, "s", 0.0, 1e7, "recorded time after which the next file begins; 0: never"
     )
     snapshot_duration: float = quantity(
         0.0,
         "s",
         0.0,
         86400.0,
-        "how much is kept in memory and written when a level changes, or by ~/snapshot; "
-        "0: all is written",
+        "time kept in memory and written when a level changes or ~/snapshot is called; 0: "
+        "everything is written at once",
     )
     max_cache_size: int = quantity(
-        104857600, "B", 100_000, 10**12, "memory for a snapshot; beyond it the oldest are dropped"
+        104857600,
+        "B",
+        100_000,
+        10**12,
+        "memory for a snapshot; if it is full, the oldest messages are dropped",
     )
     topics: tuple[str, ...] = texts(
         "topics to record; empty: the namespace, /diagnostics and /clock"
@@ -65,8 +73,8 @@ class RecorderSettings(Checked):
         chosen = [name for name in several if getattr(self, name)]
         if chosen and self.output.endswith(".mcap"):
             raise ValueError(
-                f"output = {self.output!r} is one file: expected a folder, a name that does not "
-                f"end in .mcap, as {chosen[0]} = {getattr(self, chosen[0]):g} makes several"
+                f"output = {self.output!r} is a single file: expected a folder (a name without "
+                f".mcap), because {chosen[0]} = {getattr(self, chosen[0]):g} splits the bag"
             )
 
 
@@ -171,9 +179,11 @@ class BagRecorder:
             as written, and are written later.
         """
         if not self._settings.snapshot_duration:
-            raise ValueError("all is written: snapshot_duration is 0")
+            raise ValueError(
+                "no snapshot: snapshot_duration is 0, so everything is written at once"
+            )
         if not self._kept:
-            raise ValueError("nothing was received since the last snapshot")
+            raise ValueError("no messages received after the last snapshot")
         span_s, items = self.kept_s, list(self._kept)
         self._kept.clear()
         self.kept_bytes, self.is_short = 0, False
@@ -184,12 +194,12 @@ class BagRecorder:
         self.snapshots += 1
         if failure := self.bag.failure:
             lost = len(items) - count
-            more = f"; {counted(lost, 'message')} lost for lack of memory" if lost else ""
+            more = f"; {counted(lost, 'message')} dropped because memory is full" if lost else ""
             raise OSError(
-                f"{count} messages ({span_s:.3f} s) are buffered in memory and not yet written: "
+                f"{count} messages ({span_s:.3f} s) are buffered in memory and not written yet: "
                 f"{failure}{more}"
             )
-        return f"{count} messages of {span_s:.3f} s to {self.bag.file_path}"
+        return f"{count} messages ({span_s:.3f} s) written to {self.bag.file_path}"
 
     def _keep(self, item: _Kept) -> None:
         """Keep a message and drop old ones; dropped states are written first to the next file."""
@@ -215,7 +225,7 @@ class BagRecorder:
             return None
 
     def _level_change(self, message: Any) -> str:
-        """Return a text on the level changes in a message; the first level is not a change."""
+        """Describe the level changes in a message; the first level is not a change."""
         levels: dict[str, int] = {}
         if isinstance(message, DiagnosticArray):
             levels = {item.name: ord(item.level) for item in message.status}

@@ -81,7 +81,7 @@ class Contents:
     """Ranges of bytes with messages, in the order of the file."""
 
     damage: list[str] = field(default_factory=list)
-    """One text for each defect of the file."""
+    """Description of each defect of the file."""
 
     library: str = ""
     """Program that wrote the file, from its header."""
@@ -96,11 +96,13 @@ class Contents:
         """Add a schema or channel, which must not differ from an earlier definition."""
         if isinstance(record, Schema):
             if self.schemas.setdefault(record.id, record) != record:
-                raise DamageError(f"schema {record.id} is defined otherwise elsewhere")
+                raise DamageError(f"schema {record.id} has two different definitions")
         elif isinstance(record, Channel):
             first = self.channels.setdefault(record.id, record)
             if first != record:
-                raise DamageError(f"channel {record.id} is {record.topic} here, else {first.topic}")
+                raise DamageError(
+                    f"channel {record.id} is {record.topic} here, but {first.topic} elsewhere"
+                )
 
     def note_gap(self, record: Metadata) -> None:
         """Add the gap in a metadata record of a recorder; further records are ignored."""
@@ -109,7 +111,7 @@ class Contents:
         try:
             self.gaps.append(Gap.from_metadata(record.metadata))
         except (KeyError, ValueError) as error:
-            raise DamageError(f"no record of a gap: {error!r}") from error
+            raise DamageError(f"not a gap record: {error!r}") from error
 
 
 def read_contents(file: BinaryIO) -> Contents:
@@ -123,7 +125,7 @@ def read_contents(file: BinaryIO) -> Contents:
     """
     size = file.seek(0, io.SEEK_END)
     if size == 0:
-        raise ValueError("is empty: expected an MCAP file")
+        raise ValueError("is an empty file: expected an MCAP file")
     file.seek(0)
     begin = file.read(len(_MAGIC))
     if not _MAGIC.startswith(begin):
@@ -132,9 +134,12 @@ def read_contents(file: BinaryIO) -> Contents:
             if begin == b"SQLite f"
             else f"a file compressed by lz4; {CONVERT}"
             if begin.startswith(_LZ4_MAGIC)
-            else "a table, or another bag? `ema import FILE --preview` shows how to read it"
+            else (
+                "it may be a table or another kind of bag: `ema import FILE --preview` shows how "
+                "to read it"
+            )
         )
-        raise ValueError(f"is not an MCAP file: it begins with {begin!r} ({remedy})")
+        raise ValueError(f"is not an MCAP file: it starts with {begin!r} ({remedy})")
     is_whole = True
     try:
         with _damage():
@@ -163,7 +168,7 @@ def _messages(path: Path, stretch: Stretch, contents: Contents) -> list[Message]
         file.seek(stretch.offset)
         data = file.read(stretch.stop - stretch.offset)
     if len(data) < stretch.stop - stretch.offset:
-        raise DamageError("it is cut off")
+        raise DamageError("it is truncated")
     messages = []
     with _damage():
         reader = StreamReader(io.BytesIO(data + _END), skip_magic=True, validate_crcs=True)
@@ -183,7 +188,7 @@ def _damage() -> Iterator[None]:
     except CRCValidationError as error:
         raise DamageError(str(error)) from error
     except EndOfFile as error:
-        raise DamageError("a record is cut off") from error
+        raise DamageError("a record is truncated") from error
     except _FAILURES as error:
         raise DamageError(f"{type(error).__name__} {error}".strip()) from error
 
@@ -225,7 +230,7 @@ def _check_summary(file: BinaryIO, size: int) -> None:
     file.seek(max(footer_at, 0))
     footer = file.read(FOOTER_SIZE)
     if footer_at < len(_MAGIC) or footer[0] != Opcode.FOOTER or file.read() != _MAGIC:
-        raise DamageError("there is no footer")
+        raise DamageError("the footer is missing")
     start, _, checksum = struct.unpack_from("<QQI", footer, 9)
     if start and checksum:
         file.seek(start)
@@ -247,7 +252,7 @@ def _by_reading(file: BinaryIO, size: int, *, index_is_whole: bool) -> Contents:
                 record = next(records)
         except (DamageError, StopIteration) as error:
             if end < size:
-                broken = f"it breaks off at byte {end} of {size}: {error}"
+                broken = f"it is damaged at byte {end} of {size}: {error}"
             break
         end = file.tell()
         if isinstance(record, DataEnd | Footer):
@@ -264,7 +269,9 @@ def _by_reading(file: BinaryIO, size: int, *, index_is_whole: bool) -> Contents:
             contents.damage.append(f"the {kind} at byte {start} is lost: {error}")
     for number in contents.counts.keys() - contents.channels.keys():
         lost = contents.counts.pop(number)
-        contents.damage.append(f"{lost} messages of channel {number} are lost: it is not defined")
+        contents.damage.append(
+            f"{lost} messages of channel {number} are lost: the channel is not defined"
+        )
     for channel in contents.channels.values():
         if channel.schema_id and channel.schema_id not in contents.schemas:
             contents.damage.append(
@@ -316,7 +323,7 @@ def _check_compression(name: str) -> None:
 
 def _intact(contents: Contents) -> str:
     if not contents.stretches:
-        return "no message is intact"
+        return "no intact message"
     last = max(stretch.end_ns for stretch in contents.stretches)
     seconds = f"{last // 10**9}.{last % 10**9:09d}"
     return f"{contents.counts.total()} messages are intact, up to log time {seconds} s"

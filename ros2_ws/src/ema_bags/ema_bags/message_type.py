@@ -32,7 +32,7 @@ def message_class(name: str) -> Any:
     try:
         return getattr(importlib.import_module(f"{package}.{kind}"), short)
     except (ImportError, AttributeError) as error:
-        raise ValueError(f"message type {name} is not installed here: {error}") from error
+        raise ValueError(f"message type {name} is not installed: {error}") from error
 
 
 def definition(name: str) -> str:
@@ -79,8 +79,8 @@ def _installed_file(name: str, suffix: str, prefixes: str) -> Path:
     shares = (Path(prefix, "share", package) for prefix in prefixes.split(os.pathsep) if prefix)
     share = next((path for path in shares if path.is_dir()), None)
     if share is None:
-        raise ValueError(f"message type {name} is not installed here: no {package}")
+        raise ValueError(f"message type {name} is not installed: no {package}")
     path = share / kind / (short + suffix)
     if not path.exists():
-        raise ValueError(f"message type {name} is not installed here: no {path}")
+        raise ValueError(f"message type {name} is not installed: no {path}")
     return path

@@ -92,7 +92,7 @@ def bag_information(
 
 
 def serialized_metadata(information: dict[str, Any]) -> str:
-    """Return the text of the ``rosbag2`` metadata record inside an MCAP file."""
+    """Return the content of the ``rosbag2`` metadata record inside an MCAP file."""
     return yaml.safe_dump(information, sort_keys=False)
 
 
@@ -114,7 +114,7 @@ class FolderContents:
     """Number of messages according to the metadata; None if unknown."""
 
     damage: list[str]
-    """One text for each defect."""
+    """Description of each defect."""
 
 
 def folder_contents(folder: Path) -> FolderContents:
@@ -149,7 +149,7 @@ def folder_contents(folder: Path) -> FolderContents:
     wanted = [Path(name).name.removesuffix(PACKED_SUFFIX) for name in listed]
     missing = [name for name in wanted if name not in present]
     if not wanted or len(missing) == len(wanted):
-        raise FileNotFoundError(f"{folder}: {', '.join(missing)} of the recording missing")
+        raise FileNotFoundError(f"{folder}: {', '.join(missing)} missing from the recording")
     # A file is listed once it is closed.
     later = [name for name in present if _is_later(name, wanted[-1])]
     damage = [f"{name} is missing" for name in missing]
@@ -185,5 +185,7 @@ def _without_metadata(folder: Path, present: dict[str, Path], reason: str) -> Fo
     if files := sorted(path.name for path in folder.glob("*.db3*")):
         raise ValueError(f"{folder}: {files[0]} is in sqlite3 storage, expected MCAP; {CONVERT}")
     if not present:
-        raise FileNotFoundError(f"{folder} is not a recording, with an .mcap file in it: {reason}")
+        raise FileNotFoundError(
+            f"{folder} is not a recording (a folder with an .mcap file): {reason}"
+        )
     return FolderContents(list(present.values()), None, [reason])

@@ -53,7 +53,7 @@ class Playback:
         self._messages = iter(messages)
         self._next = next(self._messages, None)
         if self._next is None:
-            raise ValueError("there is no message to play")
+            raise ValueError("no message to play")
         self.rate = rate
         self._tick_s = tick_s
         self._publish = publish

@@ -31,20 +31,20 @@ class PlayerSettings(Checked):
 
     bag: str = text("", "bag to play: a file or a folder")
     rate: float = quantity(1.0, "-", 0.01, 100.0, "playback rate")
-    start_offset: float = quantity(0.0, "s", 0.0, 1e9, "where to begin, from the bag's start")
+    start_offset: float = quantity(
+        0.0, "s", 0.0, 1e9, "start of the playback, relative to the start of the bag"
+    )
     playback_duration: float = quantity(
-        0.0, "s", 0.0, 1e9, "how much of the bag to play; 0: to its end"
+        0.0, "s", 0.0, 1e9, "duration of the playback; 0: to the end of the bag"
     )
-    loop: bool = flag(False, "begin again at the end")
-    start_paused: bool = flag(False, "wait at the beginning to be resumed")
-    actuator_only: bool = flag(
-        False, "play the topics of the actuator only, for a monitor to diagnose"
-    )
+    loop: bool = flag(False, "restart at the end")
+    start_paused: bool = flag(False, "start paused, until the player is resumed")
+    actuator_only: bool = flag(False, "play only the actuator's topics, for diagnosis by a monitor")
     wait_s: float = quantity(
-        5.0, "s", 0.0, 3600.0, "timeout for a subscriber of each telemetry topic"
+        5.0, "s", 0.0, 3600.0, "longest wait for a subscriber of each telemetry topic"
     )
     clock_rate_hz: float = quantity(100.0, "Hz", 1.0, 1000.0, "rate of /clock")
-    stay: bool = flag(False, "stay at the end of the bag, for a seek, instead of ending")
+    stay: bool = flag(False, "stay at the end of the bag and allow seeking, instead of ending")
     topics: tuple[str, ...] = texts("topics to play; empty: all")
 
 
@@ -89,7 +89,7 @@ class PlayedBag:
                 self.offers[name] = replay_qos(recorded_qos(topic.qos))
             except ValueError as error:
                 self.offers[name] = replay_qos(())
-                self.remarks[name] = f"played as a reliable stream, {error}"
+                self.remarks[name] = f"played with reliable QoS: {error}"
         # Latched messages before a log time of the bag, with their actuators.
         self._latched: list[tuple[Recorded, str]] = []
         self._latched_until_ns = 0
@@ -97,8 +97,8 @@ class PlayedBag:
         length_s = (self.end_ns - first_ns) / 1e9
         if settings.start_offset > length_s:
             raise ValueError(
-                f"start_offset = {settings.start_offset:g} s is beyond the end of {self.bag.path}, "
-                f"which lasts {length_s:.3f} s"
+                f"start_offset = {settings.start_offset:g} s is after the end of "
+                f"{self.bag.path}, which lasts {length_s:.3f} s"
             )
         begin_ns = first_ns + round(settings.start_offset * 1e9)
         if settings.playback_duration:
@@ -107,7 +107,7 @@ class PlayedBag:
         if first is None:
             damage = f"; {self.bag.damage}" if self.bag.damage else ""
             raise ValueError(
-                f"{self.bag.path}: there is no message to play from {settings.start_offset:g} s "
+                f"{self.bag.path}: no message to play from {settings.start_offset:g} s "
                 f"to {(self.end_ns - first_ns) / 1e9:.3f} s{damage}"
             )
         self.start_ns = first.log_time_ns
@@ -174,9 +174,9 @@ class PlayedBag:
             return playable
         reasons = [f"{name}: {why}" for name, why in self.remarks.items()]
         if not bag.topics or bag.start_ns is None:
-            reasons = [f"no message in it {bag.damage}".rstrip()]
+            reasons = [f"it has no messages {bag.damage}".rstrip()]
         elif actuator_only and not reasons:
-            reasons = ["no message of an actuator in it, and actuator_only is set"]
+            reasons = ["it has no actuator messages, and actuator_only is set"]
         raise ValueError(f"{bag.path}: nothing to play: {'; '.join(reasons)}")
 
     def _upgraded(self, items: Iterable[Recorded]) -> Iterator[Recorded]:

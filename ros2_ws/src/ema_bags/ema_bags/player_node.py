@@ -201,7 +201,7 @@ class PlayerNode(ManagedNode):
         """Play the next messages while it is paused, and return how many there were."""
         with self._steering():
             if self._status == PlaybackState.PLAYING:
-                raise ValueError("the player plays: pause it first")
+                raise ValueError("the player is playing: pause it first")
             self._stop = threading.Event()
             self._begin()
             played = self._playback.step(count, self._stop)
@@ -260,7 +260,7 @@ class PlayerNode(ManagedNode):
                     self.finished.set()
         except Exception as error:
             self.get_logger().error(traceback.format_exc())
-            self._failure = f"cannot play on: {error!r}"
+            self._failure = f"cannot continue the playback: {error!r}"
             self.exit_code = 1
             self.report()
             self.finished.set()
@@ -288,11 +288,11 @@ class PlayerNode(ManagedNode):
                 return False
             if pending := self._outputs.await_acknowledgement(stop):
                 names = ", ".join(pending)
-                self.get_logger().warning(f"not all messages on {names} are acknowledged")
+                self.get_logger().warning(f"some messages on {names} were not acknowledged")
             # A bag without duration would otherwise restart at once.
             if stop.is_set() or (self._settings.loop and stop.wait(_BETWEEN_PASSES_S)):
                 return False
-            self._set_phase(f"played {played} of {self._played.bag.path}")
+            self._set_phase(f"played {played} from {self._played.bag.path}")
             if not self._settings.loop:
                 return True
             start_ns = self._played.start_ns

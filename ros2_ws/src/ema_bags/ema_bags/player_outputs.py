@@ -110,7 +110,7 @@ class PlayerOutputs:
             is_monitor = any(HEALTH_TYPE in types for _, types in published)
             if is_monitor and CLOCK not in dict(subscribed):
                 remarks.append(
-                    f"{namespace.rstrip('/')}/{name} does not follow /clock and takes what is "
-                    "played for new tests: start it with use_sim_time:=true"
+                    f"{namespace.rstrip('/')}/{name} does not follow /clock and treats played "
+                    "data as new tests: start it with use_sim_time:=true"
                 )
         return remarks

@@ -95,7 +95,9 @@ class Bag(Recording):
         texts = [f"gap: {gap}" for gap in gaps[:_MOST_GAPS]]
         if more := gaps[_MOST_GAPS:]:
             lacking = counted(sum(gap.messages for gap in more), "message")
-            unknown = "" if all(gap.messages for gap in more) else ", and others may be missing"
+            unknown = (
+                "" if all(gap.messages for gap in more) else ", and further messages may be missing"
+            )
             texts.append(f"{counted(len(more), 'more gap')}: {lacking} not recorded{unknown}")
         return list(filter(None, (self.damage, *texts)))
 
@@ -155,8 +157,8 @@ class Bag(Recording):
                 self._note(self.path, str(error))
         count = sum(contents.counts.total() for contents in self._files.values())
         if folder.message_count is not None and folder.message_count > count:
-            promised = f"{METADATA_FILE} promises {counted(folder.message_count, 'message')}"
-            self._note(self.path, f"{promised}, {count} are there")
+            listed = f"{METADATA_FILE} lists {counted(folder.message_count, 'message')}"
+            self._note(self.path, f"{listed}, but {count} were found")
 
     def _open_file(self, path: Path) -> None:
         require_regular_file(path)
@@ -211,8 +213,8 @@ class Bag(Recording):
                 )
                 if before and before.type_name != topic.type_name:
                     raise ValueError(
-                        f"{self.path}: topic {channel.topic} holds {before.type_name} as well as "
-                        f"{topic.type_name}, expected one type"
+                        f"{self.path}: topic {channel.topic} has two types, {before.type_name} "
+                        f"and {topic.type_name}: expected one type"
                     )
                 topics[channel.topic] = topic
         return topics

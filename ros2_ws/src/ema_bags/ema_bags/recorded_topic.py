@@ -154,14 +154,14 @@ class RecordedTopic:
 
 def _installed_class(types: Sequence[str], publishers: Sequence[TopicEndpointInfo]) -> Any:
     if len(types) != 1:
-        raise ValueError(f"it has several types: {', '.join(types)}")
+        raise ValueError(f"the topic has several types: {', '.join(types)}")
     (name,) = types
     message_type, installed = message_class(name), type_hash(name)
     for item in publishers:
         offered = str(item.topic_type_hash)
         if offered.startswith("RIHS") and offered != installed:
             raise ValueError(
-                f"{name} of {item.node_name} is another version ({offered}) than the installed one "
-                f"({installed})"
+                f"{name} of {item.node_name} differs from the installed version: {offered}, "
+                f"installed is {installed}"
             )
     return message_type

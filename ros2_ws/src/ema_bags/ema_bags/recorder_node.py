@@ -105,7 +105,7 @@ class RecorderNode(ManagedNode):
             recorded.bag.close()
         except OSError as error:
             self.exit_code = 1
-            raise OSError(f"{path} ends early: {error}") from error
+            raise OSError(f"{path} is incomplete: {error}") from error
         self.get_logger().info(f"closed {path} with {counted(recorded.messages, 'message')}")
 
     def counts(self) -> NodeStatus:
@@ -128,21 +128,22 @@ class RecorderNode(ManagedNode):
         missing = sorted((self._wanted or set()) - topics.keys() - self._skipped.keys())
         remarks = [bag.flusher.failure] if bag.flusher.failure else []
         remarks += [f"{counted(sum(lost.values()), 'message')} lost"] if lost else []
-        remarks += [f"{gone}: the publisher is gone"] if gone else []
+        remarks += [f"{gone}: the publisher has disappeared"] if gone else []
         remarks += [f"{', '.join(missing)}: no publisher yet"] if missing else []
         remarks += [f"{name}: not recorded, {why}" for name, why in self._skipped.items()]
         remarks += [
-            f"{name}: nothing received from {', '.join(topic.incompatible)}, which offers less"
+            f"{name}: no messages from {', '.join(topic.incompatible)}: incompatible quality of "
+            "service"
             for name, topic in topics.items()
             if topic.incompatible
         ]
         if recorded.is_short:
             remarks.append(
-                f"max_cache_size = {settings.max_cache_size} B holds {recorded.kept_s:.3g} of "
-                f"{settings.snapshot_duration:g} s"
+                f"max_cache_size = {settings.max_cache_size} B is enough for "
+                f"{recorded.kept_s:.3g} of {settings.snapshot_duration:g} s"
             )
         if not topics and not missing:
-            remarks.append("nothing is published yet")
+            remarks.append("no topics are published yet")
         elif not recorded.messages and self._recording and not settings.snapshot_duration:
             remarks.append("no message received yet")
         remarks += [f"gap: {gap}" for gap in bag.gaps[-_MOST_NAMED:]]
@@ -180,7 +181,7 @@ class RecorderNode(ManagedNode):
         if not self.is_configured:
             return ""
         bag = self._recorded.bag.path if self._recorded is not None else "a bag"
-        return f"{bag} is open; clean the node up first"
+        return f"{bag} is open; clean up the node first"
 
     def _is_wanted(self, name: str) -> bool:
         if self._wanted is not None:
@@ -220,7 +221,7 @@ class RecorderNode(ManagedNode):
             return
         # Simulated time may have gone back meanwhile.
         start_ns, end_ns = sorted((last[1], now[1]))
-        gap = Gap(f"the recorder stood still for {now[0] - last[0]:.1f} s", start_ns, end_ns)
+        gap = Gap(f"the recorder was suspended for {now[0] - last[0]:.1f} s", start_ns, end_ns)
         self._standstills += 1
         with self._writing:
             if self._recorded is not None:

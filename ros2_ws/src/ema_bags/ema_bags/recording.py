@@ -111,7 +111,7 @@ class MalformedMessages:
         self._by_topic.setdefault(item.topic, (first, set()))[1].add(item.place)
 
     def remarks(self) -> list[str]:
-        """Return one text for each topic, with the number of its malformed messages."""
+        """Return a remark for each topic, with its number of malformed messages."""
         return [
             f"topic {name}: {counted(len(places), 'malformed message')} skipped, {first}"
             for name, (first, places) in self._by_topic.items()

@@ -1,7 +1,7 @@
-"""Message schemas of recordings: text, comparison, and decoding without ROS.
+"""Message schemas of recordings: generation, comparison, and decoding without ROS.
 
-This module generates the text, as rosbags generates a text without comments, which differs from
-the text that rosbag2 stores.
+Schemas are generated here, because rosbags omits comments: its schemas differ from the schemas
+stored by rosbag2.
 """
 
 import re
@@ -106,8 +106,10 @@ def to_installed(
     ):
         kept = [item.rpartition(" ")[2] for item in older]
         return _upgrade(name, recorded_text, kept, {item: defaults[item] for item in lacking})
-    words = _differences(recorded, installed) or f"{recorded_hash} there, {installed_hash} here"
-    raise ValueError(f"the recorded {name} is not the installed one: {words}")
+    words = (
+        _differences(recorded, installed) or f"recorded {recorded_hash}, installed {installed_hash}"
+    )
+    raise ValueError(f"the recorded {name} differs from the installed version: {words}")
 
 
 def _upgrade(
@@ -208,7 +210,7 @@ def typestore(type_name: str, schema: str) -> Typestore:
     except (TypesysError, SerdeError, LookupError) as error:
         raise ValueError(f"the definition of {type_name} cannot be read: {error}") from error
     except RecursionError as error:
-        reason = "it is nested too deeply, or contains itself"
+        reason = "it is nested too deeply or contains itself"
         raise ValueError(f"the definition of {type_name} cannot be read: {reason}") from error
     return store
 
@@ -221,7 +223,8 @@ def _differences(recorded: dict[str, list[str]], installed: dict[str, list[str]]
             only_there = ", ".join(field for field in there if field not in here)
             only_here = ", ".join(field for field in here if field not in there)
             differences.append(
-                f"{short} has [{only_there}] in the recording where it has [{only_here}] here"
+                f"{short} has [{only_there}] in the recording, but [{only_here}] in the "
+                "installed version"
                 if only_there or only_here
                 else f"{short} has the same fields in another order"
             )
@@ -229,7 +232,7 @@ def _differences(recorded: dict[str, list[str]], installed: dict[str, list[str]]
 
 
 def _field_lists(name: str, text: str) -> dict[str, list[str]]:
-    """Return the fields of every definition in a schema as texts, by short name."""
+    """Return the fields of every definition in a schema as strings, by short name."""
     package, _, short = name.split("/")
     named = f"{_SEPARATOR}{package}/{short}\n{text}".replace("\r\n", "\n").split(_SEPARATOR)[1:]
     lists = {}

@@ -26,7 +26,7 @@ def described_actuators(bag: Recording) -> list[str]:
 
 @dataclass(frozen=True)
 class Malformed:
-    """A block that is not telemetry, or a description of an impossible actuator."""
+    """A malformed block of telemetry, or an invalid description."""
 
     stamp_ns: int
     reason: str
@@ -76,7 +76,7 @@ class RecordedTelemetry:
             elif is_block and not self.skips_others:
                 there = ", ".join(map(repr, sorted(set(_actuator_ids(self.bag, self.topic)))))
                 raise ValueError(
-                    f"{self.bag.path}: topic {self.topic} holds telemetry of several actuators: "
+                    f"{self.bag.path}: topic {self.topic} has telemetry of several actuators: "
                     f"{there}: choose one by actuator_id (--actuator-id)"
                 )
 
@@ -137,13 +137,13 @@ def _telemetry_topics(bag: Recording, topic: str | None) -> list[str]:
     if not names:
         raise ValueError(
             f"{bag.path} has no topic of {TELEMETRY_TYPE}; topics: {present or 'none'}; "
-            f"`ema import {bag.path} --preview` shows how to read others"
+            f"`ema import {bag.path} --preview` shows how to import other types"
         )
     if topic is not None and topic not in names:
         raise ValueError(f"{bag.path} has no telemetry on {topic!r}; topics: {present}")
     filled = [name for name in names if bag.topics[name].count and topic in (None, name)]
     if not filled:
-        raise ValueError(f"{bag.path} has no message on {topic or ', '.join(names)}")
+        raise ValueError(f"{bag.path} has no messages on {topic or ', '.join(names)}")
     return filled
 
 
@@ -156,7 +156,7 @@ def _converted(bag: Recording, item: Recorded) -> Telemetry | Malformed | Actuat
     try:
         return (telemetry_from_message if is_block else description_from_message)(item.message)
     except ValueError as error:
-        bag.malformed.note(item, f"{'' if is_block else 'the description is impossible: '}{error}")
+        bag.malformed.note(item, f"{'' if is_block else 'invalid description: '}{error}")
         return Malformed(stamp_from_message(item.message.header.stamp), str(error))
 
 

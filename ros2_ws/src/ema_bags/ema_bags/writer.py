@@ -62,7 +62,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     Attributes
     ----------
     custom_data
-        Texts by name for ``custom_data`` of the metadata, written when a file is closed.
+        Strings by name for ``custom_data`` of the metadata, written when a file is closed.
     failure
         Why the recording cannot be written, else None. It is set before a message is refused, and
         reset if the recording waits for room and can be written again.
@@ -71,7 +71,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     topics
         The added topics.
     removed
-        One text for each file that was removed or moved during the recording.
+        Description of each file that was removed or moved during the recording.
     gaps
         Received messages that could not be recorded, and gaps added by :meth:`note_gap`; the last
         gap is open while ``failure`` is set.
@@ -183,7 +183,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         expected = self._topic(topic).message_class
         if not isinstance(message, expected):
             raise ValueError(
-                f"topic {topic} holds {type_name(expected)}, not {type(message).__name__}"
+                f"topic {topic} has type {type_name(expected)}, not {type(message).__name__}"
             )
         self.write_serialized(topic, serialize_message(message), log_time_ns, publish_time_ns)
 
@@ -313,8 +313,8 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     def _require_folder(self) -> None:
         if self._folder is None:
             raise ValueError(
-                f"{self.path} is one file: expected a folder (a name that does not end in .mcap) "
-                "for a recording in several files"
+                f"{self.path} is a single file: expected a folder (a name without .mcap) for a "
+                "recording in several files"
             )
 
     def _next_file(self) -> BagFile:
@@ -401,7 +401,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     def _replace_removed(self) -> None:
         """Begin a file in place of the removed current file."""
         gone, span = self._file, self._file.information
-        reason = f"{gone.path} was removed or moved while it was recorded"
+        reason = f"{gone.path} was removed or moved during the recording"
         if not self._waits_for_room:
             raise FileNotFoundError(errno.ENOENT, reason)
         (self._folder or self.path.parent).mkdir(parents=True, exist_ok=True)
@@ -454,4 +454,4 @@ def _clear(path: Path, overwrite: bool) -> None:
     ):
         shutil.rmtree(path)
     else:
-        raise FileExistsError(f"{path} is not a recording alone: it is not replaced")
+        raise FileExistsError(f"{path} contains more than a recording: it was not replaced")

@@ -30,7 +30,7 @@ def generate_launch_description() -> LaunchDescription:
         rate=("1.0", "playback rate"),
         start_offset=("0.0", "where to begin, from the start [s]"),
         playback_duration=("0.0", "how much to play; 0: all [s]"),
-        loop=("false", "true: begin again at the end"),
+        loop=("false", "true: restart at the end"),
         end=("true", "false: stay when the diagnosis is complete"),
     )
 
