@@ -411,6 +411,64 @@ def test_rate_that_changes_is_learned_anew(before_hz, after_hz):
     assert sum(map(len, blocks)) > 3 * before_hz + after_hz
 
 
+def send_arriving(target: Bridge, rates_hz, seconds, *, burst=1, stall_s=0.0):
+    """Send moves without stamps, at one rate after the other. Return the blocks with their times.
+
+    Messages arrive late by 0.2 ms in the mean, in bursts, and after stalls at 1, 3, 5 ... s.
+    """
+    rng = np.random.default_rng(7)
+    start_ns, blocks = START_NS, list[tuple[int, Telemetry]]()
+    for rate_hz in rates_hz:
+        columns, stamps = moves(seconds, rate_hz)
+        sent_ns = stamps - stamps[0] + start_ns
+        number = np.arange(len(sent_ns))
+        last = np.minimum((number // burst + 1) * burst - 1, number[-1])
+        arrivals = sent_ns[last] + np.rint(rng.exponential(2e5, len(number))).astype(np.int64)
+        since_s = (1e-9 * (sent_ns - START_NS) + 1.0) % 2.0
+        arrivals += np.rint(1e9 * np.clip(stall_s - since_s, 0.0, None)).astype(np.int64)
+        for i, arrival_ns in enumerate(np.maximum.accumulate(arrivals).tolist()):
+            message = SimpleNamespace(
+                header=SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0)),
+                name=["flap"],
+                position=[columns["position"][i]],
+                velocity=[columns["speed"][i] * JOINT_TAU],
+                effort=[columns["current"][i]],
+            )
+            collect(target, STATES, message, 0, arrival_ns)
+            if i % 20 == 0:
+                blocks += [(arrival_ns, block) for block in target.advance()]
+        start_ns = int(sent_ns[-1]) + round(1e9 / rate_hz)
+    return blocks
+
+
+@pytest.mark.parametrize("burst", [1, 8])
+@pytest.mark.parametrize(("before_hz", "after_hz"), [(1000, 100), (100, 500), (500, 250)])
+def test_rate_that_changes_is_learned_anew_by_arrival(before_hz, after_hz, burst):
+    """No sample has a stamp after its arrival, and no stamp goes back."""
+    target = joint_bridge(mapping(command=None, clock={"source": "arrival"}), learn_s=0.5)
+    blocks = send_arriving(target, (before_hz, after_hz), 5.0, burst=burst)
+    assert target.rate is not None
+    assert target.rate.period == pytest.approx(1.0 / after_hz)
+    assert target.description is not None
+    assert target.description.sample_period == pytest.approx(1.0 / after_hz)
+    assert blocks[0][1].sample_period == pytest.approx(1.0 / before_hz)
+    assert blocks[-1][1].sample_period == pytest.approx(1.0 / after_hz)
+    assert blocks[-1][1].stamp_ns > START_NS + 9 * 10**9
+    assert all(block.stamp_at(len(block)) < arrival_ns for arrival_ns, block in blocks)
+    stamps_ns = [block.stamp_ns for _, block in blocks]
+    assert stamps_ns == sorted(stamps_ns)
+    assert target.rebuilt >= sum(len(block) for _, block in blocks)
+
+
+@pytest.mark.parametrize("stall_s", [0.15, 0.5])
+def test_stalls_of_the_network_are_no_change_of_rate(stall_s):
+    target = joint_bridge(mapping(command=None, clock={"source": "arrival"}), learn_s=0.5)
+    blocks = send_arriving(target, (500,), 9.0, stall_s=stall_s)
+    assert {block.sample_period for _, block in blocks} == {0.002}
+    # Only the latest samples wait for those after them.
+    assert sum(len(block) for _, block in blocks) > 500 * 9.0 - 300
+
+
 @pytest.mark.parametrize("kind", ["rate of the mapping", "bursts"])
 def test_rate_that_is_given_or_uneven_is_not_learned_again_and_again(kind):
     fixed = {"clock": {"rate_hz": 1000.0}} if kind == "rate of the mapping" else {}

@@ -65,6 +65,28 @@ def test_messages_without_a_joint_are_another_publishers():
     assert gone.problem() == "joint 'c' is missing in all 2 messages"
 
 
+def test_joint_that_is_missing_later_is_named_with_the_time_since_when():
+    states = JointStates(mapping())
+
+    def send(names, begin_s, end_s):
+        for ns in range(round(begin_s * 1e9), round(end_s * 1e9), 100_000_000):
+            states.add(STATES, message(0, names), 0, 1_700_000_000_000_000_000 + ns)
+        states.share()
+
+    column = states.of_joint("b")
+    send("abc", 0.0, 1.0)
+    send("ac", 1.0, 1.9)
+    assert not column.problem()  # other publishers may send the other joints
+    send("ac", 1.9, 4.0)
+    assert column.problem() == (
+        "joint 'b' is missing in the messages since 2023-11-14 22:13:21 UTC"
+    )
+    assert column.rejected == 30
+    assert not states.of_joint("a").problem()
+    send("abc", 4.0, 4.1)
+    assert not column.problem()
+
+
 def test_array_that_is_empty_is_not_a_number():
     series = read([message(i, "abc", without=("effort",)) for i in range(3)])
     values = series.of_joint("b").take()[STATES].values

@@ -296,11 +296,12 @@ def test_each_joint_of_a_mapping_is_an_actuator(graph: Spinning, mapping_file):
     descriptions = graph.listen(DescriptionMessage, "/ema/actuator_description", LATCHED_BY_MANY)
     blocks: list[TelemetryBlock] = graph.listen(TelemetryBlock, "/ema/telemetry", STREAM)
     states = graph.node("robots").create_publisher(JointState, STATES, 100)
-    cycles = count()
+    cycles, removed = count(), set[str]()
 
     def publish_and_ask() -> bool:
         i = next(cycles)
         arm = ["elbow", "shoulder"] if i % 3 else ["shoulder", "elbow"]
+        arm = [name for name in arm if name not in removed]
         for listed in (arm, ["wrist"]):
             message = JointState(name=listed)
             message.header.stamp = stamp_to_message(START_NS + i * 5_000_000)
@@ -329,6 +330,10 @@ def test_each_joint_of_a_mapping_is_an_actuator(graph: Spinning, mapping_file):
     assert input_of("elbow").level == OK, input_of("elbow").message
     wait_for(lambda: publish_and_ask() and input_of("gone").level == ERROR, "an error")
     assert "joint 'gone' is missing in all" in input_of("gone").message
+    removed.add("elbow")
+    wait_for(lambda: publish_and_ask() and input_of("elbow").level == ERROR, "an error")
+    assert "joint 'elbow' is missing in the messages since 20" in input_of("elbow").message
+    assert input_of("shoulder").level == OK, input_of("shoulder").message
 
 
 def test_silent_topics_are_named_and_their_rates_fall(session):

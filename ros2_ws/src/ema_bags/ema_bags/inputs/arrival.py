@@ -31,10 +31,14 @@ class ArrivalClock:
     ----------
     rebuilt
         Number of stamps reconstructed so far.
+    early_s
+        How much earlier than the line the latest samples arrived [s]; more than the jitter shows
+        that samples come faster than the period.
     """
 
     def __init__(self, period: float) -> None:
         self.rebuilt = 0
+        self.early_s = 0.0
         self._period = period * 1e9
         self._settle = max(_SETTLE_LEAST, round(1e-9 * _SETTLE_NS / period))
         self._span = max(4 * self._settle, round(_SPAN_S / period))
@@ -104,6 +108,8 @@ class ArrivalClock:
             np.concatenate([self._numbers, numbers[count:]]),
             np.concatenate([self._arrivals, arrivals[count:]]),
         )
+        early = offset + slope * numbers - arrivals
+        self.early_s = 1e-9 * float(np.min(early[-_SETTLE_LEAST:]))
         self._next = numbers[count - 1] + 1.0
         self._waiting = self._waiting[count:]
         stamps = offset + slope * numbers[:count]

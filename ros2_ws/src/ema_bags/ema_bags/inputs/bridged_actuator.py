@@ -15,7 +15,7 @@ SILENT_S: Final = 3.0
 
 _PUBLISHED: Final = "published [Hz]"
 _CHECKED: Final = "checked [Hz]"
-_LEFT_OUT: Final = "left out [Hz]"
+_REJECTED: Final = "rejected [Hz]"
 
 
 class Reception(NamedTuple):
@@ -62,7 +62,7 @@ class BridgedActuator:
         self._prefix = f"{prefix} " if prefix else ""
         self._silent_s = silent_s
         # Message and sample counts: current values, and a history covering the last seconds.
-        rates = (_PUBLISHED, _CHECKED, _LEFT_OUT)
+        rates = (_PUBLISHED, _CHECKED, _REJECTED)
         self._counts = dict.fromkeys([*bridge.collector.topics, *rates], 0)
         times = round(silent_s / step_s) + 1
         self._past = deque([(time.monotonic(), self._counts.copy())], maxlen=times)
@@ -71,10 +71,9 @@ class BridgedActuator:
         """Record the current counts for computing rates."""
         self._past.append((time.monotonic(), self._counts.copy()))
 
-    def count(self, topic: str, *, is_left_out: bool = False) -> None:
+    def count(self, topic: str) -> None:
         """Count a received message."""
         self._counts[topic] += 1
-        self._counts[_LEFT_OUT] += is_left_out
 
     def advance(self) -> list[Telemetry]:
         """Return blocks of telemetry completed since the previous call.
@@ -84,6 +83,7 @@ class BridgedActuator:
         ValueError
             If the sample rate cannot be measured; ``problem`` holds the reason.
         """
+        self._counts[_REJECTED] = self.bridge.collector.rejected
         try:
             blocks = self.bridge.advance()
         except ValueError as error:
@@ -154,7 +154,7 @@ class BridgedActuator:
         }
         reasons = [text for topic, text in silent.items() if topic in needed]
         reasons += [self.problem] * bool(self.problem)
-        if recent[_LEFT_OUT] or not bridge.losses.samples:
+        if recent[_REJECTED] or not bridge.losses.samples:
             reasons += filter(None, [bridge.collector.problem()])
         if bridge.rate is None and not reasons:
             expected = f"expected at least {LEAST_SAMPLES} in {bridge.settings.learn_s:g} s or more"

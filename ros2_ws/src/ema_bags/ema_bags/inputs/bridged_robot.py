@@ -96,8 +96,8 @@ class BridgedRobot:
         for unit in self.actuators.values():
             collector = unit.bridge.collector
             if isinstance(collector, Collector) and topic in collector.topics:
-                is_read = collector.add(topic, message, sent_ns, received_ns)
-                unit.count(topic, is_left_out=not is_read)
+                collector.add(topic, message, sent_ns, received_ns)
+                unit.count(topic)
 
     def share(self) -> None:
         """Distribute the messages received so far to the joints."""

@@ -40,6 +40,10 @@ _RECHECK_S: Final = 2.0
 _MOST_WAITING: Final = 200_000
 # The rate has changed if the median step differs from the period by more than this factor.
 _NEW_RATE: Final = 1.5
+# Parts of the latest arrivals; their mean steps are hardly changed by bursts.
+_ARRIVAL_PARTS: Final = 8
+# Earliness of the latest arrivals that shows a faster rate [s].
+_EARLY_S: Final = 0.05
 _BLOCK_SAMPLES: Final = 20
 _SLOW_BLOCK_S: Final = 0.1
 
@@ -159,7 +163,7 @@ class Bridge:
         # Latest converted samples, kept to check them for defects.
         self._latest: deque[_Part] = deque()
         self._unchecked = 0
-        # Latest stamps, for detecting a rate change [ns].
+        # Latest stamps, or arrivals if stamps are rebuilt, for detecting a rate change [ns].
         self._recent_ns = np.empty(0, dtype=np.int64)
 
     @property
@@ -268,23 +272,37 @@ class Bridge:
     def _has_new_rate(self) -> bool:
         """Return whether samples have arrived at a new, steady rate for at least ``learn_s``."""
         assert self._stream is not None
-        has_rate = bool(self._clock or self.mapping.clock.rate_hz)
-        if has_rate or len(self._recent_ns) < LEAST_SAMPLES:
+        recent_ns = self._recent_ns
+        if self.mapping.clock.rate_hz:
             return False
-        if 1e-9 * np.ptp(self._recent_ns) < self.settings.learn_s:
+        if self._clock is not None and self._clock.early_s > _EARLY_S:
+            return True  # stamps by the old rate would be in the future
+        if len(recent_ns) < LEAST_SAMPLES:
             return False
+        if 1e-9 * np.ptp(recent_ns) < self.settings.learn_s:
+            return False
+        each = 1 if self._clock is None else (len(recent_ns) - 1) // _ARRIVAL_PARTS
         # Uneven steps indicate two publishers, or bursts, rather than a new rate.
-        steps_s = 1e-9 * np.diff(self._recent_ns)
+        steps_s = 1e-9 * np.diff(recent_ns[::each]) / each
         short, usual, long = np.quantile(steps_s, (0.1, 0.5, 0.9))
         longest = max(float(long), float(np.mean(steps_s)))
         if longest > _NEW_RATE * usual or usual > _NEW_RATE * short:
             return False
-        period = self._stream.description.sample_period
-        return not period / _NEW_RATE < usual < period * _NEW_RATE
+        if not self._is_other(float(usual)):
+            return False
+        # Lost messages lengthen the mean step, but are no new rate.
+        return self._clock is None or self._is_other(find_rate(recent_ns).measured_period)
+
+    def _is_other(self, period: float) -> bool:
+        """Return whether a sample period [s] differs from the nominal period."""
+        assert self._stream is not None
+        nominal = self._stream.description.sample_period
+        return not nominal / _NEW_RATE < period < nominal * _NEW_RATE
 
     def _restart_learning(self) -> None:
         """Discard the rate, and the waiting samples; measure it again from later samples."""
-        self._stream, self.rate, self.defects = None, None, []
+        self._filled = self.rebuilt
+        self._stream, self._clock, self.rate, self.defects = None, None, None, []
         self._waiting = {topic: series[len(series) :] for topic, series in self._waiting.items()}
         self._settled, self._stamped = np.empty(0, dtype=np.int64), 0
         self._recent_ns = np.empty(0, dtype=np.int64)
@@ -297,6 +315,7 @@ class Bridge:
         self._stamped = len(primary)
         if self._clock is not None:
             stamps = self._clock.push(fresh.arrivals_ns)
+            self._recent_ns = self._latest_stamps(fresh.arrivals_ns)
         else:
             stamps, filled = fresh.stamped()
             self._filled += filled
@@ -304,13 +323,12 @@ class Bridge:
         self._settled = np.concatenate([self._settled, stamps])
 
     def _latest_stamps(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the latest stamps, including new ones, spanning twice ``learn_s`` [ns]."""
+        """Return the latest stamps that may show a new rate, including new ones [ns]."""
         recent = np.concatenate([self._recent_ns, stamps])
-        if not len(recent):
-            return recent
         # Twice ``learn_s``, so that the samples cover it for any block length.
-        span_ns = round(2e9 * self.settings.learn_s)
-        return recent[recent > recent[-1] - span_ns][-_MOST_WAITING:]
+        earliest_ns = recent[-1:] - round(2e9 * self.settings.learn_s)
+        count = max(np.count_nonzero(recent > earliest_ns), LEAST_SAMPLES)
+        return recent[-min(count, _MOST_WAITING) :]
 
     def _ordered(self) -> int:
         """Sort the waiting samples by stamp; return the number whose order is final."""

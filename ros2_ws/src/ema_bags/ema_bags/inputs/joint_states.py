@@ -1,6 +1,7 @@
 """Reading of a robot's joint states once for all its joints."""
 
 from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
 from operator import attrgetter
 from typing import Any, Final, NamedTuple
 
@@ -18,6 +19,8 @@ FIELDS: Final = ("position", "velocity", "effort", REFERENCE)
 """Per-joint arrays of ``sensor_msgs/msg/JointState`` and of trajectory controllers."""
 
 _MOST_ORDERS: Final = 100
+# Time without the joint after which it is missing: other publishers may share the topic.
+_MISSING_NS: Final = 1_000_000_000
 
 
 def reads_joint_states(mapping: ColumnMapping) -> bool:
@@ -152,7 +155,7 @@ class JointStates:
                 continue
             if place < 0:
                 if topic == self._primary:
-                    columns.missed += len(rows)
+                    columns.miss(arrivals)
                 continue
             values = {
                 key: np.ascontiguousarray(table[:, place])
@@ -162,7 +165,7 @@ class JointStates:
             }
             columns.give(topic, Series(stamps, arrivals, values))
             if topic == self._primary:
-                columns.received += len(rows)
+                columns.find()
 
 
 def _form(row: _Row) -> tuple[int, ...]:
@@ -184,17 +187,17 @@ class JointColumns:
 
     Attributes
     ----------
-    missed
+    rejected
         Number of messages on the topic of the position that lack the joint.
-    received
-        Number of messages on the topic of the position that contain the joint.
     """
 
     def __init__(
         self, joint: str, types: Mapping[str, str], fields: Mapping[str, Mapping[str, str]]
     ) -> None:
-        self.missed = 0
-        self.received = 0
+        self.rejected = 0
+        self._is_received = False
+        # First and latest arrival of the messages since the latest one with the joint [ns].
+        self._missing_ns: tuple[int, int] | None = None
         self._joint = joint
         self._types = types
         nothing = np.empty(0, dtype=np.int64)
@@ -223,6 +226,16 @@ class JointColumns:
         """Append a series of samples of a topic."""
         self._series[topic].append(series)
 
+    def find(self) -> None:
+        """Note that a message on the topic of the position contains the joint."""
+        self._is_received, self._missing_ns = True, None
+
+    def miss(self, arrivals_ns: NDArray[np.int64]) -> None:
+        """Count messages that lack the joint, by their arrival times [ns]."""
+        self.rejected += len(arrivals_ns)
+        first_ns, _ = self._missing_ns or (int(arrivals_ns[0]), 0)
+        self._missing_ns = first_ns, int(arrivals_ns[-1])
+
     def take(self) -> dict[str, Series]:
         """Return the series collected since the previous call, by topic."""
         taken = {
@@ -232,7 +245,15 @@ class JointColumns:
         return taken
 
     def problem(self) -> str:
-        """Return a message if no received message contains the joint, else ""."""
-        if self.received or not self.missed:
+        """Return since when the messages lack the joint, or ""."""
+        if self._missing_ns is None:
             return ""
-        return f"joint {self._joint!r} is missing in all {counted(self.missed, 'message')}"
+        if not self._is_received:
+            return f"joint {self._joint!r} is missing in all {counted(self.rejected, 'message')}"
+        first_ns, last_ns = self._missing_ns
+        if last_ns - first_ns < _MISSING_NS:
+            return ""
+        since = datetime.fromtimestamp(first_ns * 1e-9, UTC)
+        return (
+            f"joint {self._joint!r} is missing in the messages since {since:%Y-%m-%d %H:%M:%S} UTC"
+        )

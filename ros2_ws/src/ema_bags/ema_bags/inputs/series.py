@@ -96,6 +96,8 @@ class Collector:
         Message types by topic; empty if the mapping does not state the type.
     reason
         Reason why the latest rejected message was rejected; empty if none was.
+    rejected
+        Number of rejected messages.
 
     Raises
     ------
@@ -105,7 +107,7 @@ class Collector:
 
     def __init__(self, mapping: ColumnMapping) -> None:
         self.reason = ""
-        self._refused = 0
+        self.rejected = 0
         source = mapping.clock.source or "header"
         self._sent_first = source != "arrival"
         self._reads_header = source == "header"
@@ -136,8 +138,8 @@ class Collector:
         """Mapped topics, including topics with names."""
         return [*self._topics, *self._names]
 
-    def add(self, topic: str, message: Any, sent_ns: int, received_ns: int) -> bool:
-        """Add a message; return False if it lacks a mapped field and is skipped.
+    def add(self, topic: str, message: Any, sent_ns: int, received_ns: int) -> None:
+        """Add a message, unless it lacks a mapped field.
 
         Parameters
         ----------
@@ -149,19 +151,18 @@ class Collector:
         if topic in self._names:
             self._names[topic] = message
         if topic not in self._topics:
-            return True
+            return
         collected = self._topics[topic]
         try:
             stamp = self._stamp(collected, message)
             row = [self._value(message, *reader) for reader in collected.readers.values()]
         except ValueError as error:
-            self._refused += 1
+            self.rejected += 1
             self.reason = f"{topic}: {error}"
-            return False
+            return
         collected.rows.append(
             (stamp, sent_ns if sent_ns and self._sent_first else received_ns, row)
         )
-        return True
 
     def take(self) -> dict[str, Series]:
         """Return the series collected since the previous call, by topic."""
@@ -169,7 +170,7 @@ class Collector:
 
     def problem(self) -> str:
         """Return the number of rejected messages and the latest reason, or ""."""
-        return f"{counted(self._refused, 'message')} rejected: {self.reason}" * bool(self._refused)
+        return f"{counted(self.rejected, 'message')} rejected: {self.reason}" * bool(self.rejected)
 
     def _value(self, message: Any, path: FieldPath, names_topic: str) -> float:
         names = self._names.get(names_topic)
