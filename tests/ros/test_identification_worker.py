@@ -150,15 +150,16 @@ def test_thread_that_ends_refuses_its_window_is_told_and_begun_again(
 
 def test_window_outside_of_start_and_stop_is_refused(published: Published):
     worker = published.worker()
-    worker.add(found(0))
+    assert not worker.add(found(0))
     worker.start()
+    assert worker.add(found(1))
+    published.until(lambda: len(published.estimates) == 1)
     worker.stop()
     assert worker.status()[0] == WARN
-    worker.add(found(1))
-    worker.add(found(2, Refusal(5, 6, "gap")))
-    assert [number for number, _ in published.estimates] == [0, 1, 2]
-    active = "the monitor is not active"
-    assert [reason for _, reason in published.estimates[1:]] == [active, "gap"]
+    for segment in (found(2), found(3, Refusal(5, 6, "gap"))):
+        assert not worker.add(segment)
+        worker.refuse(segment, "not active", is_dropped=True)
+    assert published.estimates == [(1, "no calibration"), (2, "not active"), (3, "gap")]
 
 
 def test_windows_that_wait_at_the_stop_are_refused_in_order(

@@ -47,7 +47,7 @@ class Actuators(dict[str, ActuatorStatus]):
     ----------
     lock
         Held while actuators change and while health is published, so that outdated health is never
-        published after newer health.
+        published after newer health. It is acquired after the lock of the histories, never before.
     is_active
         Whether the monitor is active; an inactive monitor publishes no level.
     """

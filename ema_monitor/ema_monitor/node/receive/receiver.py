@@ -1,6 +1,8 @@
 """Reception of actuator messages and detection of windows."""
 
-from collections.abc import Callable, Iterable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Final
 
@@ -8,7 +10,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
 from ema_core.description import ActuatorDescription, check_name
 from ema_interfaces.srv import ForgetActuator
-from ema_monitor.node.publish.actuators import Actuators
+from ema_monitor.node.publish.actuators import NOT_ACTIVE, Actuators
 from ema_monitor.node.publish.log import Log
 from ema_monitor.node.receive.admission import Admission
 from ema_monitor.node.receive.arrivals import Arrivals
@@ -58,6 +60,7 @@ class Receiver:
         self._log = log
         # Latched topics describe an actuator once: the description is kept for its return.
         self._described: dict[str, ActuatorDescription] = {}
+        self._not_queued = deque[Segment]()
 
     def serve(self, node: ManagedNode) -> None:
         """Create the service ``~/forget_actuator`` on a node."""
@@ -82,7 +85,7 @@ class Receiver:
 
     def receive_telemetry(self, message: Any) -> None:
         """Detect windows in ``ema_interfaces/msg/TelemetryBlock``."""
-        with self._actuators.lock:
+        with self._receiving():
             source = self._sources.get(message.actuator_id) or self._admit(message)
             if source is None:
                 return
@@ -152,7 +155,7 @@ class Receiver:
 
     def describe(self, description: ActuatorDescription) -> None:
         """Apply the description of an actuator, if the actuator is monitored."""
-        with self._actuators.lock:
+        with self._receiving():
             source = self._get_or_add(description.actuator_id, description)
             if source is None:
                 return
@@ -174,7 +177,7 @@ class Receiver:
 
     def restart(self, settings: TriggerSettings) -> None:
         """Apply new trigger settings; an open window is refused."""
-        with self._actuators.lock:
+        with self._receiving():
             self._sources.trigger = settings
             for source in self._sources.values():
                 events = source.intake.restart(settings, "the settings of the window changed")
@@ -185,7 +188,7 @@ class Receiver:
         """Publish each health that has become stale, and end records of silent actuators."""
         if not self._actuators.is_active:
             return
-        with self._actuators.lock:
+        with self._receiving():
             stale = self._actuators.expire()
             for source in self._sources.values():
                 # Records end with the telemetry: their position shows no end.
@@ -288,13 +291,26 @@ class Receiver:
         source = self._sources[actuator_id] = Source(intake, arrivals, status)
         return source
 
+    @contextmanager
+    def _receiving(self) -> Iterator[None]:
+        """Hold the lock of the actuators; then refuse the windows that were not queued.
+
+        A refusal may open a history, which must not happen under the lock: a thread that opens a
+        history acquires the lock to publish its health.
+        """
+        with self._actuators.lock:
+            yield
+        while self._not_queued:
+            segment = self._not_queued.popleft()
+            self._worker.refuse(segment, NOT_ACTIVE, is_dropped=True)
+
     def _deliver(self, source: Source, events: Iterable[Segment | Defect]) -> None:
         """Queue windows for identification, and report defects."""
         for event in events:
             if isinstance(event, Defect):
                 self.add_defect(source.status.actuator_id, event.reason)
-            else:
-                self._worker.add(event)
+            elif not self._worker.add(event):
+                self._not_queued.append(event)
 
     def add_defect(self, actuator_id: str, reason: str, *, is_monitored: bool = True) -> None:
         """Record and report a defect of an actuator, or of the node if it is not monitored."""

@@ -104,10 +104,10 @@ class IdentificationWorker:
         """Return the work on an actuator; empty work if it has just been forgotten."""
         return self.works.get(actuator_id) or ActuatorWork()
 
-    def add(self, segment: Segment) -> None:
+    def add(self, segment: Segment) -> bool:
         """Queue a window; if live, it may displace the oldest window of its actuator.
 
-        The window is refused if the thread does not run.
+        Returns False if the thread does not run: the window must then be refused.
         """
         self.of(segment.description.actuator_id).note(segment)
         operation = self._settings.operation.value
@@ -115,12 +115,12 @@ class IdentificationWorker:
         try:
             dropped = self.queue.add(segment, most_waiting)
         except QueueClosedError:
-            self.refuse(segment, "the monitor is not active", is_dropped=True)
-            return
+            return False
         for displaced in dropped:
             what = "stretch" if displaced.is_stretch else "window"
             text = f"{what} {displaced.number} is dropped, {len(self.queue)} wait"
             self._log.warn(displaced.description.actuator_id, text)
+        return True
 
     def stop(self) -> None:
         """Stop, even in the middle of a window, and refuse the queued windows.
