@@ -15,6 +15,7 @@ from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Advice, Health, HealthForecast
 from ema_interfaces.srv import GetHistory, NoteEvent
 from ema_monitor.identification.window_fit import MOST_VALUES
+from ema_monitor.node.work import follow_ups as follow_ups_module
 from ema_monitor.node.work.follow_ups import MOST_WAITING, FollowUps
 from ema_monitor.unit import Unit
 from ema_ros import topics
@@ -224,3 +225,29 @@ def test_prognosis_that_fails_costs_neither_estimate_nor_alarm(
         assert "made up" in health.rul.reason
         assert "made up" in health.reason
         assert health.header.stamp == session.estimates()[0].window_end
+
+
+def test_follow_ups_of_a_new_thread_wait_for_one_that_outlasts_the_stop(monkeypatch):
+    """Two threads would publish an older forecast after a newer one."""
+    monkeypatch.setattr(follow_ups_module, "_JOIN_S", 0.0)
+    follow_ups, may_end = FollowUps(Mock(), Mock(), Mock(), Mock(), Mock()), threading.Event()
+    begun, done = threading.Event(), list[str]()
+
+    def last_long() -> None:
+        begun.set()
+        assert may_end.wait(DEADLINE_S)
+        done.append("long")
+
+    follow_ups.start()
+    follow_ups._add(last_long)
+    assert begun.wait(DEADLINE_S)
+    follow_ups._add(lambda: done.append("dropped"))
+    follow_ups.stop()
+    assert (follow_ups.waiting, follow_ups.dropped) == (0, 1)
+    follow_ups.start()
+    follow_ups._add(lambda: done.append("new"))
+    assert not done
+    may_end.set()
+    wait_for(lambda: len(done) == 2, "the follow-ups")
+    follow_ups.stop()
+    assert done == ["long", "new"]

@@ -28,7 +28,8 @@ class FollowUps:
     """Publishes forecasts, advice and fits, and writes assessments, in the order of the tests.
 
     Identification never waits for follow-ups. If the thread cannot keep up, it drops the oldest:
-    later tests soon replace them, and assessments are written with the next test.
+    later tests soon replace them, and assessments are written with the next test. A new thread
+    first waits for the end of the previous one, so that follow-ups are published one by one.
 
     Attributes
     ----------
@@ -49,13 +50,19 @@ class FollowUps:
         self._settings = settings
         self._store = store
         self._log = log
-        self._queue: deque[Callable[[], None]] = deque()
         self._changed = threading.Condition()
         self.dropped = 0
         self._prepare()
 
-    def _prepare(self) -> None:
-        self.thread = SteadyThread("follow-ups", self._run, self._log.report_end)
+    def _prepare(self, previous: SteadyThread | None = None) -> None:
+        self._queue = queue = deque[Callable[[], None]]()
+
+        def work() -> None:
+            if previous is not None:
+                previous.end()
+            self._run(queue, thread.ending)
+
+        self.thread = thread = SteadyThread("follow-ups", work, self._log.report_end)
 
     @property
     def waiting(self) -> int:
@@ -64,15 +71,18 @@ class FollowUps:
 
     def start(self) -> None:
         """Start a new thread."""
-        self._prepare()
+        self._prepare(self.thread if self.thread.is_alive else None)
         self.thread.start()
 
     def stop(self) -> None:
-        """Publish the queued follow-ups, and end the thread."""
+        """Publish the queued follow-ups for up to 5 s, drop the rest, and end the thread."""
         self.thread.ending.set()
         with self._changed:
-            self._changed.notify()
+            self._changed.notify_all()
         self.thread.end(_JOIN_S)
+        with self._changed:
+            self.dropped += len(self._queue)
+            self._queue.clear()
 
     def follow_health(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
         """Queue the forecast, advice and assessment that follow a health."""
@@ -99,22 +109,24 @@ class FollowUps:
         self._add(publish_fit)
 
     def _add(self, job: Callable[[], None]) -> None:
-        if not self.thread.is_alive or self.thread.ending.is_set():
-            return
         with self._changed:
+            if not self.thread.is_alive or self.thread.ending.is_set():
+                return
             self._queue.append(job)
             if len(self._queue) > MOST_WAITING:
                 self._queue.popleft()
                 self.dropped += 1
-            self._changed.notify()
+            self._changed.notify_all()
 
-    def _next(self) -> Callable[[], None] | None:
+    def _next(
+        self, queue: deque[Callable[[], None]], ending: threading.Event
+    ) -> Callable[[], None] | None:
         with self._changed:
-            self._changed.wait_for(lambda: self._queue or self.thread.ending.is_set())
-            return self._queue.popleft() if self._queue else None
+            self._changed.wait_for(lambda: queue or ending.is_set())
+            return queue.popleft() if queue else None
 
-    def _run(self) -> None:
-        while (job := self._next()) is not None:
+    def _run(self, queue: deque[Callable[[], None]], ending: threading.Event) -> None:
+        while (job := self._next(queue, ending)) is not None:
             # A failure must not prevent the follow-ups of the next test.
             try:
                 job()
