@@ -201,9 +201,15 @@ class Unit:
                     raise
                 self.history.append(entry)
                 self._shown.add(estimate)
+                intermittent = self._intermittent.faults
+                if is_new:
+                    self._intermittent.add(estimate)
+                else:
+                    self._intermittent = self._intermittent_by_all()
                 self._pending.report(
-                    Finding(FAULT, recurrence_in_words(name, self._intermittent.faults[name]))
-                    for name in self._intermittent.add(estimate)
+                    Finding(FAULT, recurrence_in_words(name, recurrence))
+                    for name, recurrence in self._intermittent.faults.items()
+                    if name not in intermittent
                 )
                 self._pending.report(findings)
             return self._outlook_with_events(parameters)
@@ -543,7 +549,7 @@ class Unit:
         needed = self._settings.level_confirmations
         outlook = with_unconfirmed_levels(outlook, self.history, needed)
         failure = self._intermittent.failure
-        outlook = with_earlier_failure(outlook, self.history.tests, failure, needed)
+        outlook = with_earlier_failure(outlook, self.history, failure, needed)
         # Laplace's rule gives the probability that a test has no valid estimate.
         missing = max(entries[-1].cycles - entries[0].cycles + 1 - len(entries), 0)
         reason = "; ".join(filter(None, [outlook.health.reason, worn_baseline(self.history)]))

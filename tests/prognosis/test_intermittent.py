@@ -195,6 +195,34 @@ def test_replay_that_loops_counts_a_failure_once():
     assert made[-1].health.level == OK
 
 
+@pytest.mark.parametrize("is_read_again", [False, True])
+def test_failure_with_a_valid_second_attempt_counts_as_a_valid_test(tmp_path, is_read_again):
+    settings, path = SETTINGS[1], tmp_path / "unit.sqlite"
+    unit = Unit(History(*UNIT, path), settings)
+    failing("...f", settings, unit)
+    outlook = failing(".", settings, unit, first=3)[0]
+    assert outlook.health.level == OK
+    if is_read_again:
+        unit.history.close()
+        unit = Unit(History(*UNIT, path), settings)
+    # A single failure of another window is not intermittent.
+    made = failing(".f..", settings, unit, first=4)
+    assert made[-1].health.level == OK
+    assert "intermittent" not in cause_of_level(made[-2])
+    unit.history.close()
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=["no hours", "hours"])
+def test_sentence_after_twenty_tests_without_the_fault_counts_none(settings: PrognosisSettings):
+    made = outlooks([0.02] * 3 + [0.8, 0.02, 0.8] + [0.02] * 21, settings)[1]
+    assert made[-1].health.level == WARN
+    words = "beyond its limit repeatedly, but not in the latest 20 tests; a note of a person"
+    assert words in cause_of_level(made[-1])
+    made = failing("...f.f" + "." * 21, settings, Unit(History(*UNIT), settings))
+    words = "tests failed repeatedly, but none of the latest 20 tests; a note of a person"
+    assert words in cause_of_level(made[-1])
+
+
 def test_unit_that_has_just_failed_is_in_alarm():
     settings = SETTINGS[1]
     unit = Unit(History(*UNIT), settings)

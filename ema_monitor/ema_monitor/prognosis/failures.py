@@ -1,19 +1,18 @@
 """Failures of earlier tests in the outlook of the newest test."""
 
-from collections.abc import Iterable
 from dataclasses import replace
 from heapq import nlargest
 
 from ema_monitor.health import Recurrence, warned
-from ema_monitor.identification.estimate import FAILED
-from ema_monitor.prognosis.history_entry import Entry, Test, UnusedCycle
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
 from ema_monitor.prognosis.intermittent import LATEST_TESTS
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.sentences import failures_in_words
 
 
 def with_earlier_failure(
-    outlook: Outlook, tests: Iterable[Test], recurrence: Recurrence | None, confirmations: int
+    outlook: Outlook, history: History, recurrence: Recurrence | None, confirmations: int
 ) -> Outlook:
     """Return the outlook with an earlier failure kept until tests confirm its end.
 
@@ -21,14 +20,14 @@ def with_earlier_failure(
     ----------
     outlook
         Outlook by the valid tests.
-    tests
-        All tests, in any order.
+    history
+        All tests.
     recurrence
         Occurrences of an intermittent failure, which a person must acknowledge; else None.
     confirmations
         Number of tests in a row that confirm the end.
     """
-    judged = (test for test in tests if isinstance(test, Entry) or test.verdict == FAILED)
+    judged = (test for test in history.tests if isinstance(test, Entry) or history.has_failed(test))
     latest = nlargest(max(confirmations, LATEST_TESTS), judged, key=lambda test: test.stamp_ns)
     failed = ((i, test.reason) for i, test in enumerate(latest) if isinstance(test, UnusedCycle))
     tests_since, reason = next(failed, (len(latest), ""))

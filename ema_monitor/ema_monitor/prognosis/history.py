@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 from urllib.parse import quote, unquote
 
-from ema_monitor.identification.estimate import SKIPPED
+from ema_monitor.identification.estimate import FAILED, SKIPPED
 from ema_monitor.prognosis.duty.damage import FlownDuty
 from ema_monitor.prognosis.history_entry import (
     Assessment,
@@ -135,6 +135,10 @@ class History:
         """Return the time of the latest test with this end [ns]; ``end_ns`` if there is none."""
         latest_first = reversed(self.tests)
         return next((test.stamp_ns for test in latest_first if test.end_ns == end_ns), end_ns)
+
+    def has_failed(self, test: Test) -> bool:
+        """Return whether a test shows a failure, and its window has no valid second attempt."""
+        return test.verdict == FAILED and not self.holds_valid(test.stamp_ns)
 
     def append(self, test: Test) -> None:
         """Add a test and flush it to disk."""

@@ -6,7 +6,7 @@ from typing import Final
 
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_monitor.health import ONE_SIDED_95, HealthLimits, Recurrence
-from ema_monitor.identification.estimate import FAILED, Estimate
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import NOTE, Entry
 
@@ -36,12 +36,10 @@ class _Sign:
         # Stamps of the tests in which the sign was present while it was intermittent [ns].
         self._stamps_ns = set[int]()
 
-    def add(self, stamp_ns: int, distance: float) -> bool:
-        """Add the next conclusive test; return whether the sign has just become intermittent."""
-        before = self.recurrence
+    def add(self, stamp_ns: int, distance: float) -> None:
+        """Add the next conclusive test."""
         self._latest.append((stamp_ns, distance))
         self._judge(stamp_ns if distance else 0)
-        return before is None and self.recurrence is not None
 
     def acknowledge(self, stamp_ns: int) -> None:
         """Reset the sign if it was present in the test of a stamp [ns]; later tests count."""
@@ -93,15 +91,13 @@ class Intermittent:
         """Recurrence of failures if they are intermittent, else None; ignore its ``worst``."""
         return self._failure.recurrence
 
-    def add(self, estimate: Estimate) -> list[str]:
-        """Add the next valid test; return the faults that have just become intermittent."""
+    def add(self, estimate: Estimate) -> None:
+        """Add the next valid test."""
         self._failure.add(estimate.end_ns, 0.0)
-        new = []
         for name, sign in self._faults.items():
             distance = _distance(estimate, name, self._limits)
-            if distance is not None and sign.add(estimate.end_ns, distance):
-                new.append(name)
-        return new
+            if distance is not None:
+                sign.add(estimate.end_ns, distance)
 
     def add_failure(self, stamp_ns: int) -> None:
         """Add the next test, at a stamp [ns], which shows a failed actuator or sensor."""
@@ -128,7 +124,7 @@ def intermittent_of(history: History, limits: HealthLimits) -> Intermittent:
     for test in sorted(history.tests, key=lambda test: test.stamp_ns):
         if isinstance(test, Entry):
             result.add(test.estimate)
-        elif test.verdict == FAILED:
+        elif history.has_failed(test):
             result.add_failure(test.stamp_ns)
         while notes and notes[0][0] <= test.stamp_ns:
             result.acknowledge(notes.popleft()[1])

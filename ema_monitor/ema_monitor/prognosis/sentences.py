@@ -73,9 +73,13 @@ def in_words(item: FaultHealth) -> str:
 
 def recurrence_in_words(name: str, recurrence: Recurrence) -> str:
     """Return the sentence on an intermittent fault, with the way to acknowledge it."""
+    latest = f"the latest {recurrence.tests} tests"
+    often = f"in {recurrence.times} of {latest}"
+    if not recurrence.times:
+        often = f"repeatedly, but not in {latest}"
     return (
-        f"{label_of(name)} is intermittent: beyond its limit in {recurrence.times} of the latest "
-        f"{recurrence.tests} tests; a note of a person on its event acknowledges it"
+        f"{label_of(name)} is intermittent: beyond its limit {often}; a note of a person on its "
+        "event acknowledges it"
     )
 
 
@@ -89,9 +93,11 @@ def failures_in_words(reason: str, recurrence: Recurrence) -> str:
     recurrence
         Recurrence of the failure.
     """
-    words = (
-        f"an intermittent failure: {recurrence.times} of the latest {recurrence.tests} tests failed"
-    )
+    latest_tests = f"the latest {recurrence.tests} tests"
+    often = f"{recurrence.times} of {latest_tests} failed"
+    if not recurrence.times:
+        often = f"tests failed repeatedly, but none of {latest_tests}"
+    words = f"an intermittent failure: {often}"
     latest = f", the latest by {reason}" if reason else ""
     return f"{words}{latest}; a note of a person on its event acknowledges it"
 
