@@ -240,9 +240,9 @@ def test_arguments_become_parameters(file: str, given: dict, node: str, own: dic
     [
         ("ema", {"actuator_params": "no.yaml"}, r"actuator_params:=no\.yaml: no such"),
         ("fleet", {"monitors": "2", "monitor_params": "no.yaml"}, r"monitor_params:=no\.yaml"),
-        ("fleet", {"actuators": "a,a"}, "expected names that differ"),
-        ("fleet", {"monitors": "0"}, "monitors:=0: expected a whole number"),
-        ("monitor", {"monitors": "two"}, "monitors:=two: expected a whole number"),
+        ("fleet", {"actuators": "a,a"}, "expected distinct names"),
+        ("fleet", {"monitors": "0"}, "monitors:=0: expected an integer"),
+        ("monitor", {"monitors": "two"}, "monitors:=two: expected an integer"),
         ("replay", {"bag": "worn", "rate": "fast"}, "rate:=fast: expected a number"),
     ],
 )
@@ -330,7 +330,7 @@ def test_commands_of_many_actuators_and_monitors_name_each(tmp_path):
     assert (values["actuator_id"], values["seed"]) == ("right", 1)
     assert "telemetry:=/wing/telemetry" in actuators["actuator right"]
     assert "__ns:=/wing/right" in actuators["actuator right"]
-    with pytest.raises(UsageError, match="expected names that differ"):
+    with pytest.raises(UsageError, match="expected distinct names"):
         actuator_commands(["a", "a"], common)
     with pytest.raises(ValueError, match="--actuators 'left wing': expected letters"):
         actuator_commands(["left wing"], common)

@@ -21,7 +21,7 @@ def test_killed_nodes_are_missed_and_may_come_back_and_signals_end_all(tmp_path:
         graph.start("monitor")
         graph.start("actuator")
         graph.wait_for(lambda: graph.estimates, "an estimate")
-        wait_for_peers("2 in touch")
+        wait_for_peers("in contact with 2 nodes")
         for victim in ("recorder", "monitor"):
             graph.kill(victim)
         wait_for_peers("/ema/monitor", "/ema/recorder")
@@ -34,7 +34,7 @@ def test_killed_nodes_are_missed_and_may_come_back_and_signals_end_all(tmp_path:
         graph.start("monitor")
         graph.wait_for(lambda: len(graph.estimates) > seen, "a further estimate")
         assert graph.estimates[-1].valid, graph.estimates[-1].reason
-        wait_for_peers("2 in touch")
+        wait_for_peers("in contact with 2 nodes")
         for name, number in (
             ("recorder", signal.SIGINT),
             ("monitor", signal.SIGTERM),

@@ -216,9 +216,10 @@ def test_parameter_of_another_name_is_told_with_the_one_that_may_be_meant(make_r
     assert node.bring_up()
     told = capfd.readouterr().err
     assert (
-        "use_sim_tme is unknown to this node and has no effect: did you mean use_sim_time?" in told
+        "use_sim_tme is not declared by this node and has no effect: did you mean use_sim_time?"
+        in told
     )
-    assert "use_time is unknown to this node and has no effect\n" in told
+    assert "use_time is not declared by this node and has no effect\n" in told
 
 
 def test_status_has_the_time_of_the_machine_as_long_as_there_is_no_clock(graph: Spinning):

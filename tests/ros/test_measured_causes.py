@@ -153,7 +153,7 @@ def test_bag_gives_the_estimates_of_the_monitor(live, offline):
 WRONG: dict[str, tuple[Callable[[], MeasuredCauses], str]] = {
     "value": (lambda: measurement(S, 11.0), "load_torque = 11.0: expected a number in [-10, 10]"),
     "unit": (lambda: measurement(S, unit="mN.m"), "unit = 'mN.m': expected 'N.m'"),
-    "stamp": (lambda: measurement(0), "stamp = 0 ns: expected the time of the measurement"),
+    "stamp": (lambda: measurement(0), "stamp = 0 ns: expected the measurement time"),
 }
 
 

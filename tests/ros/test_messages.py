@@ -138,7 +138,7 @@ def test_drive_without_a_position_command_survives_the_wire():
 def test_unknown_constant_of_a_description_is_refused_by_name():
     message = description_to_message(ActuatorDescription())
     message.current_sampling = 9
-    with pytest.raises(ValueError, match="current_sampling = 9: expected a constant of 0 to 3"):
+    with pytest.raises(ValueError, match="current_sampling = 9: expected a constant from 0 to 3"):
         description_from_message(message)
 
 

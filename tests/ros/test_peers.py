@@ -19,14 +19,14 @@ def test_one_who_goes_is_told_once_and_missed_for_a_minute():
         == []
     )
     task = peers.task("unit", 0.0)
-    assert (task.level, task.message) == (OK, "2 in touch")
+    assert (task.level, task.message) == (OK, "in contact with 2 nodes")
     assert task.values["present"] == "/ema/actuator, /ema/recorder"
     assert peers.update({"/ema/recorder"}, {"/ema/recorder"}, 1.0) == ["/ema/actuator"]
     assert peers.update({"/ema/recorder"}, {"/ema/recorder"}, 2.0) == []
     task = peers.task("unit", 1.0 + FRESH_S - 1e-6)
-    assert (task.level, task.message) == (WARN, "no contact with /ema/actuator")
+    assert (task.level, task.message) == (WARN, "lost contact with /ema/actuator")
     task = peers.task("unit", 1.0 + FRESH_S)
-    assert (task.level, task.message) == (OK, "1 in touch")
+    assert (task.level, task.message) == (OK, "in contact with 1 node")
     assert task.values == {"present": "/ema/recorder", "gone": "/ema/actuator"}
 
 
@@ -35,10 +35,10 @@ def test_one_who_comes_back_is_not_missed_and_told_anew_when_gone_again():
     peers.update({"/ema/a", "/ema/b"}, {"/ema/a", "/ema/b"}, 0.0)
     assert peers.update(set(), set(), 1.0) == ["/ema/a", "/ema/b"]
     assert peers.update({"/ema/a"}, {"/ema/a"}, 2.0) == []
-    assert peers.task("unit", 2.0).message == "no contact with /ema/b"
+    assert peers.task("unit", 2.0).message == "lost contact with /ema/b"
     assert peers.update(set(), set(), 50.0) == ["/ema/a"]
     # The other has been gone for longer than a minute then, this one has not.
-    assert peers.task("unit", 61.5).message == "no contact with /ema/a"
+    assert peers.task("unit", 61.5).message == "lost contact with /ema/a"
 
 
 def test_one_who_is_only_inactive_is_not_missed():
@@ -97,6 +97,6 @@ def test_a_publisher_that_no_subscription_can_receive_is_named_as_long_as_it_is_
     peers = Peers()
     peers.incompatible = incompatible_publishers(own)
     task = peers.task("unit", 0.0)
-    assert (task.level, task.message) == (WARN, f"not received: {named}")
+    assert (task.level, task.message) == (WARN, f"incompatible publishers: {named}")
     other.destroy_publisher(publishers[0])
     wait_for(lambda: not incompatible_publishers(own), "no incompatible publisher")

@@ -480,7 +480,7 @@ def diagnostics(units: list[Unit], now_ns: int) -> DiagnosticArray:
         )
 
     status(OK, "lifecycle", "active")
-    status(OK, "peers", "2 in touch")
+    status(OK, "peers", "in contact with 2 nodes")
     status(OK, "identification", "waiting for windows")
     for unit in units:
         telemetry = f"{unit.actuator_id} telemetry"

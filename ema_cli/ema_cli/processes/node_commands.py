@@ -49,7 +49,7 @@ def monitor_commands(
 def actuator_commands(names: Sequence[str], options: NodeOptions) -> dict[str, list[str]]:
     """Return the commands for simulated actuators in one namespace, by node name."""
     if len(set(names)) < len(names):
-        raise click.UsageError(f"--actuators {','.join(names)}: expected names that differ")
+        raise click.UsageError(f"--actuators {','.join(names)}: expected distinct names")
     place = (NAMESPACE if options.namespace is None else options.namespace).rstrip("/")
     commands = {}
     for number, name in enumerate(names):

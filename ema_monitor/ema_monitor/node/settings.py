@@ -42,7 +42,9 @@ class Files(Checked):
         "$ROS_HOME/ema",
         "folder of the calibrations that ~/calibrate makes or loads by a name of its request",
     )
-    actuator_file: str = text("", "description of an actuator that publishes none; empty: none")
+    actuator_file: str = text(
+        "", "actuator file for actuators that publish no description; empty: none"
+    )
     history_folder: str = text(
         "$ROS_HOME/ema/history",
         f"folder for the tests of each unit; {IN_MEMORY!r}, and in simulated time: none is kept",

@@ -153,15 +153,15 @@ def test_a_refusal_says_which_check_it_was(session, web, token_file):
         return web.run(ask())
 
     shown = {"Authorization": f"Bearer {TOKEN}"}
-    assert told() == (401, "a token is needed: Authorization: Bearer, or /?token=\n")
+    assert told() == (401, "a token is required: Authorization: Bearer, or /?token=\n")
     assert told(Authorization="Bearer x") == (
         401,
         "the token is wrong: Authorization: Bearer, or /?token=\n",
     )
     status, words = told(**shown, Host="evil.example")
-    assert (status, words[:30]) == (403, "host 'evil.example' is not one")
+    assert (status, words[:30]) == (403, "host 'evil.example' is not per")
     status, words = told(**shown, Origin="https://evil.example")
-    assert (status, words[:36]) == (403, "origin 'https://evil.example' may no")
+    assert (status, words[:36]) == (403, "origin 'https://evil.example' is not")
     assert told(**shown)[0] == 405
 
 
@@ -175,7 +175,7 @@ def test_beyond_loopback_token_and_tls_are_needed(session, token_file, certifica
     assert "are not usable" in refusal(session, tls_certificate=key, tls_key=pem)
     short = token_file.with_name("short")
     short.write_text("secret")
-    assert "holds 6 characters" in refusal(session, token_file=str(short))
+    assert "has 6 characters" in refusal(session, token_file=str(short))
     assert "cannot be read" in refusal(session, token_file=str(token_file / "none"))
 
 
@@ -263,12 +263,18 @@ def test_what_is_not_served_is_refused_in_words(served):
     for request, words in (
         ({"op": "advertise", "channels": []}, "operation 'advertise' is not supported"),
         ({"op": "getParameters", "parameterNames": []}, "'getParameters' is not supported"),
-        ({"op": "unsubscribe", "subscriptionIds": [-1]}, "expected numbers"),
-        ({"op": "subscribe", "subscriptions": [{"id": True}]}, "expected numbers"),
+        (
+            {"op": "unsubscribe", "subscriptionIds": [-1]},
+            "expected subscription and channel numbers",
+        ),
+        (
+            {"op": "subscribe", "subscriptions": [{"id": True}]},
+            "expected subscription and channel numbers",
+        ),
         ({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}, "99 does not exist"),
         ([1], "expected a JSON object"),
         ("{", "refused: "),
-        (b"\x02abc", "expected a playback control"),
+        (b"\x02abc", "expected a binary playback control"),
     ):
         viewer.send(request)
         wait_for(

@@ -63,5 +63,5 @@ def test_each_change_of_level_is_posted_until_it_is_taken(
         output.publish(Health(level=WARN, **FLAP))
         wait_for_value(node, "alerts lost", 2)
         assert [one["actuator_id"] for one in received[tries:]] == ["flap"] * 2
-        assert "flap: an alert of WARN is lost: status 404" in caplog.messages
+        assert "flap: alert WARN lost: status 404" in caplog.messages
         server.shutdown()

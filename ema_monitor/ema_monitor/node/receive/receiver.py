@@ -146,7 +146,7 @@ class Receiver:
             self._log.info(text)
 
     def expect_described(self, described: ActuatorDescription) -> None:
-        """Apply the configured description of an actuator that publishes none."""
+        """Apply the configured actuator file for actuators that publish no description."""
         if reason := self._admission.why_not(described.actuator_id):
             name = described.actuator_id
             self._log.info(f"{name} of actuator_file is not followed: {reason}")

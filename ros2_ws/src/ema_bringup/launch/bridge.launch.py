@@ -20,11 +20,8 @@ def generate_launch_description() -> LaunchDescription:
         __file__,
         _nodes,
         ("bridge", "monitor"),
-        mapping_file=(ema.AS_CONFIGURED, "mapping of topics to telemetry"),
-        actuator_file=(
-            ema.AS_CONFIGURED,
-            "description of the actuator, which the bridge publishes",
-        ),
+        mapping_file=(ema.AS_CONFIGURED, "YAML file that maps topics to telemetry"),
+        actuator_file=(ema.AS_CONFIGURED, "actuator file, whose description the bridge publishes"),
     )
 
 

@@ -22,9 +22,10 @@ def generate_launch_description() -> LaunchDescription:
         ("actuator", "monitor", "dashboard", "recorder"),
         history_folder=(
             "memory",
-            "where tests are kept; memory: nowhere, as each start has a new unit",
+            "folder for test histories; memory: not stored, because each start simulates a new "
+            "unit",
         ),
-        bag=("", "bag to record; empty: no recorder; if it fails, all end"),
+        bag=("", "bag to record; empty: no recorder; if the recorder fails, all nodes end"),
     )
 
 

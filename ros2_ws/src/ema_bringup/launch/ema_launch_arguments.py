@@ -1,4 +1,4 @@
-"""Common arguments of the launch files of this package, and nodes by these arguments."""
+"""Arguments common to the launch files of this package, and nodes that use them."""
 
 import sys
 import tempfile
@@ -16,26 +16,29 @@ from ema_core.array_environment import array_environment
 from ema_ros.monitor_shards import file_for, monitor_names, shard_parameters
 from launch import LaunchContext, LaunchDescription
 
-AS_CONFIGURED = "of the parameter file"
-"""Value of an argument that leaves the parameter as it is in the parameter file."""
+AS_CONFIGURED = "from the parameter file"
+"""Argument value that keeps the value of the parameter file."""
 
 _COMMON = {
     "namespace": ("/ema", "namespace of the nodes and of the telemetry"),
     "use_sim_time": ("false", "true: the nodes follow /clock"),
     "history_folder": (
         AS_CONFIGURED,
-        "where the monitor keeps the tests of each unit; memory: nowhere",
+        "folder in which the monitor stores the tests of each unit; memory: not stored",
     ),
     "calibration_file": (
         AS_CONFIGURED,
-        "calibration; {actuator_id} and {serial_number} are replaced for each actuator",
+        "calibration file; {actuator_id} and {serial_number} are replaced for each actuator",
     ),
     "log_level": ("info", "debug, info, warn, error or fatal"),
-    "respawn": ("false", "true: a node that ends is started again after 2 s"),
+    "respawn": ("false", "true: a node that exits is restarted after 2 s"),
     "autostart": ("true", "false: a lifecycle manager configures and activates the nodes"),
 }
-MONITORS = ("1", "processes that share the actuators, by their names: monitor_0 and on")
-"""Default and description of the argument for how many monitors share the actuators."""
+MONITORS = (
+    "1",
+    "number of monitor processes that share the actuators; named monitor_0, monitor_1, ...",
+)
+"""Default and description of the argument for the number of monitors."""
 
 
 def launch(
@@ -81,7 +84,8 @@ def launch(
         unknown = [name for name in specified if name not in names]
         if unknown:
             raise RuntimeError(
-                f"{Path(file).name} has no argument {', '.join(unknown)}; it has {', '.join(names)}"
+                f"{Path(file).name} has no argument {', '.join(unknown)}; arguments: "
+                f"{', '.join(names)}"
             )
         return []
 
@@ -121,7 +125,7 @@ def node(
     respawns: bool = True,
     **options: Any,
 ) -> Node:
-    """Return a node by the common arguments.
+    """Return a launch node configured by the common arguments.
 
     Parameters
     ----------
@@ -134,9 +138,9 @@ def node(
     parameters
         Parameters that override the parameter file.
     ends_all
-        Whether the end of the node ends the launch; such a node is not started again.
+        Whether the end of the node ends the launch; such a node is not restarted.
     respawns
-        Whether the node is started again after its end, if the argument ``respawn`` is true.
+        Whether the node is restarted when it exits, if the argument ``respawn`` is true.
     options
         Further arguments of the ``Node``.
     """
@@ -145,7 +149,7 @@ def node(
     overrides = {"autostart": flag_of(context, "autostart"), **(parameters or {})}
     if flag_of(context, "use_sim_time"):
         overrides["use_sim_time"] = True
-    # Launch would parse texts as YAML: an empty text, or a name such as 4711, would be no text.
+    # Launch would parse strings as YAML: "" or a name such as 4711 would change its type.
     texts = {key: value for key, value in overrides.items() if isinstance(value, str)}
     overrides |= {key: ParameterValue(value, value_type=str) for key, value in texts.items()}
     if ends_all:
@@ -173,7 +177,7 @@ def monitors(context: LaunchContext, count: str = "1", **parameters: Any) -> lis
     try:
         names = monitor_names(int(count))
     except ValueError as error:
-        raise RuntimeError(f"monitors:={count}: expected a whole number from 1 on") from error
+        raise RuntimeError(f"monitors:={count}: expected an integer of at least 1") from error
     overrides = chosen(context, "calibration_file", "history_folder") | parameters
     if len(names) == 1:
         return [node(context, "monitor", "ema_monitor", parameters=overrides)]

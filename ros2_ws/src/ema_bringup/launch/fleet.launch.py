@@ -1,9 +1,9 @@
-r"""Simulated actuators, monitors with a calibration for each of them, and the dashboard.
+r"""Simulated actuators, monitors with a calibration for each actuator, and the dashboard.
 
 ros2 launch ema_bringup fleet.launch.py actuators:=left,right \
     calibration_file:=/path/{actuator_id}.yaml
 
-One monitor follows all actuators; with ``monitors:=N``, each of N monitors follows a share.
+One monitor serves all actuators; with ``monitors:=N``, N monitors share them.
 Each actuator has its own namespace below the namespace of the monitor, and publishes on the topics
 of the monitor by remapping.
 """
@@ -29,7 +29,7 @@ def generate_launch_description() -> LaunchDescription:
         ("actuator", "monitor", "dashboard"),
         history_folder=(
             "memory",
-            "where tests are kept; memory: nowhere, as each start has new units",
+            "folder for test histories; memory: not stored, because each start simulates new units",
         ),
         actuators=("left,right", "names of the actuators, separated by commas"),
         monitors=ema.MONITORS,
@@ -40,8 +40,8 @@ def _nodes(context: LaunchContext) -> list[Node]:
     place = ema.value_of(context, "namespace").rstrip("/")
     names = [name.strip() for name in ema.value_of(context, "actuators").split(",")]
     if len(set(names)) < len(names) or "" in names:
-        raise RuntimeError(f"actuators:={','.join(names)}: expected names that differ")
-    # Without their own calibrations they are units of the shipped calibration.
+        raise RuntimeError(f"actuators:={','.join(names)}: expected distinct names")
+    # Without their own calibrations, all actuators use the shipped calibration.
     is_calibrated = bool(ema.chosen(context, "calibration_file").get("calibration_file"))
     actuators = [
         ema.node(

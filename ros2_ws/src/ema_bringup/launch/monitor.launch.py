@@ -2,7 +2,7 @@
 
 ros2 launch ema_bringup monitor.launch.py calibration_file:=/path/calibration.yaml
 
-With ``monitors:=N`` there are N monitors, and each follows a share of the actuators.
+With ``monitors:=N``, N monitors share the actuators.
 """
 
 import sys
@@ -22,7 +22,10 @@ def generate_launch_description() -> LaunchDescription:
         __file__,
         _nodes,
         ("monitor",),
-        actuator_file=(ema.AS_CONFIGURED, "description of an actuator that publishes none"),
+        actuator_file=(
+            ema.AS_CONFIGURED,
+            "actuator file for actuators that publish no description",
+        ),
         monitors=ema.MONITORS,
     )
 

@@ -1,9 +1,9 @@
-"""Diagnosis of a recording: the topics of the actuator are played to a monitor, and shown.
+"""Diagnosis of a recording: its actuator topics are played to a monitor, and the results shown.
 
 ros2 launch ema_bringup replay.launch.py bag:=worn_flap rate:=4.0
 
-What the monitor finds is printed, a line for each change; all end when the bag is played and its
-last window is diagnosed, unless `end:=false` keeps the dashboard.
+Each change of a level is printed as a line. All nodes end when the bag is played and its last
+window is diagnosed, unless `end:=false` keeps the dashboard.
 """
 
 import sys
@@ -28,10 +28,10 @@ def generate_launch_description() -> LaunchDescription:
         ("player", "monitor", "dashboard"),
         bag=(None, "bag to play: a file or a folder"),
         rate=("1.0", "playback rate"),
-        start_offset=("0.0", "where to begin, from the start [s]"),
-        playback_duration=("0.0", "how much to play; 0: all [s]"),
+        start_offset=("0.0", "start of the playback, relative to the start of the bag [s]"),
+        playback_duration=("0.0", "duration of the playback; 0: to the end of the bag [s]"),
         loop=("false", "true: restart at the end"),
-        end=("true", "false: stay when the diagnosis is complete"),
+        end=("true", "false: keep running when the diagnosis is complete"),
     )
 
 
@@ -52,7 +52,7 @@ def _nodes(context: LaunchContext) -> list[Any]:
     ]
     done = {"on_exit": Shutdown(reason="the diagnosis is complete")} if ends else {}
     return [
-        # The monitor follows the time of the recording, even if other nodes do not.
+        # The monitor uses the time of the recording, even if other nodes do not.
         *ema.monitors(context, use_sim_time=True),
         ema.node(context, "dashboard", "ema_dashboard"),
         ExecuteProcess(cmd=command, output="screen", **done),

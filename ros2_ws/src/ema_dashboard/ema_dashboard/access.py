@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-_MOST_QUOTED: Final = 100  # characters of the request that are quoted in a refusal
+_MOST_QUOTED: Final = 100  # number of characters quoted from a refused request
 _HOST: Final = re.compile(r"(\[[0-9a-fA-F:.]+\]|[\w.-]+)(:[0-9]{1,5})?")
 _LOOPBACK_NAMES: Final = frozenset(("localhost", "127.0.0.1", "::1"))
 
@@ -53,16 +53,18 @@ class Access:
         """
         name = host_name(host)
         if not _HOST.fullmatch(host):
-            return f"host {host[:_MOST_QUOTED]!r} is not a name with a port"
+            return f"host {host[:_MOST_QUOTED]!r} is invalid: expected a name with an optional port"
         if name not in self._hosts and name != reached:
             quoted = name[:_MOST_QUOTED]
-            return f"host {quoted!r} is not one of this dashboard: see its parameter host_names"
+            return f"host {quoted!r} is not permitted: add it to the parameter host_names"
         if origin is not None:
             origin_name = origin.lower().rstrip("/")
             is_same = origin_name == f"{scheme}://{host.lower()}"
             if not is_same and origin_name not in self._origins:
                 quoted = origin[:_MOST_QUOTED]
-                return f"origin {quoted!r} may not connect: see the parameter allowed_origins"
+                return (
+                    f"origin {quoted!r} is not permitted: add it to the parameter allowed_origins"
+                )
         return ""
 
     def sockets(self, host: str, scheme: str) -> list[str]:

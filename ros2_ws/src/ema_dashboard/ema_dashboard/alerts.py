@@ -78,7 +78,7 @@ class Alerts:
                     self.sent += 1
                 else:
                     self.lost += 1
-                    text = f"{alert['actuator_id']}: an alert of {alert['level']} is lost"
+                    text = f"{alert['actuator_id']}: alert {alert['level']} lost"
                     logging.getLogger("ema_dashboard").error(f"{text}: {self.failure}")
 
     async def _is_taken(self, session: ClientSession, alert: dict[str, Any]) -> bool:

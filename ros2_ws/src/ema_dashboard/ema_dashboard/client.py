@@ -221,7 +221,7 @@ def _request(data: str) -> Any:
     try:
         request = json.loads(data)
     except RecursionError:
-        raise ValueError("JSON that is nested too deeply") from None
+        raise ValueError("the JSON is nested too deeply") from None
     if not isinstance(request, dict):
         raise ValueError("expected a JSON object")
     if request.get("op") == "subscribe":
@@ -238,5 +238,5 @@ def _request(data: str) -> Any:
     if not isinstance(numbers, list) or len(numbers) > 2 * _MOST_SUBSCRIPTIONS:
         raise ValueError(f"expected a list of at most {_MOST_SUBSCRIPTIONS} subscriptions")
     if not all(type(number) is int and 0 <= number < 2**32 for number in numbers):
-        raise ValueError("expected numbers of subscriptions and channels in [0, 2^32)")
+        raise ValueError("expected subscription and channel numbers in [0, 2^32)")
     return request

@@ -74,7 +74,7 @@ class Documents:
     async def answer(self, request: web.Request, headers: Mapping[str, str]) -> web.Response:
         """Return the document of a request; status 503 if too many requests are waiting."""
         if self._waiting >= _MOST_WAITING:
-            text = f"{self._waiting} requests are waiting for an answer already\n"
+            text = f"{self._waiting} requests are already waiting for a response\n"
             return web.Response(status=503, text=text, headers=headers)
         make, accept = self._documents[request.path], request.headers.get("Accept", "")
         query = {name: value for name, value in request.query.items() if name != "token"}

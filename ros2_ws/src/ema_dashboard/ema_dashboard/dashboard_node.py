@@ -143,7 +143,7 @@ class DashboardNode(ManagedNode):
         if self._alerts:
             values |= {"alerts sent": self._alerts.sent, "alerts lost": self._alerts.lost}
             if self._alerts.failure:
-                level, message = WARN, f"the latest alert did not arrive: {self._alerts.failure}"
+                level, message = WARN, f"the latest alert was not delivered: {self._alerts.failure}"
         if failure := self._web.thread.failure:
             level, message = ERROR, failure
         return [Task("dashboard", level, message, self.hardware_id, values)]
@@ -263,7 +263,7 @@ class DashboardNode(ManagedNode):
         namespace, note = read_note(content)
         histories = self._histories.get(namespace or "/")
         if histories is None:
-            raise ValueError("the dashboard does not show this namespace")
+            raise ValueError("this namespace is not shown by the dashboard")
         await histories.keep_note(note)
 
     def _note_time(self, time_ns: int) -> None:

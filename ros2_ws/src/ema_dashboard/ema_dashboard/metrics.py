@@ -48,13 +48,13 @@ _Value = TypeVar("_Value")
 _OF_NODES: Final = (
     ("ema_monitor_windows_dropped", "Windows dropped by a monitor because its queue was full.",
      NodeStatus.MONITOR, "windows_dropped"),
-    ("ema_monitor_refusals_dropped", "Refused windows that a monitor did not report.",
+    ("ema_monitor_refusals_dropped", "Refused windows not reported by a monitor.",
      NodeStatus.MONITOR, "refusals_dropped"),
-    ("ema_monitor_follow_ups_dropped", "Forecasts and similar work that a monitor skipped.",
+    ("ema_monitor_follow_ups_dropped", "Forecasts and similar work skipped by a monitor.",
      NodeStatus.MONITOR, "follow_ups_dropped"),
-    ("ema_recorder_messages_lost", "Messages that did not reach a recorder.",
+    ("ema_recorder_messages_lost", "Messages lost before they reached a recorder.",
      NodeStatus.RECORDER, "messages_lost"),
-    ("ema_recorder_messages_without_room", "Messages that a recorder could not write.",
+    ("ema_recorder_messages_without_room", "Messages not written by a recorder.",
      NodeStatus.RECORDER, "messages_without_room"),
     ("ema_bridge_samples_lost", "Samples missing at a bridge's input.",
      NodeStatus.BRIDGE, "samples_lost"),
@@ -62,13 +62,13 @@ _OF_NODES: Final = (
 """Counters of nodes: name, documentation, and kind of node and field of its status."""
 
 _OF_HEALTH: Final = (
-    ("ema_health_index", "Health: 1 is as new, 0 at a limit.", "ratio",
+    ("ema_health_index", "Health index: 1 when healthy, 0 at a limit.", "ratio",
      lambda health: health.health_index),
     ("ema_health_level", "Level: 0 OK, 1 WARN, 2 ERROR, 3 STALE.", "",
      lambda health: health.level),
     ("ema_health_confidence", "Confidence in the health.", "ratio",
      lambda health: health.confidence),
-    ("ema_service_time", "Time of service so far.", "seconds",
+    ("ema_service_time", "Service time.", "seconds",
      lambda health: _HOUR_S * health.flight_hours),
     ("ema_health_timestamp", "End of the latest test.", "seconds",
      lambda health: stamp_from_message(health.header.stamp) * 1e-9),
@@ -77,9 +77,9 @@ _OF_HEALTH: Final = (
 
 _OF_STATUS: Final = (
     ("ema_samples_lost", "Missing samples of telemetry.", {(): "samples_lost"}),
-    ("ema_windows_dropped", "Windows dropped in favour of later windows.",
+    ("ema_windows_dropped", "Windows dropped because later windows were waiting.",
      {(): "windows_dropped"}),
-    ("ema_estimates", "Estimates by their verdict.",
+    ("ema_estimates", "Estimates by verdict.",
      {("valid",): "estimates_valid", ("refused",): "estimates_invalid"}),
 )  # fmt: skip
 """Counters of actuators: name, documentation, and fields of TelemetryStatus by verdict."""
@@ -188,7 +188,9 @@ def _of_nodes(nodes: Mapping[str, _Node]) -> Iterator[Metric]:
             if node.status.kind == kind:
                 family.add_metric((_text(name),), getattr(node.status, counter))
         yield family
-    received = _gauge("ema_node_heard_timestamp", "When a node last reported.", "seconds", "node")
+    received = _gauge(
+        "ema_node_heard_timestamp", "Time of the latest status of a node.", "seconds", "node"
+    )
     for name, node in nodes.items():
         received.add_metric((_text(name),), node.received_s)
     yield received
@@ -197,7 +199,9 @@ def _of_nodes(nodes: Mapping[str, _Node]) -> Iterator[Metric]:
 def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Metric]:
     labelled = [(tuple(map(_text, names)), actuator) for names, actuator in actuators.items()]
     healths = [(labels, item.health) for labels, item in labelled if item.health is not None]
-    about = InfoMetricFamily("ema_actuator", "The installed unit.", labels=_ACTUATOR)
+    about = InfoMetricFamily(
+        "ema_actuator", "Serial number of the installed unit.", labels=_ACTUATOR
+    )
     for labels, actuator in labelled:
         unit = {"serial_number": _text(actuator.serial_number), "model": _text(actuator.model)}
         about.add_metric(labels, unit)
@@ -209,7 +213,7 @@ def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Me
         yield family
     life = _gauge(
         "ema_remaining_useful_life",
-        "Remaining time of service by quantile; NaN if it is unknown.",
+        "Remaining useful life by quantile; NaN if unknown.",
         "seconds",
         *(*_ACTUATOR, "quantile"),
     )
@@ -254,7 +258,7 @@ def _of_dashboard(totals: Totals) -> Iterator[Metric]:
     yield GaugeMetricFamily("ema_dashboard_clients", "Connected clients.", totals.clients)
     yield GaugeMetricFamily(
         "ema_dashboard_waiting_bytes",
-        "Size of the messages that wait for clients.",
+        "Size of the messages waiting for clients.",
         totals.waiting_bytes,
         unit="bytes",
     )
@@ -265,7 +269,7 @@ def _gauge(name: str, documentation: str, unit: str, *labels: str) -> GaugeMetri
 
 
 def _text(words: str) -> str:
-    """Return a text from the graph without characters that UTF-8 cannot encode."""
+    """Return a string from the graph without characters that UTF-8 cannot encode."""
     return words.encode(errors="replace").decode()
 
 

@@ -86,9 +86,9 @@ class PlaybackControl:
             If the message is not a playback request, or there is no playback.
         """
         if data[:1] != b"\3" or not _REQUEST.size <= len(data) <= _MOST_BYTES:
-            raise ValueError("expected a playback control request as binary message")
+            raise ValueError("expected a binary playback control request")
         if self._state is None:
-            raise ValueError("there is no playback")
+            raise ValueError("there is no playback to control")
         _, command, rate, seeks, seek_ns, _ = _REQUEST.unpack_from(data)
         name = data[_REQUEST.size :]
         self._requests.append(Request(command != _PAUSE, rate, seek_ns if seeks else None, name))

@@ -21,7 +21,7 @@ async def call(hub: Hub, client: Client | None, name: str, request: Any) -> None
         await asyncio.wait_for(answered.wait(), _ANSWER_S)
     except TimeoutError:
         client.remove_pending_request(future)
-        raise ValueError(f"{name} has not answered within {_ANSWER_S:g} s") from None
+        raise ValueError(f"{name} did not respond within {_ANSWER_S:g} s") from None
     response: Any = future.result()
     if not response.success:
         raise ValueError(f"{name}: {response.message}")

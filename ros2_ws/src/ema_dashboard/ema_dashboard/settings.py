@@ -27,28 +27,33 @@ class DashboardSettings(Checked):
     """
 
     host: str = text(
-        "127.0.0.1", "address to listen on; beyond loopback a token and TLS are needed"
+        "127.0.0.1",
+        "address to listen on; any address other than loopback requires a token and TLS",
     )
-    port: int = quantity(8765, "-", 0, 65535, "port to listen on; 0 takes any that is free")
-    ports: int = quantity(10, "-", 1, 1000, "ports that are tried from `port` on")
-    token_file: str = text("", "file that holds the token which clients have to show; empty: none")
-    tls_certificate: str = text("", "PEM file of the certificate; empty: no TLS")
-    tls_key: str = text("", "PEM file of the certificate's key")
-    most_clients: int = quantity(16, "-", 1, 1000, "clients at the same time")
-    archive: str = text("", "folder of the archive whose fleet the page shows; empty: none")
+    port: int = quantity(8765, "-", 0, 65535, "port to listen on; 0: any free port")
+    ports: int = quantity(10, "-", 1, 1000, "number of ports to try, starting at `port`")
+    token_file: str = text("", "file with the token that clients must present; empty: no token")
+    tls_certificate: str = text("", "PEM file with the certificate; empty: no TLS")
+    tls_key: str = text("", "PEM file with the private key of the certificate")
+    most_clients: int = quantity(16, "-", 1, 1000, "largest number of simultaneous clients")
+    archive: str = text("", "folder of the archive with the fleet to show; empty: none")
     alerts: str = text(
-        "", "file with the http(s) address that receives each change of level; empty: none"
+        "", "file with the http(s) address to which level changes are posted; empty: none"
     )
     buffer_mb: float = quantity(
-        8.0, "MB", 1.0, 1000.0, "messages that wait for a client; beyond it the oldest are dropped"
+        8.0,
+        "MB",
+        1.0,
+        1000.0,
+        ("largest queue of messages for a client; if it is full, the oldest messages are dropped"),
     )
 
-    namespaces: tuple[str, ...] = texts("namespaces that are shown; empty: the node's own")
+    namespaces: tuple[str, ...] = texts("namespaces to show; empty: the namespace of the node")
     allowed_origins: tuple[str, ...] = texts(
-        "origins of other pages that may connect", ("https://app.foxglove.dev",)
+        "origins of other web pages that may connect", ("https://app.foxglove.dev",)
     )
     host_names: tuple[str, ...] = texts(
-        "names of this machine by which clients address it, beside loopback"
+        "host names of this machine used by clients, in addition to loopback"
     )
 
     def __post_init__(self) -> None:
@@ -58,7 +63,7 @@ class DashboardSettings(Checked):
             if self.tls_key:
                 present, absent = absent, present
             raise ValueError(
-                f"{present} = {getattr(self, present)!r} without {absent}: expected both or none"
+                f"{present} = {getattr(self, present)!r} without {absent}: expected both or neither"
             )
         missing = [name for name in ("token_file", "tls_certificate") if not getattr(self, name)]
         if missing and not is_loopback(self.host):
@@ -86,8 +91,8 @@ def read_token(path: str) -> str:
     token = _content("token_file", path)
     if len(token) < _LEAST_TOKEN or not token.isprintable() or " " in token:
         raise ValueError(
-            f"parameter token_file = {path!r} holds {len(token)} characters: expected one word of "
-            f"at least {_LEAST_TOKEN}, such as `openssl rand -hex 16` prints"
+            f"parameter token_file = {path!r} has {len(token)} characters: expected one word of "
+            f"at least {_LEAST_TOKEN} characters, such as the output of `openssl rand -hex 16`"
         )
     return token
 

@@ -262,7 +262,7 @@ class Histories:
 
     async def keep_note(self, note: NoteEvent.Request) -> None:
         """Store a note in an actuator's monitor. Raises ValueError if no monitor accepts it."""
-        reason = "there is no monitor"
+        reason = "no monitor is running"
         for name, client in tuple(self._note_keepers.items()):
             try:
                 return await call(self._hub, client, name, note)

@@ -210,7 +210,7 @@ class WebServer:
         cookie = request.cookies.get(_COOKIE)
         if not self._access.permits(token=shown, cookie=cookie):
             fault = (
-                "a token is needed" if shown is None and cookie is None else "the token is wrong"
+                "a token is required" if shown is None and cookie is None else "the token is wrong"
             )
             return self._refuse(401, f"{fault}: Authorization: Bearer, or /?token=")
         return await handler(request)
@@ -267,7 +267,7 @@ class WebServer:
 
     async def _connect(self, request: web.Request) -> web.StreamResponse:
         if self._hub.totals.clients >= self._most_clients:
-            return self._refuse(503, f"{self._most_clients} clients are connected already")
+            return self._refuse(503, f"{self._most_clients} clients are already connected")
         offered = request.headers.get("Sec-WebSocket-Protocol", "")
         if SUBPROTOCOL not in [item.strip() for item in offered.split(",")]:
             return self._refuse(400, f"expected the subprotocol {SUBPROTOCOL}, not {offered!r}")

@@ -21,10 +21,10 @@ def load_description(path: Path, *, is_simulated: bool = False) -> ActuatorDescr
 
     The entries are ``actuator_id``, ``serial_number``, ``model``, ``sample_period`` [s], ``drive``,
     ``acquisition`` and ``parameters``. The last two are mappings of names to values in SI units;
-    with a ``lead`` [m], parameters may be texts such as "60 mm", "100 mm/s", "200 N", "50 N.s/m"
-    and "12 kg". Missing entries default to the built-in actuator. With ``drive: unknown``, missing
-    parameters have the values of ``ema_core.parameters.NEUTRAL``: the file then only needs
-    ``actuator_id``, ``serial_number`` and ``drive``.
+    with a ``lead`` [m], parameters may be strings with units, such as "60 mm", "100 mm/s", "200 N",
+    "50 N.s/m" and "12 kg". Missing entries default to the built-in actuator. With ``drive:
+    unknown``, missing parameters have the values of ``ema_core.parameters.NEUTRAL``: the file then
+    only needs ``actuator_id``, ``serial_number`` and ``drive``.
 
     Parameters
     ----------

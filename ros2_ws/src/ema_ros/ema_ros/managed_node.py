@@ -38,7 +38,7 @@ _LOG_PERIOD_S: Final = 30.0
 _SUCCESS: Final = TransitionCallbackReturn.SUCCESS
 _AUTOSTART: Final = "autostart"
 _AUTOSTART_DESCRIPTOR: Final = ParameterDescriptor(
-    description="configure and activate at the start; false: a lifecycle manager does that",
+    description="configure and activate at startup; false: a lifecycle manager does so",
     read_only=True,
 )
 
@@ -304,7 +304,7 @@ class ManagedNode(LifecycleNode):
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release all remaining resources after a failed transition and become unconfigured."""
         self._configured = False
-        # Only the first reason is reported: later steps fail because earlier ones were not taken.
+        # Only the first reason is reported: later steps fail because an earlier step failed.
         for step in (self.deactivate, self.clean_up):
             try:
                 step()
@@ -366,7 +366,7 @@ class ManagedNode(LifecycleNode):
         now_s = time.monotonic()
         in_touch = nodes_in_touch(self)
         for lost in self._peers.update(in_touch, nodes_alive(self), now_s):
-            self.get_logger().warning(f"{lost} has gone from the graph")
+            self.get_logger().warning(f"{lost} has disappeared from the graph")
         self._peers.incompatible = incompatible_publishers(self)
         self.report()
 
@@ -376,7 +376,7 @@ class ManagedNode(LifecycleNode):
         for name in parameter_overrides(self):
             if name in declared:
                 continue
-            text = f"parameter {name} is unknown to this node and has no effect"
+            text = f"parameter {name} is not declared by this node and has no effect"
             if similar := get_close_matches(name, declared, 1, 0.85):
                 self.get_logger().warning(f"{text}: did you mean {similar[0]}?")
             else:
@@ -401,7 +401,7 @@ class ManagedNode(LifecycleNode):
     def _refuse_clock_change(self, parameters: list[Parameter]) -> SetParametersResult:
         """Refuse to change the clock while the node is configured, as its entities use it."""
         if self._configured and any(item.name == "use_sim_time" for item in parameters):
-            reason = "use_sim_time can be changed while the node is unconfigured"
+            reason = "use_sim_time can only be changed while the node is unconfigured"
             return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
 

@@ -219,7 +219,7 @@ def measured_from_message(message: "msg.MeasuredCauses") -> tuple[int, list[Caus
     """
     stamp_ns = stamp_from_message(message.header.stamp)
     if stamp_ns <= 0:
-        raise ValueError(f"stamp = {stamp_ns} ns: expected the time of the measurement")
+        raise ValueError(f"stamp = {stamp_ns} ns: expected the measurement time")
     for item in message.causes:
         cause = CAUSE_BY_NAME.get(item.name)
         if cause and item.unit not in ("", cause.unit):
@@ -232,5 +232,5 @@ def measured_from_message(message: "msg.MeasuredCauses") -> tuple[int, list[Caus
 def _named(field: str, value: int, names: tuple[str, ...]) -> str:
     """Return the name of a constant of the message."""
     if value >= len(names):
-        raise ValueError(f"{field} = {value}: expected a constant of 0 to {len(names) - 1}")
+        raise ValueError(f"{field} = {value}: expected a constant from 0 to {len(names) - 1}")
     return names[value]

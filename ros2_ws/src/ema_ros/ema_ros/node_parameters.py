@@ -24,7 +24,7 @@ Definition = TypeVar("Definition")
 LIVE: Final = "live"
 """Constraint for a parameter that can be changed at any time."""
 
-WHILE_UNCONFIGURED: Final = "changed while the node is unconfigured"
+WHILE_UNCONFIGURED: Final = "can only be changed while the node is unconfigured"
 """Constraint for a parameter that is read when the node is configured."""
 
 

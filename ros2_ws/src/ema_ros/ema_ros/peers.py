@@ -6,6 +6,7 @@ from typing import Final
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
+from ema_core.wording import counted
 from ema_ros.status import OK, WARN, Task
 
 FRESH_S: Final = 60.0
@@ -45,12 +46,18 @@ class Peers:
         """Return the status: WARN for a minute after a loss, or if a publisher is incompatible."""
         fresh = [name for name, since in self._gone.items() if now_s - since < FRESH_S]
         values = {"present": ", ".join(sorted(self._present)), "gone": ", ".join(self._gone)}
-        remarks = [f"no contact with {', '.join(fresh)}"] if fresh else []
+        remarks = [f"lost contact with {', '.join(fresh)}"] if fresh else []
         if self.incompatible:
-            remarks.append(f"not received: {', '.join(self.incompatible)}")
+            remarks.append(f"incompatible publishers: {', '.join(self.incompatible)}")
         if remarks:
             return Task("peers", WARN, "; ".join(remarks), hardware_id, values)
-        return Task("peers", OK, f"{len(self._present)} in touch", hardware_id, values)
+        return Task(
+            "peers",
+            OK,
+            f"in contact with {counted(len(self._present), 'node')}",
+            hardware_id,
+            values,
+        )
 
 
 def nodes_in_touch(node: Node) -> set[str]:

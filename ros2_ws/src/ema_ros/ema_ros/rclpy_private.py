@@ -1,6 +1,6 @@
 """All uses of private parts of rclpy.
 
-These are the waiting messages of a subscription, the lifecycle state within the process, the end of
+These are the queued messages of a subscription, the lifecycle state within the process, the end of
 a state machine, errors of ``change_state``, and parameter overrides. Checked with 7.1 (Jazzy).
 """
 

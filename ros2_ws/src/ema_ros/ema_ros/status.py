@@ -39,7 +39,7 @@ class Task:
     hardware_id: str
     """Name of the unit, from ``hardware_name``."""
     values: Mapping[str, Any] = field(default_factory=dict)
-    """Figures by name; the unit is part of the name, as in ``lag [s]``."""
+    """Values by name; names include the unit, as in ``lag [s]``."""
     category: str = ""
     """Category of NAMUR NE 107; empty for the default category of the level."""
 
@@ -84,5 +84,5 @@ def hardware_name(namespace: str, actuator_id: str, serial_number: str = "") -> 
 
 
 def _plain(value: Any) -> str:
-    """Return a value as a text that plotting tools read: numbers as plain decimals."""
+    """Return a value as a string for plotting tools: numbers as plain decimals."""
     return f"{value:.9g}" if isinstance(value, float) else str(value)
