@@ -1,8 +1,8 @@
-"""What MkDocs does for `make docs` beyond its plugins.
+"""MkDocs hooks of `make docs`.
 
-The help of all commands and the definitions of all messages are inserted. Links to files outside
-of docs become their paths, formulas become MathML, and the build fails where the site would ask
-another host for something.
+The hooks insert the help of all commands and all message definitions, replace links to files
+outside docs by their paths, and convert formulas to MathML. The build fails if the site would make a
+request to another host.
 """
 
 import html
@@ -20,13 +20,14 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 LOG: Final = get_plugin_logger("docs_site")
 OUTSIDE: Final = re.compile(r"\[([^\]]*)\]\(\.\./([^)#\s]+)(?:#[^)]*)?\)")
 FORMULA: Final = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
-# What a browser would load; of the last two, Material's script loads from unpkg.com and github.com.
+# Elements that a browser would load. For the last two, Material's script loads from unpkg.com and
+# github.com.
 REQUEST: Final = re.compile(
     r"<(?:script|img|link|iframe|source|video|object|embed)\b[^>]*\b(?:src|href|data)=[\"']?(?:https?:)?//[^>]*"
     r"|(?:url\(|@import )[\"']?(?:https?:)?//[^)\s]*"
     r"|class=\"mermaid\"|data-md-component=\"source\""
 )
-# A command in the list that ends the help of a group.
+# A command in the list at the end of the help of a group.
 COMMAND: Final = re.compile(r"^  ([a-z][a-z-]*)", re.MULTILINE)
 SECTION: Final = re.compile(r"^([A-Z]\w*):\n((?:  .*\n)+)", re.MULTILINE)
 HELP, DEFINITIONS = "<!-- help of all commands -->", "<!-- definitions of all messages -->"
@@ -37,14 +38,14 @@ def _section(title: str, text: str) -> str:
 
 
 def _commands(text: str) -> Iterator[str]:
-    """Yield the commands in a help, which lists them below headings."""
+    """Yield the commands listed below the headings of a help text."""
     for heading, lines in SECTION.findall(text):
         if heading != "Options":
             yield from COMMAND.findall(lines)
 
 
 def _help(command: str) -> Iterator[str]:
-    """Yield the help of a command and of those within it."""
+    """Yield the help of a command and of its subcommands."""
     shell = ["bash", "-euc", f". ./activate.sh; {command} --help"]
     text = subprocess.run(
         shell, cwd=ROOT, capture_output=True, text=True, check=True, encoding="utf-8"
@@ -55,14 +56,14 @@ def _help(command: str) -> Iterator[str]:
 
 
 def _definitions() -> Iterator[str]:
-    """Yield each message, service and action."""
+    """Yield the definition of each message, service and action."""
     for path in sorted((ROOT / "ema_interfaces").glob("*/*.*")):
         if path.suffix in {".msg", ".srv", ".action"}:
             yield _section(f"{path.parent.name}/{path.stem}", path.read_text(encoding="utf-8"))
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Insert what is generated; show links to files outside of docs as the paths of the files."""
+    """Insert generated sections, and replace links to files outside docs by the file paths."""
     if HELP in markdown:
         markdown = markdown.replace(HELP, "".join(_help("ema")))
     if DEFINITIONS in markdown:
@@ -74,12 +75,12 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
             LOG.warning(f"{page.file.src_uri}: no file {path}")
         return f"`{path}`" if path.startswith(text.strip("`")) else f"{text} (`{path}`)"
 
-    # A page in a folder of docs leads to other pages by the same signs.
+    # In a subfolder of docs, links to other pages also start with "../".
     return markdown if "/" in page.file.src_uri else OUTSIDE.sub(path_of, markdown)
 
 
 def on_page_content(content: str, page: Any, **_: Any) -> str:
-    """Turn formulas to MathML."""
+    """Convert formulas to MathML."""
 
     def drawn(formula: re.Match[str]) -> str:
         block = formula[1] == "div"
@@ -93,7 +94,7 @@ def on_page_content(content: str, page: Any, **_: Any) -> str:
 
 @event_priority(-100)
 def on_post_build(config: Any) -> None:
-    """Fail where the site asks another host for something, or has no search index."""
+    """Fail if the site makes requests to other hosts, or has no search index."""
     site = Path(config.site_dir)
     asked = [
         f"{path.relative_to(site)}: {request[0]}"

@@ -1,6 +1,6 @@
-"""What each fault at its limit does to the telemetry of the example actuator (docs/faults.png).
+"""Draw the telemetry of the example actuator with each fault at its limit (docs/faults.png).
 
-`python tools/fault_picture.py docs/faults.png` draws it.
+Usage: `python tools/fault_picture.py docs/faults.png`.
 """
 
 import sys
@@ -17,7 +17,7 @@ from ema_sim import simulate
 
 START_S = 0.25
 
-# By kind of fault: what it shows, the signal drawn and its unit.
+# Title, plotted signal and its unit by kind of fault.
 PANELS = {
     "friction": ("friction +100 %: more current in both directions", "current", "A"),
     "backlash": ("play 14.5°: at each reversal the motor runs free", "current", "A"),
@@ -28,13 +28,13 @@ PANELS = {
 
 
 def window(faults: dict[str, float]) -> Telemetry:
-    """Return the telemetry of the test window of an actuator with faults."""
+    """Return the telemetry of an actuator with faults in its test window."""
     [found] = find_windows(simulate(faults))
     return found.telemetry
 
 
 def picture() -> Figure:
-    """Return the figure: the first component of each kind in its panel, healthy in grey below."""
+    """Return a figure with a panel per kind of fault, and healthy telemetry in grey."""
     figure, panels = stacked_panels([1.0] * len(PANELS), 1.6)
     healthy = window({})
     for axes, (kind, (title, signal, unit)) in zip(panels, PANELS.items(), strict=True):

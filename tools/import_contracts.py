@@ -8,12 +8,12 @@ from importlinter import Contract, ContractCheck, fields, output
 
 
 class OnlyContract(Contract):
-    """``modules`` import themselves, ``allowed`` and the standard library, and nothing else.
+    """``modules`` may import only themselves, ``allowed`` and the standard library.
 
-    What is allowed is a package with all that is in it, or one module.
+    An item of ``allowed`` is a package including its submodules, or a single module.
 
-    Modules that match a pattern of ``apart_from`` may import what they like, and may not be
-    imported by the others.
+    Modules that match a pattern of ``apart_from`` may import anything, but the remaining modules
+    must not import them.
     """
 
     type_name = "only"
@@ -23,7 +23,7 @@ class OnlyContract(Contract):
     apart_from = fields.ListField(subfield=fields.StringField(), required=False, default=[])
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
-        """Collect the imports from elsewhere."""
+        """Collect the imports that are not allowed."""
         options = self.contract_options
         allowed = {*options["allowed"], *sys.stdlib_module_names}
         strangers = []
@@ -49,13 +49,13 @@ class OnlyContract(Contract):
 class ContainersContract(Contract):
     """No module imports a package that contains it.
 
-    Without such imports, and without circles between siblings, there is no circle of modules.
+    Together with a ban on cycles between siblings, this excludes all import cycles.
     """
 
     type_name = "containers"
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
-        """Collect the imports of containing packages."""
+        """Collect imports of containing packages."""
         inward = [
             f"{importer} -> {imported}"
             for importer in sorted(graph.modules)

@@ -1,4 +1,4 @@
-"""The page of all parameters, from their declarations: ``python tools/parameter_page.py``."""
+"""Generate docs/parameters.md from parameter declarations: ``python tools/parameter_page.py``."""
 
 import json
 import re
@@ -18,31 +18,31 @@ PAGE: Final = Path("docs/parameters.md")
 
 _HEAD: Final = """# Parameters
 
-Made from the declarations by `make parameters`; `ros2 param describe NODE NAME` prints the same
-of a running node. `-p NAME:=VALUE` and parameter files set them at the start
+Generated from the declarations by `make parameters`; `ros2 param describe NODE NAME` prints the
+same information for a running node. `-p NAME:=VALUE` and parameter files set them at startup
 ([nodes.md](nodes.md#parameters)).
 
-- **live**: can be changed at any time, and applies from the next identified window on. If the
-  definition of a window changes, the node refuses the open window.
-- **unconfigured**: can be changed while the node is unconfigured. Otherwise the node refuses and
-  names the reason.
-- **start**: can be given at the start only.
+- **live**: can be changed at any time, and takes effect at the next identified window. If the
+  definition of a window changes, the node refuses the current window.
+- **unconfigured**: can be changed while the node is unconfigured. Otherwise the node refuses the
+  change with the reason.
+- **start**: can only be set at startup.
 
 FAULT stands for the name of each [fault](faults.md#the-fault-vector), as in
 `growth.friction.law`, and NAME for the name of each [parameter](nomenclature.md) of an actuator.
 """
-# Pages of their own have the figures of each.
+# Separate pages document each fault and parameter.
 _FOLDED: Final = {
-    "faults.": "| `faults.FAULT` | healthy |  | start | fault at the start |",
+    "faults.": "| `faults.FAULT` | healthy |  | start | initial fault |",
     "plant.": "| `plant.NAME` | as described |  | start | true value of a parameter |",
 }
 _FAULTS: Final = "|".join(FAULT_NAMES)
-_SIM_TIME: Final = "follow /clock instead of the clock of the machine"
+_SIM_TIME: Final = "use /clock instead of the system clock"
 _CHANGES: Final = {LIVE: "live", WHILE_UNCONFIGURED: "unconfigured"}
 
 
 def parameter_page() -> str:
-    """Return the page."""
+    """Return the page as Markdown."""
     rows = {name: list(dict.fromkeys(_rows(name))) for name in NODES}
     shared = [row for row in rows["monitor"] if all(row in own for own in rows.values())]
     lines = [_HEAD]
@@ -79,7 +79,7 @@ def _row(descriptor: ParameterDescriptor, value: Any) -> str:
     change = _CHANGES.get(constraint.removesuffix("; "), "start")
     if descriptor.name == "use_sim_time":
         change = "unconfigured"
-    # Each fault has the same.
+    # The parameters of all faults are equal.
     name = re.sub(rf"^(growth|known_law)\.({_FAULTS})\b", r"\1.FAULT", descriptor.name)
     cells = (f"`{name}`", f"`{json.dumps(value)}`", values, change, meaning)
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

@@ -1,7 +1,7 @@
-"""The page of records, from the definitions of estimate, health and reasons: ``make records``.
+"""Generate docs/records.md from the definitions of estimate, health and reasons (``make records``).
 
-A field has one name in message, JSON, history and archive. `REPRESENTED` has the few that a message
-holds in another form; tests/docs compares all with the definitions.
+A field has the same name in message, JSON, history and archive. `REPRESENTED` lists the exceptions.
+tests/docs compares the page with the definitions.
 """
 
 import inspect
@@ -18,7 +18,7 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 PAGE: Final = ROOT / "docs" / "records.md"
 
 UNIT: Final = ("header", "actuator_id", "serial_number")
-"""Fields that place a message; a record is that of a unit already."""
+"""Fields that identify the unit and time of a message; a record already belongs to a unit."""
 
 REPRESENTED: Final = {
     "start_ns": "window_start",
@@ -26,24 +26,25 @@ REPRESENTED: Final = {
     "reasons": "reason_codes",
     "comparison": "quantities",
 }
-"""Fields of an estimate that the message holds in another form, under another name."""
+"""Estimate fields whose message field has a different name and form."""
 
 JSON_ALONE: Final = {
     "parts": "figures of the window, or of each stretch, for a baseline of windows"
 }
-"""Fields of an estimate that are in no message, with their meaning."""
+"""Estimate fields that messages lack, with their meaning."""
 
 MESSAGE_ALONE: Final = ("window", "excitation_limit", "reason")
-"""Fields of the message that follow from others, or from where the window is."""
+"""Message fields that are derived from other fields, or locate the window."""
 
 _HEAD: Final = """# Records of estimates and health
 
-Made from the definitions by `make records`. A field of an estimate has one name in messages, in
-JSON (`ema estimate --json`), in the history of a unit and in the table `estimates` of an archive.
+Generated from the definitions by `make records`. A field of an estimate has the same name in
+messages, in JSON (`ema estimate --json`), in the history of a unit and in the table `estimates` of
+an archive.
 
-In JSON, stamps are whole nanoseconds (`_ns`), flags and verdicts are names, a vector of faults is
-an object by name, and what is not a number is null. In the table each fault is a column, and each
-standard deviation a column `FAULT_sigma`.
+In JSON, stamps are integers in nanoseconds (`_ns`), flags and verdicts are names, a fault vector is
+an object by name, and NaN is null. In the table, each fault is a column, and each standard
+deviation a column `FAULT_sigma`.
 
 Health in JSON (`ema predict --json`) has the names of the messages `Health`, `FaultHealth`,
 `RemainingUsefulLife`, `ScenarioLife` and `UnitEvent` ([messages](api/messages.md)). In the table
@@ -51,9 +52,9 @@ Health in JSON (`ema predict --json`) has the names of the messages `Health`, `F
 """
 _REASONS: Final = """## Reasons
 
-`reasons` in JSON is a list of objects: `code` and the figures of that kind. `reason_codes` of the
-message has the codes, `reason` of both the sentences. With `stretches` and `of_stretches`, a reason
-holds in some of the stretches of ordinary motion only.
+`reasons` in JSON is a list of objects with `code` and the fields of that kind of reason.
+`reason_codes` of the message has the codes, `reason` of message and JSON the sentences. A reason
+with `stretches` and `of_stretches` applies only to some of the stretches of ordinary motion.
 
 | code | figures | meaning |
 |---|---|---|
@@ -63,7 +64,7 @@ _LINE: Final = re.compile(r"^(\S+) (\w+)(?: [^#=\s]+)?\s+# (.*)$", re.MULTILINE)
 
 
 class MessageField(NamedTuple):
-    """A field of a message: its type, name and meaning."""
+    """Type, name and meaning of a message field."""
 
     kind: str
     name: str
@@ -71,13 +72,13 @@ class MessageField(NamedTuple):
 
 
 def message_fields(name: str) -> list[MessageField]:
-    """Return the fields of a message of ``ema_interfaces``, in their order."""
+    """Return the fields of a message of ``ema_interfaces``, in order."""
     path = ROOT / "ema_interfaces" / "msg" / f"{name}.msg"
     return [MessageField(*one) for one in _LINE.findall(path.read_text(encoding="utf-8"))]
 
 
 def records_page() -> str:
-    """Return the page."""
+    """Return the page as Markdown."""
     lines = [_HEAD, "## Estimate", "", "| message | JSON | meaning |", "|---|---|---|"]
     lines += _estimate_rows()
     lines += ["", _REASONS + "\n".join(_reason_rows())]

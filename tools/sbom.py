@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Write the software bill of materials, CycloneDX 1.6 as JSON: what is installed and shipped.
+"""Write the software bill of materials (CycloneDX 1.6, JSON) of the installation.
 
     tools/in_venv.sh sbom python tools/sbom.py ema.cdx.json
 
-The packages of ``.venv`` with their licences and dependencies, as cyclonedx-py finds them there;
-those that are bundled in the dashboard's page; our own. Fails where a locked package is missing.
+It lists the packages in ``.venv`` with licences and dependencies, as reported by cyclonedx-py, the
+packages bundled in the dashboard's page, and the packages of this repository. It fails if a locked
+package is missing.
 """
 
 import base64
@@ -22,7 +23,7 @@ from cyclonedx.validation.json import JsonStrictValidator  # pyright: ignore[rep
 ROOT: Final = Path(__file__).resolve().parents[1]
 VENV: Final = ROOT / ".venv"
 PAGE: Final = ROOT / "ros2_ws" / "src" / "ema_dashboard" / "web" / "package-lock.json"
-# Of the packages whose wheels do not say it, as their sources do.
+# Licences of packages whose wheels do not state it, from their sources.
 LICENCES: Final = {
     "atheris": "Apache-2.0",
     "partd": "BSD-3-Clause",
@@ -36,14 +37,14 @@ LICENCES: Final = {
 
 
 def key(name: str) -> str:
-    """Return the name of a distribution in its normal form."""
+    """Return the normalized name of a distribution."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def installed() -> dict[str, Any]:
-    """Return the bill of ``.venv``, without what wheels hold of others.
+    """Return the bill of ``.venv``, without duplicate metadata.
 
-    The wheels of ROS hold metadata of a second package each, which is no distribution.
+    Each ROS wheel contains metadata of a second package, which is not a distribution.
     """
     command = [str(Path(sys.executable).with_name("cyclonedx-py")), "environment"]
     command += ["--output-reproducible", "--spec-version", "1.6", str(VENV / "bin" / "python")]
@@ -53,7 +54,10 @@ def installed() -> dict[str, Any]:
     found = {key(item["name"]): item["version"] for item in bill["components"]}
     wrong = [f"{name} {locked[name]}" for name in locked if found.get(name) != locked[name]]
     if wrong:
-        sys.exit(f"sbom: locked, but not installed so: {', '.join(wrong)}; run `make setup`")
+        sys.exit(
+            f"sbom: installed versions differ from the locked versions: {', '.join(wrong)}; run "
+            "`make setup`"
+        )
     kept = [item for item in bill["components"] if key(item["name"]) in {*locked, "pip"}]
     refs = {item["bom-ref"] for item in kept}
     bill["components"] = kept
@@ -69,12 +73,12 @@ def installed() -> dict[str, Any]:
             item["licenses"] = [{"license": {"id": LICENCES[item["name"]]}}]
     silent = [item["name"] for item in kept if not item.get("licenses")]
     if silent:
-        sys.exit(f"sbom: no licence is known of {', '.join(silent)}; state it in tools/sbom.py")
+        sys.exit(f"sbom: unknown licence of {', '.join(silent)}; add it in tools/sbom.py")
     return bill
 
 
 def licences_of(package: str) -> list[dict[str, Any]]:
-    """Return the licences in the manifest of a package of ROS; its wheel names none."""
+    """Return the licences in the manifest of a ROS package, whose wheel states none."""
     manifest = VENV / "share" / package / "package.xml"
     if not manifest.exists():
         return []
@@ -83,7 +87,7 @@ def licences_of(package: str) -> list[dict[str, Any]]:
 
 
 def bundled() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Return the packages in the dashboard's page, and what each depends on."""
+    """Return the packages bundled in the dashboard's page, and their dependencies."""
     packages = json.loads(PAGE.read_text(encoding="utf-8"))["packages"]
     shipped = {
         path.rpartition("node_modules/")[2]: item
@@ -124,7 +128,7 @@ def _hexadecimal(integrity: str) -> str:
 
 
 def own() -> list[dict[str, Any]]:
-    """Return our packages, by their manifests."""
+    """Return the packages of this repository, from their manifests."""
     components = []
     manifests = [*ROOT.glob("ema_*/package.xml"), *ROOT.glob("ros2_ws/src/ema_*/package.xml")]
     for path in sorted(manifests):
@@ -138,7 +142,7 @@ def own() -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    """Write the bill to the file that is named."""
+    """Write the bill to the file given on the command line."""
     output = Path(sys.argv[1])
     bill = installed()
     page, page_dependencies = bundled()
@@ -155,7 +159,7 @@ def main() -> None:
     text = json.dumps(bill, indent=2, ensure_ascii=False) + "\n"
     error = JsonStrictValidator(SchemaVersion.V1_6).validate_str(text)
     if error:
-        sys.exit(f"sbom: not as CycloneDX 1.6 wants it: {error}")
+        sys.exit(f"sbom: not valid CycloneDX 1.6: {error}")
     output.write_text(text, encoding="utf-8")
     print(f"{output}: {len(bill['components'])} components, {len(page)} of them in the page")
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How large the repository is: `make size`. For information: no figure is a goal."""
+"""Print the size of the repository (`make size`). The figures are for information only."""
 
 import statistics
 import subprocess
@@ -12,14 +12,14 @@ MONITOR: Final = "ema_monitor/ema_monitor/"
 
 
 class Row(NamedTuple):
-    """A measure of the repository."""
+    """A size figure of the repository."""
 
     measure: str
     value: float
 
 
 def tracked(*patterns: str) -> list[Path]:
-    """Return the files that git tracks, by patterns of their paths."""
+    """Return the tracked files whose paths match any of the patterns."""
     listed = subprocess.run(
         ["git", "ls-files", "-z", *patterns],
         cwd=ROOT,
@@ -33,12 +33,12 @@ def tracked(*patterns: str) -> list[Path]:
 
 
 def lines(paths: Iterable[Path]) -> int:
-    """Return how many lines files have."""
+    """Return the total number of lines in files."""
     return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths)
 
 
 def measured() -> list[Row]:
-    """Return all measures."""
+    """Return the size figures."""
     production = tracked("ema_*/*.py", "ros2_ws/*.py")
     sizes = [lines([path]) for path in production]
     packages = [
@@ -48,10 +48,10 @@ def measured() -> list[Row]:
     ]
     return [
         Row("production Python, lines", sum(sizes)),
-        Row("  of it ema_monitor", lines(tracked(f"{MONITOR}*.py"))),
+        Row("  in ema_monitor", lines(tracked(f"{MONITOR}*.py"))),
         Row("tests, lines", lines(tracked("tests/*.py"))),
         Row("benchmarks, lines", lines(tracked("benchmarks/*.py"))),
-        Row("packages beside ema_interfaces and ema_bringup", len(packages)),
+        Row("packages except ema_interfaces and ema_bringup", len(packages)),
         Row("median lines of a file", statistics.median(sizes)),
         Row("largest file, lines", max(sizes)),
     ]

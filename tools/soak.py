@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Run the tests of nodes again and again, the second half of the runs beside busy processes.
+"""Run the node tests repeatedly, the last runs under CPU load.
 
     tools/soak.py [--runs 20] [--busy 10] [--processes 8] [--limit 3600] [PYTEST ARGUMENTS...]
 
-Prints a line a run: whether it passed, its time and pytest's last line. A run beyond the limit is
-killed with all that it started. Fails when a run did not pass.
+Prints a line per run with its result, its time and the last line of pytest. A run that exceeds the
+limit is killed with all its processes. The exit code is 1 if a run fails.
 """
 
 import argparse
@@ -31,7 +31,7 @@ def _spin() -> None:
 
 @contextlib.contextmanager
 def busy(count: int) -> Iterator[None]:
-    """Keep processors busy by so many processes."""
+    """Load the processors with ``count`` busy processes."""
     processes = [multiprocessing.Process(target=_spin, daemon=True) for _ in range(count)]
     for process in processes:
         process.start()
@@ -44,7 +44,7 @@ def busy(count: int) -> Iterator[None]:
 
 
 def run(arguments: list[str], limit_s: float, log: Path) -> tuple[bool, str]:
-    """Run pytest once; return whether it passed and how it ended."""
+    """Run pytest once. Return whether it passed, and its last line of output."""
     with log.open("w", encoding="utf-8") as output:
         process = subprocess.Popen(
             [sys.executable, "-m", "pytest", "-q", *arguments],
@@ -58,7 +58,7 @@ def run(arguments: list[str], limit_s: float, log: Path) -> tuple[bool, str]:
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
-            return False, f"HANGS: killed after {limit_s:g} s"
+            return False, f"HUNG: killed after {limit_s:g} s"
     lines = [
         line for line in log.read_text(errors="replace", encoding="utf-8").splitlines() if line
     ]
@@ -66,12 +66,18 @@ def run(arguments: list[str], limit_s: float, log: Path) -> tuple[bool, str]:
 
 
 def main() -> int:
-    """Print the table; return the exit code."""
+    """Print the table. Return the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--runs", type=int, default=20, help="runs in a row (%(default)s)")
-    parser.add_argument("--busy", type=int, default=10, help="of them beside others (%(default)s)")
-    parser.add_argument("--processes", type=int, default=8, help="that are busy (%(default)s)")
-    parser.add_argument("--limit", type=float, default=3600.0, help="of a run [s] (%(default)g)")
+    parser.add_argument("--runs", type=int, default=20, help="number of runs (%(default)s)")
+    parser.add_argument(
+        "--busy", type=int, default=10, help="number of runs under CPU load (%(default)s)"
+    )
+    parser.add_argument(
+        "--processes", type=int, default=8, help="number of busy processes (%(default)s)"
+    )
+    parser.add_argument(
+        "--limit", type=float, default=3600.0, help="time limit of a run [s] (%(default)g)"
+    )
     own, arguments = parser.parse_known_args()
     logs = Path(tempfile.mkdtemp(prefix="soak_"))
     print(f"output of each run in {logs}", flush=True)

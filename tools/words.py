@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Find words that a reader of plain technical English stumbles over.
+"""Find words that are not plain technical English.
 
-Checked are README, the pages of docs, the comments of ROS messages, and Python sources: messages,
-descriptions of parameters and the help of commands against ``IN_TEXTS``; docstrings, comments and
-names of local variables of treated packages also against ``IN_CODE`` and ``NAMES``. Code in a page
-or docstring is not checked. Prints a line for each word, and fails if there is one.
+README, docs, comments of ROS messages and string literals of Python sources are checked against
+``IN_TEXTS``. Docstrings, comments and local names are also checked against ``IN_CODE`` and
+``NAMES``. Code in Markdown and docstrings is ignored. Prints a line per finding, and exits with 1
+if there are any.
 """
 
 import ast
@@ -27,7 +27,7 @@ IN_TEXTS: Final = {
     r"that of|those of|of which": "the noun again",
     r"no longer(?! than)": "what holds now",
 }
-"""Better words, by pattern, for all texts."""
+"""Replacements by pattern, for all texts."""
 
 IN_CODE: Final = {
     r"says?|said": "state, report, show",
@@ -47,7 +47,7 @@ IN_CODE: Final = {
     r"of ours": "the name of the package",
     r"nobody|somebody": "the subject, or the passive",
 }
-"""Better words, by pattern, for docstrings and comments."""
+"""Replacements by pattern, for docstrings and comments."""
 
 NAMES: Final = frozenset(
     ("one", "found", "said", "told", "own", "other", "others", "known", "given", "heard")
@@ -55,7 +55,7 @@ NAMES: Final = frozenset(
 """Names of variables that are not nouns of the field."""
 
 UNTREATED: Final[tuple[str, ...]] = ()
-"""Paths whose docstrings, comments and names are still to be revised."""
+"""Paths whose docstrings, comments and names are not checked yet."""
 
 PATTERNS: Final = ("README.md", "docs/*.md", "ema_interfaces/*/*", "ema_*/*.py", "ros2_ws/src/*.py")
 COMMAND: Final = re.compile(r"\.(command|group)\b")
@@ -64,7 +64,7 @@ CODE: Final = re.compile(r"``[^`]*``|`[^`\n]*`")
 
 
 class Finding(NamedTuple):
-    """A word at a line of a file, and better words."""
+    """A word to replace, with its line and a replacement."""
 
     line: int
     word: str
@@ -72,14 +72,14 @@ class Finding(NamedTuple):
 
 
 def findings(name: str, content: str) -> list[Finding]:
-    """Return the words to replace in a file, by line.
+    """Return the words to replace in a file, in order of lines.
 
     Parameters
     ----------
     name
-        Path of the file below the root of the repository.
+        Path of the file relative to the repository.
     content
-        Its text.
+        Content of the file.
     """
     if not name.endswith(".py"):
         text = _without_code(content) if name.endswith(".md") else content
@@ -122,7 +122,7 @@ def _variables(tree: ast.Module) -> Iterator[Finding]:
 
 
 def _matches(begin: int, text: str, better: Mapping[str, str]) -> list[Finding]:
-    """Return the findings in a text that begins at a line."""
+    """Return the findings in a text, whose first line has the number ``begin``."""
     return [
         Finding(begin + text.count("\n", 0, match.start()), match[0], words)
         for pattern, words in better.items()
@@ -160,7 +160,7 @@ def _comments(content: str) -> Iterator[tuple[int, str]]:
 
 
 def main() -> int:
-    """Print each word to replace; return 1 if there is one."""
+    """Print each word to replace. Return 1 if there are any, else 0."""
     listed = subprocess.run(
         ["git", "ls-files", *PATTERNS],
         cwd=ROOT,

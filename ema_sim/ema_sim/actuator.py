@@ -95,9 +95,9 @@ class SimulatedActuator:
                 f"{sample_period:g} s"
             )
         if not 0.0 <= noise_gain < math.inf:
-            raise ValueError(f"noise_gain = {noise_gain!r} is not a number of at least 0")
+            raise ValueError(f"noise_gain = {noise_gain!r} is not a non-negative number")
         if noise_gain > 0.0 and rng is None:
-            raise ValueError("noise_gain > 0 needs a random number generator: give rng")
+            raise ValueError("noise_gain > 0 requires a random generator: pass rng")
         self._noise_sigma = math.sqrt(noise_gain * 1e-6 / noise_hold_s)
         self._rng = rng
         self._start_ns = stamp_ns

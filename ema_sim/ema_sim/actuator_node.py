@@ -34,7 +34,7 @@ from ema_sim.settings import CauseSettings, FaultSettings, ResolutionSettings, R
 _CLOCK: Final = "/clock"
 _CLOCK_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _PAUSE_S: Final = 0.3
-_HOLDS: Final = "holds from the next test cycle on"
+_HOLDS: Final = "takes effect at the next test cycle"
 _COMMAND_FIGURES: Final = tuple(
     item.name for item in fields(Command) if item.name not in ("shape", "samples")
 )
@@ -174,7 +174,7 @@ class ActuatorNode(ManagedNode):
         if pace.behind:
             self.get_logger().warning(self._lag_message(pace))
         else:
-            self.get_logger().info(f"keeps up again with rate {self._rate:g}")
+            self.get_logger().info(f"keeps up again at rate {self._rate:g}")
         self.report()
 
     def _lag_message(self, pace: Pace) -> str:
@@ -209,7 +209,7 @@ def _growths(messages: Iterable[FaultGrowth]) -> dict[str, Growth]:
     growths: dict[str, Growth] = {}
     for item in messages:
         if item.fault in growths:
-            raise ValueError(f"growth of {item.fault} is given more than once")
+            raise ValueError(f"growth of {item.fault} is specified more than once")
         try:
             growths[item.fault] = Growth(item.law, item.rate, item.shape, item.noise, item.onset)
         except ValueError as error:

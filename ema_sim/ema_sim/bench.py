@@ -23,17 +23,17 @@ from ema_sim.sensors import Sensors
 class BenchSettings(Checked):
     """Settings of a test bench; ValueError if a value is out of range."""
 
-    block_s: float = quantity(0.01, "s", 1e-6, 1.0, "length of a block of telemetry")
+    block_s: float = quantity(0.01, "s", 1e-6, 1.0, "duration of a block of telemetry")
     pause_s: float = quantity(0.0, "s", 0.0, 3600.0, "pause between two test cycles")
     hours_per_cycle: float = quantity(
-        10.0, "h", 0.0, 1e6, "service hours that one test cycle stands for"
+        10.0, "h", 0.0, 1e6, "service hours represented by one test cycle"
     )
     load: float = quantity(0.0, "N.m", -1e5, 1e5, "external torque on the motor shaft")
     noise_gain: float = quantity(
-        0.0, "-", 0.0, 1e9, "K_noise, power of the noise on the reference current"
+        0.0, "-", 0.0, 1e9, "K_noise, noise power on the reference current"
     )
     current_noise: float = quantity(
-        0.0, "A", 0.0, 1e3, "standard deviation of the noise on a sample of the current"
+        0.0, "A", 0.0, 1e3, "standard deviation of the noise on each current sample"
     )
     seed: int = quantity(0, "-", 0, 2**62, "seed of all noise")
 

@@ -29,11 +29,11 @@ class Growth(Checked):
     its magnitude is the parameter of the law. A drift is signed and may cross the healthy value.
     """
 
-    law: str = text("constant", "law by which the fault grows", EXACT_LAWS)
-    rate: float = quantity(0.0, "1/h", -1e6, 1e6, "rate a; of law power its time scale c, in h")
+    law: str = text("constant", "growth law of the fault", EXACT_LAWS)
+    rate: float = quantity(0.0, "1/h", -1e6, 1e6, "rate a; for the law power, time scale c in h")
     shape: float = quantity(0.0, "-", 0.0, 100.0, "second parameter of the law: x_0, b or p")
     noise: float = quantity(
-        0.0, "-", 0.0, 3.0, "sigma of the lognormal factor; of law drift its s, in 1/sqrt(h)"
+        0.0, "-", 0.0, 3.0, "sigma of the lognormal factor; for the law drift, s in 1/sqrt(h)"
     )
     """Process noise: standard deviation of the logarithm of a factor with mean 1 on each increment
     [-]; for ``drift``, diffusion s [1/sqrt(h)]."""
@@ -44,9 +44,9 @@ class Growth(Checked):
         super().__post_init__()
         if self.law == "power":
             if self.rate == 0.0:
-                raise ValueError("rate = 0 h: law power needs a time scale c that is not 0")
+                raise ValueError("rate = 0 h: the law power requires a time scale c other than 0")
             if self.shape == 0.0:
-                raise ValueError("shape = 0: law power needs an exponent p above 0")
+                raise ValueError("shape = 0: the law power requires an exponent p above 0")
 
     @property
     def is_constant(self) -> bool:
@@ -129,6 +129,6 @@ def _grown(fault: Fault, growth: Growth, k: float, hours: float, rng: np.random.
         increment(growth.law, abs(k - fault.healthy), abs(growth.rate), growth.shape, hours)
     )
     if growth.noise > 0.0:
-        # A mean of 1: noise shall not change the mean rate of growth.
+        # The mean is 1, so that noise does not change the mean rate of growth.
         step *= math.exp(growth.noise * rng.standard_normal() - growth.noise**2 / 2.0)
     return min(max(k + side * step, 0.0), fault.highest)

@@ -49,10 +49,10 @@ class LifeSettings(Checked):
         If a value is out of range, or no length is permitted.
     """
 
-    interval_hours: float = quantity(10.0, "h", 0.01, 1e4, "service hours from test to test")
+    interval_hours: float = quantity(10.0, "h", 0.01, 1e4, "service hours between tests")
     process_noise: float = quantity(0.3, "-", 0.0, 3.0, "sigma of an increment's lognormal factor")
     others_share: float = quantity(
-        0.2, "-", 0.0, 1.0, "share of their rates at which other faults grow"
+        0.2, "-", 0.0, 1.0, "growth rate of the other faults, relative to their typical rates"
     )
     missing_share: float = quantity(0.1, "-", 0.0, 0.9, "share of tests that are missing")
     disturbed_share: float = quantity(0.03, "-", 0.0, 1.0, "share of windows that are disturbed")
@@ -121,8 +121,8 @@ def run_to_failure(
         if life is not None:
             return life
     raise ValueError(
-        f"none of {_MOST_DRAWS} lives was from {settings.least_tests} to {settings.most_tests} "
-        f"tests long, {settings.interval_hours:g} h apart"
+        f"none of {_MOST_DRAWS} drawn lives had {settings.least_tests} to {settings.most_tests} "
+        f"tests, {settings.interval_hours:g} h apart"
     )
 
 

@@ -12,10 +12,10 @@ from ema_core.quantity import Checked, quantity, text, texts
 class RunSettings(Checked):
     """Simulated actuator and rate of the simulation; ValueError if a value is out of range."""
 
-    actuator_file: str = text("", "YAML file that describes the actuator; empty: the built-in one")
+    actuator_file: str = text("", "actuator file (YAML); empty: the built-in actuator")
     actuator_id: str = text("", "name of the actuator; empty: from its description")
     serial_number: str = text("", "serial number; empty: from its description")
-    rate: float = quantity(1.0, "-", 0.01, 100.0, "simulated time over wall time")
+    rate: float = quantity(1.0, "-", 0.01, 100.0, "ratio of simulated to wall time")
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,7 @@ class ResolutionSettings(Checked):
 class CauseSettings(Checked):
     """Hidden causes of the simulated actuator; ValueError if a cause is invalid."""
 
-    causes: tuple[str, ...] = texts(
-        f"hidden causes that are none of the faults, {GRAMMAR} (docs/faults.md)"
-    )
+    causes: tuple[str, ...] = texts(f"hidden causes other than faults, {GRAMMAR} (docs/faults.md)")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -69,8 +69,8 @@ def checked(number: int) -> int:
     """
     if number not in NUMBERS:
         raise ValueError(
-            f"table {number}: expected {NUMBERS[0]} to {NUMBERS[-1]}, the tables of the thesis "
-            "with results of its algorithms"
+            f"table {number}: expected {NUMBERS[0]} to {NUMBERS[-1]}, the tables with results of "
+            "the thesis's algorithms"
         )
     return number
 

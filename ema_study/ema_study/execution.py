@@ -50,7 +50,7 @@ def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
             "serial, each generation on all cores": lambda: [run_job(job) for job in jobs],
             "runs side by side in processes": lambda: list(execute(jobs, pool)),
         }
-        # Not timed: processes start, kernels are loaded, the reference is run.
+        # Not timed: start of processes, loading of kernels, simulation of the reference.
         list(execute(4 * workers * [warm], pool))
         run_job(warm)
         seconds = [median(timeit.repeat(work, number=1, repeat=_ROUNDS)) for work in modes.values()]

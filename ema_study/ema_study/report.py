@@ -36,7 +36,7 @@ def write_report(
     timing
         Table that ``ema_study.execution.time_executors`` returns; None if times were not measured.
     settings
-        Settings of the study, as text by name.
+        Settings of the study, as strings by name.
     """
     everything = printed_runs() if runs.empty else pd.concat([printed_runs(), runs])
     uris = {}
@@ -72,7 +72,7 @@ def write_report(
 
 
 def html_table(frame: pd.DataFrame, *, index: bool = True) -> str:
-    """Return a table as HTML in a box that scrolls sideways; all texts are escaped."""
+    """Return a table as HTML in a box that scrolls sideways; all cells are escaped."""
     with pd.option_context("display.max_colwidth", None):
         html = frame.map(_cell).to_html(
             index=index, border=0, classes="data", index_names=index and any(frame.index.names)
@@ -81,7 +81,7 @@ def html_table(frame: pd.DataFrame, *, index: bool = True) -> str:
 
 
 def _cell(value: Any) -> str:
-    """Format a value as text; numbers have four significant digits."""
+    """Return a value as a string; numbers have four significant digits."""
     if pd.isna(value):
         return ""
     if not isinstance(value, float):
@@ -131,7 +131,7 @@ def verdict(agreement: pd.DataFrame, window_times: pd.DataFrame) -> list[str]:
 
 
 def by_model(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return, by model, how much of the study was run and the effect of the threshold.
+    """Return a table by model with the number of runs and the effect of the threshold.
 
     A model does not describe a fault if the true fault vector costs more than the healthy vector.
     """

@@ -39,7 +39,7 @@ class RunStore(AbstractContextManager["RunStore", None]):
             self.results = self._read()
         except BlockingIOError as error:
             self._lock.close()
-            raise ValueError(f"{folder} is in use by another study") from error
+            raise ValueError(f"{folder} is in use by another process") from error
         except BaseException:
             self._lock.close()
             raise
@@ -84,8 +84,8 @@ def _result(line: bytes, where: str) -> RunResult:
     except (ValueError, AttributeError, TypeError, KeyError) as error:
         raise ValueError(f"{where} is damaged: expected a run with its version") from error
     raise ValueError(
-        f"{where} is a run of other models or algorithms than the present ones (version "
-        f"{version}, expected {numerics_version()}): use another folder"
+        f"{where} was made by a different version of models or algorithms ({version}, expected "
+        f"{numerics_version()}): use another folder"
     )
 
 

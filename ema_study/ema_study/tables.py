@@ -53,8 +53,10 @@ class StudyTable:
     number: int
     """Number of the table in the thesis."""
     frame: pd.DataFrame
-    """Table with columns (source, quantity) and the rows of the thesis, NaN for missing figures. A
-    mean over means is NaN if one of them is missing."""
+    """Table with columns (source, quantity) and the rows of the thesis.
+
+    Missing figures are NaN. A mean over means is NaN if any mean is missing.
+    """
     note: str = ""
     """Note on how to read the table; may be empty."""
 
@@ -193,7 +195,7 @@ def _overview(number: int, sources: Sources) -> StudyTable:
     quantity = OVERVIEWS[number]
     blocks = {PRINTED: printed_table(f"table_{number}")}
     blocks |= {label: overview_of(runs, quantity) for label, runs in sources.items()}
-    note = f"{TOTAL.capitalize()} and {SIGMA} are of the five means to the left."
+    note = f"{TOTAL.capitalize()} and {SIGMA} refer to the five means to the left."
     return _side_by_side(number, blocks, lambda name: name.replace("_", " "), note)
 
 
@@ -236,7 +238,7 @@ def _side_by_side(
 def overview_of(runs: pd.DataFrame, quantity: str) -> pd.DataFrame:
     """Return means over runs of a column, e.g. "error_percent", laid out as tables 58 and 59.
 
-    A mean over means is NaN if one of them is missing. The standard deviation is the sample
+    A mean over means is NaN if any mean is missing. The standard deviation is the sample
     standard deviation (n - 1).
     """
     means = single_fault_runs(runs).groupby(["algorithm", "level", "fault"])[quantity].mean()

@@ -134,7 +134,7 @@ def test_folder_in_use_is_refused(ema, tmp_path, small):
     with RunStore(tmp_path):
         result = ema("thesis", "-o", tmp_path, *HERE)
     assert result.exit_code == 1
-    assert "is in use by another study" in result.stderr
+    assert "is in use by another process" in result.stderr
 
 
 def test_worker_that_was_killed_is_reported_in_a_line(ema, tmp_path, small, monkeypatch):

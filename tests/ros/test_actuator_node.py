@@ -232,7 +232,7 @@ def test_impossible_faults_are_refused_by_name_and_simulated_time_is_on_the_cloc
     with running(rate=4.0, block_s=0.04) as listener:
         for faults, given, message in (
             (wrong, [], "fault friction = 1.5 is outside [0, 1]"),
-            (healthy, twice, "gain is given more than once"),
+            (healthy, twice, "gain is specified more than once"),
         ):
             request = SetSimulatedFaults.Request(faults=faults, growth=given, hours_per_cycle=1.0)
             response = listener.call(SetSimulatedFaults, "actuator/set_faults", request)

@@ -87,8 +87,8 @@ def test_same_seed_same_life_whatever_the_order_of_the_growths():
         ({"shape": -1.0}, "shape = -1 is outside"),
         ({"noise": -0.1}, "noise = -0.1"),
         ({"onset": -5.0}, "onset = -5 h"),
-        ({"law": "power", "shape": 1.6}, "rate = 0 h: law power"),
-        ({"law": "power", "rate": 2000.0}, "shape = 0: law power"),
+        ({"law": "power", "shape": 1.6}, "rate = 0 h: the law power"),
+        ({"law": "power", "rate": 2000.0}, "shape = 0: the law power"),
     ],
 )
 def test_impossible_growth_is_refused(figures, message):
@@ -211,7 +211,7 @@ def test_same_seed_same_life():
         ({**LIMITS, "gain": 0.0}, None, None, ("gain", "0.0")),
         ({"gain": 0.2}, None, None, ("friction", "None")),
         (LIMITS, "rust", None, ("'rust'", "backlash")),
-        (LIMITS, "gain", LifeSettings(interval_hours=1000.0), ("1000 lives", "60 to 200")),
+        (LIMITS, "gain", LifeSettings(interval_hours=1000.0), ("1000 drawn lives", "60 to 200")),
     ],
 )
 def test_impossible_lives_are_refused(limits, kind, settings, parts):

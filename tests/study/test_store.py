@@ -67,7 +67,7 @@ def test_damaged_line_is_named(tmp_path, results, line):
 
 
 def test_folder_is_for_one_study_at_a_time(tmp_path):
-    with RunStore(tmp_path), pytest.raises(ValueError, match="is in use by another study"):
+    with RunStore(tmp_path), pytest.raises(ValueError, match="is in use by another process"):
         RunStore(tmp_path)
     reopened(tmp_path)
 
@@ -75,7 +75,9 @@ def test_folder_is_for_one_study_at_a_time(tmp_path):
 def test_runs_of_other_numerics_are_refused(tmp_path, results, monkeypatch):
     fill(tmp_path, results[:1])
     monkeypatch.setattr(store_module, "numerics_version", lambda: "another")
-    with pytest.raises(ValueError, match=r"other models or algorithms .* expected another"):
+    with pytest.raises(
+        ValueError, match=r"different version of models or algorithms .* expected another"
+    ):
         RunStore(tmp_path)
 
 

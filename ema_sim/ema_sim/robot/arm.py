@@ -11,7 +11,7 @@ from ema_sim.robot.joint import SimulatedJoint
 
 Vector = NDArray[np.float64]
 
-# Harmonic drives: friction rises with the load, the ripple has two periods a motor turn.
+# Harmonic drives: friction increases with load, and torque ripple has two periods per motor turn.
 _ARM: Final = {
     "base": SimulatedJoint(
         control="position", speed=1.6, bandwidth=45.0, feedforward=True,
@@ -20,7 +20,7 @@ _ARM: Final = {
         stribeck=0.25, stribeck_speed=0.06, load_dependence=0.05,
         effort_noise=0.02, position_step=4.7e-7, dry_of_days=0.01,
     ),
-    # Its gear is the softest.
+    # Joint with the softest gear.
     "shoulder": SimulatedJoint(
         control="position", speed=1.2, bandwidth=35.0, feedforward=True,
         motor_inertia=1.5, load_inertia=2.8, resonance_hz=16.0,
@@ -49,7 +49,7 @@ _ARM: Final = {
         motor_friction=1.3, load_friction=0.5, viscous=1.1, asymmetry=0.05,
         effort_noise=0.03, position_step=4.7e-7, dry_of_days=0.01,
     ),
-    # Spur gear with play; its encoder is at the output.
+    # Spur gear with play; the encoder is at the output.
     "wrist_3": SimulatedJoint(
         control="position", speed=3.0, bandwidth=60.0, feedforward=True,
         motor_inertia=0.08, load_inertia=0.03, resonance_hz=50.0, play=4e-4,
@@ -62,20 +62,21 @@ _ARM: Final = {
 JOINT_NAMES: Final = tuple(_ARM)
 """Names of the joints, from the base to the tool."""
 
-_FRICTION_SPREAD: Final = 0.08  # between units of a type, logarithmic
+_FRICTION_SPREAD: Final = 0.08  # logarithmic scatter between units of a type
 _VISCOUS_SPREAD: Final = 0.1
 
-# Links, from the shoulder: mass [kg], distance of its centre from the joint before [m], length [m].
+# Links from the shoulder on: mass [kg], distance from the previous joint to the centre [m],
+# length [m].
 _UPPER_ARM: Final = (8.0, 0.21, 0.42)
 _FOREARM: Final = (3.5, 0.18, 0.39)
 _HAND: Final = (2.4, 0.06, 0.16)
 _G: Final = 9.81
-# Squared distance of the part from each joint axis in the middle of the work [m2].
+# Squared distance of the part from each joint axis in a typical pose [m2].
 _LEVERS: Final = np.array([0.36, 0.42, 0.2, 0.026, 0.01, 0.002])
 
 
 def arm_unit(seed: int) -> dict[str, SimulatedJoint]:
-    """Return the joints of a unit of the arm by name; friction differs between units."""
+    """Return the joints of one unit of the arm by name; friction differs between units."""
     rng = np.random.default_rng((seed, 0))
     unit: dict[str, SimulatedJoint] = {}
     for name, joint in _ARM.items():
@@ -90,9 +91,9 @@ def arm_unit(seed: int) -> dict[str, SimulatedJoint]:
 
 
 def gravity_load(position: Vector, part: Vector) -> Vector:
-    """Return the torque that holds the arm against gravity [N.m], ``(6, n)``.
+    """Return the joint torques that hold the arm against gravity [N.m], ``(6, n)``.
 
-    Shoulder, elbow and first wrist turn about parallel axes; the arm is upright at 0.
+    The axes of shoulder, elbow and first wrist are parallel; the arm is upright at 0.
 
     Parameters
     ----------
@@ -112,5 +113,8 @@ def gravity_load(position: Vector, part: Vector) -> Vector:
 
 
 def part_inertia(part: Vector) -> Vector:
-    """Return the inertia that a part of a mass [kg], ``(n,)``, adds [kg.m2], ``(6, n)``."""
+    """Return the inertia added to each joint by a part in the hand [kg.m2], ``(6, n)``.
+
+    ``part`` is the mass of the part [kg], ``(n,)``.
+    """
     return np.outer(_LEVERS, part)

@@ -1,4 +1,4 @@
-"""Pick-and-place cycle of the simulated arm: two parts are picked, placed and released."""
+"""Pick-and-place cycle of the simulated arm with two parts."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ Vector = NDArray[np.float64]
 HOME: Final = np.array([0.0, 0.2, 1.2, 0.3, 0.0, 0.0])
 """Position of the joints at the start and end of a cycle [rad]."""
 
-_LIFT: Final = np.array([0.0, -0.33, 0.06, 0.27, 0.0, 0.0])  # from a goal to above it
+_LIFT: Final = np.array([0.0, -0.33, 0.06, 0.27, 0.0, 0.0])  # from a goal to the point above it
 _PICK: Final = (
     np.array([-0.9, 0.85, 1.0, -0.25, -0.5, 0.9]),
     np.array([-0.6, 0.95, 0.8, -0.15, -0.35, 1.3]),
@@ -23,13 +23,13 @@ _PLACE: Final = (
     np.array([0.7, 0.75, 1.2, -0.35, 0.45, -0.6]),
     np.array([1.0, 0.65, 1.4, -0.45, 0.65, -1.0]),
 )
-_VARIATION: Final = 0.015  # standard deviation of a goal between cycles [rad]
-_MOST: Final = 2.5  # standard deviations
+_VARIATION: Final = 0.015  # standard deviation of goals between cycles [rad]
+_MOST: Final = 2.5  # largest variation, in standard deviations
 
 _TRANSFER_S: Final = 1.9
 _LIFT_S: Final = 0.9
-_HAND_S: Final = 0.5  # rest in which the hand closes or opens
-_CLOSE_S: Final = 0.1  # time in which the hand takes or leaves the weight
+_HAND_S: Final = 0.5  # rest while the hand closes or opens
+_CLOSE_S: Final = 0.1  # time in which the weight of the part shifts to or from the hand
 
 
 class _Segment(NamedTuple):
@@ -40,19 +40,19 @@ class _Segment(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CyclePlan:
-    """Motion of a cycle; each move is a polynomial of fifth order, and all joints move together."""
+    """Motion of a cycle; moves are fifth-order polynomials, and all joints move simultaneously."""
 
     starts: Vector
-    """Start of each segment, and end of the last [s], ``(m + 1,)``."""
+    """Start of each segment, and end of the last segment [s], ``(m + 1,)``."""
     poses: Vector
     """Position of the joints at these times [rad], ``(m + 1, 6)``."""
     held: Vector
-    """Share of the weight of the part in the hand at these times, ``(m + 1,)``."""
+    """Share of the part's weight held by the hand at these times, ``(m + 1,)`` [-]."""
     moving_s: float
     """Time in motion [s]."""
 
     def reference(self, start: int, stop: int) -> Vector:
-        """Return position, speed and acceleration, ``(6, n, 3)``, of a range of control periods."""
+        """Return position, speed and acceleration in a range of control periods, ``(6, n, 3)``."""
         t = CONTROL_S * np.arange(start, stop)
         at = np.minimum(np.searchsorted(self.starts, t, side="right"), len(self.starts) - 1) - 1
         length = np.diff(self.starts)[at]
@@ -70,7 +70,7 @@ class CyclePlan:
         return reference
 
     def weight(self, start: int, stop: int) -> Vector:
-        """Return the share of the weight of the part in the hand, ``(n,)``."""
+        """Return the share of the part's weight held by the hand, ``(n,)`` [-]."""
         t = CONTROL_S * np.arange(start, stop)
         before = np.searchsorted(self.starts, t, side="right") - 1
         before = np.minimum(before, len(self.held) - 2)
@@ -79,14 +79,14 @@ class CyclePlan:
 
 
 def plan_cycle(pause_s: float, rng: np.random.Generator) -> CyclePlan:
-    """Return the motion of a cycle; goals vary between cycles as those of real parts do.
+    """Return the motion of a cycle; goals vary between cycles, as for real parts.
 
     Parameters
     ----------
     pause_s
-        Rest at the end [s].
+        Rest at the end of the cycle [s].
     rng
-        Draws the goals.
+        Random generator for the goals.
     """
     segments = list(_segments(pause_s, rng))
     seconds = [segment.seconds for segment in segments]

@@ -1,6 +1,6 @@
-"""Simulated robot joint: two masses, the motor and the load, with an elastic gear between them.
+"""Simulated robot joint: motor and load inertia, coupled by an elastic gear.
 
-All figures are in units of the output: rad, N.m and kg.m2, or m, N and kg.
+All values refer to the output: rad, N.m and kg.m2, or m, N and kg.
 """
 
 from dataclasses import dataclass
@@ -20,13 +20,13 @@ CONTROL_STEPS: Final = 10
 CONTROL_S: Final = STEP_S * CONTROL_STEPS
 """Period of the controllers [s]."""
 
-_DAMPING: Final = 0.08  # of the resonance
+_DAMPING: Final = 0.08  # damping ratio of the resonance
 _KINDS: Final = ("position", "pd", "velocity", "torque")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedJoint:
-    """A type of joint with its controller and sensors, in units of its output (SI)."""
+    """Type of joint with its controller and sensors; values refer to the output, in SI units."""
 
     control: Literal["position", "pd", "velocity", "torque"]
     speed: float
@@ -34,48 +34,48 @@ class SimulatedJoint:
     motor_inertia: float
     load_inertia: float
     resonance_hz: float
-    """Resonance of the two masses on the gear."""
+    """Resonance frequency of motor and load inertia on the elastic gear."""
     motor_friction: float
     """Coulomb friction at the motor."""
     load_friction: float = 0.0
     viscous: float = 0.0
     grease: float = 1.0
-    """Exponent of the viscous friction: below 1 where grease thins with speed."""
+    """Exponent of viscous friction; below 1 if the grease thins with speed."""
     stribeck: float = 0.0
-    """Static over Coulomb friction, less 1."""
+    """Ratio of static to Coulomb friction, minus 1 [-]."""
     stribeck_speed: float = 0.01
     load_dependence: float = 0.0
-    """Friction over transmitted load; above 1 the gear locks itself."""
+    """Friction per transmitted load [-]; above 1, the gear is self-locking."""
     asymmetry: float = 0.0
     gravity: float = 0.0
-    """Gravity torque at a right angle."""
+    """Gravity torque in the horizontal position."""
     constant_load: float = 0.0
     play: float = 0.0
     cogging: float = 0.0
     cogging_periods: float = 0.0
-    """Periods of the cogging for each rad or m of the output."""
+    """Cogging periods per rad or m of the output."""
     warming: float = 6.0
-    """Rise of the temperature in operation [K]."""
+    """Temperature rise in operation [K]."""
     viscous_per_kelvin: float = -0.03
     dry_per_kelvin: float = 0.001
     dry_of_days: float = 0.015
-    """Standard deviation of dry friction between days, at the same temperature [-]."""
+    """Relative standard deviation of dry friction between days at the same temperature [-]."""
     bandwidth: float = 150.0
     """Bandwidth of the speed loop, or of the position loop of a PD controller [rad/s]."""
     feedforward: bool = False
     effort_noise: float = 0.01
-    """Standard deviation of the noise of the effort over the Coulomb friction [-]."""
+    """Standard deviation of effort noise relative to Coulomb friction [-]."""
     position_step: float = 1e-6
     sensor: Literal["motor", "output"] = "motor"
 
     @property
     def coulomb(self) -> float:
-        """Coulomb friction at motor and load."""
+        """Total Coulomb friction of motor and load."""
         return float(self.motor_friction + self.load_friction)
 
 
 class Plant(NamedTuple):
-    """Constants of the simulation, in units of the output."""
+    """Simulation constants; values refer to the output."""
 
     motor_inertia: float
     load_inertia: float
@@ -86,7 +86,7 @@ class Plant(NamedTuple):
     load_friction: float
     viscous: float
     grease: float
-    scale_speed: float  # where the exponent of the grease changes nothing
+    scale_speed: float  # speed at which the grease exponent has no effect
     stribeck: float
     stribeck_speed: float
     load_dependence: float
@@ -95,11 +95,11 @@ class Plant(NamedTuple):
     load: float
     cogging: float
     cogging_periods: float
-    torque: float  # effort over the effort that the drive assumes
+    torque: float  # ratio of actual to assumed effort
 
 
 class Controller(NamedTuple):
-    """Gains of a controller; its kind is the place in ``_KINDS``."""
+    """Controller gains; ``kind`` is an index into ``_KINDS``."""
 
     kind: int
     position: float
@@ -109,7 +109,7 @@ class Controller(NamedTuple):
     gravity: float
     limit: float
     position_step: float
-    at_output: float  # 1 where the position loop closes on the output
+    at_output: float  # 1 if the position loop uses the output encoder
 
 
 @kernel()
@@ -123,12 +123,12 @@ def simulate_joint(
     reference
         Position, speed and acceleration, ``(n, 3)``.
     conditions
-        Factors of dry and viscous friction, load added to that of the plant, and inertia added to
-        that of the load, ``(n, 4)``; see ``constant_conditions``.
+        Factors of dry and viscous friction, additional load, and additional load
+        inertia, ``(n, 4)``; see ``constant_conditions``.
     plant, drive
         The joint and its controller.
     state
-        State at the start, which becomes the state at the end; see ``rest`` and ``held``.
+        State at the start, overwritten with the state at the end; see ``rest`` and ``held``.
     """
     recorded = np.empty((len(reference), 4))
     position, motor, v_load, v_motor, integral, effort = state
@@ -198,7 +198,7 @@ def rest(position: float) -> Vector:
 
 
 def held(position: float, load: float, plant: Plant) -> Vector:
-    """Return the state of a joint at rest whose motor, at a position, holds a load."""
+    """Return the state of a joint at rest, with the motor at ``position`` holding a load."""
     twist = load / plant.stiffness + 0.5 * plant.play * np.sign(load)
     return np.array([position - twist, position, 0.0, 0.0, load, load])
 
@@ -231,7 +231,7 @@ def plant_of(joint: SimulatedJoint, payload: float = 1.0) -> Plant:
 
 
 def controller_of(joint: SimulatedJoint) -> Controller:
-    """Return the controller of a joint, which is designed for its nominal figures."""
+    """Return the controller of a joint, designed for its nominal parameters."""
     inertia, omega = float(joint.motor_inertia + joint.load_inertia), float(joint.bandwidth)
     largest = joint.coulomb + joint.gravity + joint.constant_load + joint.viscous * joint.speed
     drive = Controller(
@@ -246,13 +246,13 @@ def controller_of(joint: SimulatedJoint) -> Controller:
         at_output=float(joint.sensor == "output"),
     )
     match joint.control:
-        case "pd":  # on the encoder of the log, the others on a fine one
+        case "pd":  # uses the logged encoder; the other controllers use a finer encoder
             gains = {"position": inertia * omega**2, "speed": 1.4 * inertia * omega}
             return drive._replace(**gains, position_step=float(joint.position_step))
         case "torque":
             gains = {"position": omega**2, "speed": 2.0 * omega}
             return drive._replace(**gains, inertia=inertia, gravity=float(joint.gravity))
-        case "velocity":  # commanded by a slow position loop
+        case "velocity":  # velocity commands come from a slow position loop
             return drive._replace(position=1.0, inertia=0.0)
         case _:
             return drive

@@ -1,4 +1,4 @@
-"""Work of a simulated arm: cycles, wear, temperature and the measured telemetry."""
+"""Work of a simulated arm: cycles, wear, temperature and measured telemetry."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -13,27 +13,27 @@ from ema_sim.robot.cycle import HOME, CyclePlan, plan_cycle
 from ema_sim.robot.joint import CONTROL_S, Vector, controller_of, held, plant_of, simulate_joint
 
 RATES: Final = tuple(rate for rate in range(1, 1001) if 1000 % rate == 0)
-"""Rates of telemetry that divide the rate of the controllers [Hz]."""
+"""Possible telemetry rates: divisors of the control rate [Hz]."""
 
-_NOMINAL_DEG_C: Final = 28.0  # at which friction has the values of the joints
-_HEATING_S: Final = 900.0  # time constant of the gears
+_NOMINAL_DEG_C: Final = 28.0  # temperature at which friction has its nominal value
+_HEATING_S: Final = 900.0  # thermal time constant of the gears
 _WANDER_S: Final = 7200.0  # correlation time of dry friction
-_SPEED_NOISE: Final = 1e-3  # over the largest speed
+_SPEED_NOISE: Final = 1e-3  # relative to the largest speed
 _DAY_H: Final = 24.0
-_PARTS_H: Final = 2.0  # time between two kinds of parts
+_PARTS_H: Final = 2.0  # time between changes of the part type
 
 
 @dataclass(frozen=True)
 class WorkSettings(Checked):
-    """What an arm does in a cycle, and where; ValueError if a value is out of range."""
+    """Task and environment of an arm; ValueError if a value is out of range."""
 
     cycle_pause: float = quantity(4.0, "s", 0.0, 3600.0, "rest at the end of a cycle")
-    payload: float = quantity(2.0, "kg", 0.0, 5.0, "mass of the parts that are picked and placed")
-    ambient: float = quantity(22.0, "degC", -20.0, 60.0, "temperature of the air")
+    payload: float = quantity(2.0, "kg", 0.0, 5.0, "mass of the handled parts")
+    ambient: float = quantity(22.0, "degC", -20.0, 60.0, "ambient temperature")
     healthy_cycles: int = quantity(0, "-", 0, 1_000_000_000, "cycles before wear begins")
 
 
-_WEAR: Final = "growth of dry friction in a cycle over that of the healthy joint"
+_WEAR: Final = "increase of dry friction per cycle, relative to the healthy joint"
 WearSettings: Final = make_dataclass(
     "WearSettings",
     [(name, float, quantity(0.0, "-", 0.0, 10.0, _WEAR)) for name in JOINT_NAMES],
@@ -50,13 +50,13 @@ class ArmTelemetry:
     elapsed_ns: int
     """Time of the first sample since the start of the work [ns]."""
     rate: int
-    """Samples a second."""
+    """Sample rate [Hz]."""
     position: Vector
-    """Measured position [rad], ``(n, 6)``, as all columns."""
+    """Measured position [rad], ``(n, 6)``, like all columns."""
     velocity: Vector
     """Measured speed [rad/s]."""
     effort: Vector
-    """Measured motor torque at the output, a mean over the sample period [N.m]."""
+    """Measured motor torque referred to the output, averaged over the sample period [N.m]."""
     position_command: Vector
     """Commanded position [rad]."""
     velocity_command: Vector
@@ -80,7 +80,7 @@ class ArmCycle:
     number: int
     """Running number, from 0."""
     friction_ratio: Vector
-    """Dry friction of each joint over its healthy value at the same temperature, ``(6,)``."""
+    """Ratio of dry friction to its healthy value at the same temperature by joint, ``(6,)`` [-]."""
     plan: CyclePlan
     """The motion."""
     samples: int
@@ -97,9 +97,9 @@ class RobotArm:
     Parameters
     ----------
     seed
-        Draws the unit, its goals and its noise.
+        Seed of the unit, its goals and its noise.
     rate
-        Samples a second, one of ``RATES``.
+        Sample rate [Hz], one of ``RATES``.
     block_s
         Length of a block of telemetry [s]; None for whole cycles.
 
@@ -126,7 +126,7 @@ class RobotArm:
         self._block_samples = None if block_s is None else max(1, round(block_s * rate))
         self._rng, self._goals, self._drift = np.random.default_rng((seed, 1)).spawn(3)
         joints = self.joints.values()
-        # The load is that of the whole arm, whose figure in ``gravity`` sizes the drive alone.
+        # Loads come from the model of the whole arm; ``gravity`` of a joint only sizes its drive.
         self._plants = [plant_of(joint)._replace(gravity=0.0) for joint in joints]
         self._drives = [controller_of(joint) for joint in joints]
         self._per_kelvin = np.array(
@@ -152,7 +152,8 @@ class RobotArm:
         work
             Settings of the cycle; None for the defaults.
         wear
-            Growth of dry friction in a cycle over its healthy value by joint; 0 without an entry.
+            Increase of dry friction per cycle by joint, relative to its healthy value [-]; joints
+            without an entry do not wear.
         """
         work, wear = work or WorkSettings(), wear or {}
         number, self._next_cycle = self._next_cycle, self._next_cycle + 1
@@ -249,7 +250,10 @@ class RobotArm:
 
 
 def work_of_day(hour: float) -> WorkSettings:
-    """Return the work at an hour of the day: the air is warmest at 15 h, parts change every 2 h."""
+    """Return the settings at an hour of the day; the air is warmest at 15 h.
+
+    The mass of the parts changes every 2 h.
+    """
     ambient = 21.0 + 4.0 * math.cos(2.0 * math.pi * (hour - 15.0) / _DAY_H)
     kind = np.random.default_rng(int(hour / _PARTS_H))
     return WorkSettings(ambient=ambient, payload=float(np.round(kind.uniform(0.5, 4.0), 1)))
@@ -263,16 +267,16 @@ def simulate_work(
     work: Callable[[float], WorkSettings] = work_of_day,
     wear: Mapping[str, float] | None = None,
 ) -> Iterator[tuple[ArmCycle, ArmTelemetry]]:
-    """Simulate the work of an arm, and yield each cycle with its telemetry.
+    """Simulate the work of an arm. Yield each cycle with its telemetry.
 
     Parameters
     ----------
     hours
-        Length of the work [h]; the cycle in progress is completed.
+        Duration of the work [h]; the last cycle is completed.
     seed, rate
         See ``RobotArm``.
     work
-        Returns the settings of a cycle for its start [h].
+        Function that returns the settings of a cycle from its start time [h].
     wear
         See ``RobotArm.begin_cycle``.
     """

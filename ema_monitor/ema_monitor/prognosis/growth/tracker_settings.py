@@ -124,7 +124,7 @@ class KnownLaw(Checked):
                 "object with the methods increment and hours_until of GrowthLaw"
             )
         if self.law == "power" and self.shape == 0.0:
-            raise ValueError("shape = 0: law power needs an exponent p above 0")
+            raise ValueError("shape = 0: the law power requires an exponent p above 0")
         if self.law == "exponential" and self.shape == 0.0:
             raise ValueError("shape = 0: law exponential needs an x_0 above 0 to begin at all")
 
