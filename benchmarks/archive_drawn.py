@@ -71,18 +71,23 @@ def write_drawn_health(archive: Path, units: int, tests: int) -> None:
             "actuator_id": ["flap"] * tests,
             "serial_number": [f"drawn-{unit:04d}"] * tests,
             "tested": stamps // 1000,
-            "stamp_ns": stamps,
-            "hours": np.arange(tests) * HOURS_A_TEST,
+            "measured_ns": stamps,
+            "flight_hours": np.arange(tests) * HOURS_A_TEST,
             "cycles": np.arange(tests),
             "level": level,
             "health_index": np.clip(1.0 - share, 0.0, 1.0),
             "severity": np.clip(np.ceil(4.0 * share), 0, 4),
             "confidence": np.ones(tests),
             "dominant_fault": np.where(level > 0, "friction", ""),
-            "rul_known": np.ones(tests, dtype=bool),
-            "rul_05": 800.0 * (1.2 - share),
-            "rul_50": 1000.0 * (1.2 - share),
-            "rul_95": 1300.0 * (1.2 - share),
+            "rul": [
+                {
+                    "known": True,
+                    "hours_05": 800.0 * left,
+                    "hours_50": 1000.0 * left,
+                    "hours_95": 1300.0 * left,
+                }
+                for left in (1.2 - share).tolist()
+            ],
             "events": [[]] * tests,
         }
         arrays = [

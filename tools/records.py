@@ -6,11 +6,12 @@ tests/docs compares the page with the definitions.
 
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from ema_archive.tables import HEALTH, UNIT_TABLES
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.reasons import KINDS, Reason
 
@@ -47,9 +48,20 @@ an object by name, and NaN is null. In the table, each fault is a column, and ea
 deviation a column `FAULT_sigma`.
 
 Health in JSON (`ema predict --json`) has the names of the messages `Health`, `FaultHealth`,
-`RemainingUsefulLife`, `ScenarioLife` and `UnitEvent` ([messages](api/messages.md)). In the table
-`health` of an archive, `flight_hours` is `hours`, and `rul.hours_05` is `rul_05`.
+`RemainingUsefulLife`, `ScenarioLife` and `UnitEvent` ([messages](api/messages.md)). The tables
+`health`, `units` and `growth` of an archive have the same names, and whole nanoseconds (`_ns`) for
+stamps. A life is a struct: `rul.hours_05` in SQL, too.
 """
+_NOT_IN_TABLE: Final = "–"
+_GROWTH: Final = UNIT_TABLES["growth"]
+_HEALTH_PARTS: Final[tuple[tuple[str, str, str, Collection[str]], ...]] = (
+    ("Health", "Health", "health", HEALTH.names),
+    ("Fault or requirement", "FaultHealth", "growth", _GROWTH.names),
+    ("Remaining life", "RemainingUsefulLife", "", [each.name for each in HEALTH.field("rul").type]),
+    ("Event", "UnitEvent", "", [each.name for each in HEALTH.field("events").type.value_type]),
+)
+"""Title, message, table and columns of each part of a health."""
+
 _REASONS: Final = """## Reasons
 
 `reasons` in JSON is a list of objects with `code` and the fields of that kind of reason.
@@ -81,6 +93,10 @@ def records_page() -> str:
     """Return the page as Markdown."""
     lines = [_HEAD, "## Estimate", "", "| message | JSON | meaning |", "|---|---|---|"]
     lines += _estimate_rows()
+    for title, message, table, schema in _HEALTH_PARTS:
+        heading = f"message, JSON | {f'table `{table}`' if table else 'in the table'}"
+        lines += ["", f"## {title}", "", f"| {heading} | meaning |", "|---|---|---|"]
+        lines += _health_rows(message, schema)
     lines += ["", _REASONS + "\n".join(_reason_rows())]
     return "\n".join(lines) + "\n"
 
@@ -97,6 +113,16 @@ def _estimate_rows() -> Iterator[str]:
         yield f"| `{one.name}` | {shown} | {_escaped(one.meaning)} |"
     for name, meaning in JSON_ALONE.items():
         yield f"| – | `{name}` | {meaning} |"
+
+
+def _health_rows(message: str, columns: Collection[str]) -> Iterator[str]:
+    for field in message_fields(message):
+        is_stamp = field.kind == "builtin_interfaces/Time"
+        column = f"{field.name}_ns" if is_stamp else field.name
+        # There, a unit is the actuator's.
+        is_stored = column in columns and (message, column) != ("FaultHealth", "unit")
+        shown = f"`{column}`" if is_stored else _NOT_IN_TABLE
+        yield f"| `{field.name}` | {shown} | {_escaped(field.meaning)} |"
 
 
 def _reason_rows() -> Iterator[str]:

@@ -147,6 +147,8 @@ def _plain(row: Row) -> Row:
     def plain(value: Any) -> Any:
         if isinstance(value, datetime):
             return f"{value.isoformat(timespec='seconds')}Z"
+        if isinstance(value, dict):
+            return _plain(value)
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
     return {name: plain(value) for name, value in row.items()}

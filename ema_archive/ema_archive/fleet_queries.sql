@@ -32,14 +32,14 @@ SELECT
     count(*) FILTER (WHERE level = 0) AS ok, count(*) FILTER (WHERE level = 1) AS warn,
     count(*) FILTER (WHERE level = 2) AS error, count(*) FILTER (WHERE level = 3) AS stale,
     median(health_index) FILTER (WHERE isfinite(health_index)) AS health_index,
-    median(rul_50) FILTER (WHERE rul_known) AS rul_50,
-    median(hours) FILTER (WHERE isfinite(hours)) AS hours
+    median(rul.hours_50) FILTER (WHERE rul.known) AS rul_50,
+    median(flight_hours) FILTER (WHERE isfinite(flight_hours)) AS flight_hours
 FROM units GROUP BY model ORDER BY error DESC, warn DESC, model LIMIT $most;
 
 -- name: ages
 -- Classes of service hours of equal width, 1, 2 or 5 times a power of ten: twelve at most.
-WITH known AS (SELECT * FROM units WHERE isfinite(hours) AND hours >= 0),
-longest AS (SELECT greatest(max(hours), 1) / 10 AS least FROM known),
+WITH known AS (SELECT * FROM units WHERE isfinite(flight_hours) AND flight_hours >= 0),
+longest AS (SELECT greatest(max(flight_hours), 1) / 10 AS least FROM known),
 power AS (SELECT least, pow(10, floor(log10(least))) AS ten FROM longest),
 classes AS (
     SELECT ten * CASE
@@ -48,7 +48,7 @@ classes AS (
     FROM power
 )
 SELECT
-    width * floor(hours / width) AS from_hours, width * floor(hours / width) + width AS to_hours,
+    width * floor(flight_hours / width) AS from_hours, width * floor(flight_hours / width) + width AS to_hours,
     count(*) AS units,
     count(*) FILTER (WHERE level = 0) AS ok, count(*) FILTER (WHERE level = 1) AS warn,
     count(*) FILTER (WHERE level = 2) AS error, count(*) FILTER (WHERE level = 3) AS stale,

@@ -8,7 +8,6 @@ import pyarrow as pa
 
 from ema_archive.tables import (
     DUTY_LISTS,
-    EVENT,
     REASON,
     duty_from,
     duty_lists,
@@ -36,6 +35,7 @@ _TEXT: Final = pa.string()
 _INT: Final = pa.int64()
 _FLOAT: Final = pa.float64()
 _LEVELS: Final = pa.map_(_TEXT, pa.int8())
+_EVENT: Final = pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "kind": _TEXT, "text": _TEXT})
 
 TESTS: Final = "manifest.test"
 ASSESSMENTS: Final = "manifest.assessment"
@@ -67,7 +67,7 @@ HISTORY_TABLES: Final = {
             "dominant_fault": _TEXT,
             "life": pa.list_(_FLOAT),
             "alarms": _LEVELS,
-            "events": pa.list_(EVENT),
+            "events": pa.list_(_EVENT),
             "unconfirmed": _LEVELS,
         }
     ),

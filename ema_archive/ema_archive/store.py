@@ -28,7 +28,7 @@ REMEDY: Final = (
     "where it is damaged, scan the bags to a new archive: all that it has is made of them"
 )
 
-_VERSION: Final = 11
+_VERSION: Final = 12
 _EARLIER: Final = "archive.sqlite"  # of versions up to 9
 _MANIFEST: Final = ("archive", "bag", "part", "unit")
 _LOCK: Final = ".lock"
@@ -286,7 +286,8 @@ class Store(AbstractContextManager[Any, None]):
             As in `reading`.
         """
         schema = TABLES[table]
-        names = [STAMPS[table], "bag", "number"] if table in STAMPS else ["stamp_ns", "number"]
+        names = [STAMPS[table], "bag"] if table in STAMPS else ["measured_ns", "stamp_ns"]
+        names.append("number")
         order = ", ".join(name for name in names if name in schema.names) or "ALL"
         columns = ", ".join(f'"{name}"' for name in schema.names)
         with self.reading() as db:

@@ -1,11 +1,10 @@
 """Table schemas of an archive, and conversion of results to and from rows."""
 
 import json
-import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, is_dataclass
 from itertools import chain
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 import pyarrow as pa
@@ -13,10 +12,9 @@ import pyarrow as pa
 from ema_core.faults import FAULT_NAMES, N_FAULTS
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_values, plain
 from ema_monitor.prognosis.duty.damage import FlownDuty
-from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.history_entry import Count
-from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.reasons import Reason
+from ema_monitor.reports import HealthReport, ItemReport, Stamp
 
 _TEXT: Final = pa.string()
 _INT: Final = pa.int64()
@@ -26,7 +24,6 @@ _CAUSE: Final = pa.struct({"name": _TEXT, "value": _FLOAT, "sigma": _FLOAT})
 REASON: Final = pa.struct({"code": _TEXT, "figures": _TEXT})
 """Type of a reason: code, and figures as JSON."""
 _ALTERNATIVE: Final = pa.struct({"part": pa.list_(_TEXT), "stand_in": pa.list_(_TEXT)})
-EVENT: Final = pa.struct({"stamp_ns": _INT, "hours": _FLOAT, "kind": _TEXT, "text": _TEXT})
 _QUANTITY: Final = pa.struct(
     {
         "name": _TEXT,
@@ -56,16 +53,37 @@ _COMPARISON: Final = pa.struct(
 _UNIT: Final = {"actuator_id": _TEXT, "serial_number": _TEXT}
 _MADE_BY: Final = {"software": _TEXT, "settings": _TEXT}
 _TYPES: Final = {int: _INT, float: _FLOAT, bool: pa.bool_(), str: _TEXT}
-_LIVES: Final = ("rul", "rul_faults", "rul_requirements")
-_LIFE: Final = {
-    "{}_known": pa.bool_(),
-    "{}_05": _FLOAT,
-    "{}_50": _FLOAT,
-    "{}_95": _FLOAT,
-    "{}_criterion": _TEXT,
-    "{}_reason": _TEXT,
-}
-_REMOVAL: Final = ("risk", "hours", "cycles", "days")
+_OF_HEALTH_ELSEWHERE: Final = (
+    "header",
+    *_UNIT,
+    *("received", "good_until", "author"),
+    *("faults", "requirements"),
+    *("duty", "assumption", "cause", "removal"),
+)
+"""Fields of a health that are no columns: the unit, the claim of a node, faults and requirements
+(table ``growth``), and sentences with the assumption, which follow from the settings."""
+
+_OF_ITEM_ELSEWHERE: Final = ("unit",)
+"""Fields of a fault or requirement that are no columns: ``unit`` is the actuator's unit there."""
+
+
+def _columns_of(report: type, without: Iterable[str] = ()) -> dict[str, pa.DataType]:
+    """Return the columns of a report by the names of its fields; a stamp ends in ``_ns``."""
+    columns: dict[str, pa.DataType] = {}
+    for item in fields(report):
+        kind: Any = item.type
+        if item.name in without:
+            continue
+        if kind is Stamp:
+            columns[f"{item.name}_ns"] = _INT
+        elif isinstance(kind, type) and is_dataclass(kind):
+            columns[item.name] = pa.struct(_columns_of(kind))
+        elif members := get_args(kind):
+            columns[item.name] = pa.list_(pa.struct(_columns_of(members[0])))
+        else:
+            columns[item.name] = _TYPES[kind]
+    return columns
+
 
 _ESTIMATES: Final = pa.schema(
     {
@@ -125,20 +143,7 @@ HEALTH: Final = pa.schema(
     {
         **_UNIT,
         "tested": _STAMP,
-        "stamp_ns": _INT,
-        "hours": _FLOAT,
-        "cycles": _INT,
-        "hours_per_cycle": _FLOAT,
-        "level": pa.int8(),
-        "last_level": pa.int8(),
-        "health_index": _FLOAT,
-        "severity": pa.int8(),
-        "confidence": _FLOAT,
-        "dominant_fault": _TEXT,
-        **{name.format(life): kind for life in _LIVES for name, kind in _LIFE.items()},
-        "events": pa.list_(EVENT),
-        "reason": _TEXT,
-        **{f"removal_{name}": _FLOAT for name in _REMOVAL},
+        **_columns_of(HealthReport, _OF_HEALTH_ELSEWHERE),
         "calibration_id": _TEXT,
         **_MADE_BY,
     }
@@ -156,19 +161,7 @@ UNIT_TABLES: Final = {
     "health": HEALTH,
     "units": pa.schema([*HEALTH, pa.field("calibrated", _STAMP)]),
     "growth": pa.schema(
-        {
-            **_UNIT,
-            "item": _TEXT,
-            "is_requirement": pa.bool_(),
-            "level": pa.int8(),
-            "value": _FLOAT,
-            "sigma": _FLOAT,
-            "limit": _FLOAT,
-            "limit_is_lower": pa.bool_(),
-            "share": _FLOAT,
-            "trend_per_hour": _FLOAT,
-            **{name.format("rul"): kind for name, kind in _LIFE.items()},
-        }
+        {**_UNIT, "is_requirement": pa.bool_(), **_columns_of(ItemReport, _OF_ITEM_ELSEWHERE)}
     ),
     "lives": pa.schema(
         {
@@ -276,59 +269,36 @@ def duty_from(row: Mapping[str, Any]) -> FlownDuty:
     return FlownDuty(row["hours"], **classes)
 
 
-def health_row(outlook: Outlook, calibration_id: str) -> dict[str, Any]:
+def health_row(report: HealthReport, calibration_id: str) -> dict[str, Any]:
     """Convert health and life after a test to a row. The caller adds provenance and unit."""
-    health, stamp_ns = outlook.health, outlook.claim.measured_ns
-    row: dict[str, Any] = {
-        "tested": stamp_ns // 1000 if stamp_ns else None,
-        "stamp_ns": stamp_ns,
-        "hours": float(outlook.hours),
-        "cycles": outlook.cycles,
-        "hours_per_cycle": float(outlook.hours_per_cycle),
-        "level": health.level,
-        "last_level": outlook.known_level,
-        "health_index": float(health.health_index),
-        "severity": health.severity,
-        "confidence": float(health.confidence),
-        "dominant_fault": outlook.dominant,
-        "events": [asdict(event) for event in outlook.events],
-        "reason": health.reason,
-        "calibration_id": calibration_id,
-    }
-    row |= {f"removal_{name}": float(getattr(outlook.removal, name)) for name in _REMOVAL}
-    for name in _LIVES:
-        row |= _life(name, getattr(outlook, name))
-    return row
+    row = _row_of(report, _OF_HEALTH_ELSEWHERE)
+    measured_ns = row["measured_ns"]
+    tested = measured_ns // 1000 if measured_ns else None
+    return row | {"tested": tested, "calibration_id": calibration_id}
 
 
-def growth_rows(outlook: Outlook) -> list[dict[str, Any]]:
+def growth_rows(report: HealthReport) -> list[dict[str, Any]]:
     """Return one row per fault and requirement after a test, without unit columns."""
-    unknown = RemainingLife.unknown("", outlook.rul.reason)
-    faults, requirements = outlook.health.faults, outlook.health.requirements
     return [
-        {
-            "item": item.name,
-            "is_requirement": is_requirement,
-            "level": item.level,
-            "value": float(item.value),
-            "sigma": float(item.sigma),
-            "limit": float(item.limit),
-            "limit_is_lower": item.limit_is_lower,
-            "share": float(item.share),
-            "trend_per_hour": float(outlook.trends.get(item.name, math.nan)),
-            **_life("rul", outlook.lives.get(item.name) or unknown),
-        }
-        for items, is_requirement in ((faults, False), (requirements, True))
+        _row_of(item, _OF_ITEM_ELSEWHERE) | {"is_requirement": is_requirement}
+        for items, is_requirement in ((report.faults, False), (report.requirements, True))
         for item in items
     ]
 
 
-def _life(name: str, life: RemainingLife) -> dict[str, Any]:
-    return {
-        f"{name}_known": life.known,
-        f"{name}_05": float(life.hours_05),
-        f"{name}_50": float(life.hours_50),
-        f"{name}_95": float(life.hours_95),
-        f"{name}_criterion": life.criterion,
-        f"{name}_reason": life.reason,
-    }
+def _row_of(report: Any, without: Iterable[str] = ()) -> dict[str, Any]:
+    """Convert a report to a row with the columns of ``_columns_of``."""
+    row: dict[str, Any] = {}
+    for item in fields(report):
+        value = getattr(report, item.name)
+        if item.name in without:
+            continue
+        if isinstance(value, Stamp):
+            row[f"{item.name}_ns"] = value.ns
+        elif is_dataclass(value):
+            row[item.name] = _row_of(value)
+        elif isinstance(value, tuple):
+            row[item.name] = [_row_of(member) for member in value]
+        else:
+            row[item.name] = float(value) if item.type is float else value
+    return row

@@ -30,6 +30,7 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, StampedTest, unordered
 from ema_monitor.prognosis.outlook import unknown_outlook
 from ema_monitor.reasons import StampsContradict
+from ema_monitor.reports import health_report
 from ema_monitor.unit import Unit
 
 Row = Mapping[str, Any]
@@ -122,7 +123,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
     processed, history = _history_of(task, maker, estimates, usage, duty)
     # Stamps of a table are dates when they are read.
     before = task.health.to_pylist() if processed else []
-    rows = [row | {"tested": row["stamp_ns"] // 1000} for row in before]
+    rows = [row | {"tested": row["measured_ns"] // 1000} for row in before]
     unit, last = Unit(history, settings), None
     later = (estimate_from(row) for row in estimates[processed:])
     processed_ns = estimates[processed - 1]["end_ns"] if processed else None
@@ -134,7 +135,8 @@ def follow_unit(task: UnitTask) -> UnitResult:
     for estimate, outlook in unit.follow(later, parameters, settings, usage, flown):
         if outlook is not None:
             last = outlook
-            rows.append(health_row(outlook, estimate.calibration_id) | shared)
+            report = health_report(outlook, entry.key)
+            rows.append(health_row(report, estimate.calibration_id) | shared)
     if last is None:
         last = unit.resume(parameters, settings) or unknown_outlook("no test so far")
     kept = None
@@ -146,7 +148,8 @@ def follow_unit(task: UnitTask) -> UnitResult:
     windows = Counter(month_of(row["end_ns"]) for row in estimates)
     valid = Counter(month_of(row["end_ns"]) for row in estimates if row["valid"])
     changed = changed_ns(entry.source, entry.key)
-    latest = rows[-1] if rows else health_row(last, "") | shared
+    report = health_report(last, entry.key)
+    latest = rows[-1] if rows else health_row(report, "") | shared
     if entry.lost:
         latest = _unconfirmed(latest, entry.lost)
     months = [
@@ -156,7 +159,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
     tables: dict[str, list[dict[str, Any]]] = {
         "health": rows,
         "units": [{**latest, "calibrated": None if changed is None else changed // 1000}],
-        "growth": [row | names for row in growth_rows(last)],
+        "growth": [row | names for row in growth_rows(report)],
         "lives": lives_of(rows),
         "months": months,
         "unordered": refused,
@@ -276,7 +279,7 @@ def lives_of(health: Iterable[Row]) -> list[dict[str, Any]]:
     repairs = 0
     for row in health:
         repairs += any(event["kind"] == "repair" for event in row["events"])
-        hours = row["hours"]
+        hours = row["flight_hours"]
         if not math.isfinite(hours):
             continue
         if not lives or lives[-1]["life"] != repairs:

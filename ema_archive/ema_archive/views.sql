@@ -5,12 +5,12 @@ CREATE VIEW latest_health AS SELECT * FROM units;
 CREATE VIEW worst_first AS
 SELECT
     model, actuator_id, serial_number, ['OK', 'WARN', 'ERROR', 'STALE'][level + 1] AS health,
-    ['OK', 'WARN', 'ERROR', 'STALE'][last_level + 1] AS last_health, dominant_fault, health_index, rul_known, rul_05, rul_50, rul_95, removal_hours, hours, tested,
+    ['OK', 'WARN', 'ERROR', 'STALE'][last_level + 1] AS last_health, dominant_fault, health_index, rul, removal_hours, flight_hours, tested,
     reason
 FROM units
 ORDER BY
     CASE level WHEN 3 THEN 0.5 ELSE level END DESC,
-    CASE WHEN rul_known THEN rul_50 ELSE 'inf'::DOUBLE END,
+    CASE WHEN rul.known THEN rul.hours_50 ELSE 'inf'::DOUBLE END,
     health_index, model, unit;
 
 
@@ -21,21 +21,21 @@ WITH marked AS (
     SELECT
         *, level IN (1, 2) AS is_alarm,
         count(*) FILTER (WHERE level NOT IN (1, 2))
-            OVER (PARTITION BY model, unit ORDER BY stamp_ns) AS quiet_before
+            OVER (PARTITION BY model, unit ORDER BY measured_ns) AS quiet_before
     FROM health
 ),
 ends AS (
     SELECT
-        *, lead(events) OVER tests AS next_events, lead(stamp_ns) OVER tests AS next_ns
+        *, lead(events) OVER tests AS next_events, lead(measured_ns) OVER tests AS next_ns
     FROM marked
-    WINDOW tests AS (PARTITION BY model, unit ORDER BY stamp_ns)
+    WINDOW tests AS (PARTITION BY model, unit ORDER BY measured_ns)
 )
 SELECT
     model, unit, any_value(actuator_id) AS actuator_id, any_value(serial_number) AS serial_number,
     min(tested) AS began, max(tested) AS last_test, count(*) AS tests, max(level) AS level,
     arg_max(dominant_fault, level) AS dominant_fault,
-    last(next_ns ORDER BY stamp_ns) IS NOT NULL AS is_over,
-    coalesce(len(list_filter(last(next_events ORDER BY stamp_ns),
+    last(next_ns ORDER BY measured_ns) IS NOT NULL AS is_over,
+    coalesce(len(list_filter(last(next_events ORDER BY measured_ns),
         lambda event: event.kind IN ('repair', 'step'))) > 0, false) AS was_repaired
 FROM ends WHERE is_alarm GROUP BY model, unit, quiet_before;
 
@@ -71,25 +71,25 @@ CREATE VIEW runs_to_failure AS
 WITH lives AS (
     SELECT
         *, count(*) FILTER (WHERE len(list_filter(events, lambda event: event.kind = 'repair')) > 0)
-            OVER (PARTITION BY model, unit ORDER BY stamp_ns) AS life
+            OVER (PARTITION BY model, unit ORDER BY measured_ns) AS life
     FROM health
 ),
 ends AS (
-    SELECT model, unit, life, min(hours) FILTER (WHERE level = 2) AS end_hours
+    SELECT model, unit, life, min(flight_hours) FILTER (WHERE level = 2) AS end_hours
     FROM lives GROUP BY model, unit, life
 )
 SELECT
-    model, unit, life, lives.cycles AS cycle, lives.hours, lives.level,
+    model, unit, life, lives.cycles, lives.flight_hours, lives.level,
     estimates.friction, estimates.friction_sigma, estimates.backlash, estimates.backlash_sigma,
     estimates.short_circuit_a, estimates.short_circuit_a_sigma, estimates.short_circuit_b, estimates.short_circuit_b_sigma,
     estimates.short_circuit_c, estimates.short_circuit_c_sigma, estimates.eccentricity, estimates.eccentricity_sigma,
     estimates.eccentricity_phase, estimates.eccentricity_phase_sigma, estimates.gain, estimates.gain_sigma,
     end_hours,
-    CASE WHEN end_hours IS NOT NULL THEN greatest(end_hours - lives.hours, 0) END AS hours_left
+    CASE WHEN end_hours IS NOT NULL THEN greatest(end_hours - lives.flight_hours, 0) END AS hours_left
 FROM lives
 JOIN ends USING (model, unit, life)
 JOIN estimates USING (model, unit)
 ANTI JOIN unordered USING (bag, number)
-WHERE estimates.valid AND estimates.end_ns = lives.stamp_ns
+WHERE estimates.valid AND estimates.end_ns = lives.measured_ns
 QUALIFY row_number() OVER (PARTITION BY model, unit, estimates.end_ns ORDER BY estimates.bag) = 1
-ORDER BY model, unit, lives.stamp_ns;
+ORDER BY model, unit, lives.measured_ns;

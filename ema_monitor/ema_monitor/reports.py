@@ -6,7 +6,7 @@ The node publishes reports and commands print them, without further computation.
 import math
 from dataclasses import asdict, dataclass
 
-from ema_core.description import ActuatorDescription
+from ema_core.description import UnitKey
 from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.duty.scenario import Scenario
 from ema_monitor.prognosis.growth.check import TrackRecord
@@ -28,6 +28,11 @@ class Stamp:
     def of(cls, stamp_ns: int) -> "Stamp":
         """Return the stamp of a time in nanoseconds."""
         return cls(*divmod(int(stamp_ns), 1_000_000_000))
+
+    @property
+    def ns(self) -> int:
+        """The time [ns]."""
+        return 1_000_000_000 * self.sec + self.nanosec
 
 
 @dataclass(frozen=True)
@@ -148,7 +153,7 @@ class ScenarioReport:
     assumption: str
 
 
-def health_report(outlook: Outlook, description: ActuatorDescription) -> HealthReport:
+def health_report(outlook: Outlook, unit: UnitKey) -> HealthReport:
     """Return the report on health and remaining life of a unit after a test."""
     health, removal = outlook.health, outlook.removal
     lives = (outlook.rul_faults, outlook.rul_requirements, outlook.rul)
@@ -157,8 +162,8 @@ def health_report(outlook: Outlook, description: ActuatorDescription) -> HealthR
     )
     return HealthReport(
         header=Header(Stamp.of(outlook.stamp_ns)),
-        actuator_id=description.actuator_id,
-        serial_number=description.serial_number,
+        actuator_id=unit[0],
+        serial_number=unit[1],
         level=health.level,
         last_level=outlook.known_level,
         measured=Stamp.of(outlook.claim.measured_ns),

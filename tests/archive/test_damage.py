@@ -191,13 +191,13 @@ def test_archive_of_an_earlier_version_is_refused(ema, tmp_path: Path):
     for command in (("scan", archive, tmp_path), ("run", archive), ("status", archive)):
         result = ema("archive", *command)
         assert result.exit_code == 1
-        assert "has a version before 11, expected 11" in result.stderr
+        assert "has a version before 12, expected 12" in result.stderr
         assert "scan the bags to a new archive" in result.stderr
     other = tmp_path / "other"
     with Manifest(other, is_new=True) as manifest, manifest.changing() as db:
-        db.execute("UPDATE manifest.archive SET version = 12")
+        db.execute("UPDATE manifest.archive SET version = 11")
     result = ema("archive", "status", other)
-    assert f"{other / FILE} has version 12, expected 11: scan the bags to a new" in result.stderr
+    assert f"{other / FILE} has version 11, expected 12: scan the bags to a new" in result.stderr
 
 
 def bring_up_to_date(archive: Path, *sources: Path) -> None:

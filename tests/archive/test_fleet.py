@@ -43,7 +43,7 @@ def test_where_nobody_is_left_the_share_is_zero():
 def test_a_repair_begins_another_life_which_ends_at_its_first_error():
     def test(hours, level, kind=""):
         events = [{"kind": kind}] if kind else []
-        return {"hours": hours, "level": level, "events": events}
+        return {"flight_hours": hours, "level": level, "events": events}
 
     health = [
         *(test(50.0, 0), test(90.0, 2), test(95.0, 2), test(math.nan, 0, "repair")),
@@ -91,9 +91,8 @@ def archive(tmp_path):
             "actuator_id": "flap",
             "serial_number": str(number),
             "level": level,
-            "hours": hours,
-            "rul_50": median,
-            "rul_known": not math.isnan(median),
+            "flight_hours": hours,
+            "rul": {"known": not math.isnan(median), "hours_50": median},
             "health_index": index,
             "tested": LATEST - timedelta(days=ago),
             "calibrated": None if age is None else LATEST - timedelta(days=ago + age),
@@ -120,7 +119,7 @@ def test_figures_of_a_fleet(archive):
     }
     assert [row["serial_number"] for row in found.worst] == ["2", "3", "1"]
     # An endless life is none that JSON can say.
-    assert [row["rul_50"] for row in found.worst] == [0.0, None, 50.0]
+    assert [row["rul"]["hours_50"] for row in found.worst] == [0.0, None, 50.0]
     first, second = found.models
     assert (first["model"], first["units"], first["error"], first["rul_50"]) == ("F", 4, 2, 50.0)
     assert (second["model"], second["units"], second["health_index"]) == ("E", 1, 0.9)
@@ -175,7 +174,9 @@ def test_the_report_of_a_fleet_has_the_figures_of_its_summary(archive, ema, tmp_
         assert page.exactly(caption) == [
             [row[name] for name in names if row[name] is not None] for row in rows
         ]
-    assert [row[-1] for row in page.exactly("By level")] == [row["hours"] for row in found.worst]
+    assert [row[-1] for row in page.exactly("By level")] == [
+        row["flight_hours"] for row in found.worst
+    ]
     assert page.exactly("Age of the calibration") == [[row["units"]] for row in found.calibrations]
     assert [row[0] for row in page.exactly("Units tested in")] == [1.0, 3.0, 4.0, 4.0]
     assert "Of 5 lives 2 ended; 33.3 % live beyond 660 service hours." in page.words
@@ -187,7 +188,12 @@ def test_the_report_of_a_fleet_has_the_figures_of_its_summary(archive, ema, tmp_
 def test_the_report_of_a_fleet_without_a_valid_test_says_so_and_shows_nothing_else(ema, tmp_path):
     empty, refused = tmp_path / "empty", tmp_path / "refused"
     unit = {"actuator_id": "flap", "serial_number": "1"}
-    stale = unit | {"level": 3, "last_level": 3, "rul_known": False, "reason": "no calibration"}
+    stale = unit | {
+        "level": 3,
+        "last_level": 3,
+        "rul": {"known": False},
+        "reason": "no calibration",
+    }
     month = {"month": "2031-04", "windows": 4, "valid": 0}
     for folder, rows in ((empty, {"units": []}), (refused, {"units": [stale], "months": [month]})):
         for name in rows:

@@ -111,13 +111,13 @@ def write_course(archive, levels, repairs):
     rows = [
         {
             **UNIT,
-            "stamp_ns": number,
+            "measured_ns": number,
             "tested": number,
-            "hours": 10.0 * number,
+            "flight_hours": 10.0 * number,
             "cycles": number,
             "level": level,
             "dominant_fault": "friction" if level else "",
-            "events": [{"kind": "repair", "text": "", "hours": 0.0, "stamp_ns": number}]
+            "events": [{"kind": "repair", "text": "", "flight_hours": 0.0, "stamp_ns": number}]
             if number in repairs
             else [],
         }
@@ -189,10 +189,10 @@ def test_unit_of_any_name_has_its_rows(tmp_path):
     units = {unit_name(actuator_id, LONG): actuator_id for actuator_id in NAMES}
     archive = tmp_path / "archive"
     for unit, actuator_id in units.items():
-        row = {"actuator_id": actuator_id, "stamp_ns": 1}
+        row = {"actuator_id": actuator_id, "measured_ns": 1}
         write_rows(archive, "health", [row], unit, model=actuator_id)
         [kept] = rows_of_unit(archive, "health", unit).to_pylist()
-        assert (kept["actuator_id"], kept["stamp_ns"]) == (actuator_id, 1)
+        assert (kept["actuator_id"], kept["measured_ns"]) == (actuator_id, 1)
     _, rows = answer(archive, "select unit, model, actuator_id from health")
     assert sorted(rows) == sorted((unit, name, name) for unit, name in units.items())
 

@@ -110,7 +110,7 @@ def test_folder_is_read_in_the_order_of_stamps_with_its_usage(told):
 
 def test_json_is_the_health_message_and_every_test(told):
     course = course_of(growing(1e-3, 1))
-    message = health_report(course.outlooks[-1], course.record.description)
+    message = health_report(course.outlooks[-1], course.record.description.unit_key)
     fields = set(as_values(message))
     assert set(told) == fields | {"tests"}
     assert [item["name"] for item in told["faults"]] == [
@@ -126,7 +126,7 @@ def test_json_is_the_health_message_and_every_test(told):
 @pytest.mark.slow
 def test_predictions_so_far_are_told_with_the_fault_that_ends_life():
     course = course_of(growing(8e-4, 50, seed=3))
-    message = health_report(course.outlooks[-1], course.record.description)
+    message = health_report(course.outlooks[-1], course.record.description.unit_key)
     friction = next(item for item in message.faults if item.name == "friction")
     # Of 50 tests, and five predictions twenty tests ahead, whose law is in the bank.
     assert friction.calibration == pytest.approx(1.0, abs=0.3)

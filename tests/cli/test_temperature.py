@@ -92,4 +92,4 @@ def test_temperature_of_a_modelled_drive_is_mapped_only_by_its_owner(folder):
     frame.to_csv(folder / "commanded.csv", index=False)
     guess = open_input(folder / "commanded.csv").guess(ActuatorDescription())
     assert guess.mapping.temperature is None
-    assert any("may be the temperature of the winding" in remark for remark in guess.remarks)
+    assert any("may be the winding temperature" in remark for remark in guess.remarks)

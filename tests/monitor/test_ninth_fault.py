@@ -64,7 +64,7 @@ for window in find_windows(simulate({"viscosity": 0.3}, 3, seed=9)):
     outlook = unit.update(estimate, calibration.unit_parameters, settings)
     kept = read_test(as_text(unit.history.entries[-1])).estimate
     assert kept.faults == estimate.faults == estimate_from(estimate_row(estimate, 0)).faults
-report = health_report(outlook, ActuatorDescription())
+report = health_report(outlook, ActuatorDescription().unit_key)
 assert [item.name for item in report.faults][-1] == "viscosity"
 print("nine")
 """

@@ -40,11 +40,13 @@ def write(folder: Path, count: int) -> None:
                 "serial_number": f"{number:04d}",
                 "level": level,
                 "last_level": number % 3 if level == 3 else level,
-                "hours": min(hours, life) if share > 1.0 else hours,
+                "flight_hours": min(hours, life) if share > 1.0 else hours,
                 "health_index": float("nan") if level == 3 else max(1.0 - share, 0.0),
                 "dominant_fault": FAULTS[number % 5] if share > 0.5 else "",
-                "rul_known": is_known,
-                **{f"rul_{name}": q * left for name, q in (("05", 0.7), ("50", 1.0), ("95", 1.6))},
+                "rul": {
+                    "known": is_known,
+                    **{f"hours_{q}": k * left for q, k in (("05", 0.7), ("50", 1.0), ("95", 1.6))},
+                },
                 "removal_hours": 0.7 * left if is_known else float("nan"),
                 "tested": LATEST - timedelta(days=float(rng.exponential(6.0))),
                 "calibrated": (

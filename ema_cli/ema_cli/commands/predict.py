@@ -54,7 +54,7 @@ def predict(
         require_free(output, bags, overwrite=overwrite, endings=PICTURES)
     course = diagnose_unit(bags, options)
     record, tests = course.record, counted(len(course.steps), "test")
-    report = health_report(course.now, record.description)
+    report = health_report(course.now, record.description.unit_key)
     if not course.outlooks:
         why = f": {LEVEL_NAMES[report.level]}, {report.cause}" if course.now.finding else ""
         click.echo(

@@ -54,7 +54,7 @@ def course_as_values(course: Course) -> list[dict[str, Any]]:
         if step.estimate.comparison is not None:
             item["comparison"] = as_values(step.estimate.comparison.as_mapping())
         if step.outlook is not None:
-            reported = as_values(health_report(step.outlook, course.record.description))
+            reported = as_values(health_report(step.outlook, course.record.description.unit_key))
             kept = ("flight_hours", "cycles", "level", "health_index", "dominant_fault", "events")
             lives = ("rul_faults", "rul_requirements", "rul")
             item |= {name: reported[name] for name in (*kept, *lives)}

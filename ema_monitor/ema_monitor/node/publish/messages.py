@@ -117,7 +117,7 @@ fault_bits(UnitTest, "insignificant", _ALL)
 def health_to_message(outlook: Outlook, description: ActuatorDescription) -> HealthMessage:
     """Return health and remaining life as a message."""
     check_stamp(outlook.stamp_ns)
-    return message_of(HealthMessage, health_report(outlook, description))
+    return message_of(HealthMessage, health_report(outlook, description.unit_key))
 
 
 def message_of(message_class: Any, report: Any) -> Any:

@@ -1,5 +1,7 @@
 // The summary of an archive's fleet, as the dashboard serves it.
 
+import type { Health, RemainingUsefulLife } from "./interfaces";
+
 const ADDRESS = "fleet.json";
 
 export interface Levels {
@@ -10,20 +12,19 @@ export interface Levels {
   stale: number;
 }
 
-export interface WorstUnit {
+type OrNull<T> = { [Name in keyof T]: T[Name] | null };
+
+type OfHealth = OrNull<Pick<
+  Health, "dominant_fault" | "health_index" | "removal_hours" | "flight_hours"
+>>;
+
+export interface WorstUnit extends OfHealth {
   model: string;
   actuator_id: string;
   serial_number: string;
   health: "OK" | "WARN" | "ERROR" | "STALE";
   last_health: WorstUnit["health"] | null; // that of its latest valid test
-  dominant_fault: string | null;
-  health_index: number | null;
-  rul_05: number | null;
-  rul_50: number | null;
-  rul_95: number | null;
-  rul_known: boolean | null;
-  removal_hours: number | null;
-  hours: number | null;
+  rul: OrNull<RemainingUsefulLife>;
   tested: string;
 }
 
@@ -31,7 +32,7 @@ export interface OfModel extends Levels {
   model: string;
   health_index: number | null;
   rul_50: number | null;
-  hours: number | null;
+  flight_hours: number | null;
 }
 
 export interface OfAge extends Levels {

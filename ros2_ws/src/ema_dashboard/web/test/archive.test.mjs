@@ -60,7 +60,7 @@ describe("an archive of 1600 units", () => {
       const isOld = unit.health === "STALE" && /WARN|ERROR/.test(unit.last_health);
       assert.ok(words.includes(unit.serial_number), words);
       assert.ok(words.includes(isOld ? `${unit.last_health}, old` : unit.health), words);
-      assert.ok(words.includes(`${format.hours(unit.hours)} h`), words);
+      assert.ok(words.includes(`${format.hours(unit.flight_hours)} h`), words);
     }
     const note = await page.locator("[aria-labelledby=survival] .note").innerText();
     assert.ok(note.startsWith(`Of ${whole(fleet.lives)} lives ${whole(fleet.failures)} ended.`), note);

@@ -131,7 +131,7 @@ function Worst({ units, all }: { units: WorstUnit[]; all: number }) {
                   <td data-label="worst">{one.dominant_fault ? labelOf(one.dominant_fault) : "–"}</td>
                   <td class="number" data-label="remaining life"><Left unit={one} /></td>
                   <td class="number" data-label="remove before service hour">{removal(one)}</td>
-                  <td class="number" data-label="service">{hours(one.hours ?? NaN)} h</td>
+                  <td class="number" data-label="service">{hours(one.flight_hours ?? NaN)} h</td>
                   <td class="number" data-label="last test">{day(one.tested)}</td>
                 </tr>
               );
@@ -154,8 +154,9 @@ function Health({ index, level }: { index: number | null; level: Level }) {
 
 function Left({ unit }: { unit: WorstUnit }) {
   if (known(unit) === "ERROR") return <strong>none left</strong>;
-  if (!unit.rul_known) return <span class="soft">unknown</span>;
-  const [low, median, high] = [unit.rul_05, unit.rul_50, unit.rul_95].map((h) => h ?? Infinity);
+  if (!unit.rul.known) return <span class="soft">unknown</span>;
+  const { hours_05, hours_50, hours_95 } = unit.rul;
+  const [low, median, high] = [hours_05, hours_50, hours_95].map((h) => h ?? Infinity);
   const life = { hours_05: low!, hours_50: median!, hours_95: high! };
   if (median === Infinity) return <>more than {lifeHours(low!, life)} h</>;
   return (
@@ -173,8 +174,8 @@ function known({ health, last_health }: WorstUnit): string | null {
 
 function removal(unit: WorstUnit): string {
   if (known(unit) === "ERROR") return "now";
-  if (unit.removal_hours === null || unit.hours === null) return "–";
-  return `${hours(unit.hours + unit.removal_hours)} h`;
+  if (unit.removal_hours === null || unit.flight_hours === null) return "–";
+  return `${hours(unit.flight_hours + unit.removal_hours)} h`;
 }
 
 function Survival({ summary }: { summary: Summary }) {
