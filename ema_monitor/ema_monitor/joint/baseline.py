@@ -32,9 +32,10 @@ BETWEEN_DAYS: Final = {
 }
 """Prior medians of the standard deviation between days, relative to the coefficient [-].
 
-The load is relative to the dry friction. Viscous friction has a second share,
-``viscous_of_friction``, of the dry friction over the usual speed. The viscosity of lubricants falls
-by 3 to 6 % per kelvin, and the temperature differs by a few kelvin between days."""
+The load is relative to the dry friction. Viscous friction has a second part,
+``viscous_of_friction``, relative to the dry friction divided by the usual speed. The viscosity of
+lubricants falls by 3 to 6 % per kelvin, and the temperature differs by a few kelvin between days.
+"""
 
 SHARE_OF_SHOWN: Final = 0.3
 """Smallest prior median of a scatter, relative to the scatter of the healthy records [-]."""
@@ -112,10 +113,10 @@ class Baseline:
         return bool(is_alike and accelerates_alike)
 
     def distance(self, record: JointRecord) -> float:
-        """Return how far speed and travel of a record lie outside the healthy range [-].
+        """Return how far the speed and travel of a record are outside the healthy range [-].
 
-        The distance is the logarithm of the ratio to the nearest healthy record, the larger of the
-        two for speed and travel.
+        The distance is the logarithm of the ratio to the nearest healthy record, of speed or
+        travel, whichever is larger.
         """
         return _outside(self._motions, np.log([record.usual_speed, record.travel]))
 
@@ -127,9 +128,9 @@ class Baseline:
     def motion_errors(self, record: JointRecord) -> Array:
         """Return the standard deviations of the coefficients due to a different motion, ``(5,)``.
 
-        They are in the units of the coefficients, 0 for a motion within the healthy range. A small
-        timing error of the inertial effort looks like friction, which changes with the pace, the
-        speed over the travel.
+        They are in the units of the coefficients, and 0 for a motion within the healthy range. A
+        small timing error of the inertial effort looks like friction. This apparent friction
+        changes with the ratio of speed to travel.
         """
         errors = _MOTION_TOLERANCE * self.distance(record) * self.scales
         paces = self._motions @ [1.0, -1.0]
@@ -161,16 +162,16 @@ class Baseline:
         return tuple(gap for gap, missing in is_missing.items() if missing)
 
     def with_labels(self, labelled: Iterable[LabelledRecord]) -> "Baseline":
-        """Return the baseline with its labelled records replaced by these."""
+        """Return the baseline with ``labelled`` in place of its labelled records."""
         return replace(self, labelled=tuple(labelled))
 
     def with_record(self, state: str, record: JointRecord) -> "Baseline":
-        """Return the baseline with a labelled record added, or relabelled.
+        """Return the baseline with a record labelled as ``state``, replacing its earlier label.
 
         Raises
         ------
         ValueError
-            If the record is one of the healthy records.
+            If the record belongs to the healthy records.
         """
         if any(healthy.is_same(record) for healthy in self.records):
             raise ValueError("it is one of the healthy records of the calibration")
@@ -230,19 +231,19 @@ class Baseline:
 
     @property
     def hidden_in_friction(self) -> tuple[str, ...]:
-        """Quantities that look like Coulomb friction in the motion of the healthy records."""
-        unseen = [] if self.shape.has_viscous else [VISCOUS_FRICTION]
+        """Quantities that cannot be distinguished from Coulomb friction in the healthy motion."""
+        viscous = [] if self.shape.has_viscous else [VISCOUS_FRICTION]
         # Friction and load alone do not determine the torque per ampere.
-        return (*unseen, *([] if self.shows_torque else [TORQUE]))
+        return (*viscous, *([] if self.shows_torque else [TORQUE]))
 
     @property
     def shows_torque(self) -> bool:
-        """Whether the fitted terms, beyond friction and load, determine the torque per ampere."""
+        """Whether terms other than friction and load determine the torque per ampere."""
         return int(np.sum(self.shape.used)) > 2
 
     @property
     def scales(self) -> Array:
-        """Reference size of a change of each coefficient, ``(5,)``, in its unit."""
+        """Reference value for changes of each coefficient, ``(5,)``, in its unit."""
         scales = np.abs(self.healthy)
         scales[VISCOUS], scales[LOAD] = self.viscous_scale, self.friction
         return scales
@@ -269,6 +270,6 @@ class Baseline:
 
 
 def _outside(healthy: Array, values: Array) -> float:
-    """Return the largest excess of values, ``(k,)``, over the range of ``healthy``, ``(n, k)``."""
+    """Return the largest distance of values, ``(k,)``, from the healthy range, ``(n, k)``."""
     excess = np.maximum(healthy.min(axis=0) - values, values - healthy.max(axis=0))
     return float(np.max(excess, initial=0.0))

@@ -1,9 +1,9 @@
 """Comparison of a record with a baseline: changed quantities, sizes of changes, detection limits.
 
-Each quantity is a direction in the space of the coefficients. The record is compared with the
-prediction from the healthy records (``scatter``) along each direction. If the record departs, the
-direction that leaves the smallest remainder explains it; directions that explain it equally well
-are reported as rivals.
+Each quantity is a direction in the space of the coefficients. Along each direction, the record is
+compared with the prediction from the healthy records (``scatter``). If the record departs, the
+direction with the smallest residual is the explanation; directions that explain the record equally
+well are reported as rivals.
 """
 
 import math
@@ -68,16 +68,16 @@ _UNSEEN: Final = {
     INERTIA: _NO_INERTIA,
     FRICTION_OVER_INERTIA: _NO_INERTIA,
     VISCOUS: "the healthy records have nearly one speed: it is part of Coulomb friction",
-    TORQUE: "only friction is visible in the healthy records, and it looks the same",
+    TORQUE: "the healthy records show only friction, which cannot be distinguished from it",
 }
 """Reason reported for a quantity that the healthy records cannot determine."""
 _UNEXPLAINED: Final = (
     "the motion does not explain a large part of the effort in the healthy records, which hides it"
 )
-_TOGETHER: Final = "it departs as well, and no single change explains all of the record"
+_TOGETHER: Final = "it departs as well, and no single change explains the whole record"
 _DOUBT: Final = (
     "the change is beyond usual variation, but not certain: repeat the record, or add healthy "
-    "records of further days"
+    "records from further days"
 )
 
 
@@ -92,20 +92,20 @@ class Comparer:
     effort_scale: float = 1.0
     """Value of 1 A in ``effort_unit``."""
     assumed_correlations: Array | None = field(default=None, repr=False, compare=False)
-    """Correlations of the coefficients between records, ``(5, 5)``; None to estimate them from the
-    healthy records, which hypothetical records do not allow."""
+    """Correlations of the coefficients between records, ``(5, 5)``. If None, they are estimated
+    from the healthy records, which is not possible with hypothetical records."""
 
     def compare(self, record: JointRecord, *, with_improvements: bool = True) -> Comparison:
-        """Return the changes in a record, with suggestions to improve the baseline."""
+        """Return the comparison of a record with the baseline, with proposed improvements."""
         comparison = _Test(self, record).result()
         if with_improvements:
             comparison = replace(comparison, improvements=self.improvements)
         return comparison
 
     def unexplained(self, record: JointRecord) -> float:
-        """Return the squared distance left unexplained by the best explanation of a record.
+        """Return the squared distance that the best explanation of a record leaves unexplained.
 
-        "No change" counts as an explanation. Each parameter of an explanation adds a penalty.
+        "No change" is an explanation as well. Each parameter of an explanation adds a penalty.
         """
         test = _Test(self, record)
         return min(test.distance, *test.costs)
@@ -122,9 +122,10 @@ class Comparer:
 
     @cached_property
     def noise(self) -> Array:
-        """Factor by which the healthy records reduce each coefficient's standard error, ``(5,)``.
+        """Correction factor of each coefficient's standard error, ``(5,)``, at most 1.
 
-        A model error common to all records inflates the standard error beyond the actual scatter.
+        A model error that all records share increases the standard error, but not the scatter of
+        the healthy records. The factor reduces the standard error towards this scatter.
         """
         baseline = self.baseline
         days = np.array(baseline.days)
@@ -140,7 +141,7 @@ class Comparer:
         return np.sqrt(np.minimum(share, 1.0))
 
     def error(self, covariance: Array) -> Array:
-        """Return the covariance of a record's error, reduced by the factors ``noise``."""
+        """Return the error covariance of a record after the correction by ``noise``, ``(5, 5)``."""
         return covariance * np.outer(self.noise, self.noise)
 
     @cached_property
@@ -150,7 +151,10 @@ class Comparer:
 
     @cached_property
     def spread(self) -> Array:
-        """Covariance of the difference of a typical record from the healthy mean, ``(5, 5)``."""
+        """Covariance of the difference between a record and the healthy mean, ``(5, 5)``.
+
+        The error of the record itself is not included.
+        """
         days, count = len(set(self.baseline.days)), len(self.baseline.records)
         assumed = self.assumed_correlations
         correlations = self.correlations if assumed is None else assumed
@@ -167,9 +171,9 @@ class Comparer:
         """Correlations of the coefficients between records, ``(5, 5)``.
 
         A varying payload changes gravity and inertia together, so that they are not independent
-        evidence. Few records determine correlations poorly, and weights that rely on them overfit:
-        the correlations are shrunk. The shrinkage of the likely correlation between gravity and
-        inertia is halved. Effects of the temperature are removed first.
+        evidence. A few records determine correlations poorly, and weights that rely on them would
+        overfit: the correlations are shrunk towards 0. The correlation between gravity and inertia
+        is likely, and shrunk half as much. Effects of the temperature are removed first.
         """
         errors = np.mean(np.diagonal(self.errors, axis1=1, axis2=2), axis=0)
         spread = np.sqrt(self._sigmas**2 + errors)
@@ -187,7 +191,7 @@ class Comparer:
         """Return the scatter of the coefficients combined with ``weights``, ``(5,)``.
 
         If the combination depends on a measured temperature, the scatter is conditional on the
-        temperature; else it includes the variation of the temperature.
+        temperature. Otherwise it includes the effect of varying temperatures.
         """
         baseline = self.baseline
         values = baseline.values @ weights
@@ -206,7 +210,7 @@ class Comparer:
         return np.array([(record.temperature - self._mean_temperature) / _TEMPERATURE_UNIT])
 
     def at_temperature_of(self, record: JointRecord) -> "Comparer":
-        """Return the comparer for a record; it ignores temperatures if the record has none."""
+        """Return the comparer for a record, without temperatures if the record has none."""
         return self if math.isfinite(record.temperature) else self._over_temperatures
 
     @cached_property
@@ -260,7 +264,7 @@ class Comparer:
 
     @property
     def _typical(self) -> JointRecord:
-        """A typical healthy record on a day without other healthy records."""
+        """Hypothetical healthy record on a day without other healthy records."""
         mean = np.mean(self.baseline.covariances, axis=0)
         first = self.baseline.records[0]
         return JointRecord(
@@ -287,7 +291,7 @@ class Comparer:
 
 
 class _Test:
-    """Test of one record against its baseline."""
+    """Comparison of one record with its baseline."""
 
     def __init__(self, comparer: Comparer, record: JointRecord) -> None:
         comparer = comparer.at_temperature_of(record)
@@ -333,17 +337,17 @@ class _Test:
         return Comparison(ordered, figures.figures, min(1.0, count * least), states or None)
 
     def _is_effect_of(self, play: QuantityChange) -> bool:
-        """Return whether changed play explains the departure of the coefficients."""
+        """Return whether a change of the play explains the departure of the coefficients."""
         friction = abs(self._departure[at.DRY] / self._healthy[at.DRY])
         return play.judgement is Judgement.CHANGED and friction < _EFFECT_OF_PLAY
 
     def smallest_changes(self) -> dict[str, float]:
-        """Return the smallest detectable change of each quantity that the coefficients show."""
+        """Return the smallest detectable change of each quantity given by the coefficients."""
         tests = self._single_tests().items()
         return {name: self._judged(name, test, (), ()).smallest_change for name, test in tests}
 
     def _single_tests(self) -> dict[str, SingleTest]:
-        """Return the test of each quantity that the coefficients show."""
+        """Return the test of each quantity given by the coefficients, by name."""
         return {
             hypothesis.quantities[0]: self._along(self._weights(hypothesis))
             for hypothesis in self._comparer.hypotheses
@@ -351,11 +355,11 @@ class _Test:
         }
 
     def _weights(self, hypothesis: Hypothesis) -> Array:
-        """Return the optimal weights to estimate a change of one quantity, ``(5,)``."""
+        """Return the optimal weights to estimate the change of one quantity, ``(5,)``."""
         return _best_weights(hypothesis.columns, self._total)[0]
 
     def _along(self, weights: Array) -> SingleTest:
-        """Return the test of a combination of the coefficients."""
+        """Return the test of a linear combination of the coefficients."""
         error = float(weights @ self._error @ weights)
         covariates = self._comparer.temperature(self._record)
         scatter = self._comparer.scatter(weights)
@@ -395,7 +399,7 @@ class _Test:
         costs = self.costs
         order = np.argsort(costs)
         close = [n for n in order.tolist() if costs[n] - costs[order[0]] < _DISTINCT_COST]
-        # Two changes take more evidence than one.
+        # Two changes need more evidence than a single change.
         chosen = min(close, key=lambda n: self._comparer.hypotheses[n].causes)
         best = self._comparer.hypotheses[chosen]
         if self._baseline.shape.load_share and set(best.quantities) == {FRICTION, TORQUE}:
@@ -413,7 +417,7 @@ class _Test:
         return best.quantities, tuple(dict.fromkeys(rivals))
 
     def _number_of(self, name: str) -> int:
-        """Return the index of the hypothesis that only this quantity has changed."""
+        """Return the index of the hypothesis in which only one quantity has changed."""
         quantities = [hypothesis.quantities for hypothesis in self._comparer.hypotheses]
         return quantities.index((name,))
 
@@ -457,7 +461,7 @@ class _Test:
     def _friction_over_inertia(self, named: tuple[str, ...]) -> QuantityChange:
         """Return the change of friction over inertia, which is the change of friction alone.
 
-        In a self-locking gear friction raises the inertia and the gravity at the motor as well.
+        In a self-locking gear, friction also increases the inertia and gravity at the motor.
         """
         healthy = self._healthy
         weights = np.zeros(len(healthy))
@@ -470,7 +474,7 @@ class _Test:
             return QuantityChange(FRICTION_OVER_INERTIA, Judgement.NOT_JUDGED, reason=reason)
         ratio = friction / inertia
         sigma = math.hypot(test.prediction.sigma, _RATIO_TOLERANCE * (ratio - 1.0))
-        low, high = (ratio * math.exp(way * Z90 * sigma) - 1.0 for way in (-1.0, 1.0))
+        low, high = (ratio * math.exp(sign * Z90 * sigma) - 1.0 for sign in (-1.0, 1.0))
         judgement, reason = Judgement.UNCHANGED, ""
         if test.is_significant and named:
             judgement = Judgement.CHANGED
@@ -481,7 +485,7 @@ class _Test:
 
 
 def _growth(quantities: Mapping[str, QuantityChange]) -> float:
-    """Return the logarithm of the growth of the effort that the reported changes explain."""
+    """Return the logarithm of the effort growth that the reported changes explain."""
     logs = [0.0]
     for name, sign in ((FRICTION, 1.0), (TORQUE, -1.0)):
         quantity = quantities.get(name)
@@ -491,14 +495,14 @@ def _growth(quantities: Mapping[str, QuantityChange]) -> float:
 
 
 def _best_weights(columns: Array, covariance: Array) -> Array:
-    """Return the weights of generalised least squares for each column, ``(k, 5)``."""
+    """Return the generalised least-squares weights of each column, ``(k, 5)``."""
     inverse = _precision(covariance)
     weights = np.linalg.solve(columns.T @ inverse @ columns, columns.T @ inverse)
     return np.asarray(weights, dtype=np.float64)
 
 
 def _precision(covariance: Array) -> Array:
-    """Return the inverse of a covariance, 0 for coefficients that are not fitted."""
+    """Return the inverse of a covariance, with zeros for coefficients that are not fitted."""
     sigmas = np.sqrt(np.diag(covariance))
     scales = np.where(sigmas > 0.0, sigmas, 1.0)
     units = np.outer(scales, scales)
@@ -506,9 +510,10 @@ def _precision(covariance: Array) -> Array:
 
 
 def _inverse(change: float, low: float, high: float) -> tuple[float, float, float]:
-    """Return the relative change and interval of a quantity whose inverse changes by ``-change``.
+    """Return change and interval of a quantity whose inverse has the relative change ``-change``.
 
-    If the inverse reaches 0 within the interval, the quantity is unbounded and that end is NaN.
+    If the inverse reaches 0 within the interval, the quantity is unbounded: this end of the
+    interval is NaN.
     """
     ratio = max(1.0 - change, _TINY) if change < 1.0 else min(1.0 - change, -_TINY)
     ends = [1.0 - end if (1.0 - end) * ratio > 0.0 else math.nan for end in (low, high)]

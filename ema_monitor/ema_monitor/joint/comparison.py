@@ -1,4 +1,4 @@
-"""Result of comparing a record with the baseline of its unit, as typed values."""
+"""Result of the comparison of a record with the baseline of its unit."""
 
 import math
 from collections.abc import Mapping
@@ -49,10 +49,11 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
     PLAY: Quantity("play"),
     TRACKING: Quantity("tracking lag"),
 }
-"""The quantities of a comparison, by name, in the order in which they are shown."""
+"""The quantities of a comparison by name, in display order."""
 
 FAULTS_OF_RECORDS: Final[Mapping[str, str]] = {FRICTION: "friction", PLAY: "backlash"}
-"""Fault measured by each quantity. Records of an unknown drive show no other faults."""
+"""Fault that a quantity measures. Other faults cannot be measured in records of an unknown drive.
+"""
 
 
 @dataclass(frozen=True)
@@ -62,10 +63,10 @@ class QuantityChange:
     name: str
     """Name in ``QUANTITIES``."""
     judgement: Judgement
-    """Whether it has changed."""
+    """Whether the quantity has changed."""
     change: float = math.nan
-    """Test over healthy, less 1 [-]; for an absolute change, test less healthy, in ``unit``. NaN if
-    it is not judged."""
+    """Ratio of measured to healthy value, minus 1 [-]; for an absolute change, measured minus
+    healthy value, in ``unit``. NaN if the quantity is not judged."""
     low: float = math.nan
     """Lower end of the 90 % interval of ``change``."""
     high: float = math.nan
@@ -73,7 +74,7 @@ class QuantityChange:
     smallest_change: float = math.nan
     """Smallest change that is detected with a probability of 90 %, in the unit of ``change``."""
     unit: str = "-"
-    """Unit of the figures above: "-" for a relative change."""
+    """Unit of ``change``, ``low``, ``high`` and ``smallest_change``: "-" for a relative change."""
     reason: str = ""
     """Why the quantity is not judged; empty if it is judged."""
     rivals: tuple[str, ...] = ()
@@ -81,12 +82,12 @@ class QuantityChange:
 
     @property
     def is_judged(self) -> bool:
-        """Whether the record shows that the quantity is changed or unchanged."""
+        """Whether the quantity is judged as changed or unchanged."""
         return self.judgement is not Judgement.NOT_JUDGED
 
     @property
     def is_estimated(self) -> bool:
-        """Whether ``change`` is an estimate for this quantity and not for a rival."""
+        """Whether ``change`` is an estimate of this quantity and not of a rival."""
         return math.isfinite(self.change) and (self.is_judged or not self.rivals)
 
 
@@ -99,24 +100,24 @@ class FigureChange:
     ratio: float
     """Ratio of the tested to the healthy value [-]."""
     probability: float
-    """Probability that a healthy record differs as much in this figure."""
+    """Probability that the figure differs at least as much in a healthy record."""
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """Reduction of the smallest detectable change of a quantity by further healthy records."""
+    """Healthy records that would lower the smallest detectable change of a quantity."""
 
     name: str
     """Name in ``QUANTITIES``."""
     days: int
     """Number of additional days with healthy records; 0 adds records to an existing day."""
     records: int
-    """Number of further healthy records."""
+    """Number of additional healthy records."""
     present_change: float
-    """Smallest change currently detected on a day without healthy records, in the quantity's
-    unit."""
+    """Smallest change that is currently detectable on a day without healthy records, in the unit of
+    the quantity."""
     smallest_change: float
-    """Smallest detectable change with the further healthy records."""
+    """Smallest detectable change with the additional healthy records."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ class Comparison:
     figures: tuple[FigureChange, ...] = ()
     """Model-free figures that differ significantly, the most significant first."""
     probability: float = math.nan
-    """Probability that a healthy record differs as much; NaN if nothing is judged."""
+    """Probability that a healthy record differs at least as much; NaN if nothing is judged."""
     states: Mapping[str, float] | None = None
     """Probabilities of the labelled states, the largest first."""
     improvements: tuple[Improvement, ...] = ()
@@ -165,7 +166,7 @@ class Comparison:
         return bool(self.changed or self.figures)
 
     def as_mapping(self) -> dict[str, Any]:
-        """Return plain values for JSON, NaN included."""
+        """Return the comparison as plain values for JSON; NaN is not replaced."""
         content = asdict(self)
         for quantity in content["quantities"]:
             quantity["judgement"], quantity["rivals"] = (
@@ -180,7 +181,7 @@ class Comparison:
 
     @classmethod
     def of_mapping(cls, content: Mapping[str, Any]) -> Self:
-        """Return the comparison from the output of ``as_mapping``; None is read as NaN.
+        """Return a comparison from the output of ``as_mapping``; None is read as NaN.
 
         Raises
         ------

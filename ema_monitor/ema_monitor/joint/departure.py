@@ -1,7 +1,7 @@
-"""Comparison of the model-free figures of a test with healthy tests: significant departures.
+"""Departure of a test from the healthy tests of its unit, by its model-free figures.
 
 Each figure is compared with its prediction from the healthy tests (``single``). The Bonferroni
-correction over the figures is valid for dependent figures.
+correction for the number of figures is also valid for dependent figures.
 """
 
 import math
@@ -23,7 +23,7 @@ NONE_OF_THESE: Final = "none of these"
 """State of a test or record that resembles no labelled state."""
 
 FEWEST: Final = 3
-"""Minimum number of tests or records for a state to be compared."""
+"""Minimum number of tests or records of a state that is compared."""
 
 _LEAST_SHOWN: Final = 1e-6
 _CACHED_SCATTERS: Final = 1024
@@ -38,24 +38,24 @@ class JudgedFigure(NamedTuple):
     label: str
     """Displayed name."""
     between_days: float
-    """Prior median of the standard deviation between days [-]. For a level it is relative to the
-    largest healthy level."""
+    """Prior median of the standard deviation between days [-], for a level relative to the largest
+    healthy level."""
     is_logarithm: bool = True
     """Whether the figure is a logarithm; otherwise it is a level [A]."""
     error: float = 0.0
-    """Standard deviation of the error of the figure in one test, in the unit of ``between_days``.
-    Healthy tests in quick succession scatter less."""
+    """Standard deviation of the figure's error in one test, in the unit of ``between_days``. The
+    scatter of healthy tests in quick succession is smaller."""
 
 
 class DatedFigures(NamedTuple):
-    """Figures of a test by name, and the test's day since 1970."""
+    """Day of a test, counted from 1970-01-01, and its figures by name."""
 
     day: int
     values: Mapping[str, float]
 
 
 class Change(NamedTuple):
-    """Change of a figure from its prediction."""
+    """Difference of a figure from its prediction."""
 
     name: str
     """Name of the figure."""
@@ -64,7 +64,7 @@ class Change(NamedTuple):
     test: SingleTest
     """Value of the figure, and its prediction from the healthy tests."""
     probability: float
-    """Probability that a healthy test differs as much in this figure."""
+    """Probability that the figure differs at least as much in a healthy test."""
     limit: float
     """Probability below which the figure departs."""
 
@@ -109,18 +109,18 @@ class Departure:
     """Departure of a test from the healthy tests of its unit."""
 
     probability: float
-    """Probability that a healthy test differs as much in one of its figures."""
+    """Probability that any figure differs at least as much in a healthy test."""
     changes: tuple[Change, ...] = ()
     """Figures that depart, the most significant first."""
     would_depart: WouldDepart | None = None
-    """Figure that would depart if the day had healthy tests; None if there is none."""
+    """Figure that would depart if there were healthy tests on the same day, or None."""
     load_explains: bool = True
     """Whether a changed load may explain the departure."""
     states: Mapping[str, float] = field(default_factory=dict)
     """Probabilities of the labelled states and of ``NONE_OF_THESE``, the largest first; empty if no
     states are compared."""
     unnamed: str = ""
-    """Why ``states`` is empty although states are labelled."""
+    """Reason why ``states`` is empty although the unit has labelled states."""
     significance: float = SIGNIFICANCE
     """Probability below which the test departs."""
 
@@ -131,7 +131,7 @@ class Departure:
 
     @property
     def is_named(self) -> bool:
-        """Whether the most probable state is a labelled one."""
+        """Whether the most probable state is a labelled state."""
         return next(iter(self.states), HEALTHY) not in (HEALTHY, NONE_OF_THESE)
 
     @property
@@ -147,7 +147,7 @@ class Departure:
 
     @property
     def reason(self) -> FiguresDeparted:
-        """Reason stating that the figures depart although no fault explains it."""
+        """Reason for the verdict: the figures depart, and no fault explains the departure."""
         return FiguresDeparted(
             tuple(change.name for change in self.changes), self.probability, str(self)
         )
@@ -173,9 +173,9 @@ def departure_of(
     tested, healthy
         The test, and the healthy tests of the unit.
     figures
-        Figures to compare, by name; a figure that a test lacks is ignored.
+        Figures to compare, by name. A figure that any test lacks is ignored.
     significance
-        Probability of a healthy test below which the test departs.
+        Probability under the healthy tests below which the test departs.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def departure_of(
     """
     if len(healthy) < FEWEST:
         raise ValueError(
-            f"{len(healthy)} healthy tests: expected {FEWEST} or more, to see their scatter"
+            f"{len(healthy)} healthy tests: expected {FEWEST} or more, to estimate their scatter"
         )
     names = [name for name in figures if all(name in test.values for test in (tested, *healthy))]
     if not names:
@@ -225,7 +225,7 @@ def _changes(
     figures: Mapping[str, JudgedFigure],
     limit: float,
 ) -> list[Change]:
-    """Return the change of each figure, most significant first."""
+    """Return the change of each figure, the most significant first."""
     return sorted(
         (_change(name, tested, healthy, figures, limit) for name in figures),
         key=lambda change: change.probability,
@@ -251,8 +251,8 @@ def _change(
 
 @lru_cache(_CACHED_SCATTERS)
 def _scatter(healthy: tuple[Observation, ...], between_days: float) -> Scatter:
-    """Return the scatter of a figure; all tests of a unit share a few scatters."""
-    # The prior ends at a few times its median, and must cover the scatter of the healthy tests.
+    """Return the scatter of a figure. The cache works because all tests of a unit use the same."""
+    # The prior extends to a few times its median, and must cover the scatter of the healthy tests.
     shown = float(np.std([observation.value for observation in healthy], ddof=1))
     return scatter_of(healthy, max(between_days, shown, _TINY))
 

@@ -1,4 +1,4 @@
-"""Elasticity of a joint: jerk and snap as terms of the effort, selected on healthy records."""
+"""Selection of the elastic terms of the effort model, jerk and snap, on healthy records."""
 
 from collections.abc import Callable
 from typing import Final
@@ -19,16 +19,16 @@ def with_elasticity(
     """Return ``elastic`` if jerk and snap improve the prediction of the effort, else ``stiff``.
 
     The effort of a motor that turns a load through a spring depends on jerk and snap. The terms are
-    accepted if they halve the error in the strokes that were not fitted, in the geometric mean over
-    the records. Jerk and snap also filter the noise of a coarse position and compensate a lag; this
-    reduces the error by less than half, and does not improve the estimate of friction.
+    accepted if they halve the prediction error on held-out strokes (geometric mean over the
+    records). Jerk and snap also filter the noise of a coarse position and compensate a lag. These
+    side effects reduce the error by less than half, and do not improve the friction estimate.
 
     Parameters
     ----------
     stiff, elastic
         Preparations without and with jerk and snap.
     prepared
-        Function that returns the healthy records for a preparation.
+        Function that applies a preparation to the healthy records.
     is_linear
         Whether the joint is linear, so that gravity does not depend on its position.
     """

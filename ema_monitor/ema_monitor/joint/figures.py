@@ -9,7 +9,7 @@ import numpy as np
 from ema_core.arrays import Array
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_monitor.joint.parts import WAYS, log_rms, steps_within
+from ema_monitor.joint.parts import DIRECTIONS, log_rms, steps_within
 from ema_monitor.joint.signals import Fine, Preparation, Signals, user_speed
 from ema_monitor.joint.smoothing import smoothed
 
@@ -20,10 +20,11 @@ class Figure(NamedTuple):
     label: str
     """Displayed name."""
     repeated: float
-    """Prior median of the logarithm's standard deviation between days, for a repeated motion
+    """Prior median of the standard deviation of the logarithm between days, for repeated motion
     [-]."""
     varied: float | None
-    """The same prior median for a varied motion; None if the figure is not compared then."""
+    """Prior median for varied motion [-]; None if the figure is compared for repeated motion only.
+    """
 
 
 FIGURES: Final = {
@@ -32,15 +33,15 @@ FIGURES: Final = {
     "error_scatter": Figure("scatter of the tracking error", 0.02, None),
     "error_roughness": Figure("roughness of the tracking error", 0.014, None),
 }
-"""Figures that are compared, by name: logarithms, averaged over both directions."""
+"""Compared figures by name. Their values are logarithms, averaged over both directions."""
 
 OF_EFFORT: Final = ("effort_scatter", "effort_roughness")
 """Figures that grow with the effort."""
 
 SPEED_STEPS: Final = "speed_steps"
-"""Roughness of the speed in the compared rows. It is not itself compared.
+"""Name of the roughness of the speed, which is not compared itself.
 
-It shows whether motions accelerate alike: acceleration increases the roughness of the effort.
+It shows whether two motions accelerate similarly: acceleration makes the effort rougher.
 """
 
 _FEWEST: Final = 20
@@ -52,7 +53,7 @@ _FEWEST_TURNS: Final = 4
 def figures_of(
     telemetry: Telemetry, signals: Signals, residuals: Array, preparation: Preparation
 ) -> dict[str, float]:
-    """Return the figures of a record by name; figures that cannot be computed are omitted.
+    """Return the model-free figures of a record by name, without figures it does not determine.
 
     Parameters
     ----------
@@ -66,24 +67,28 @@ def figures_of(
     figures: dict[str, float] = {}
     speed = np.gradient(smoothed(telemetry.position, 2.0), telemetry.sample_period)
     fast = _SETTLE_SHARE * preparation.usual_speed
-    for way, sign in WAYS.items():
+    for direction, sign in DIRECTIONS.items():
         rows = np.sign(signals.direction) == sign
         moving = sign * speed > fast
         if len(telemetry.interpolated):
             moving &= ~telemetry.interpolated
         if np.sum(rows) >= _FEWEST:
-            figures[f"effort_scatter_{way}"] = log_rms(residuals[rows])
+            figures[f"effort_scatter_{direction}"] = log_rms(residuals[rows])
         if np.sum(moving) >= _FEWEST:
-            figures[f"effort_roughness_{way}"] = log_rms(steps_within(telemetry.current, moving))
-            figures[f"{SPEED_STEPS}_{way}"] = log_rms(steps_within(speed, moving))
+            figures[f"effort_roughness_{direction}"] = log_rms(
+                steps_within(telemetry.current, moving)
+            )
+            figures[f"{SPEED_STEPS}_{direction}"] = log_rms(steps_within(speed, moving))
             if telemetry.has_command:
                 error = telemetry.command - telemetry.position
                 chosen = error[moving]
-                figures[f"error_scatter_{way}"] = log_rms(chosen - np.mean(chosen))
-                figures[f"error_roughness_{way}"] = log_rms(steps_within(error, moving))
+                figures[f"error_scatter_{direction}"] = log_rms(chosen - np.mean(chosen))
+                figures[f"error_roughness_{direction}"] = log_rms(steps_within(error, moving))
     for name in (*FIGURES, SPEED_STEPS):
-        both = [figures[key] for way in WAYS if (key := f"{name}_{way}") in figures]
-        if len(both) == len(WAYS):
+        both = [
+            figures[key] for direction in DIRECTIONS if (key := f"{name}_{direction}") in figures
+        ]
+        if len(both) == len(DIRECTIONS):
             figures[name] = float(np.mean(both))
     return figures
 
@@ -91,8 +96,9 @@ def figures_of(
 def tracking_lag(fine: Fine) -> tuple[float, float]:
     """Return the lag of the position behind the command, and its standard deviation [s].
 
-    It is the regression of the tracking error on the commanded speed. Both are NaN without a
-    command. Sigma is infinite if the command moves too little.
+    The lag is the slope of a regression of the tracking error on the commanded speed. Without a
+    command, both values are NaN. If the command moves too little, the lag is NaN and its standard
+    deviation infinite.
     """
     if fine.command is None:
         return math.nan, math.nan
@@ -116,9 +122,9 @@ def lost_motion(
 ) -> tuple[float, float]:
     """Return the lost motion between motor and joint, and its standard deviation [rad].
 
-    The integral of the measured speed minus the position differs by the play between strokes in
-    opposite directions, if the speed is measured at the motor and the position at the joint. Both
-    are NaN without a measured speed, or with too few reversals.
+    If the speed is measured at the motor and the position at the joint, the integral of the speed
+    minus the position changes by the play at each reversal. Both values are NaN without a measured
+    speed, or with too few reversals.
     """
     speed = user_speed(telemetry, description)
     if speed is None:
@@ -127,10 +133,14 @@ def lost_motion(
     turned = np.concatenate([[0.0], np.cumsum(0.5 * h * (speed[1:] + speed[:-1]))])
     usual = preparation.usual_speed
     smooth = smoothed(speed, max(1.0, 0.005 / h))
-    way = np.sign(smooth) * (np.abs(smooth) > 0.25 * usual)
-    begins = np.flatnonzero(np.diff(np.concatenate([[0.0], way])) != 0.0)
-    ends = np.append(begins[1:], len(way))
-    strokes = [(b, e, way[b]) for b, e in zip(begins, ends, strict=True) if way[b] and e - b >= 5]
+    direction = np.sign(smooth) * (np.abs(smooth) > 0.25 * usual)
+    begins = np.flatnonzero(np.diff(np.concatenate([[0.0], direction])) != 0.0)
+    ends = np.append(begins[1:], len(direction))
+    strokes = [
+        (b, e, direction[b])
+        for b, e in zip(begins, ends, strict=True)
+        if direction[b] and e - b >= 5
+    ]
     gap = turned - telemetry.position
     differences = []
     for (b0, e0, w0), (b1, e1, w1) in pairwise(strokes):

@@ -1,4 +1,4 @@
-"""Prediction error of a record's model in strokes that were not fitted, to select its terms."""
+"""Cross-validation of effort models: the prediction error on held-out strokes."""
 
 import math
 from collections.abc import Sequence
@@ -10,13 +10,13 @@ from ema_core.arrays import Array
 from ema_monitor.joint.signals import Signals
 
 IMPROVES: Final = 0.95
-"""A term is accepted if it reduces the error at least to this ratio [-]."""
+"""Largest ratio of the errors with and without a term at which the term is accepted [-]."""
 
 _TINY: Final = 1e-12
 
 
 def general_design(signals: Signals, *, is_linear: bool) -> Array:
-    """Return the columns of a general effort model, fitted to each record, ``(n, p)``.
+    """Return the design matrix of a general effort model, fitted to each record, ``(n, p)``.
 
     Parameters
     ----------
@@ -37,9 +37,9 @@ def halves(signals: Signals) -> tuple[Signals, Signals]:
 
 
 def held_out_error(records: Sequence[Signals], *, is_linear: bool) -> float:
-    """Return the prediction error on every other stroke after fitting the rest [A].
+    """Return the prediction error on every other stroke after a fit to the remaining strokes [A].
 
-    It is the geometric mean over the records, and infinite if all records are too short.
+    The error is the geometric mean over the records. It is infinite if all records are too short.
     """
     logs = []
     for record in records:

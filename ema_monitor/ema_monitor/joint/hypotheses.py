@@ -1,4 +1,4 @@
-"""Changes of a joint that may explain a record, as directions in the space of its coefficients."""
+"""Possible changes of a joint, as directions in the space of the coefficients of a record."""
 
 from typing import Final, NamedTuple
 
@@ -9,7 +9,7 @@ from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import FRICTION, GRAVITY, INERTIA, LOAD, TORQUE, VISCOUS
 
 OF_COEFFICIENTS: Final[tuple[str, ...]] = (FRICTION, INERTIA, VISCOUS, LOAD, GRAVITY)
-"""Quantity to which each coefficient belongs."""
+"""Quantity of each coefficient, in the order of ``COEFFICIENTS``."""
 
 _PAYLOAD: Final = frozenset({GRAVITY, INERTIA, LOAD})
 
@@ -18,7 +18,7 @@ class Hypothesis(NamedTuple):
     """Possible explanation of a record: the changed quantities and their columns, ``(5, k)``.
 
     Each column is the change of the coefficients per unit change of its quantity. Changes are
-    relative, or in amperes.
+    relative; a change of the load is in amperes.
     """
 
     quantities: tuple[str, ...]
@@ -43,16 +43,16 @@ def hypotheses(baseline: Baseline) -> list[Hypothesis]:
             columns[name] = columns[name] + np.array(load_friction)
     # The effort of the same motion is inversely proportional to the torque per ampere.
     columns[TORQUE] = -baseline.healthy * shape.used
-    several = [(FRICTION, TORQUE), (GRAVITY, INERTIA), (GRAVITY, INERTIA, LOAD)]
-    unseen = [name for name, used in zip(OF_COEFFICIENTS, shape.used, strict=True) if not used]
-    for name in unseen:
+    combinations = [(FRICTION, TORQUE), (GRAVITY, INERTIA), (GRAVITY, INERTIA, LOAD)]
+    not_fitted = [name for name, used in zip(OF_COEFFICIENTS, shape.used, strict=True) if not used]
+    for name in not_fitted:
         del columns[name]
     if not baseline.shows_torque:
         del columns[TORQUE]
     singles = [Hypothesis((name,), column[:, None]) for name, column in columns.items()]
     return singles + [
         Hypothesis(names, np.column_stack([columns[name] for name in names]))
-        for names in several
+        for names in combinations
         if all(name in columns for name in names)
     ]
 

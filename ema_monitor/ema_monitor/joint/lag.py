@@ -1,4 +1,4 @@
-"""Lag of the effort behind the motion in a record, from the reversals of friction."""
+"""Lag of the effort behind the motion in a record, measured at the reversals of friction."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -14,11 +14,11 @@ LONGEST_LAG_S: Final = 0.16
 """Largest lag that is searched, in both directions [s]."""
 
 _COARSE, _NARROW = 1.0, 0.25
-"""Steps of the search, as shares of the standard deviation of the filter [-]."""
+"""Steps of the search, relative to the filter's standard deviation [-]."""
 _LEAST_SHIFT, _CERTAIN_SHIFT = 0.05, 0.4
 """Smallest shift, and smallest certain shift, relative to the filter's standard deviation [-]."""
 _SIGNIFICANT, _CERTAIN = 4.0, 12.0
-"""The same thresholds, in standard deviations of the lag [-]."""
+"""Smallest shift, and smallest certain shift, in standard deviations of the lag [-]."""
 _NORMAL: Final = 1.4826
 _SOFT_SIGN: Final = 0.02
 _SLOW: Final = 0.05
@@ -34,14 +34,14 @@ class EffortLag(NamedTuple):
     """Lag of the effort behind the motion in a record."""
 
     lag_s: float = math.nan
-    """The lag [s]; NaN if the record does not show it."""
+    """The lag [s]; NaN if the record does not determine it."""
     sigma: float = math.nan
-    """Standard deviation of the lag [s]; NaN if the record does not show it."""
+    """Standard deviation of the lag [s]; NaN if the record does not determine the lag."""
     shift_s: float = 0.0
     """Time shift that aligns the effort with the healthy records [s]."""
     is_certain: bool = False
-    """Whether only a delay explains the shift. Play, and friction that does not follow the sign of
-    the speed, shift the lag by up to 0.3 standard deviations of the filter."""
+    """Whether only a delay can explain the shift. Play, and friction that does not follow the sign
+    of the speed, shift the lag by up to 0.3 standard deviations of the filter."""
 
     @property
     def unshifted(self) -> "EffortLag":
@@ -50,14 +50,14 @@ class EffortLag(NamedTuple):
 
 
 UNKNOWN_LAG: Final = EffortLag()
-"""Lag of a record that does not show it."""
+"""Lag of a record that does not determine the lag."""
 
 
 def effort_lag(fine: Fine, preparation: Preparation) -> EffortLag:
-    """Return the lag of the effort behind the motion.
+    """Return the lag of the effort behind the motion in a record.
 
-    The lag minimises the residual of a model with inertia, viscous and Coulomb friction, gravity
-    and a constant, fitted in steady motion and around the reversals. The standard deviation follows
+    The lag minimises the squared residual of a model with inertia, viscous and Coulomb friction,
+    gravity and a constant, fitted to steady motion and reversals. The standard deviation follows
     from the curvature of the squared residual, with one independent residual per three standard
     deviations of the filter.
     """
@@ -75,10 +75,10 @@ def effort_lag(fine: Fine, preparation: Preparation) -> EffortLag:
 def common_lag(blocks: Sequence[Fine], preparation: Preparation) -> float:
     """Return the common lag of the effort behind the motion in healthy records [s].
 
-    This lag explains the effort of all records best in steady motion. Reversals are excluded,
-    because play, and friction that does not follow the sign of the speed, shift the lag there. Jerk
-    and snap are part of the model if the preparation has them. The lag of the preparation is
-    returned unless the measured lag reduces the misfit by 10 %.
+    The lag minimises the total misfit of all records in steady motion. Reversals are excluded,
+    because play, and friction that does not follow the sign of the speed, shift the lag there. The
+    model includes jerk and snap if the preparation is elastic. If the lag does not reduce the
+    misfit by 10 %, the lag of the preparation is returned.
     """
     misfits = [_Misfit(block, preparation, is_steady=True) for block in blocks]
     misfits = [misfit for misfit in misfits if misfit.is_enough]
@@ -96,10 +96,10 @@ def common_lag(blocks: Sequence[Fine], preparation: Preparation) -> float:
 
 
 class _Misfit:
-    """Squared residual of the effort under a model of inertia, friction and gravity, by lag [s].
+    """Squared residual of the effort as a function of its lag [s].
 
-    ``is_steady`` excludes the reversals. The model then has jerk and snap if the preparation has
-    them.
+    The model has inertia, friction and gravity. If ``is_steady``, reversals are excluded, and the
+    model includes jerk and snap if the preparation is elastic.
     """
 
     def __init__(self, fine: Fine, preparation: Preparation, *, is_steady: bool = False) -> None:
@@ -140,9 +140,9 @@ class _Misfit:
         return self.independent >= _FEWEST
 
     def __call__(self, lag_s: float) -> float:
-        effort = np.interp(self._time + lag_s, self._time, self._effort)
-        late = smoothed(effort, self._sigma)[self._rows]
-        residuals = late - self._base @ (self._base.T @ late)
+        shifted = np.interp(self._time + lag_s, self._time, self._effort)
+        effort = smoothed(shifted, self._sigma)[self._rows]
+        residuals = effort - self._base @ (self._base.T @ effort)
         return float(residuals @ residuals)
 
 
@@ -155,7 +155,7 @@ class _Least(NamedTuple):
 
 
 def _least(misfit: Callable[[float], float], sigma_s: float) -> _Least | None:
-    """Return the minimum of the misfit; None if it has no minimum within ``LONGEST_LAG_S``.
+    """Return the minimum of the misfit, or None if there is none within ``LONGEST_LAG_S``.
 
     ``sigma_s`` is the standard deviation of the filter [s].
     """
@@ -172,7 +172,9 @@ def _least(misfit: Callable[[float], float], sigma_s: float) -> _Least | None:
 
 
 def with_shift(lag: EffortLag, healthy: Sequence[EffortLag], cutoff_hz: float) -> EffortLag:
-    """Return a lag with its shift relative to the healthy records; 0 if it is not significant.
+    """Return a lag with its shift relative to the healthy records.
+
+    The shift is 0 if it is not significant.
 
     Parameters
     ----------
@@ -201,7 +203,7 @@ def with_shift(lag: EffortLag, healthy: Sequence[EffortLag], cutoff_hz: float) -
 
 
 def aligned(fine: Fine, lag: EffortLag) -> Fine:
-    """Return the columns of a record with the effort shifted as ``lag`` states."""
+    """Return the columns of a record with the effort advanced by ``lag.shift_s``."""
     if not lag.shift_s:
         return fine
     time = fine.step_s * np.arange(len(fine.effort))
@@ -217,7 +219,7 @@ def _parabola(squares: Array, width: float) -> tuple[float, float, float]:
 
 
 def _rows(fine: Fine, speed: Array, usual: float, sigma: float) -> Flags:
-    """Return the rows in or near motion, without the ends and long gaps, ``(n,)``."""
+    """Return flags of the rows in or near motion, except at the ends and long gaps, ``(n,)``."""
     ends = math.ceil(_REACH * sigma)
     around = np.ones(2 * ends + 1)
     rows = np.convolve(np.abs(speed) > _SLOW * usual, np.ones(math.ceil(sigma)), mode="same") > 0.5

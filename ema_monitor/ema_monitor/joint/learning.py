@@ -1,4 +1,4 @@
-"""Estimate a baseline from healthy records."""
+"""Estimation of a baseline from healthy records."""
 
 import math
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ def learn(
     records
         Healthy records, at least one.
     description
-        The unit.
+        Description of the unit.
     temperatures
         Measured rise of the winding temperature of each record [K]; empty if not measured.
 
@@ -106,11 +106,12 @@ def learn(
 
 
 def _require_different(records: Sequence[Telemetry]) -> None:
-    """Raise ``ValueError`` for duplicates, which would count as independent records."""
+    """Raise ``ValueError`` if two records are identical: they would count as independent."""
     for number, record in enumerate(records):
         for before, earlier in enumerate(records[:number]):
             is_same = record.stamp_ns == earlier.stamp_ns and len(record) == len(earlier)
             if is_same and np.array_equal(record.current, earlier.current):
                 raise ValueError(
-                    f"healthy records {before + 1} and {number + 1} are the same: give each once"
+                    f"healthy records {before + 1} and {number + 1} are identical: "
+                    "pass each record once"
                 )

@@ -15,7 +15,7 @@ from ema_monitor.joint.departure import FEWEST, DatedFigures, Departure, JudgedF
 from ema_monitor.joint.record import NS_A_DAY
 
 INDEX: Final = "all figures together"
-"""Name of the mean of the logarithms of all figures."""
+"""Name of the mean logarithm of all figures."""
 
 _BETWEEN_DAYS: Final = 0.02
 _SIGNIFICANCE: Final = 1e-2
@@ -34,9 +34,9 @@ class MoveVerdict:
     ratio: float
     """Geometric mean of the ratios of the figures to their healthy values [-]."""
     level: str
-    """OK, WARN if the move departs, ERROR above the limit, or STALE during the reference moves."""
+    """OK, WARN if the move departs, ERROR above the limit, or STALE for a reference move."""
     departure: Departure | None
-    """Departure from the healthy moves; None during the reference."""
+    """Departure from the reference moves; None for a reference move."""
     life_days: tuple[float, float, float] | None
     """5, 50 and 95 % quantiles of the time to the limit [d]; None without a prediction."""
     reason: str
@@ -44,19 +44,19 @@ class MoveVerdict:
 
     @property
     def probability(self) -> float:
-        """Probability that a healthy unit departs as much."""
+        """Probability that a healthy unit departs at least as much."""
         return self.departure.probability if self.departure else 1.0
 
 
 class MoveSeries:
-    """Judges the moves of a unit in order of time. It does not identify faults.
+    """Evaluates the moves of a unit in chronological order, without identifying faults.
 
     Parameters
     ----------
     limit
         Ratio to the healthy figures at which the unit must be removed, above 1.
     reference
-        Number of initial moves assumed healthy; at least ``FEWEST``.
+        Number of initial moves that are assumed healthy; at least ``FEWEST``.
 
     Raises
     ------
@@ -86,7 +86,8 @@ class MoveSeries:
         day = move.stamp_ns / NS_A_DAY
         if self._course and day < self._course[-1][0]:
             raise ValueError(
-                f"the move at {move.stamp_ns} ns is earlier than the one before: sort them by time"
+                f"the move at {move.stamp_ns} ns is earlier than the previous move: "
+                "sort the moves by time"
             )
         for name, value in move.figures.items():
             if not (math.isfinite(value) and value > 0.0):
@@ -100,7 +101,7 @@ class MoveSeries:
             return MoveVerdict(1.0, "STALE", None, None, reason)
         names = [name for name in logs if all(name in move.values for move in self._healthy)]
         if not names:
-            raise ValueError("the move has none of the figures of the reference")
+            raise ValueError("the move shares no figure with the reference moves")
         healthy = {
             name: float(np.mean([move.values[name] for move in self._healthy])) for name in names
         }
@@ -121,15 +122,15 @@ class MoveSeries:
         return MoveVerdict(ratio, level, departure, life, reason)
 
     def _life(self) -> tuple[float, float, float] | None:
-        """Return the quantiles of the time to the limit; None unless the moves rise significantly.
+        """Return quantiles of the time to the limit [d], or None without a significant rise.
 
-        The latest moves rise linearly, or their distance from healthy grows exponentially. Both
-        laws have the same weight.
+        The prediction combines two laws with equal weights: the ratios of the latest moves rise
+        linearly, or their distance from healthy grows exponentially.
         """
         days, ratios = np.array(self._course[-_LATEST:]).T
         days = days - days[-1]
-        falling, line = _crossings(days, ratios, self._limit, _LEAST_SIGMA)
-        if falling > _RISING:
+        not_rising, line = _crossings(days, ratios, self._limit, _LEAST_SIGMA)
+        if not_rising > _RISING:
             return None
         rise = ratios - 1.0
         grown = rise > _LEAST_RISE
@@ -140,10 +141,10 @@ class MoveSeries:
 
 
 def _crossings(days: Array, values: Array, limit: float, least_sigma: float) -> tuple[float, Array]:
-    """Return the probability that a regression line does not rise, and times to a limit [d].
+    """Return the probability that a regression line does not rise, and random times to a limit [d].
 
-    The times are drawn from the distribution of the rising lines. Fewer than three points yield no
-    times.
+    The times are drawn from the distribution of the rising lines; there are none for fewer than
+    three points.
     """
     freedom = len(days) - 2
     if freedom < 1 or not np.ptp(days) > 0.0:
@@ -154,8 +155,8 @@ def _crossings(days: Array, values: Array, limit: float, least_sigma: float) -> 
     distribution: Any = line, shape, freedom
     draws = multivariate_t.rvs(*distribution, size=_DRAWS, random_state=0)
     slope, level = draws[draws[:, 0] > 0.0].T
-    falling = float(stdtr(freedom, -line[0] / math.sqrt(shape[0, 0])))
-    return falling, np.maximum((limit - level) / slope, 0.0)
+    not_rising = float(stdtr(freedom, -line[0] / math.sqrt(shape[0, 0])))
+    return not_rising, np.maximum((limit - level) / slope, 0.0)
 
 
 def _with_index(figures: Mapping[str, float], names: list[str]) -> dict[str, float]:

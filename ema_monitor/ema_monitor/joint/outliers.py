@@ -1,4 +1,4 @@
-"""Healthy records that differ from the other healthy records of their unit."""
+"""Detection of healthy records that differ from the other healthy records of the unit."""
 
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -9,18 +9,18 @@ from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.record import JointRecord
 
 FEWEST: Final = 4
-"""Minimum number of healthy records to compare each record with the rest."""
+"""Minimum number of healthy records for the search for outliers."""
 
 _UNLIKELY: Final = 1e-5
 """Probability below which a healthy record is an outlier.
 
-A set has many records, and as few as three records predict poorly: the threshold keeps false
-outliers below 1 % of healthy sets.
+Every record of a baseline is tested, and as few as three records predict poorly. With this
+threshold, less than 1 % of healthy baselines have a false outlier.
 """
 
 
 class Outlier(NamedTuple):
-    """A healthy record that differs, with its index in the baseline and its comparison."""
+    """A healthy record that differs, its index in the baseline, and its comparison."""
 
     record: JointRecord
     number: int
@@ -28,11 +28,11 @@ class Outlier(NamedTuple):
 
 
 def outliers(baseline: Baseline) -> list[Outlier]:
-    """Return the healthy records in which a quantity differs, the least probable first.
+    """Return the healthy records that have a changed quantity, the least probable record first.
 
-    Each record is compared with the rest. An outlier is removed before the next comparison, because
-    it would make the healthy records of its day differ, too. Records with the same fault hide each
-    other.
+    Each record is compared with all other records. An outlier is removed before the next
+    comparison: otherwise healthy records of the same day would differ as well. Records with the
+    same fault mask each other.
     """
     outliers: list[Outlier] = []
     rest, numbers = list(baseline.records), list(range(len(baseline.records)))
@@ -46,7 +46,7 @@ def outliers(baseline: Baseline) -> list[Outlier]:
 
 
 def _left_out(baseline: Baseline, records: list[JointRecord], number: int) -> Comparison:
-    """Return the comparison of a record with the rest."""
+    """Return the comparison of a record with all other records."""
     rest = (*records[:number], *records[number + 1 :])
     comparer = Comparer(replace(baseline, records=rest, labelled=()))
     return comparer.compare(records[number], with_improvements=False)

@@ -1,7 +1,7 @@
-"""Figures per part of a record and direction: features to classify labelled states.
+"""Figures of each part of a record and each direction: features to classify labelled states.
 
-Each part has strokes in both directions. The parts show the scatter of the figures within a record,
-so that few labelled records suffice.
+Each part has strokes in both directions. Because the parts show the scatter of the figures within a
+record, a few labelled records are enough.
 """
 
 import math
@@ -17,15 +17,15 @@ from ema_monitor.joint.smoothing import smoothed
 
 MOST_PARTS: Final = 5
 
-WAYS: Final = {"forward": 1.0, "backward": -1.0}
+DIRECTIONS: Final = {"forward": 1.0, "backward": -1.0}
 """Sign of the speed by direction."""
 
-LEVELS: Final = tuple(f"effort_{way}" for way in WAYS)
+LEVELS: Final = tuple(f"effort_{direction}" for direction in DIRECTIONS)
 """Mean effort in a direction [A]."""
 
 LOGARITHMS: Final = tuple(
-    f"{name}_{way}"
-    for way in WAYS
+    f"{name}_{direction}"
+    for direction in DIRECTIONS
     for name in (
         *("effort_scatter", "effort_roughness", "effort_ripple_1", "effort_ripple_2"),
         *("error_scatter", "error_roughness"),
@@ -45,10 +45,10 @@ _TINY: Final = 1e-12
 
 
 def parts_of(telemetry: Telemetry, preparation: Preparation) -> tuple[dict[str, float], ...]:
-    """Return the figures of each part of a record by name.
+    """Return the figures by name for each part of a record.
 
-    A part without steady motion in both directions is left out. Tracking-error figures require a
-    command; ripple figures require two turns in one direction.
+    Parts without steady motion in both directions are omitted. Figures of the tracking error
+    require a command; ripple figures require two turns in one direction.
 
     Parameters
     ----------
@@ -60,12 +60,12 @@ def parts_of(telemetry: Telemetry, preparation: Preparation) -> tuple[dict[str, 
     h = telemetry.sample_period
     width = max(_SMOOTH, _SMOOTH_OF_CUTOFF / (preparation.cutoff_hz * h))
     speed = np.gradient(smoothed(telemetry.position, width), h)
-    way = np.sign(speed) * (np.abs(speed) > _FAST * preparation.usual_speed)
-    measured = way
+    direction = np.sign(speed) * (np.abs(speed) > _FAST * preparation.usual_speed)
+    measured = direction
     if len(telemetry.interpolated):
-        measured = np.where(telemetry.interpolated, 0.0, way)
+        measured = np.where(telemetry.interpolated, 0.0, direction)
     parts = []
-    for begin, end in _bounds(way):
+    for begin, end in _bounds(direction):
         chosen = slice(begin, end)
         part = _figures(
             telemetry.position[chosen],
@@ -86,33 +86,35 @@ def mean_of(parts: tuple[dict[str, float], ...]) -> dict[str, float]:
     return {name: float(np.mean([part[name] for part in parts])) for name in shared}
 
 
-def _bounds(way: Array) -> list[tuple[int, int]]:
-    """Return the start and end sample of each part; a part is a whole number of cycles.
+def _bounds(direction: Array) -> list[tuple[int, int]]:
+    """Return the start and end sample of each part, which has a whole number of cycles.
 
     Parameters
     ----------
-    way
+    direction
         Direction of steady motion, ``(n,)``: 1, -1 or 0.
     """
-    moving = np.flatnonzero(way)
+    moving = np.flatnonzero(direction)
     if not len(moving):
         return []
-    signs = way[moving]
+    signs = direction[moving]
     turns = np.concatenate([[True], signs[1:] != signs[:-1]])
     begins, signs = moving[turns], signs[turns]
     cycles = begins[signs == signs[0]]
     count = min(MOST_PARTS, len(cycles), int(np.sum(signs != signs[0])))
     if not count:
         return []
-    starts = [0, *(int(cycles[i * len(cycles) // count]) for i in range(1, count)), len(way)]
+    starts = [0, *(int(cycles[i * len(cycles) // count]) for i in range(1, count)), len(direction)]
     return list(pairwise(starts))
 
 
-def _figures(position: Array, effort: Array, error: Array | None, way: Array) -> dict[str, float]:
+def _figures(
+    position: Array, effort: Array, error: Array | None, direction: Array
+) -> dict[str, float]:
     """Return the figures of a part; empty without steady motion in both directions."""
     figures: dict[str, float] = {}
-    for name, sign in WAYS.items():
-        moving = way == sign
+    for name, sign in DIRECTIONS.items():
+        moving = direction == sign
         if np.sum(moving) < _FEWEST:
             return {}
         place = position[moving]
@@ -131,9 +133,10 @@ def _figures(position: Array, effort: Array, error: Array | None, way: Array) ->
 
 
 def _log_ripple(values: Array, position: Array, order: int) -> float:
-    """Return the logarithm of the amplitude of a ripple with this number of periods per turn.
+    """Return the logarithm of the amplitude of a ripple with ``order`` periods per turn.
 
-    The trend over the travel is removed first. The floor is a hundredth of the remaining scatter.
+    The trend over the travel is removed first. The amplitude is at least 1 % of the remaining
+    scatter.
     """
     middle, half = np.mean(position), 0.5 * np.ptp(position)
     trend = np.polynomial.legendre.legvander((position - middle) / half, _DEGREE)

@@ -1,4 +1,4 @@
-"""Read a joint's record: inverse-dynamics coefficients and model-free figures."""
+"""Evaluation of a record: inverse-dynamics coefficients and model-free figures."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -20,13 +20,14 @@ from ema_monitor.reasons import EffortConstant, Reason, SpeedOutside, TooFewRows
 NS_A_DAY: Final = 86_400_000_000_000
 
 NO_DAY: Final = -1
-"""Day number that stands for a day without healthy records."""
+"""Day number that no healthy record has."""
 
 FEWEST_ROWS: Final = 30
 FEWEST_STROKES: Final = 3
 """Minimum number of strokes per direction; a long stroke counts once per 2 s."""
 FEWEST_REVERSING: Final = 2
-"""Minimum number of strokes of any length. Repetition separates effects of position and time."""
+"""Minimum number of strokes per direction, of any length. Repeated strokes separate effects of the
+position from effects of time."""
 _SAME_RATE: Final = 0.02
 SLOWEST, FASTEST = 0.5, 1.6
 """Permitted range of a record's speed, relative to the healthy records [-]."""
@@ -40,7 +41,7 @@ class JointRecord:
     """Coefficients and figures of one record."""
 
     stamp_ns: int
-    """Time stamp of the first sample [ns]."""
+    """Timestamp of the first sample [ns]."""
     values: Array
     """Coefficients, ``(5,)``, in the order of ``COEFFICIENTS``."""
     covariance: Array
@@ -71,23 +72,23 @@ class JointRecord:
 
     @property
     def day(self) -> int:
-        """Day of the record since 1970; 0 if its time stamps have no date."""
+        """Day of the record, counted from 1970-01-01; 0 if its timestamps have no date."""
         return self.stamp_ns // NS_A_DAY if has_date(self.stamp_ns) else 0
 
     @property
     def day_to_predict(self) -> int:
-        """Day used for predictions; a record without a date gets a day of its own."""
+        """Day for predictions; ``NO_DAY`` for a record without a date."""
         return self.day or NO_DAY
 
     def is_same(self, record: "JointRecord") -> bool:
-        """Return whether both records were read from the same telemetry, with any model."""
+        """Return whether both records come from the same telemetry, regardless of the model."""
         both_unknown = math.isnan(self.travel) and math.isnan(record.travel)
         return self.stamp_ns == record.stamp_ns and (both_unknown or self.travel == record.travel)
 
     def at_rate(self, sample_period: float, usual: float) -> "JointRecord":
-        """Return the record, omitting its figures if the sample rate is unusual.
+        """Return the record, without figures if its rate differs from the healthy records.
 
-        Scatter and roughness of an effort depend on the sample rate.
+        Scatter and roughness of the effort depend on the sample rate.
 
         Parameters
         ----------
@@ -100,7 +101,7 @@ class JointRecord:
 
 @dataclass(frozen=True)
 class LabelledRecord:
-    """A record and the state that its owner labelled it with."""
+    """A record labelled with a state."""
 
     state: str
     record: JointRecord
@@ -112,10 +113,10 @@ def record_defect(signals: Signals, preparation: Preparation) -> Reason | None:
         return TooFewRows(len(signals), FEWEST_ROWS)
     if np.ptp(signals.effort) <= _CONSTANT * np.max(np.abs(signals.effort)):
         return EffortConstant(float(np.mean(signals.effort)))
-    for way, name in ((1, "forward"), (-1, "backward")):
-        if (strokes := signals.strokes(way)) < FEWEST_REVERSING:
+    for direction, name in ((1, "forward"), (-1, "backward")):
+        if (strokes := signals.strokes(direction)) < FEWEST_REVERSING:
             return TooFewStrokes(strokes, name, FEWEST_REVERSING)
-        if (strokes := signals.pieces(way)) < FEWEST_STROKES:
+        if (strokes := signals.pieces(direction)) < FEWEST_STROKES:
             return TooFewStrokes(strokes, name, FEWEST_STROKES)
     ratio = signals.usual_speed / preparation.usual_speed
     return None if SLOWEST <= ratio <= FASTEST else SpeedOutside(ratio, SLOWEST, FASTEST)
@@ -139,7 +140,7 @@ def read_record(
     telemetry, description
         The record and its actuator.
     preparation, shape
-        Preparation of the records of the unit, and its model.
+        Preparation of the unit's records, and effort model of the unit.
     healthy
         Prior means of the coefficients, ``(5,)``, for coefficients that the record does not
         determine.
@@ -148,7 +149,7 @@ def read_record(
     prepared
         Block means and rows, if already computed.
     effort_lag
-        Lag of the effort; its shift is already removed from ``prepared``.
+        Lag of the effort behind the motion; its shift is already removed from ``prepared``.
     """
     if prepared is None:
         fine = block_means(telemetry, description, preparation.cutoff_hz)

@@ -15,14 +15,14 @@ _NORMAL: Final = 1.4826
 
 
 class CoefficientPrior(NamedTuple):
-    """Weak normal prior that regularises undetermined coefficients, ``(p,)`` each."""
+    """Means and standard deviations of a weak normal prior of the coefficients, ``(p,)`` each."""
 
     values: Array
     sigmas: Array
 
 
 class Robust(NamedTuple):
-    """Coefficients, ``(p,)``, weights and residuals of the rows, ``(n,)``."""
+    """Result of a robust fit: coefficients, ``(p,)``, row weights and residuals, ``(n,)``."""
 
     values: Array
     weights: Array
@@ -38,7 +38,10 @@ class Regression(NamedTuple):
 
 
 def robust_fit(design: Array, target: Array, prior: CoefficientPrior) -> Robust:
-    """Fit ``target``, ``(n,)``, by the columns of ``design``, ``(n, p)``, with Huber's weights."""
+    """Return a robust linear regression of ``target``, ``(n,)``, on ``design``, ``(n, p)``.
+
+    Outliers are weighted by Huber's function.
+    """
     precision = np.diag(prior.sigmas**-2.0)
     weights, noise = np.ones(len(target)), float(np.var(target))
     values, square = prior.values, _square(target)
@@ -57,16 +60,16 @@ def robust_fit(design: Array, target: Array, prior: CoefficientPrior) -> Robust:
 def regress(
     design: Array, target: Array, clusters: NDArray[np.intp], prior: CoefficientPrior
 ) -> Regression:
-    """Fit ``target`` by the columns of ``design``, with the covariance of the coefficients.
+    """Return a robust linear regression of ``target`` on ``design``, with its covariance.
 
     Parameters
     ----------
     design, target
         ``(n, p)`` and ``(n,)``.
     clusters
-        Stroke index of each row. Only errors of different strokes are independent.
+        Stroke index of each row, ``(n,)``. Only errors of different strokes are independent.
     prior
-        Weak prior of the coefficients.
+        Weak prior, which regularises undetermined coefficients.
 
     Notes
     -----
@@ -89,12 +92,12 @@ def regress(
 
 
 def _square(target: Array) -> float:
-    """Return the mean square of the target, the reference for rounding errors; 1 for zeros."""
+    """Return the mean square of the target, to scale rounding errors; 1 if it is 0."""
     return float(np.mean(target**2)) or 1.0
 
 
 def _at_least(covariance: Array, floor: Array) -> Array:
-    """Return a covariance raised to ``floor`` in every direction, symmetric to the bit."""
+    """Return an exactly symmetric covariance, increased to ``floor`` in every direction."""
     scale = np.sqrt(np.diag(floor))
     units = np.outer(scale, scale)
     root = np.linalg.cholesky(floor / units + _TINY * np.eye(len(scale)))

@@ -1,4 +1,4 @@
-"""Interpolation of positions that are updated more slowly than they are published."""
+"""Interpolation of positions that are updated less often than they are published."""
 
 from dataclasses import replace
 
@@ -7,11 +7,12 @@ from ema_core.telemetry import Telemetry
 
 
 def renewed(telemetry: Telemetry) -> Telemetry:
-    """Interpolate a repeated position linearly between its updates.
+    """Return telemetry with a repeated position interpolated linearly between its updates.
 
-    A position that repeats each value k times is late by (k - 1) / 2 samples, as if the tracking
-    had changed. If speed and effort repeat their values as well, they are put on lines, too: all
-    columns keep the same time. Without repetition, the telemetry is unchanged.
+    A position that repeats each value k times lags by (k - 1) / 2 samples, which looks like a
+    change of the tracking lag. Speed and effort are interpolated as well if they repeat their
+    values, so that all columns have the same delay. Without repetition, the telemetry is returned
+    unchanged.
     """
     if held_samples(telemetry.position) < 2:
         return telemetry

@@ -1,4 +1,4 @@
-"""Ripple of the effort along the position, from cogging or gears, detected on healthy records."""
+"""Detection of effort ripple along the position, from cogging or gears, on healthy records."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -26,17 +26,17 @@ _TINY: Final = 1e-12
 def with_ripples(
     preparation: Preparation, prepared: Callable[[Preparation], list[Signals]], *, is_linear: bool
 ) -> tuple[Preparation, list[Signals]]:
-    """Return the preparation with all ripples that improve the prediction, and the records.
+    """Return a preparation with all ripples that improve the prediction, and its records.
 
-    A ripple is searched in every other stroke of each record. It is accepted if it reduces the
-    prediction error in the remaining strokes by 5 %, in the geometric mean over the records.
+    The search for a ripple uses every other stroke of each record. A ripple is accepted if it
+    reduces the prediction error on the remaining strokes by 5 % (geometric mean over the records).
 
     Parameters
     ----------
     preparation
         Preparation without ripple terms.
     prepared
-        Returns the healthy records for a preparation.
+        Function that applies a preparation to the healthy records.
     is_linear
         Whether the joint is linear, so that gravity does not depend on its position.
     """
@@ -47,19 +47,19 @@ def with_ripples(
         if wave_number is None:
             break
 
-        def judged(wave: float, before: Preparation = preparation) -> tuple[float, _Prepared]:
+        def evaluate(wave: float, before: Preparation = preparation) -> tuple[float, _Prepared]:
             wider = before._replace(ripples=(*before.ripples, wave))
             rows = prepared(wider)
             return held_out_error(rows, is_linear=is_linear), (wider, rows)
 
-        best = wave_number, *judged(wave_number)
+        best = wave_number, *evaluate(wave_number)
         if not best[1] < IMPROVES * error:
             break
         step = _FIRST_STEP / max(float(np.ptp(record.position)) for record in signals)
         for size in (step, step / 4.0):
-            near = [(wave, *judged(wave)) for wave in (best[0] - size, best[0] + size)]
+            near = [(wave, *evaluate(wave)) for wave in (best[0] - size, best[0] + size)]
             lowest = _lowest(near[0][:2], best[:2], near[1][:2])
-            best = min([best, *near, (lowest, *judged(lowest))], key=lambda wave: wave[1])
+            best = min([best, *near, (lowest, *evaluate(lowest))], key=lambda wave: wave[1])
         _, error, (preparation, signals) = best
     return preparation, signals
 
@@ -67,7 +67,7 @@ def with_ripples(
 def _lowest(
     left: tuple[float, float], middle: tuple[float, float], right: tuple[float, float]
 ) -> float:
-    """Return the minimum of the parabola through three points (place, error)."""
+    """Return the wave number at the minimum of the parabola through (wave number, error) points."""
     size = middle[0] - left[0]
     bend = left[1] - 2.0 * middle[1] + right[1]
     offset = 0.5 * (left[1] - right[1]) / bend if bend > 0.0 else 0.0
@@ -79,8 +79,8 @@ def _strongest(
 ) -> float | None:
     """Return the wave number of the strongest ripple in the residuals [1/rad].
 
-    None if no ripple explains enough of the residuals. The search excludes ripples that the filter
-    suppresses even in slow strokes.
+    The search excludes ripples that the filter suppresses even in slow strokes. Returns None if no
+    ripple explains enough of the residuals.
     """
     sigma_s = filter_sigma(preparation.cutoff_hz)
     parts = [_Half(halves(record)[0], sigma_s, is_linear=is_linear) for record in records]
@@ -108,12 +108,12 @@ def _strongest(
 
 
 class _Half:
-    """Half of a record's strokes, with the residuals of the current model.
+    """Every other stroke of a record, and the residuals of the current model.
 
     Parameters
     ----------
     signals
-        Rows of these strokes.
+        Rows of the strokes.
     sigma_s
         Standard deviation of the filter [s].
     """
@@ -133,8 +133,8 @@ class _Half:
     def spectrum(self, width: float, bins: int) -> Array:
         """Return the power spectrum of the residuals over the position.
 
-        The residuals are summed in ``bins`` of this ``width`` [rad], counted from the lowest
-        position: zeros of the position may differ between records.
+        The residuals are summed in ``bins`` bins of ``width`` [rad]. The first bin begins at the
+        lowest position, because the zero of the position may differ between records.
         """
         place = np.rint((self._position - self._position.min()) / width).astype(np.intp)
         sums = np.bincount(place, self._residuals, bins)
@@ -142,10 +142,10 @@ class _Half:
         return power / (len(place) * self._power)
 
     def explained(self, wave_number: float) -> float:
-        """Return the share of the residuals that a filtered ripple explains.
+        """Return the share of the residual power that a filtered ripple explains [-].
 
-        The filter is approximated by its gain at the speed of each row, because the exact filter is
-        too slow for all trial wave numbers.
+        The filter is approximated by its gain at the speed of each row, because applying the exact
+        filter for every trial wave number would be too slow.
         """
         phase = 2.0 * math.pi * wave_number * self._position
         passed = np.exp(-0.5 * (2.0 * math.pi * wave_number * self._blur) ** 2)

@@ -12,36 +12,38 @@ from ema_monitor.joint.shape import DRY
 from ema_monitor.joint.shape import INERTIA as INERTIA_AT
 
 _WRONG_UNIT: Final = 5.0
-"""Ratio of friction and inertia above which the effort has a different unit [-]."""
+"""Ratio of friction and inertia to healthy above which the unit of the effort differs [-]."""
 _WRONG_UNIT_BY_FRICTION: Final = 20.0
-"""Ratio of the friction above which the effort has a different unit, if inertia is unknown [-]."""
+"""Ratio of friction to healthy above which the unit differs if the inertia is unknown [-]."""
 _CERTAIN: Final = 4.0
 """Number of standard deviations below 0 at which a coefficient counts as negative."""
 
 
 @dataclass(frozen=True)
 class EffortScale:
-    """Ratio of the coefficients of a record to the healthy coefficients."""
+    """Scale and sign of the effort in a record, relative to the healthy records."""
 
     factor: float
-    """Ratio of the friction, which is better determined than the inertia [-]."""
+    """Ratio of the friction to its healthy value; friction is more accurate than inertia [-]."""
     is_scaled: bool
-    """Whether the effort of the record seems to have a different unit."""
+    """Whether the effort of the record probably has a different unit."""
     negative: tuple[str, float] | None
-    """Name and ratio [-] of a quantity that is certainly negative; None if there is none."""
+    """Name and ratio [-] of a quantity that is significantly negative, or None."""
 
 
 def effort_scale(record: JointRecord, baseline: Baseline) -> EffortScale:
-    """Return the scale of the effort of a record.
+    """Return the scale and sign of the effort in a record.
 
-    Friction alone may grow several-fold. If inertia grows with it, the effort has a different unit
-    or sensor. Negative friction or inertia results from a wrong sign or a delay of the effort.
+    Friction alone may grow several-fold. If the inertia grows as well, the effort has a different
+    unit or comes from a different sensor. Negative friction or inertia results from a wrong sign or
+    a delay of the effort.
     """
     has_inertia = baseline.shape.has_inertia
-    shown = [DRY, INERTIA_AT] if has_inertia else [DRY]
-    healthy = baseline.healthy[shown]
-    ratios = record.values[shown] / healthy
-    errors = np.hypot(np.sqrt(np.diag(record.covariance)), baseline.motion_errors(record))[shown]
+    compared = [DRY, INERTIA_AT] if has_inertia else [DRY]
+    healthy = baseline.healthy[compared]
+    ratios = record.values[compared] / healthy
+    sigmas = np.hypot(np.sqrt(np.diag(record.covariance)), baseline.motion_errors(record))
+    errors = sigmas[compared]
     is_negative = ratios < -_CERTAIN * np.abs(errors / healthy)
     highest = _WRONG_UNIT if has_inertia else _WRONG_UNIT_BY_FRICTION
     is_scaled = np.all(ratios > highest) or np.all(ratios < 1.0 / _WRONG_UNIT)

@@ -2,9 +2,9 @@
 
 A figure of a record is modelled as ``x = mu + beta z + day + record + error``: normal effects with
 unknown standard deviations between days and between records, and an error of known variance. The
-standard deviations have log-normal priors, so that a few equal records do not imply zero scatter,
-and are integrated out on a grid. The prediction for a new record is a mixture of normals (Gelman et
-al., Bayesian Data Analysis, chapter 5: hierarchical models).
+standard deviations have log-normal priors, so that a few identical records do not imply zero
+scatter; they are integrated out on a grid. The prediction for a new record is a mixture of normal
+distributions (Gelman et al., Bayesian Data Analysis, chapter 5: hierarchical models).
 """
 
 import math
@@ -17,7 +17,7 @@ from ema_core.arrays import Array
 
 NODES: Final = 7
 SPREAD: Final = 0.8
-"""Prior standard deviation of the logarithm of a scatter [-]."""
+"""Prior standard deviation of the logarithm of a standard deviation [-]."""
 
 _REACH: Final = 2.5
 _FARTHEST: Final = 8.0
@@ -30,9 +30,9 @@ _TINY: Final = 1e-300
 
 
 class Prediction(NamedTuple):
-    """Predictive distribution of a figure: a mixture of normals, ``(m,)`` each.
+    """Predictive distribution of a figure: a mixture of ``m`` normal distributions.
 
-    ``likelihoods`` are the weights without the prior of the scatters.
+    ``likelihoods`` are the weights without the prior of the scatter; all fields are ``(m,)``.
     """
 
     weights: Array
@@ -66,7 +66,7 @@ class Prediction(NamedTuple):
         return min(1.0, 2.0 * min(lower, upper))
 
     def quantile(self, share: float) -> float:
-        """Return the quantile of this probability."""
+        """Return the quantile at a cumulative probability ``share``."""
         reach = _FARTHEST * np.sqrt(self.variances)
         low, high = float(np.min(self.means - reach)), float(np.max(self.means + reach))
         x = self.mean
@@ -82,22 +82,22 @@ class Prediction(NamedTuple):
         return x
 
     def smallest_change(self, significance: float, power: float) -> float:
-        """Return the smallest change that a two-sided test detects with this power.
+        """Return the smallest change that a two-sided test detects with a given power.
 
-        The limit of the test includes the prior of the scatters. The power is computed from the
-        scatter that the records of the unit show.
+        The limit of the test includes the prior of the scatter. The power is computed from the
+        scatter of the unit's records alone.
         """
         limit = self.quantile(1.0 - 0.5 * significance)
         return limit - self._without_prior.quantile(1.0 - power)
 
     def interval(self, shares: tuple[float, float]) -> tuple[float, float]:
-        """Return the quantiles of these probabilities, without the prior of the scatters."""
+        """Return the quantiles at two probabilities, without the prior of the scatter."""
         low, high = map(self._without_prior.quantile, shares)
         return low, high
 
     @property
     def _without_prior(self) -> "Prediction":
-        """Prediction with the scatters that the records of the unit show."""
+        """Prediction from the scatter of the unit's records alone."""
         return self._replace(weights=self.likelihoods)
 
 
@@ -107,13 +107,13 @@ class Scatter:
     Parameters
     ----------
     values, variances
-        The figure of each record and the variance of its error, ``(n,)``.
+        Value of the figure in each record, and variance of its error, ``(n,)`` each.
     days
-        Number of the day of each record, ``(n,)``.
+        Day of each record, ``(n,)``.
     between_records, between_days
-        Medians of the prior standard deviations.
+        Prior medians of the standard deviations between records and between days.
     covariates
-        Conditions on which the figure depends, ``(n, k)``, centred and scaled to about one.
+        Conditions on which the figure depends, ``(n, k)``, centred and scaled to about 1.
     """
 
     def __init__(
@@ -200,11 +200,11 @@ class Scatter:
         means = self._centre + self._beta @ row + effect
         mean_variances = np.einsum("gj,gjk,gk->g", sensitivity, self._covariance, sensitivity)
         variances = mean_variances + spread + self._record + variance + _TINY
-        counts = np.maximum(self._weights, self._likelihoods) > _NEGLIGIBLE
+        kept = np.maximum(self._weights, self._likelihoods) > _NEGLIGIBLE
         weights, likelihoods = (
-            shares[counts] / np.sum(shares[counts]) for shares in (self._weights, self._likelihoods)
+            shares[kept] / np.sum(shares[kept]) for shares in (self._weights, self._likelihoods)
         )
-        return Prediction(weights, means[counts], variances[counts], likelihoods)
+        return Prediction(weights, means[kept], variances[kept], likelihoods)
 
     @property
     def variance(self) -> float:
@@ -213,11 +213,11 @@ class Scatter:
 
 
 def _shares(logarithms: Array) -> Array:
-    """Return weights that add up to 1, from their logarithms."""
+    """Return normalised weights from their logarithms."""
     weights = np.exp(logarithms - np.max(logarithms))
     return np.asarray(weights / np.sum(weights), dtype=np.float64)
 
 
 def _normal(z: Array) -> Array:
-    """Return the normal distribution function, accurate in the lower tail."""
+    """Return the cumulative normal distribution, accurate in the lower tail."""
     return 0.5 * np.array([*map(math.erfc, (z / -_ROOT_2).tolist())])

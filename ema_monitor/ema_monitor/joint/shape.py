@@ -1,4 +1,4 @@
-"""Model of a joint's effort, and the selection of its terms on healthy records."""
+"""Effort model of a joint, and the selection of its terms on healthy records."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ COEFFICIENTS: Final = ("friction", "inertia", "viscous_friction", "load", "gravi
 DRY, INERTIA, VISCOUS, LOAD, GRAVITY = range(len(COEFFICIENTS))
 
 GRAVITY_TRAVEL: Final = 0.3
-"""Travel above which the selection of terms starts with gravity [rad]."""
+"""Travel above which the selection of terms begins with a model with gravity [rad]."""
 
 _IMPROVES: Final = 0.95
 _MOST_DIP: Final = 2.0
@@ -34,7 +34,7 @@ _TINY: Final = 1e-12
 
 @dataclass(frozen=True)
 class Shape:
-    """Effort model that all records of a unit share.
+    """Effort model shared by all records of a unit.
 
     ``effort = dry · D + inertia · a + viscous · v + load + gravity · G``, with the dry friction
     ``D = coulomb · s + dip · s exp(-(v / v_s)^2) + share · s |inertia a + G|`` for the filtered
@@ -49,20 +49,21 @@ class Shape:
     dip: float = 0.0
     """Stribeck friction [A]."""
     load_share: float = 0.0
-    """Share of the load torque that is friction [-]."""
+    """Ratio of load-dependent friction to load torque [-]."""
     load_inertia: float = 0.0
     """Inertia in the load torque [A.s^2/rad]."""
     of_inertia: tuple[float, ...] = ()
-    """Change of the coefficients caused by the load friction when the inertia doubles, ``(5,)``.
+    """Change of the coefficients by load-dependent friction when the inertia doubles, ``(5,)``.
     Empty without a load share."""
     of_gravity: tuple[float, ...] = ()
-    """Change of the coefficients caused by the load friction when gravity doubles, ``(5,)``."""
+    """Change of the coefficients by load-dependent friction when gravity doubles, ``(5,)``. Empty
+    without a load share."""
     sine: float = 0.0
-    """Gravity that follows the sine of the angle [A]."""
+    """Coefficient of ``sin(q - c)`` in the gravity effort [A]."""
     cosine: float = 0.0
-    """Gravity that follows the cosine of the angle minus 1 [A]."""
+    """Coefficient of ``cos(q - c) - 1`` in the gravity effort [A]."""
     centre: float = 0.0
-    """Reference of the angle [rad]."""
+    """Angle ``c`` at the centre of the motion [rad]."""
     has_gravity: bool = False
     has_inertia: bool = True
     has_viscous: bool = True
@@ -76,30 +77,30 @@ class Shape:
         return np.array([True, self.has_inertia, self.has_viscous, True, self.has_gravity])
 
     def gravity(self, signals: Signals) -> Array:
-        """Return the effort of the healthy gravity, ``(n,)`` [A]."""
+        """Return the healthy gravity effort of each row, ``(n,)`` [A]."""
         angle = signals.position - self.centre
         return self.sine * np.sin(angle) + self.cosine * (np.cos(angle) - 1.0)
 
     def dry_friction(self, signals: Signals) -> Array:
-        """Return the effort of the healthy dry friction, ``(n,)`` [A]."""
+        """Return the healthy dry-friction effort of each row, ``(n,)`` [A]."""
         dry = self.coulomb * signals.direction + self.dip * signals.stribeck[:, self.stribeck]
         if self.load_share:
             dry = dry + self.load_share * self.load_friction(signals)
         return dry
 
     def load_friction(self, signals: Signals) -> Array:
-        """Return the friction effort for a load share of 1, ``(n,)`` [A]."""
+        """Return the load-dependent friction effort for a load share of 1, ``(n,)`` [A]."""
         load = self.load_inertia * signals.acceleration + self.gravity(signals)
         return np.asarray(np.abs(load) * signals.direction, dtype=np.float64)
 
     def load_friction_of_parts(self, signals: Signals) -> tuple[Array, Array]:
         """Return the load friction added by doubling inertia or gravity, ``(n,)`` each [A]."""
         inertia, gravity = self.load_inertia * signals.acceleration, self.gravity(signals)
-        way = self.load_share * np.sign(inertia + gravity) * signals.direction
-        return way * inertia, way * gravity
+        share = self.load_share * np.sign(inertia + gravity) * signals.direction
+        return share * inertia, share * gravity
 
     def design(self, signals: Signals) -> Array:
-        """Return the columns of ``COEFFICIENTS``, ``(n, 5)``."""
+        """Return the design matrix of ``COEFFICIENTS``, ``(n, 5)``."""
         columns = np.empty((len(signals), len(COEFFICIENTS)))
         columns[:, DRY] = self.dry_friction(signals)
         columns[:, INERTIA] = signals.acceleration
@@ -131,12 +132,12 @@ class RecordFit(NamedTuple):
 
 
 def fit_record(shape: Shape, signals: Signals, healthy: Array | None = None) -> RecordFit:
-    """Fit the coefficients of a record.
+    """Return the coefficients of a record, fitted with the effort model of its unit.
 
     Parameters
     ----------
     shape
-        Terms of the model.
+        Effort model of the unit.
     signals
         Rows of the record.
     healthy
@@ -175,7 +176,7 @@ class _Terms(NamedTuple):
 
     @property
     def columns(self) -> list[int]:
-        """Numbers of the columns of ``_Record.common``, without the load."""
+        """Column indices in ``_Record.common``; the load has no column there."""
         stribeck = [] if self.stribeck is None else [1 + self.stribeck]
         angle = 1 + len(STRIBECK_SPEEDS)
         return [0, *stribeck, *([angle] * self.sine), *([angle + 1] * self.cosine)]
@@ -189,8 +190,8 @@ class _Record:
     signals
         All rows.
     halves
-        Both orders of the two halves of the strokes, as (fitted, held out); empty if they have few
-        rows.
+        The two halves of the strokes in both orders, as (fitted, held out). Empty if a half has too
+        few rows.
     common, effort
         Columns of the shared terms, ``(n, k)``, and the effort, ``(n,)``, both orthogonal to the
         columns whose coefficients are free in each record.
@@ -221,11 +222,11 @@ class _Record:
 
 
 def choose_shape(signals: Sequence[Signals], *, is_linear: bool) -> Shape:
-    """Return the model whose terms have the smallest cross-validation error on healthy records.
+    """Return the effort model with the smallest cross-validation error on healthy records.
 
-    A term is accepted if it reduces the error on the held-out record by 5 %, in the geometric mean
-    over the records, and its sign is physical. The coefficients of the held-out record are fitted
-    on every other stroke, and evaluated on the remaining strokes.
+    A term is accepted if its sign is physical and it reduces the error on the held-out record by
+    5 % (geometric mean over the records). The coefficients of the held-out record are fitted to
+    every other stroke, and evaluated on the remaining strokes.
 
     Parameters
     ----------
@@ -266,7 +267,7 @@ def choose_shape(signals: Sequence[Signals], *, is_linear: bool) -> Shape:
 
 
 def _with_load_columns(shape: Shape, records: Sequence[Signals]) -> Shape:
-    """Return the model with ``of_inertia`` and ``of_gravity``."""
+    """Return the model with the values of ``of_inertia`` and ``of_gravity``."""
     if not shape.load_share:
         return shape
     columns = []
@@ -331,9 +332,10 @@ def _error(records: Sequence[_Record], terms: _Terms, centre: float) -> float:
 
 
 def _fit_shape(records: Sequence[_Record], terms: _Terms, centre: float) -> Shape | None:
-    """Fit the common terms, with the free coefficients of each record.
+    """Fit the common terms together with the free coefficients of each record.
 
-    None if the fit is unphysical: negative friction, or a Stribeck or load term out of range.
+    Returns None if the fit is unphysical: the friction is negative, or a Stribeck or load term is
+    out of range.
     """
     columns = terms.columns
     designs = [record.common[:, columns] for record in records]
@@ -353,7 +355,10 @@ def _fit_shape(records: Sequence[_Record], terms: _Terms, centre: float) -> Shap
 def _pooled(
     records: Sequence[_Record], terms: _Terms, centre: float, designs: Sequence[Array]
 ) -> Shape | None:
-    """Fit the columns of the common terms, the load last; None if the fit is unphysical."""
+    """Fit the common terms to all records; return None if the fit is unphysical.
+
+    ``designs`` holds the columns of the terms for each record, with the load last.
+    """
     design = np.concatenate(designs)
     target = np.concatenate([record.effort for record in records])
     scales = np.sqrt(np.mean(target**2)) / np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)

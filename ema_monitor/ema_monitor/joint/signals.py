@@ -14,10 +14,10 @@ from ema_monitor.joint.smoothing import smoothed
 
 SLOWEST_CUTOFF_HZ: Final = 1.5
 HIGHEST_SHARE: Final = 0.2
-"""Largest cut-off, as a share of the sample rate [-]."""
+"""Largest cut-off frequency, relative to the sample rate [-]."""
 
 STRIBECK_SPEEDS: Final = (0.06, 0.12, 0.24)
-"""Candidate Stribeck speeds, as a share of the usual speed [-]."""
+"""Candidate Stribeck speeds, relative to the usual speed [-]."""
 
 # A Gaussian of this standard deviation times 1 / f passes 71 % of the amplitude at f.
 _SIGMA_CUTOFF: Final = 0.1325
@@ -40,7 +40,7 @@ _COLUMNS: Final = (
 
 
 class Preparation(NamedTuple):
-    """Filter and corrections for the records of a unit, selected on its healthy records."""
+    """Filter and corrections of a unit's records, selected on its healthy records."""
 
     cutoff_hz: float
     """Cut-off frequency of the filter [Hz]."""
@@ -78,11 +78,11 @@ class Signals:
     stribeck: Array
     """Filtered ``sign(v) exp(-(v / v_s)^2)``, one column for each of ``STRIBECK_SPEEDS``."""
     free: Array
-    """Terms of the preparation, whose coefficients are free in each record, ``(n, k)``: filtered
-    sine and cosine of the position for each ripple; jerk and snap of an elastic joint [rad/s^3],
-    [rad/s^4]."""
+    """Terms of the preparation, with coefficients fitted to each record, ``(n, k)``: filtered sine
+    and cosine of the position for each ripple; jerk [rad/s^3] and snap [rad/s^4] of an elastic
+    joint."""
     stroke: NDArray[np.intp]
-    """Number of the stroke of each row."""
+    """Stroke index of each row."""
     usual_speed: float
     """95 % quantile of the speed in this record [rad/s]."""
     rate: float
@@ -91,27 +91,27 @@ class Signals:
     def __len__(self) -> int:
         return len(self.effort)
 
-    def pieces(self, way: int) -> int:
+    def pieces(self, direction: int) -> int:
         """Return the number of strokes in a direction, 1 or -1; long strokes count once per 2 s."""
-        return len(self._numbers(way))
+        return len(self._numbers(direction))
 
-    def strokes(self, way: int) -> int:
+    def strokes(self, direction: int) -> int:
         """Return the number of strokes in a direction, 1 or -1."""
         # Numbers of consecutive strokes differ by 2 or more, numbers of pieces of a stroke by 1.
-        numbers = self._numbers(way)
+        numbers = self._numbers(direction)
         return int(np.count_nonzero(np.diff(numbers) > 1)) + (len(numbers) > 0)
 
-    def _numbers(self, way: int) -> NDArray[np.intp]:
-        return np.unique(self.stroke[np.sign(self.direction) == way])
+    def _numbers(self, direction: int) -> NDArray[np.intp]:
+        return np.unique(self.stroke[np.sign(self.direction) == direction])
 
     def every_other_stroke(self) -> Flags:
-        """Return the rows of every other stroke of each direction, ``(n,)``.
+        """Return flags of the rows in every other stroke of each direction, ``(n,)``.
 
-        Each half of the rows has strokes in both directions.
+        Chosen and remaining rows both have strokes in both directions.
         """
         chosen = np.zeros(len(self), dtype=bool)
-        for way in (1.0, -1.0):
-            rows = np.sign(self.direction) == way
+        for direction in (1.0, -1.0):
+            rows = np.sign(self.direction) == direction
             _, number = np.unique(self.stroke[rows], return_inverse=True)
             chosen[rows] = number % 2 == 0
         return chosen
@@ -129,7 +129,7 @@ def user_speed(telemetry: Telemetry, description: ActuatorDescription) -> Array 
 
 
 def acquisition_lag(description: ActuatorDescription) -> float:
-    """Return the lag of the effort that its acquisition explains [s]."""
+    """Return the lag of the effort due to its acquisition [s]."""
     acquisition = description.acquisition
     if acquisition.current == "mean":
         return -0.5 * description.sample_period
@@ -137,7 +137,7 @@ def acquisition_lag(description: ActuatorDescription) -> float:
 
 
 def filter_sigma(cutoff_hz: float) -> float:
-    """Return the standard deviation of the filter with a cut-off [s]."""
+    """Return the standard deviation of the Gaussian filter for a cut-off frequency [s]."""
     return _SIGMA_CUTOFF / cutoff_hz
 
 
@@ -145,9 +145,9 @@ def motion_band(telemetry: Telemetry) -> float:
     """Return the frequency below which 95 % of the power of the speed lies [Hz].
 
     The noise of the position, estimated from the upper quarter of its spectrum, is subtracted.
-    Frequencies with less than twelve times the noise power are ignored; white noise exceeds this
-    limit in one of 160,000 lines. Frequencies with an amplitude below the resolution of the
-    position are ignored as well, because quantisation at a constant speed has strong lines.
+    Spectral lines below twelve times the noise power are ignored; white noise exceeds this limit in
+    one of 160,000 lines. Lines with an amplitude below the resolution of the position are ignored
+    as well, because quantisation at a constant speed causes strong lines.
     """
     position = telemetry.position - np.mean(telemetry.position)
     n = len(position)
@@ -170,7 +170,7 @@ def motion_band(telemetry: Telemetry) -> float:
 
 
 def cutoff_of(band_hz: float, sample_period: float) -> float:
-    """Return the cut-off frequency for a motion with this bandwidth [Hz]."""
+    """Return the cut-off frequency of the filter for a motion of bandwidth ``band_hz`` [Hz]."""
     highest = HIGHEST_SHARE / sample_period
     return min(max(_OF_MOTION * band_hz, min(SLOWEST_CUTOFF_HZ, highest)), highest)
 
@@ -224,11 +224,11 @@ def _long_gaps(telemetry: Telemetry, cutoff_hz: float) -> Flags:
 
 
 def filtered(fine: Fine, preparation: Preparation) -> Signals:
-    """Return the rows of steady motion in a record.
+    """Return the filtered rows of steady motion in a record.
 
-    Rows are excluded near a reversal, where the filter mixes both directions, and within three
-    standard deviations of the filter from the ends or a long gap. One row is kept per 1.5 standard
-    deviations.
+    Rows are excluded near reversals, where the filter mixes both directions, and within three
+    standard deviations of the filter from the ends and from long gaps. One row is kept per 1.5
+    standard deviations.
     """
     step = fine.step_s
     sigma = _SIGMA_CUTOFF / preparation.cutoff_hz / step
@@ -284,7 +284,7 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
 
 
 def usual_speed(fine: Fine, cutoff_hz: float) -> float:
-    """Return the 95 % quantile of the speed of a record while it moves [rad/s]."""
+    """Return the 95 % quantile of the speed in motion of a record [rad/s]."""
     sigma = _SIGMA_CUTOFF / cutoff_hz / fine.step_s
     if fine.speed is None:
         speed = np.gradient(smoothed(fine.position, sigma), fine.step_s)
@@ -296,11 +296,11 @@ def usual_speed(fine: Fine, cutoff_hz: float) -> float:
     return float(np.percentile(moving, _USUAL_SPEED)) if len(moving) else 0.0
 
 
-def _strokes(way: Array, step_s: float) -> NDArray[np.intp]:
-    """Return the number of the stroke of each sample; long strokes are divided every 2 s."""
-    begins = np.concatenate([[True], way[1:] != way[:-1]])
+def _strokes(direction: Array, step_s: float) -> NDArray[np.intp]:
+    """Return the stroke index of each sample; long strokes are divided every 2 s."""
+    begins = np.concatenate([[True], direction[1:] != direction[:-1]])
     first = np.flatnonzero(begins)
-    within = np.arange(len(way)) - first[np.cumsum(begins) - 1]
+    within = np.arange(len(direction)) - first[np.cumsum(begins) - 1]
     piece = (within * (step_s / _LONGEST_STROKE_S)).astype(np.intp)
     begins[1:] |= piece[1:] != piece[:-1]
     return np.cumsum(begins)

@@ -9,21 +9,23 @@ import numpy as np
 from ema_monitor.joint.scatter import Prediction, Scatter
 
 BETWEEN_RECORDS: Final = 0.6
-"""Prior median of the standard deviation within a day, over the prior median between days [-]."""
+"""Ratio of the prior medians of the standard deviations within a day and between days [-]."""
 
 SIGNIFICANCE: Final = 1e-3
-"""Probability of a healthy record below which a quantity or figure has changed."""
+"""Probability under the healthy records below which a quantity or figure has changed."""
 
 DOUBT: Final = 3e-3
-"""Probability below which a record is not reported as healthy: three standard deviations.
+"""Probability below which a record is not reported as healthy.
 
-It is a probability, because predictions from few records have wide tails.
+For a normal distribution, it corresponds to three standard deviations. The limit is a probability
+because predictions from few records have wider tails.
 """
 
 POWER: Final = 0.9
 """Probability with which the smallest detectable change is detected."""
 
 INTERVAL: Final = (0.05, 0.95)
+"""Probabilities at the ends of a 90 % interval."""
 
 Z90: Final = 1.645
 """Half-width of a 90 % interval in standard deviations."""
@@ -38,7 +40,7 @@ class Observation(NamedTuple):
 
 
 class SingleTest(NamedTuple):
-    """A figure of a record, and its prediction from the healthy records."""
+    """Comparison of a figure of a record with its prediction from the healthy records."""
 
     value: float
     prediction: Prediction
@@ -61,7 +63,7 @@ class SingleTest(NamedTuple):
 
     @property
     def probability(self) -> float:
-        """Probability that a healthy record differs as much."""
+        """Probability that a healthy record differs at least as much."""
         return self.prediction.probability(self.value)
 
     @property
@@ -76,16 +78,24 @@ class SingleTest(NamedTuple):
 
     @property
     def smallest_change(self) -> float:
-        """Smallest change that would be detected."""
+        """Smallest change that is detected with the probability ``POWER``."""
         return self.prediction.smallest_change(SIGNIFICANCE, POWER)
 
     def less(self, part: float) -> Self:
-        """Return the test after subtracting ``part``, which has another explanation."""
+        """Return the test without the part of the value that has a different explanation."""
         return self._replace(value=self.value - part)
 
 
 def scatter_of(healthy: Sequence[Observation], between_days: float) -> Scatter:
-    """Return the scatter of healthy records, with the prior median ``between_days``."""
+    """Return the scatter model of a figure, fitted to healthy records.
+
+    Parameters
+    ----------
+    healthy
+        The figure in each healthy record.
+    between_days
+        Prior median of the standard deviation between days, in the unit of the figure.
+    """
     return Scatter(
         np.array([observation.value for observation in healthy]),
         np.array([observation.sigma**2 for observation in healthy]),

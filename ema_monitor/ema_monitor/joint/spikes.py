@@ -1,4 +1,4 @@
-"""Removal of spikes of the effort: samples far outside its range, from sensor or bus errors."""
+"""Removal of effort spikes: samples far outside the usual range, from sensor or bus errors."""
 
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -12,29 +12,30 @@ from ema_core.telemetry import Telemetry
 _AROUND: Final = 5
 """Length of the running median in samples; spikes have at most two samples."""
 _LEAST_EXCESS: Final = 0.5
-"""Least excess of a spike over the range of the running median, as a share of the range [-]."""
+"""Smallest excess of a spike over the range of the running median, relative to the range [-]."""
 _LEAST_DEPARTURE: Final = 8.0
-"""Least departure of a spike from the running median, in standard deviations of the noise [-]."""
+"""Smallest distance of a spike from the running median, in standard deviations of the noise [-]."""
 _COARSEST: Final = 0.1
-"""Largest cut-off relative to the sample rate at which motion peaks differ from spikes [-]."""
+"""Largest ratio of cut-off to sample rate at which motion peaks and spikes are distinguishable [-].
+"""
 _NEAR: Final = 25
 """Number of samples before and after a spike used to estimate the noise."""
 _NORMAL: Final = 1.4826
 
 
 class Despiked(NamedTuple):
-    """Telemetry without spikes of the effort, and the number of replaced samples."""
+    """Telemetry without effort spikes, and the number of replaced samples."""
 
     telemetry: Telemetry
     spikes: int
 
 
 def despiked(telemetry: Telemetry, cutoff_hz: float) -> Despiked:
-    """Return the telemetry with the running median in place of each spike of the effort.
+    """Return telemetry with each effort spike replaced by the running median.
 
-    A reversal of friction, a stroke and quantisation are within the range of the running median.
-    Telemetry is returned unchanged if it has no spikes, or if its rate is so low that peaks of the
-    motion last one sample.
+    Friction reversals, strokes and quantisation stay within the range of the running median.
+    Telemetry is returned unchanged if it has no spikes, or if its sample rate is so low that a peak
+    of the motion lasts only one sample.
 
     Parameters
     ----------
@@ -45,7 +46,8 @@ def despiked(telemetry: Telemetry, cutoff_hz: float) -> Despiked:
 
     Notes
     -----
-    Test against the median and the median absolute deviation of the neighbours (Hampel, 1974).
+    Hampel filter (Hampel, 1974): a sample is tested against the median and the median absolute
+    deviation of its neighbours.
     """
     effort = telemetry.current
     if len(effort) < _AROUND or telemetry.sample_period * cutoff_hz > _COARSEST:
@@ -64,7 +66,7 @@ def despiked(telemetry: Telemetry, cutoff_hz: float) -> Despiked:
 
 
 def _running_median(values: Array) -> Array:
-    """Return the running median; ends are padded with the end values."""
+    """Return the running median, with ends padded by the end values."""
     sides = _AROUND // 2
     around = sliding_window_view(np.pad(values, sides, mode="edge"), _AROUND)
     return np.sort(around, axis=1)[:, sides]

@@ -1,4 +1,4 @@
-"""Standstill of a joint although its command moves: a failure, or a drive that is off."""
+"""Classification of a standstill under a moving command: failure, drive off, or short command."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -12,22 +12,23 @@ from ema_monitor.joint.baseline import Baseline
 from ema_monitor.reasons import JointStill
 
 _LARGE_EFFORT: Final = 0.9
-"""Quantile of the absolute effort used to judge a joint at rest [-]."""
+"""Quantile of the absolute effort that counts as the effort of a standstill [-]."""
 _ACTING: Final = 0.5
-"""Least effort that moves a healthy joint, over its dry friction [-]."""
+"""Smallest effort that should move a healthy joint, relative to its dry friction [-]."""
 _FAR: Final = 0.5
-"""Least travel of the command over the travel of the healthy records [-]."""
+"""Smallest command travel that should move the joint, relative to the shortest healthy record [-].
+"""
 
 
 class StandstillCause(StrEnum):
-    """Why a joint does not follow its command."""
+    """Cause of a standstill under a moving command."""
 
     NO_EFFORT = "no_effort"
-    """The effort is far below the friction: the drive is off, or a brake on."""
+    """The effort is far below the friction: the drive is off, or a brake is applied."""
     SHORT_COMMAND = "short_command"
-    """The command travels less than in healthy records: the joint may not have to move."""
+    """The command travels less than in the healthy records: the joint need not move."""
     FAILURE = "failure"
-    """Effort and command would move a healthy joint."""
+    """A healthy joint would move under this effort and command."""
 
 
 @dataclass(frozen=True)
@@ -35,18 +36,18 @@ class Standstill:
     """Standstill of a joint although its command moves."""
 
     cause: StandstillCause
-    """Why the joint does not follow its command."""
+    """Cause of the standstill."""
     travel: float
     """Travel of the command [rad]."""
     least_travel: float
     """Minimum command travel at which a standstill counts as a failure [rad]."""
     effort: float
-    """Acting effort, in the unit of the baseline."""
+    """Effort during the standstill, in the unit of the baseline."""
     friction: float
     """Healthy dry friction, in the unit of the baseline."""
 
     def reason(self, effort: DisplayUnit, angle: DisplayUnit) -> JointStill:
-        """Return the standstill as a reason, in the display units of effort and position."""
+        """Return the reason for the refusal of a record, in display units."""
         return JointStill(
             self.cause,
             angle.scale * self.travel,
@@ -59,7 +60,7 @@ class Standstill:
 
 
 def standstill_of(telemetry: Telemetry, baseline: Baseline) -> Standstill:
-    """Return the standstill of a record, classified by its effort and the travel of its command."""
+    """Classify the standstill of a record by its effort and the travel of its command."""
     travel = float(np.ptp(telemetry.command))
     least_travel = _FAR * min(record.travel for record in baseline.records)
     effort = float(np.quantile(np.abs(telemetry.current), _LARGE_EFFORT))

@@ -1,4 +1,4 @@
-"""Classification of a test or record by labelled states."""
+"""Classification of a test or record into labelled states."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
@@ -18,7 +18,7 @@ from ema_monitor.joint.departure import (
 from ema_monitor.joint.parts import LEVELS, LOGARITHMS, mean_of
 from ema_monitor.joint.record import JointRecord, LabelledRecord
 
-_STRANGE: Final = 1e-3
+_NOVEL: Final = 1e-3
 _SHRINKAGE: Final = 0.05
 _BETWEEN: Final = 0.03
 _OF_RECORDS: Final = {
@@ -28,10 +28,10 @@ _OF_RECORDS: Final = {
 
 
 class Example(NamedTuple):
-    """A test or record in a healthy or labelled state."""
+    """A test or record with a known state, to train the classifier."""
 
     state: str
-    """The state."""
+    """Healthy, or the label of the test or record."""
     test: DatedFigures
     """Mean figures and day of the test."""
     stretches: Sequence[Mapping[str, float]]
@@ -39,7 +39,7 @@ class Example(NamedTuple):
 
 
 def examples_by_state(examples: Iterable[Example]) -> dict[str, list[Example]]:
-    """Return the examples of each state with at least ``FEWEST`` examples."""
+    """Return examples grouped by state, without states that have fewer than ``FEWEST``."""
     by_state: dict[str, list[Example]] = {}
     for example in examples:
         by_state.setdefault(example.state, []).append(example)
@@ -51,11 +51,25 @@ def probabilities(
     tested: DatedFigures,
     figures: Mapping[str, JudgedFigure],
 ) -> Mapping[str, float]:
-    """Return the probability of each state, largest first; empty if nothing can be compared.
+    """Return the probability of each state, the most probable first.
 
-    States are classified by linear discriminants with shrinkage. Their priors are equal, because
-    the number of labels of a state does not show how often the state occurs. If the test departs
-    from every state, ``NONE_OF_THESE`` is the most probable.
+    The classifier is a linear discriminant analysis with shrinkage. All states have the same prior
+    probability, because the number of labels does not show how often a state occurs. If the test
+    departs from every state, ``NONE_OF_THESE`` is the most probable.
+
+    Parameters
+    ----------
+    examples
+        Examples of each state.
+    tested
+        Mean figures and day of the test.
+    figures
+        Figures to compare, by name. Figures that the test or an example lacks are ignored.
+
+    Returns
+    -------
+    Mapping
+        Probabilities by state; empty for fewer than two states, or without a common figure.
     """
     stretches = [row for group in examples.values() for item in group for row in item.stretches]
     names = [
@@ -79,16 +93,19 @@ def probabilities(
         departure_of(tested, [example.test for example in group], chosen).probability
         for group in examples.values()
     )
-    strange = _STRANGE / (_STRANGE + nearest)
+    novelty = _NOVEL / (_NOVEL + nearest)
     probability = {
-        str(state): float(share * (1.0 - strange))
+        str(state): float(share * (1.0 - novelty))
         for state, share in zip(model.classes_, shares, strict=True)
     }
-    return dict(sorted({**probability, NONE_OF_THESE: strange}.items(), key=lambda item: -item[1]))
+    return dict(sorted({**probability, NONE_OF_THESE: novelty}.items(), key=lambda item: -item[1]))
 
 
 def state_probabilities(baseline: Baseline, record: JointRecord) -> Mapping[str, float]:
-    """Return the probability of each state of a record; empty without labelled states."""
+    """Return the probability of each state for a record, the most probable first.
+
+    The result is empty if the baseline has no labelled states, or too few examples.
+    """
     if not baseline.labelled:
         return {}
     examples = [

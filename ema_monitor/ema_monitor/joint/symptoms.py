@@ -39,14 +39,17 @@ class _Healthy(NamedTuple):
 
 
 class Symptom(NamedTuple):
-    """Change of a quantity, and the probability that a healthy record differs as much."""
+    """Change of a quantity, and the probability of such a change in a healthy record."""
 
     change: QuantityChange
     probability: float = 1.0
 
 
 class Symptoms(NamedTuple):
-    """Model-free figures that differ, the most significant first, and the smallest probability."""
+    """Model-free figures that differ, the most significant first.
+
+    ``probability`` is the smallest probability of all compared figures.
+    """
 
     figures: tuple[FigureChange, ...]
     probability: float
@@ -61,9 +64,9 @@ class SymptomComparer:
     def play(self, record: JointRecord) -> Symptom:
         """Return the change of the play.
 
-        Friction increases the lost motion by the wind-up of the gear. Play has changed only if the
-        lost motion exceeds twice the wind-up that the friction ratio explains. A load on one side
-        closes the play.
+        Friction increases the lost motion by winding up the gear. The play has changed only if the
+        lost motion grows by more than twice the wind-up that the friction ratio explains. The play
+        is not judged if a load on one side closes it.
         """
         healthy = self._play
         reason = ""
@@ -115,7 +118,7 @@ class SymptomComparer:
         return Symptom(change, test.probability if is_changed else 1.0)
 
     def _no_tracking(self, record: JointRecord) -> str:
-        """Return why the tracking lag of a record is not judged."""
+        """Return the reason why the tracking lag of a record is not judged."""
         if math.isinf(record.lag_sigma):
             return "the position command does not move enough"
         if not are_finite(record.lag_s):
@@ -125,18 +128,18 @@ class SymptomComparer:
         return "the healthy records have no position command"
 
     def figures(self, record: JointRecord, grown: float) -> Symptoms:
-        """Return the model-free figures that differ.
+        """Return the model-free figures that differ from the healthy records.
 
-        The figures depend on the motion: a record of a different motion is not compared, and
-        records of varying motions scatter more.
+        The figures depend on the motion: a record with a different motion is not compared, and the
+        figures of varied motions scatter more.
 
         Parameters
         ----------
         record
             The record.
         grown
-            Logarithm of the growth of the effort by detected changes; the scatter of the effort
-            grows in proportion.
+            Logarithm of the growth of the effort that the detected changes explain. The scatter of
+            the effort grows in proportion.
         """
         distance = self.baseline.distance(record)
         if distance > _LIKE_MOTION:
@@ -189,12 +192,12 @@ class SymptomComparer:
 
     @property
     def _lag_floor(self) -> float:
-        """Largest lag change that is irrelevant at the bandwidth of the motion [s]."""
+        """Largest change of the lag that is negligible at the bandwidth of the motion [s]."""
         return _LAG_FLOOR / self.baseline.preparation.cutoff_hz
 
     @cached_property
     def _figures(self) -> dict[str, Scatter]:
-        """Scatter of the healthy records by figure."""
+        """Scatter of each figure over the healthy records, by name."""
         scatters = {}
         for name, figure in FIGURES.items():
             between = figure.repeated if self.baseline.repeats else figure.varied
@@ -216,7 +219,7 @@ def _motion_sensitivity(name: str) -> float:
 
 
 def _error(name: str, record: JointRecord) -> float:
-    """Return the standard deviation of the error of a figure [-].
+    """Return the standard deviation of a figure's error [-].
 
     About half of the effort rows are independent.
     """

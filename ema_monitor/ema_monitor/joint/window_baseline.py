@@ -50,7 +50,10 @@ class WindowBaseline:
 
     @classmethod
     def of(cls, windows: Iterable[Telemetry]) -> Self:
-        """Return the baseline of healthy windows; windows without two directions are ignored."""
+        """Return the baseline of healthy windows.
+
+        Windows without a measured current, or without strokes in both directions, are ignored.
+        """
         return cls(
             tuple(
                 ReferenceWindow(HEALTHY, window.stamp_ns, figures)
@@ -65,11 +68,11 @@ class WindowBaseline:
         Raises
         ------
         ValueError
-            If there is no window, a window is one of the healthy windows, or no healthy window
-            has the motion and load of a window.
+            If there is no window, a window belongs to the healthy windows, or no healthy window has
+            the same motion and load as a window.
         """
         if not windows:
-            raise ValueError("it has no stretch in each direction with a measured current")
+            raise ValueError("it has no strokes in both directions with a measured current")
         self._require_comparable(windows)
         if any(window.figures in windows for window in self.healthy):
             raise ValueError("it is one of the healthy tests of the calibration")
@@ -93,7 +96,10 @@ class WindowBaseline:
                 )
 
     def with_labels_of(self, source: Self) -> Self:
-        """Return the baseline with the labelled tests of ``source`` that have a healthy motion."""
+        """Return the baseline with the labelled tests of ``source``.
+
+        Only windows with the motion of a healthy window are included.
+        """
         healthy = [window.figures for window in self.healthy]
         labelled = [
             window for window in source.windows if window.test and window.figures not in healthy
@@ -130,41 +136,48 @@ class WindowBaseline:
     def departure(self, stamp_ns: int, windows: Sequence[WindowFigures]) -> Departure | None:
         """Return the departure of a test from the healthy windows.
 
-        Windows of each motion and load are compared with healthy windows of the same motion and the
-        nearest load. The mean of the tested windows is compared with means over equally many
-        consecutive healthy windows, so that their scatters agree; over fewer windows, if fewer than
-        ``FEWEST`` means would result.
+        The windows of each motion and load are compared with healthy windows of the same motion and
+        the nearest load. The mean of the tested windows is compared with means over the same number
+        of consecutive healthy windows, so that their scatter is comparable. If there would be fewer
+        than ``FEWEST`` means, they are taken over fewer windows.
 
         Returns None if nothing can be compared and no state is labelled: there is no window, no
         motion or load has ``FEWEST`` healthy windows, or the healthy windows do not repeat motions.
+
+        Parameters
+        ----------
+        stamp_ns
+            Timestamp of the test [ns].
+        windows
+            Figures of the windows of the test.
         """
         if not self._repeats_motions:
             return None
         judgements: list[Departure | str] = []
-        for alike in _by_motion(windows):
-            motion = alike[0].motion
+        for group in _by_motion(windows):
+            motion = group[0].motion
             healthy = self._like(motion)
             if len(healthy) < FEWEST:
                 judgements.append(f"no healthy window has the motion {motion}")
                 continue
             loads = _by_load(healthy, _SAME_LOAD * _running(healthy))
-            under: dict[int, list[WindowFigures]] = {}
-            for window in alike:
-                under.setdefault(_nearest(loads, _load(window.values)), []).append(window)
+            by_load: dict[int, list[WindowFigures]] = {}
+            for window in group:
+                by_load.setdefault(_nearest(loads, _load(window.values)), []).append(window)
             # A labelled test is not compared with itself.
             labelled = [
                 window
                 for window in self._like(motion, labelled=True)
                 if window.figures not in windows
             ]
-            for near, loaded in under.items():
+            for nearest, tested in by_load.items():
                 examples = [
                     window
                     for window in labelled
-                    if _nearest(loads, _load(window.figures.values)) == near
+                    if _nearest(loads, _load(window.figures.values)) == nearest
                 ]
                 running = _running(healthy)
-                judgements.append(_judged(stamp_ns, loaded, loads[near], examples, running))
+                judgements.append(_judged(stamp_ns, tested, loads[nearest], examples, running))
         has_labels = len(self.healthy) < len(self.windows)
         departures = [item for item in judgements if isinstance(item, Departure)]
         if not departures:
@@ -177,7 +190,10 @@ class WindowBaseline:
         return replace(worst, probability=min(1.0, len(departures) * worst.probability))
 
     def as_mapping(self) -> dict[str, Any]:
-        """Return plain values: the figure names and one row per window, NaN for missing figures."""
+        """Return the baseline as plain values: figure names, and one row per window.
+
+        Missing figures are NaN.
+        """
         rows = [
             [window.state, window.test, window.stamp_ns, *row_of(window.figures)]
             for window in self.windows
@@ -203,7 +219,10 @@ def _judged(
     labelled: Sequence[ReferenceWindow],
     running: float,
 ) -> Departure | str:
-    """Return the departure of windows from comparable healthy windows, or why it is unknown."""
+    """Return the departure of windows from comparable healthy windows.
+
+    If they cannot be compared, the reason is returned. ``running`` is the current in motion [A].
+    """
     if len(healthy) < FEWEST:
         return f"the load has fewer than {FEWEST} healthy windows"
     tested = DatedFigures(stamp_ns // NS_A_DAY, mean_of(windows))
@@ -211,9 +230,9 @@ def _judged(
     size = min(len(windows), len(healthy) // FEWEST)
     tests = list(_tests(healthy, size))
     departure = departure_of(tested, [example.test for example in tests], WINDOW_FIGURES)
-    is_of_levels = all(not change.figure.is_logarithm for change in departure.changes)
-    enough = running * (_SAME_LOAD if is_of_levels else _LARGE_LOAD)
-    departure = replace(departure, load_explains=_distance(healthy, load) > enough)
+    only_levels_depart = all(not change.figure.is_logarithm for change in departure.changes)
+    least_load = running * (_SAME_LOAD if only_levels_depart else _LARGE_LOAD)
+    departure = replace(departure, load_explains=_distance(healthy, load) > least_load)
     by_state = examples_by_state([*tests, *_tests(labelled, size)])
     if len(by_state) < 2:
         return departure
@@ -224,7 +243,10 @@ def _judged(
 
 
 def _tests(windows: Sequence[ReferenceWindow], size: int) -> Iterator[Example]:
-    """Yield tests: ``size`` consecutive healthy windows, and all windows of each labelled test."""
+    """Yield an example per test.
+
+    A test is ``size`` consecutive healthy windows, or all windows of a labelled test.
+    """
     healthy = [window for window in windows if not window.test]
     rows = [healthy[at : at + size] for at in range(0, len(healthy) - size + 1, size)]
     labelled = groupby((window for window in windows if window.test), key=lambda row: row.test)
@@ -235,18 +257,18 @@ def _tests(windows: Sequence[ReferenceWindow], size: int) -> Iterator[Example]:
 
 
 def _by_motion(windows: Iterable[WindowFigures]) -> list[list[WindowFigures]]:
-    """Return windows in groups of similar motion."""
+    """Return windows grouped by similar motion."""
     groups: list[list[WindowFigures]] = []
     for window in windows:
-        alike = next((group for group in groups if group[0].motion.is_like(window.motion)), None)
-        if alike is None:
-            groups.append(alike := [])
-        alike.append(window)
+        similar = next((group for group in groups if group[0].motion.is_like(window.motion)), None)
+        if similar is None:
+            groups.append(similar := [])
+        similar.append(window)
     return groups
 
 
 def _running(windows: Sequence[ReferenceWindow]) -> float:
-    """Return the larger mean current of both directions [A]."""
+    """Return the mean current in motion, in the direction in which it is larger [A]."""
     figures = mean_of([window.figures for window in windows])
     return max(abs(figures[name]) for name in _BOTH_WAYS)
 
@@ -258,7 +280,7 @@ def _load(figures: Mapping[str, float]) -> float:
 
 
 def _by_load(windows: Sequence[ReferenceWindow], gap: float) -> list[list[ReferenceWindow]]:
-    """Return windows in groups separated by a ``gap`` of the load [A], each in order."""
+    """Return windows grouped by load, in their order; groups are separated by ``gap`` [A]."""
     order = sorted(range(len(windows)), key=lambda at: _load(windows[at].figures.values))
     steps = np.diff([_load(windows[at].figures.values) for at in order])
     groups = np.split(order, np.flatnonzero(steps > gap) + 1)

@@ -12,7 +12,7 @@ from ema_core.arrays import Array, Flags
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.departure import JudgedFigure
 
-# Largest relative difference of travel, speed and sample period of similar motions [-].
+# Largest relative difference in travel, speed and sample period between similar motions [-].
 _TOLERANCE: Final = 0.05
 _MOVING: Final = 0.5
 _RESTING: Final = 0.02
@@ -35,8 +35,8 @@ def _ratio(label: str) -> JudgedFigure:
 WINDOW_FIGURES: Final = {
     "rest_current": _level("current at rest"),
     **{
-        f"{name}_{way}": kind(f"{label} in the {way} stroke")
-        for way in ("forward", "backward")
+        f"{name}_{direction}": kind(f"{label} in the {direction} stroke")
+        for direction in ("forward", "backward")
         for name, kind, label in (
             ("current", _level, "current"),
             ("current_scatter", _ratio, "scatter of the current"),
@@ -79,18 +79,18 @@ class WindowFigures(NamedTuple):
 
 
 def figures_of(window: Telemetry) -> list[WindowFigures]:
-    """Return the figures of a window as a list; empty without a current or strokes both ways.
+    """Return the figures of a window as a list with at most one element.
 
-    The figures are rounded to six digits, the precision of files and histories. An unsigned current
-    is used without a change of sign: its magnitude is the effort of friction and load in each
-    direction.
+    The list is empty without a measured current, or without strokes in both directions. The figures
+    are rounded to six digits, the precision of files and histories. An unsigned current keeps its
+    sign in both directions: its magnitude is the effort of friction and load.
     """
     if not len(window.current) or len(window) < 2:
         return []
     speed, fastest = _speeds(window)
     strokes = {
-        way: _strokes(sign * speed > _MOVING * fastest)
-        for way, sign in (("forward", 1.0), ("backward", -1.0))
+        direction: _strokes(sign * speed > _MOVING * fastest)
+        for direction, sign in (("forward", 1.0), ("backward", -1.0))
     }
     if not (fastest > 0.0 and all(strokes.values())):
         return []
@@ -100,7 +100,7 @@ def figures_of(window: Telemetry) -> list[WindowFigures]:
 
 
 def row_of(window: WindowFigures) -> list[float]:
-    """Return a window as a row: samples, motion and all ``WINDOW_FIGURES``, NaN if missing."""
+    """Return window figures as a row: samples, motion, and ``WINDOW_FIGURES`` (NaN if missing)."""
     figures = (window.values.get(name, math.nan) for name in WINDOW_FIGURES)
     return [window.samples, *astuple(window.motion), *figures]
 
@@ -108,7 +108,7 @@ def row_of(window: WindowFigures) -> list[float]:
 def figures_of_row(
     row: Sequence[float | None], names: Iterable[str] = WINDOW_FIGURES
 ) -> WindowFigures:
-    """Return the window figures from a row made by ``row_of``; None is read as NaN.
+    """Return window figures from a row that ``row_of`` returned; None is read as NaN.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def figures_of_row(
 
 
 def mean_of(windows: Sequence[WindowFigures]) -> dict[str, float]:
-    """Return the means of the figures that all windows have, weighted by their samples."""
+    """Return the mean of each figure that all windows have, weighted by their samples."""
     weights = [window.samples for window in windows]
     return {
         name: float(np.average([window.values[name] for window in windows], weights=weights))
@@ -141,15 +141,15 @@ def _figures(
     values: dict[str, float] = {}
     if np.any(at_rest):
         values["rest_current"] = float(np.median(np.abs(window.current[at_rest])))
-    for way, sign in (("forward", 1.0), ("backward", -1.0)):
+    for direction, sign in (("forward", 1.0), ("backward", -1.0)):
         current = sign * window.current if is_signed else window.current
-        means = [np.mean(current[stroke]) for stroke in strokes[way]]
-        values[f"current_{way}"] = float(np.mean(means))
+        means = [np.mean(current[stroke]) for stroke in strokes[direction]]
+        values[f"current_{direction}"] = float(np.mean(means))
         for name, column in (("current", current), ("error", error)):
-            scatter = [_detrended(column[stroke]) for stroke in strokes[way]]
-            rough = [np.diff(column[stroke]) for stroke in strokes[way]]
-            values[f"{name}_scatter_{way}"] = _log_rms(scatter)
-            values[f"{name}_roughness_{way}"] = _log_rms(rough)
+            scatter = [_detrended(column[stroke]) for stroke in strokes[direction]]
+            rough = [np.diff(column[stroke]) for stroke in strokes[direction]]
+            values[f"{name}_scatter_{direction}"] = _log_rms(scatter)
+            values[f"{name}_roughness_{direction}"] = _log_rms(rough)
     values["friction_current"] = 0.5 * (values["current_forward"] + values["current_backward"])
     return values
 
@@ -165,7 +165,7 @@ def _speeds(window: Telemetry) -> tuple[Array, float]:
 
 
 def _strokes(moving: Flags) -> list[NDArray[np.intp]]:
-    """Return the sample indices of each stroke, without its first sixth (settling)."""
+    """Return the sample indices of each stroke, without its first sixth, in which it settles."""
     places = np.flatnonzero(moving)
     runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
     settled = [run[len(run) // _SETTLING :] for run in runs]

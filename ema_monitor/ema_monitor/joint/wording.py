@@ -1,4 +1,4 @@
-"""Texts about a record and its comparison: summary, reasons, and rows of a table."""
+"""User-facing texts of a comparison: summary, reasons and table rows."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -20,16 +20,16 @@ from ema_monitor.joint.comparison import (
 )
 
 HEADINGS: Final = ("quantity", "change", "90 % interval", "judgement")
-"""Headings of ``rows``."""
+"""Column headings of ``rows``."""
 
 _SHORTCOMINGS: Final = {
     Shortcoming.NO_DATES: (
-        "healthy records have no date, and count as records of one day: the change of the joint "
-        "between days is assumed; give the time with its date"
+        "healthy records have no date, and count as records from one day: the change of the joint "
+        "between days is assumed; use timestamps with a date"
     ),
     Shortcoming.ONE_DAY: (
-        "all healthy records are of one day: the change of the joint between days is assumed; add "
-        "healthy records of two further days"
+        "all healthy records are from one day: the change of the joint between days is assumed; "
+        "add healthy records from two more days"
     ),
     Shortcoming.FEW_RECORDS: "there are fewer than 5 healthy records: add healthy records",
     Shortcoming.ONE_SPEED: (
@@ -38,7 +38,7 @@ _SHORTCOMINGS: Final = {
     ),
     Shortcoming.UNEXPLAINED_EFFORT: (
         "the motion does not explain a large part of the effort in the healthy records: check that "
-        "effort and position are of one joint and one clock"
+        "effort and position belong to the same joint and have the same clock"
     ),
 }
 
@@ -49,14 +49,17 @@ _WHOLE_SIGNED_PERCENT: Final = 100.0
 
 
 def summary(comparison: Comparison) -> str:
-    """Return the finding, and the quantities that are not judged, without the final full stop."""
+    """Return sentences about changed quantities and about quantities that are not judged.
+
+    The final full stop is missing.
+    """
     return ". ".join([finding(comparison), *map(_capital, _not_judged(comparison))])
 
 
 def finding(comparison: Comparison) -> str:
-    """Return the changes as sentences, without the final full stop.
+    """Return sentences about the changed quantities, without the final full stop.
 
-    If nothing has changed, the text states the smallest detectable change of friction.
+    If nothing has changed, the smallest detectable change of friction is stated.
     """
     if not comparison.judged and not comparison.figures:
         reasons = dict.fromkeys(item.reason for item in comparison.quantities if item.reason)
@@ -85,15 +88,15 @@ def _row_label(name: str) -> str:
 
 
 def table_text(comparison: Comparison) -> str:
-    """Return ``rows`` under their headings as plain text."""
+    """Return the table of a comparison as plain text, with headings."""
     return text_table(HEADINGS, rows(comparison))
 
 
 def why_no_level(comparison: Comparison, warn_limit: float) -> str:
-    """Return why a comparison without a departure does not show that a unit is healthy.
+    """Return the reason why a comparison without a departure does not prove a unit healthy.
 
-    The text is "" if the unit is healthy: friction is judged, its smallest detectable change is
-    below the warning limit, and no quantity differs by more than usual variation.
+    The reason is empty if the unit is healthy: friction is judged, its smallest detectable change
+    is below the warning limit, and no quantity differs by more than usual variation.
 
     Parameters
     ----------
@@ -119,7 +122,7 @@ def why_no_level(comparison: Comparison, warn_limit: float) -> str:
 
 
 def label_of(name: str) -> str:
-    """Return the label of a quantity or figure."""
+    """Return the displayed name of a quantity or figure."""
     quantity = QUANTITIES.get(name)
     return name.replace("_", " ") if quantity is None else quantity.label
 
@@ -161,7 +164,7 @@ def judgement_text(quantity: QuantityChange) -> str:
 
 
 def brief(quantity: QuantityChange) -> str:
-    """Return label, change and judgement of a quantity as a phrase."""
+    """Return a phrase with the label, change and judgement of a quantity."""
     words = change_text(quantity), judgement_text(quantity)
     return f"{label_of(quantity.name)} {', '.join(filter(None, words))}"
 
@@ -183,7 +186,7 @@ def improvement_sentences(comparison: Comparison) -> list[str]:
 
 
 def unit_of(quantity: QuantityChange) -> str:
-    """Return the unit in which a change is shown."""
+    """Return the unit in which a change is displayed."""
     return "%" if quantity.unit == "-" else quantity.unit
 
 
@@ -231,7 +234,7 @@ def _doubt_sentence(item: QuantityChange) -> str:
 
 
 def _effort_sentence(item: QuantityChange) -> str:
-    """Return the change of the effort: of friction, or the inverse of torque per unit of effort."""
+    """Return a sentence about the effort, which rises with friction and falls with the torque."""
     figures = item.change, item.low, item.high
     if item.name == TORQUE:
         change, high, low = (1.0 / (1.0 + figure) - 1.0 for figure in figures)
@@ -273,7 +276,10 @@ def _friction_limit(comparison: Comparison) -> str:
 
 
 def _not_judged(comparison: Comparison) -> list[str]:
-    """Return the quantities that are not judged, grouped by reason, without rivals of a change."""
+    """Return a phrase with the quantities that are not judged, grouped by reason.
+
+    Rivals of a changed quantity are omitted. The list is empty if there are no such quantities.
+    """
     by_reason: dict[str, list[str]] = {}
     for item in comparison.quantities:
         if not item.is_judged and not item.rivals:
@@ -322,7 +328,7 @@ def _joined(words: Iterable[str], conjunction: str) -> str:
 
 
 def baseline_sentences(comparer: Comparer) -> list[str]:
-    """Return sentences about the detection limits of a baseline, and how to lower them."""
+    """Return sentences about the detection limits of a baseline and how to lower them."""
     another_day, same_day = (
         _percent(smallest[FRICTION])
         for smallest in (comparer.smallest_changes, comparer.smallest_changes_of_a_day)
@@ -348,9 +354,9 @@ def _lag_sentences(lag_s: float) -> list[str]:
     """Return a remark on a large lag of the effort that its acquisition does not explain."""
     if abs(lag_s) < _LARGE_LAG_S:
         return []
-    way = "later" if lag_s > 0.0 else "earlier"
+    relation = "later" if lag_s > 0.0 else "earlier"
     return [
-        f"the effort is {1e3 * abs(lag_s):.0f} ms {way} than the motion and the described "
+        f"the effort is {1e3 * abs(lag_s):.0f} ms {relation} than the motion and the described "
         "acquisition explain, which is corrected: check filters and clocks of effort and position"
     ]
 

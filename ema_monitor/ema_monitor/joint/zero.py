@@ -18,16 +18,16 @@ class ZeroShift(NamedTuple):
     angle: float
     """Angle by which the position exceeds the healthy position, within half a turn [rad]."""
     gain: float
-    """Ratio of the effort residual without the shift to the residual with it [-]."""
+    """Ratio of the effort residuals without and with the shift [-]."""
 
 
 def zero_shift(shape: Shape, signals: Signals) -> ZeroShift:
-    """Return the shift of the position of a record, for an unknown payload.
+    """Return the position offset of a record, estimated together with its payload.
 
     Parameters
     ----------
     shape
-        Model with gravity.
+        Effort model of the unit, with gravity.
     signals
         Rows of the record.
     """

@@ -51,7 +51,7 @@ def test_life_holds_the_crossing(law):
 def test_impossible_moves_are_named():
     series = MoveSeries(limit=1.5, reference=3)
     series.add(Move(5, {"RMS": 1.0}))
-    with pytest.raises(ValueError, match="earlier than the one before"):
+    with pytest.raises(ValueError, match="earlier than the previous move"):
         series.add(Move(4, {"RMS": 1.0}))
     with pytest.raises(ValueError, match="RMS = -1"):
         series.add(Move(6, {"RMS": -1.0}))

@@ -183,7 +183,7 @@ def test_departure_looks_like_a_state_that_was_labelled(healthy):
 @pytest.mark.parametrize(
     ("times", "load", "message"),
     [
-        (0.0, 0.0, "it has no stretch in each direction"),
+        (0.0, 0.0, "it has no strokes in both directions"),
         (1.2, 0.0, "no healthy window has its motion"),
         (1.0, 0.5, "its load differs by 0.4 A from the healthy windows"),
     ],
