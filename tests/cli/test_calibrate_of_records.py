@@ -56,7 +56,7 @@ def test_record_unlike_the_others_is_named_with_its_change(ema, folder: Path):
         "Coulomb friction rose 3"
     )
     assert warning.endswith("Leave it out, or confirm that the unit was healthy")
-    assert "from 7 records on 2 days, 1 of them unlike the others" in result.stdout
+    assert "from 7 records on 2 days, 1 outlier" in result.stdout
 
 
 def test_records_like_each_other_are_calibrated_without_a_warning(ema, folder: Path):
@@ -105,7 +105,7 @@ def test_file_without_a_date_is_named_where_it_differs_or_is_unused(ema, undated
     assert len(warnings) == 2
     assert warnings[0].startswith(f"warning: {slow} is not used: the speed is 0.3")
     assert warnings[1].startswith(f"warning: {undated / 'healthy_2.csv'} differs from the other ")
-    assert "from 6 records without a date, 1 of them unlike the others" in result.stdout
+    assert "from 6 records without a date, 1 outlier" in result.stdout
 
 
 def test_time_since_the_start_of_a_clock_is_no_date(ema, undated: Path, tmp_path: Path):

@@ -179,7 +179,7 @@ def test_change_by_hand_is_permitted_and_logged(content, calibration, tmp_path, 
     path.write_text(yaml.safe_dump({**content, "windows": 7}))
     changed = Calibration.load(path)
     assert changed.windows == 7
-    warning = f"it was calibration {calibration.calibration_id} and is {changed.calibration_id}"
+    warning = f"was {calibration.calibration_id} and is {changed.calibration_id} now"
     assert warning in caplog.text
     caplog.clear()
     changed.save(path)

@@ -1,7 +1,7 @@
-"""Alignment of windows of the same command.
+"""Alignment of windows with the same command.
 
-Noise or coarse steps in the measured command move the sample at which the motion is detected, so
-that windows of the same command begin some samples apart.
+Noise or coarse steps in the measured command shift the sample at which motion is detected.
+Therefore windows with the same command may begin some samples apart.
 """
 
 from typing import Final
@@ -13,14 +13,14 @@ from ema_core.arrays import Array
 from ema_monitor.windows.band import rms
 
 COMMAND_TOLERANCE: Final = 5e-3
-"""Largest rms difference of two commands that count as the same, relative to their rms [-]."""
+"""Largest rms difference between two commands that count as equal, relative to their rms [-]."""
 
 MOST_SHIFT_S: Final = 6e-3
-"""Largest offset between the starts of two windows of the same command [s]."""
+"""Largest offset between the starts of two windows with the same command [s]."""
 
 _LEAST_SAMPLES: Final = 2
 
-# Share of the travel: far above rounding errors, far below the motion within a sample.
+# Relative to the travel: far above rounding errors, far below the motion within a sample.
 _SAME: Final = 1e-6
 
 
@@ -39,14 +39,14 @@ def shift_between(command: Array, reference: Array, sample_period: float) -> int
     most = max(_LEAST_SAMPLES, round(MOST_SHIFT_S / sample_period))
     most = min(most, (len(command) - 1) // 2)
     shifts = np.array(sorted(range(-most, most + 1), key=abs))
-    # The part of the reference that has a counterpart at every shift.
+    # The part of the reference that overlaps the command at every shift.
     middle = reference[most : len(reference) - most]
     counterparts = sliding_window_view(command, len(middle))[most - shifts]
     return int(shifts[np.argmin(np.mean((counterparts - middle) ** 2, axis=1))])
 
 
 def difference_at(command: Array, reference: Array, shift: int) -> float:
-    """Return the rms difference of two commands where they overlap [rad].
+    """Return the rms difference between two commands where they overlap [rad].
 
     Parameters
     ----------
@@ -61,10 +61,10 @@ def difference_at(command: Array, reference: Array, shift: int) -> float:
 
 
 def shift_if_same(command: Array, reference: Array, sample_period: float) -> int | None:
-    """Return the shift between two windows of the same command [samples].
+    """Return the shift between two windows with the same command [samples].
 
-    The shift is positive if the window begins later than the reference. It is None if the aligned
-    commands differ by more than `COMMAND_TOLERANCE` or in length.
+    The shift is positive if the window begins later than the reference. Returns None if the
+    commands differ in length, or by more than `COMMAND_TOLERANCE` after alignment.
 
     Parameters
     ----------

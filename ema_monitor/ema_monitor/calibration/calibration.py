@@ -1,4 +1,4 @@
-"""Calibration of the monitor model with healthy windows of a unit, and its file."""
+"""Calibration of the monitor model for one unit, and its file format."""
 
 import math
 from dataclasses import asdict, dataclass, field, replace
@@ -23,12 +23,12 @@ from ema_monitor.model.monitor_model import FORMS_OF_DRIVES, MonitorModel, Respo
 from ema_monitor.windows.window import Window
 
 LEAST_SCATTER: Final = 1e-6
-"""Scatter below which windows count as duplicates and the scatter as unknown [A, rad/s]."""
+"""Scatter below which windows count as duplicates, so that the scatter is unknown [A, rad/s]."""
 
-# Share of the prior standard deviation above which a deviation counts as not learned.
+# A deviation is not learned if its standard deviation exceeds this share of the prior's.
 _LEARNED = 0.7
 _SAME_SCALE = 0.015
-# Key of the baseline in the identity, and in files of format 4 that earlier versions wrote.
+# Key of the baseline in the hashed content, and in files that earlier versions wrote in format 4.
 _IDENTIFIED_AS = "normal"
 _ROWS = ("command", "correction", "speed_correction")
 _SCATTERS = ("healthy_rms", "healthy_speed_rms", "model_rms", "model_speed_rms")
@@ -49,64 +49,65 @@ class HealthyReference(NamedTuple):
     knows_command: bool
     """Whether the window has the calibrated command."""
     corrections: Response
-    """Corrections to add to current and speed of the model, ``(n,)`` each [A, rad/s]; zeros under
-    another command."""
+    """Corrections to add to the modelled current and speed, ``(n,)`` each [A, rad/s]; zeros for
+    other commands."""
     scatter: tuple[float, float]
-    """Rms of the residuals of current and speed [A, rad/s], after the correction under the
-    calibrated command, without a correction under another command."""
+    """Rms residuals of current and speed [A, rad/s]: corrected for the calibrated command,
+    uncorrected for other commands."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration(StoredCalibration):
     """Calibration of a monitor model for one unit and one sample period.
 
-    The unit's deviations from nominal change the model itself, so they also apply to faulty states
-    and other commands. The mean residual that remains in healthy windows corrects responses to the
-    calibrated command; under other commands it counts as scatter.
+    The deviations of the unit change the model itself, so that they also apply to faulty states and
+    other commands. The mean residual in healthy windows corrects the response to the calibrated
+    command; for other commands, it counts as scatter.
     """
 
     FORMAT: ClassVar = 4
 
     actuator_id: str
     serial_number: str
-    """Names of the calibrated actuator and unit."""
+    """Identifiers of the calibrated actuator and unit."""
     parameters: ActuatorParameters
     """Nominal parameters of the model."""
     form: str
+    """Form of the monitor model."""
     dt: float
-    """Form of the monitor model and its integration step [s]."""
+    """Integration step of the monitor model [s]."""
     sample_period: float
-    """Period of the telemetry [s]."""
+    """Sample period of the telemetry [s]."""
     command: Array = field(repr=False)
     """Command of the first window, including the command at its start, ``(n + 1,)`` [rad]."""
     unit: Deviations
     """Deviations of the unit from nominal."""
     unit_covariance: Array = field(repr=False)
-    """Covariance of the deviations, ``(25, 25)``, including unfitted deviations; 0 if none was
-    fitted."""
+    """Covariance of the deviations, ``(25, 25)``, including deviations that were not fitted; 0 if
+    no deviations were fitted."""
     correction: Array = field(repr=False)
     speed_correction: Array = field(repr=False)
     """Mean residuals of the fitted model in current and speed, both ``(n,)`` [A, rad/s]."""
     healthy_rms: float
     healthy_speed_rms: float
-    """Expected rms of the band-limited residuals of another healthy window after the correction
-    [A, rad/s]; NaN if unknown, as after a single window or equal windows."""
+    """Expected band-limited rms residuals of current and speed in a further healthy window, after
+    the correction [A, rad/s]; NaN if unknown, as after a single window or identical windows."""
     model_rms: float
     model_speed_rms: float
-    """Expected rms of the band-limited residuals of a healthy window under another command, without
-    a correction [A, rad/s]; NaN if unknown."""
+    """Expected band-limited rms residuals of current and speed in a healthy window with another
+    command, without the correction [A, rad/s]; NaN if unknown."""
     windows: int
     """Number of healthy windows."""
     travel_ratio: float = math.nan
     """Ratio of user-shaft travel to geared motor travel in healthy windows, from the position and
     speed sensors [-]; NaN if unknown."""
     law_offset: float = math.nan
-    """Excess of the position over the position that the control law implies, in healthy windows
-    [rad]; NaN if unknown."""
+    """Measured position minus the position that the control law implies, in healthy windows [rad];
+    NaN if unknown."""
     acquisition: Acquisition = USUAL
-    """Acquisition of the windows' telemetry."""
+    """Acquisition of the telemetry."""
     baseline: WindowBaseline = field(default=WindowBaseline(), repr=False)
-    """Figures of the healthy windows, with which later windows are compared; may be empty."""
+    """Figures of the healthy windows, for the comparison with later windows; may be empty."""
 
     def __post_init__(self) -> None:
         for name in ("actuator_id", "serial_number", "form"):
@@ -131,7 +132,7 @@ class Calibration(StoredCalibration):
         for name in _ROWS:
             row = getattr(self, name)
             if row.ndim != 1 or not np.all(np.isfinite(row)):
-                raise ValueError(f"{name} is not a row of finite numbers")
+                raise ValueError(f"{name} is not a one-dimensional array of finite numbers")
         for name in _ROWS[1:]:
             if len(self.command) != len(getattr(self, name)) + 1:
                 raise ValueError(
@@ -160,7 +161,7 @@ class Calibration(StoredCalibration):
     def not_learned(self) -> tuple[str, ...]:
         """Names of the deviations that the healthy windows did not determine.
 
-        Their standard deviations are hardly below their priors.
+        Their standard deviations are hardly smaller than in their priors.
         """
         if not np.any(self.unit_covariance):
             return ()  # none was fitted
@@ -180,9 +181,9 @@ class Calibration(StoredCalibration):
         remark = super()._remark
         if abs(self.travel_ratio - 1.0) > _SAME_SCALE:
             remark += (
-                f"; the position travels {self.travel_ratio:.3g} times what speed and time give: "
-                f"are the sample period ({self.sample_period:g} s), the gear ratio and both scales "
-                "right?"
+                f"; the position travels {self.travel_ratio:.3g} times the integral of the speed: "
+                f"check the sample period ({self.sample_period:g} s), the gear ratio and the "
+                "scales of position and speed"
             )
         return remark
 
@@ -193,7 +194,7 @@ class Calibration(StoredCalibration):
 
     @property
     def residual_in_words(self) -> str:
-        """Residuals of a healthy window in current and speed, as a text."""
+        """Formatted residuals of current and speed in a healthy window."""
         return f"{self.healthy_rms:.4g} A, {self.healthy_speed_rms:.4g} rad/s"
 
     def model(self) -> MonitorModel:
@@ -201,13 +202,16 @@ class Calibration(StoredCalibration):
         return MonitorModel(self.parameters, self.form, self.dt, self.unit, self.acquisition)
 
     def of_any_motion(self) -> "Calibration":
-        """Return the part valid under any command: all but the calibrated command's correction."""
+        """Return the part of the calibration that is valid under any command.
+
+        It lacks the correction of the calibrated command.
+        """
         empty = np.zeros(0)
         return replace(self, command=self.command[:1], correction=empty, speed_correction=empty)
 
     @property
     def unit_parameters(self) -> ActuatorParameters:
-        """Parameters of the unit: nominal values with the deviations that apply to parameters."""
+        """Parameters of the unit: nominal values changed by the fitted deviations."""
         factors = {
             "friction": ("f_sm", "f_su"),
             "inertia": ("J_m", "J_u"),
@@ -228,7 +232,7 @@ class Calibration(StoredCalibration):
         )
 
     def expect(self, response: Response, window: Window) -> Response:
-        """Return the expected measurements of a window, from the model's response."""
+        """Return the response of the model plus the corrections for a window."""
         current, speed = self.reference(window).corrections
         return Response(response.current + current, response.speed + speed)
 
@@ -247,7 +251,7 @@ class Calibration(StoredCalibration):
         )
 
     def unit_mismatch(self, description: ActuatorDescription) -> str:
-        """Return why this calibration does not fit a described actuator; empty if it fits."""
+        """Return the reason why the calibration does not match a described actuator, or ""."""
         reasons = []
         if self.form not in FORMS_OF_DRIVES.get(description.drive, ()):
             reasons.append(
@@ -264,14 +268,14 @@ class Calibration(StoredCalibration):
         return "; ".join(reasons)
 
     def shape_mismatch(self, window: Window) -> str:
-        """Return why the samples of a window do not fit the calibration; empty if they fit."""
+        """Return the reason why the samples of a window do not match the calibration, or ""."""
         missing = window.telemetry.missing
         return super().shape_mismatch(window) or self.acquisition.contradiction(missing)
 
     @classmethod
     @cache
     def builtin(cls) -> "Calibration":
-        """Return the shipped calibration of the built-in actuator under the thesis's chirp."""
+        """Return the shipped calibration of the built-in actuator, for the chirp of the thesis."""
         return cls.load(Path(__file__).with_name("builtin_calibration.yaml"))
 
     @classmethod
@@ -281,7 +285,7 @@ class Calibration(StoredCalibration):
         Raises
         ------
         ValueError
-            If the file is not a calibration; the message names file and defect.
+            If the file is not a calibration; the message names the file and the defect.
         OSError
             If the file cannot be read.
         """

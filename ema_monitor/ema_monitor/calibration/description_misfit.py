@@ -1,4 +1,4 @@
-"""Contradictions between a window and the description of a healthy actuator."""
+"""Detection of contradictions between a healthy window and the description of its actuator."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -21,46 +21,47 @@ _LOWEST_CORRELATION: Final = 0.5
 
 @dataclass(frozen=True)
 class DescriptionMisfit:
-    """Contradiction between a window and the description of its actuator."""
+    """Contradiction between a healthy window and the description of its actuator."""
 
     column: ColumnError | UnrelatedColumn
     """Column that differs from the response of the healthy model."""
     examples: dict[str, float]
-    """Parameters with the built-in example's values that affect the window, by name."""
+    """Parameters that affect the window and still have the values of the built-in example, by name.
+    """
 
     def __str__(self) -> str:
         if not self.examples:
             return error_text(self.column)
         listed = ", ".join(f"{name} = {value:g}" for name, value in self.examples.items())
         return (
-            f"{error_text(self.column)}; these have the built-in example's values and matter here: "
-            f"{listed}"
+            f"{error_text(self.column)}; these parameters affect the window and still have the "
+            f"values of the built-in example: {listed}"
         )
 
 
 def description_misfit(window: Window, model: MonitorModel) -> DescriptionMisfit | None:
-    """Return how a window contradicts the model of the described actuator; None if it agrees."""
+    """Return the contradiction between a healthy window and the described actuator, or None."""
     column = _wrong_column(window, healthy_response(window, model), model.parameters)
     if column is None:
         return None
     actual = model.parameters.as_mapping()
-    examples = {name: actual[name] for name in _examples_that_matter(window, model)}
+    examples = {name: actual[name] for name in _relevant_examples(window, model)}
     return DescriptionMisfit(column, examples)
 
 
-def _examples_that_matter(window: Window, model: MonitorModel) -> list[str]:
-    """Return the parameters with the built-in example's values that affect a window.
+def _relevant_examples(window: Window, model: MonitorModel) -> list[str]:
+    """Return names of parameters that affect a window and have the built-in example's values.
 
-    A parameter affects the window if a 50 % larger value changes the response by 10 %. Nothing is
-    returned for the example actuator itself.
+    A parameter affects the window if a 50 % larger value changes the response by 10 %. The list is
+    empty for the example actuator itself.
     """
     example, actual = ActuatorParameters().as_mapping(), model.parameters.as_mapping()
-    left = [name for name, value in example.items() if actual[name] == value and value]
-    if len(left) >= sum(bool(value) for value in example.values()):
+    unchanged = [name for name, value in example.items() if actual[name] == value and value]
+    if len(unchanged) >= sum(bool(value) for value in example.values()):
         return []
     expected = healthy_response(window, model)
     names = []
-    for name in left:
+    for name in unchanged:
         try:
             changed = model.parameters.replace({name: _CHANGED * actual[name]})
         except ValueError:  # the new value contradicts another parameter
@@ -80,7 +81,7 @@ def _examples_that_matter(window: Window, model: MonitorModel) -> list[str]:
 def _wrong_column(
     window: Window, expected: Response, parameters: ActuatorParameters
 ) -> ColumnError | UnrelatedColumn | None:
-    """Return the first column of a window that contradicts the nominal response; None if none."""
+    """Return the first column of a window that contradicts the nominal response, or None."""
     measured = window.telemetry
     travel = window.command - window.command[0]
     moves = window.moves
@@ -99,7 +100,7 @@ def _wrong_column(
 def _difference(
     name: str, row: Array, model: Array, tau: float
 ) -> ColumnError | UnrelatedColumn | None:
-    """Return how a column differs from its expected values; None if it agrees."""
+    """Return the error of a column relative to its expected values, or None if they agree."""
     size = float(np.linalg.norm(row) * np.linalg.norm(model))
     correlation = float(row @ model) / size if size > 0.0 else 0.0
     if abs(correlation) < _LOWEST_CORRELATION:

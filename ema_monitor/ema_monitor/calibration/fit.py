@@ -1,4 +1,4 @@
-"""Fit a unit's calibration to its healthy windows."""
+"""Calibration of the monitor model on healthy windows of a unit."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -11,7 +11,12 @@ from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.alignment import shift_if_same
 from ema_monitor.calibration.calibration import LEAST_SCATTER, Calibration
 from ema_monitor.calibration.description_misfit import description_misfit
-from ema_monitor.calibration.healthy_model import WindowGroup, mean_missed, missed, sample_weights
+from ema_monitor.calibration.healthy_model import (
+    WindowGroup,
+    healthy_residuals,
+    mean_residuals,
+    sample_weights,
+)
 from ema_monitor.calibration.unit_fit import UnitFit, fit_unit
 from ema_monitor.model.deviations import N_DEVIATIONS, Deviations
 from ema_monitor.model.measured import measured_columns
@@ -30,29 +35,30 @@ def calibrate_model(
     *,
     structural: bool = True,
 ) -> Calibration:
-    """Calibrate the monitor model on healthy windows of one actuator.
+    """Return a calibration of the monitor model, fitted to healthy windows of one unit.
 
     Parameters
     ----------
     windows
-        Windows of one or several commands, at least one. Ten or more windows of the first command
-        average out the PWM ripple. The fit reads them one at a time, several times over, so that
-        the sequence may load them on demand. Measured causes enter with their sigma.
+        Windows with one or several commands, at least one. Ten or more windows with the first
+        command average out the PWM ripple. The fit reads the windows one at a time in several
+        passes, so that the sequence may load them on demand. The uncertainty of measured causes is
+        included.
     description
-        Unit of the windows; the built-in actuator if None.
+        Description of the unit; the built-in actuator if None.
     form
-        Form of the monitor model; the default form of the drive if None. No deviations are fitted
-        for the "source" form: its calibration is the correction alone, as in the thesis.
+        Form of the monitor model; the default form of the drive if None. For the "source" form, no
+        deviations are fitted: the calibration only has the correction, as in the thesis.
     structural
-        Whether to fit the deviations of the unit from nominal if the form has them. Otherwise only
-        the correction is fitted.
+        Whether to fit the deviations of the unit from nominal, if the form supports it. Otherwise
+        only the correction is fitted.
 
     Raises
     ------
     ValueError
-        If there is no window, the form does not exist for the drive, the unit deviates impossibly
-        far from its description, or a window has no excitation, a different sample period than the
-        first window, or different columns than the description states.
+        If there is no window, the form is not available for the drive, the unit deviates too far
+        from its description, or a window has no excitation, a different sample period than the
+        first window, or different columns than the description.
     """
     description = description or ActuatorDescription()
     form = form_of(description.drive, form)
@@ -66,7 +72,7 @@ def calibrate_model(
         unexcited = window.excitation_defect()
         reason = acquisition.contradiction(missing) or (text_of(unexcited) if unexcited else "")
         if not reason and period != h:
-            reason = f"it has samples of {period:g} s, the first of {h:g} s"
+            reason = f"its sample period is {period:g} s, in the first window {h:g} s"
         if reason:
             raise ValueError(f"window {number}: {reason}")
         for group in groups:
@@ -88,7 +94,7 @@ def calibrate_model(
         unit = fit_unit(by_command, nominal)
     model = nominal.of_unit(Deviations.of(unit.deviations))
     of_first = by_command[0]
-    correction, speed_correction = mean = mean_missed(of_first, model)
+    correction, speed_correction = mean = mean_residuals(of_first, model)
     healthy_rms, healthy_speed_rms = _scatter(of_first, model, mean, h)
     model_rms, model_speed_rms = _uncorrected(by_command, model, h)
     relations = _relations(windows, parameters)
@@ -116,9 +122,9 @@ def calibrate_model(
 
 
 def _relations(windows: Sequence[Window], parameters: ActuatorParameters) -> dict[str, float]:
-    """Return the healthy column relations by name, corrected for measured causes.
+    """Return the healthy relations between columns by name, corrected for measured causes.
 
-    Each is the mean over the windows that determine it; NaN if no window does.
+    A relation is the mean over the windows that determine it, or NaN without such windows.
     """
     relations: dict[str, list[float]] = {"travel_ratio": [], "law_offset": []}
     slopes = law_slopes(parameters)
@@ -136,13 +142,14 @@ def _relations(windows: Sequence[Window], parameters: ActuatorParameters) -> dic
 def _scatter(
     windows: Sequence[Window], model: MonitorModel, mean: Array, h: float
 ) -> tuple[float, float]:
-    """Return the expected band-limited rms of current and speed in another window."""
+    """Return the expected band-limited rms residuals of current and speed in a further window."""
     m = len(windows)
     if m == 1:
         return float("nan"), float("nan")
-    # Each window is part of the mean that it is compared with; a later window is not.
+    # Each window is compared with a mean that includes it; a later window is not part of the mean.
     scale = math.sqrt((m + 1.0) / (m - 1.0))
-    return _meaningful(scale * _rms_in_band((rows - mean for rows in missed(windows, model)), h))
+    differences = (residuals - mean for residuals in healthy_residuals(windows, model))
+    return _meaningful(scale * _rms_in_band(differences, h))
 
 
 def _uncorrected(
@@ -152,7 +159,7 @@ def _uncorrected(
     rows = (
         of_window
         for group, weights in zip(groups, sample_weights(groups), strict=True)
-        for of_window in missed(group, model, weights)
+        for of_window in healthy_residuals(group, model, weights)
     )
     return _meaningful(_rms_in_band(rows, h))
 
@@ -168,6 +175,6 @@ def _rms_in_band(rows: Iterable[Array], h: float) -> Array:
 
 
 def _meaningful(scatters: Array) -> tuple[float, float]:
-    """Return two scatters; NaN for a scatter too small to be meaningful."""
+    """Return the scatter of current and speed; NaN if it is too small to be meaningful."""
     current, speed = np.where(scatters > LEAST_SCATTER, scatters, np.nan).tolist()
     return current, speed

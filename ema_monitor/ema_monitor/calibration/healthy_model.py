@@ -16,7 +16,7 @@ from ema_monitor.windows.window import Window
 
 
 class WindowGroup(Sequence[Window]):
-    """Windows of one command, loaded on access."""
+    """Windows with the same command, loaded on access."""
 
     def __init__(self, windows: Sequence[Window], numbers: list[int]) -> None:
         self._windows, self._numbers = windows, numbers
@@ -28,35 +28,35 @@ class WindowGroup(Sequence[Window]):
         return self._windows[self._numbers[index]]
 
 
-def missed(
+def healthy_residuals(
     windows: Sequence[Window], model: MonitorModel, weights: Array | float = 1.0
 ) -> Iterator[Array]:
-    """Yield the residuals of the healthy model in current and speed, ``(2, n)`` [A, rad/s].
+    """Yield the current and speed residuals of the healthy model, ``(2, n)`` [A, rad/s].
 
-    There is one array per window, aligned with the first window and multiplied by ``weights``,
+    Each window yields one array, aligned with the first window and multiplied by ``weights``,
     ``(n,)``.
     """
     command = windows[0].command
     for window in windows:
         response = healthy_response(window, model)
         shift = shift_between(window.command, command, windows[0].telemetry.sample_period)
-        rows = window.missed(response.current[0], response.speed[0], model.parameters.tau)
-        yield np.array([weights * moved(row, -shift) for row in rows])
+        residuals = window.missed(response.current[0], response.speed[0], model.parameters.tau)
+        yield np.array([weights * moved(row, -shift) for row in residuals])
 
 
-def mean_missed(
+def mean_residuals(
     windows: Sequence[Window], model: MonitorModel, weights: Array | float = 1.0
 ) -> Array:
-    """Return the mean residuals of the healthy model over windows, ``(2, n)``."""
-    return reduce(np.add, missed(windows, model, weights)) / len(windows)
+    """Return the mean current and speed residuals over windows, ``(2, n)`` [A, rad/s]."""
+    return reduce(np.add, healthy_residuals(windows, model, weights)) / len(windows)
 
 
 def sample_weights(groups: Sequence[Sequence[Window]]) -> list[Array | float]:
-    """Return the weights of samples in the fit of a unit, ``(n,)`` for each command.
+    """Return the sample weights for the fit of a unit, ``(n,)`` for each command.
 
     Ordinary motion is often slow or at rest, where the model of the mean current is least accurate.
-    If any window contains a rest, samples are weighted as in an estimate (M15). If all windows are
-    test cycles, all samples have equal weight.
+    If any window contains a rest, the samples are weighted as in an estimate (M15). Otherwise all
+    samples have equal weights.
     """
     if all(np.all(group[0].moves) for group in groups):
         return [1.0] * len(groups)
@@ -64,7 +64,7 @@ def sample_weights(groups: Sequence[Sequence[Window]]) -> list[Array | float]:
 
 
 def healthy_response(window: Window, model: MonitorModel) -> Response:
-    """Return the response of the healthy actuator under the window's measured causes."""
+    """Return the response of the healthy actuator in a window, including measured causes."""
     deviations, position = read(measured_columns(window.measured)[None], window)
     return model.respond(
         window, healthy_faults(), place_in_play(window), deviations=deviations, position=position
@@ -72,5 +72,5 @@ def healthy_response(window: Window, model: MonitorModel) -> Response:
 
 
 def place_in_play(window: Window) -> float:
-    """Return the motor's position in its play at the start [half-widths]; 0 if unknown."""
+    """Return the initial position of the motor within its play [half-widths]; 0 if unknown."""
     return 0.0 if window.play is None else window.play

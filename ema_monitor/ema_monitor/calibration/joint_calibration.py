@@ -36,9 +36,9 @@ class OutlyingRecord(NamedTuple):
     """A healthy record that differs from the other healthy records."""
 
     stamp_ns: int
-    """Stamp of the record [ns]."""
+    """Timestamp of the record [ns]."""
     finding: str
-    """Difference from the other records, as a text."""
+    """Sentence about the difference from the other records."""
     number: int
     """Index among the healthy records of the baseline, from 0."""
 
@@ -50,7 +50,7 @@ class OutlyingRecord(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """Text that follows the name of the record in a warning."""
+        """Warning, to be preceded by the name of the record."""
         return (
             f"differs from the other healthy records: {self.finding}. Leave it out, or confirm "
             "that the unit was healthy"
@@ -67,14 +67,14 @@ class JointCalibration(StoredCalibration):
     """Name of the form, which needs no compiled kernels."""
 
     unit_parameters = None
-    """None: the baseline does not determine parameters of the unit."""
+    """Always None: a baseline does not determine parameters of the unit."""
 
     actuator_id: str
     serial_number: str
-    """Names of actuator and unit that were calibrated."""
+    """Identifiers of the calibrated actuator and unit."""
     parameters: ActuatorParameters
-    """Parameters of the description. Gear ratio, torque constant and lead convert between motor,
-    user shaft and rod; the others are not used."""
+    """Parameters from the description. Only gear ratio, torque constant and lead are used, to
+    convert between motor, user shaft and rod."""
     sample_period: float
     """Period of the telemetry of the healthy records [s]."""
     speed_measured: bool
@@ -82,9 +82,9 @@ class JointCalibration(StoredCalibration):
     effort_unit: str
     """Unit in which the effort was recorded."""
     baseline: Baseline = field(repr=False)
-    """Healthy records and their fitted model."""
+    """Healthy records and the effort model fitted to them."""
     outliers: tuple[OutlyingRecord, ...] = ()
-    """Healthy records that differ from the other healthy records; they remain in the baseline."""
+    """Healthy records that differ from the other healthy records. They remain in the baseline."""
 
     @property
     def windows(self) -> int:
@@ -93,13 +93,13 @@ class JointCalibration(StoredCalibration):
 
     @cached_property
     def comparer(self) -> Comparer:
-        """Comparer of records with the baseline."""
+        """Comparison of records with the baseline."""
         unit, scale = self.effort_shown
         return Comparer(self.baseline, unit, scale)
 
     @property
     def effort_shown(self) -> DisplayUnit:
-        """Unit of the recorded effort, and the effort for 1 A in this unit."""
+        """Display unit of the effort; its scale is the effort at 1 A."""
         parameters = self.parameters
         torque = parameters.k_t / parameters.tau
         if self.effort_unit == "N.m":
@@ -112,41 +112,41 @@ class JointCalibration(StoredCalibration):
 
     @property
     def torque_scale(self) -> float:
-        """Torque at the motor for a load of 1 in the unit of ``effort_shown`` [N.m]."""
+        """Motor torque for a load of 1 in the unit of ``effort_shown`` [N.m]."""
         return self.parameters.k_t / self.effort_shown.scale
 
     @property
     def not_learned(self) -> tuple[str, ...]:
-        """Empty: there is no drive model whose deviations could be learned."""
+        """Always empty: without a drive model, there are no deviations to learn."""
         return ()
 
     def __str__(self) -> str:
         dated = set(self.baseline.days) - {0}
         days = f"on {counted(len(dated), 'day')}" if dated else "without a date"
-        unlike = f", {len(self.outliers)} of them unlike the others" if self.outliers else ""
+        outliers = f", {counted(len(self.outliers), 'outlier')}" if self.outliers else ""
         return (
             f"calibration {self.calibration_id} of {self.actuator_id} (controller not modelled) "
-            f"from {counted(self.windows, 'record')} {days}{unlike}: {self._healthy_in_words}"
+            f"from {counted(self.windows, 'record')} {days}{outliers}: {self._healthy_text}"
         )
 
     @property
-    def _healthy_in_words(self) -> str:
-        """Healthy coefficients in the units of effort and motion, as a text."""
+    def _healthy_text(self) -> str:
+        """Formatted healthy coefficients, in the units of effort and motion."""
         baseline, shown = self.baseline, self.effort_shown
-        way = self.parameters.lead / (2.0 * math.pi) if self.parameters.lead else 1.0
+        travel = self.parameters.lead / (2.0 * math.pi) if self.parameters.lead else 1.0
         length, mass = _UNITS[shown.unit]
         _, inertia, viscous, load, _ = (shown.scale * baseline.healthy).tolist()
         words = [f"friction {shown.text(baseline.friction)}"]
         if baseline.shape.has_viscous and viscous > 0.0:
-            words.append(f"viscous friction {viscous / way:.4g} {shown.unit}.s/{length}")
+            words.append(f"viscous friction {viscous / travel:.4g} {shown.unit}.s/{length}")
         if baseline.shape.has_inertia:
-            words.append(f"inertia {inertia / way:.4g} {mass}")
+            words.append(f"inertia {inertia / travel:.4g} {mass}")
         return ", ".join([*words, f"constant load {load:.4g} {shown.unit}"])
 
     def with_labels_of(self, other: "JointCalibration") -> Self:
         """Return the calibration with the labelled records of another calibration.
 
-        Records that are healthy records of this calibration are left out.
+        Labelled records that belong to the healthy records of this calibration are omitted.
         """
         healthy = self.baseline.records
         kept = [
@@ -158,18 +158,18 @@ class JointCalibration(StoredCalibration):
 
     @property
     def residual_in_words(self) -> str:
-        """Standard error of the friction of a healthy record, as a text."""
+        """Formatted standard error of the friction in a healthy record."""
         sigma = math.sqrt(float(np.median(self.baseline.covariances[:, 0, 0])))
         return f"friction of a record ± {100.0 * sigma:.2g} %"
 
     def of_any_motion(self) -> Self:
-        """Return the part valid under any command: the whole calibration."""
+        """Return the part of the calibration that is valid under any command: all of it."""
         return self
 
     def shape_mismatch(self, window: Window) -> str:
-        """Return why the samples of a record cannot be compared; empty if they can.
+        """Return the reason why the samples of a record cannot be compared, or "".
 
-        Records of different sample rates are filtered to the same band.
+        Records with different sample rates are filtered to the same band.
         """
         highest = self.baseline.preparation.highest_period
         if window.sample_period <= highest:
@@ -180,7 +180,7 @@ class JointCalibration(StoredCalibration):
         )
 
     def unit_mismatch(self, description: ActuatorDescription) -> str:
-        """Return why this calibration does not fit a described actuator; empty if it fits."""
+        """Return the reason why the calibration does not match a described actuator, or ""."""
         reasons = []
         if description.drive != "unknown":
             reasons.append(
@@ -188,7 +188,9 @@ class JointCalibration(StoredCalibration):
                 "whose controller is not modelled"
             )
         if description.acquisition.speed != self.speed_measured:
-            reasons.append("the speed is measured in either telemetry or calibration, not in both")
+            reasons.append(
+                "the speed is measured either in the telemetry or in the calibration, not in both"
+            )
         return "; ".join(reasons + self._mismatches(description, _USED))
 
     def _as_mapping(self, *, with_labels: bool) -> dict[str, Any]:
@@ -238,12 +240,12 @@ class JointCalibration(StoredCalibration):
 def calibrate_joint(
     windows: Sequence[Window], description: ActuatorDescription
 ) -> JointCalibration:
-    """Return the calibration of a unit whose controller is not modelled.
+    """Return a calibration of a unit whose controller is not modelled, from healthy records.
 
     Parameters
     ----------
     windows
-        Healthy records, at least one. A measured winding temperature is used.
+        Healthy records, at least one. Measured winding temperatures are used.
     description
         Description of the unit.
 
@@ -254,8 +256,7 @@ def calibrate_joint(
     """
     if description.acquisition.current == "none":
         raise ValueError(
-            "drive = unknown needs a measured current or torque: acquisition says that there is "
-            "none"
+            "drive = unknown needs a measured current or torque, but acquisition.current is none"
         )
     baseline = learn(
         [window.telemetry for window in windows],

@@ -1,4 +1,4 @@
-"""Plausibility of a calibration, given the description of its unit."""
+"""Plausibility check of a calibration against the description of its unit."""
 
 import math
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from ema_monitor.windows.band import band_limited, rms
 from ema_monitor.windows.window import Window
 
 PLAUSIBLE_SIGMAS: Final = 3.5
-"""Largest plausible distance of a deviation from its expected value [prior sigma]."""
+"""Largest plausible distance of a deviation from its expected value [sigma of the prior]."""
 
 PLAUSIBLE_SHARE: Final = 0.1
 """Largest plausible share of the current that the model does not explain [-].
@@ -34,7 +34,7 @@ FAULTY: Final = (
 
 
 def implausible(calibration: Calibration, window: Window) -> str:
-    """Return why a calibration is implausible for its description; "" if it is plausible.
+    """Return the reason why a calibration is implausible; empty if it is plausible.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ def implausible(calibration: Calibration, window: Window) -> str:
 
     Notes
     -----
-    The function compares the deviations in `FAULTY` with their priors. It also compares the
-    residual of the uncorrected model, without the scatter between windows, with the current: the
+    The deviations in `FAULTY` are compared with their priors. In addition, the residual of the
+    uncorrected model, less the scatter between windows, is compared with the current, because the
     faults of a worn unit may not correspond to any deviation.
     """
     return "; ".join(_reasons(calibration, window))
@@ -59,19 +59,19 @@ def _reasons(calibration: Calibration, window: Window) -> Iterator[str]:
         if prior.name in FAULTY and abs(value - prior.expected) > PLAUSIBLE_SIGMAS * prior.sigma:
             name = prior.name.replace("_", " ")
             yield f"{name} is {value:+.3g}, expected {prior.expected:.2g} ± {prior.sigma:.2g}"
-    share = _missed_share(calibration, window)
+    share = _unexplained_share(calibration, window)
     if share > PLAUSIBLE_SHARE:
         yield (
-            f"the model misses {100.0 * share:.0f} % of the current, at most "
-            f"{100.0 * PLAUSIBLE_SHARE:.0f} % is expected"
+            f"the model does not explain {100.0 * share:.0f} % of the current, expected at most "
+            f"{100.0 * PLAUSIBLE_SHARE:.0f} %"
         )
 
 
-def _missed_share(calibration: Calibration, window: Window) -> float:
-    """Return the unexplained share of the current over all windows; NaN if unknown."""
+def _unexplained_share(calibration: Calibration, window: Window) -> float:
+    """Return the share of the current that the model does not explain; NaN if unknown."""
     if not np.any(calibration.unit_covariance) or not len(window.telemetry.current):
         return math.nan
     current = rms(band_limited(window.telemetry.current[None, 1:], window.sample_period)[0])
     scatter = np.nan_to_num(calibration.healthy_rms)
-    missed = math.sqrt(max(0.0, calibration.model_rms**2 - scatter**2))
-    return missed / current
+    unexplained = math.sqrt(max(0.0, calibration.model_rms**2 - scatter**2))
+    return unexplained / current

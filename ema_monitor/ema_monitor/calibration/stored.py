@@ -1,4 +1,4 @@
-"""Identity, file format and unit check shared by all kinds of calibration."""
+"""Identifier, file format and unit check shared by all kinds of calibration."""
 
 import hashlib
 import json
@@ -27,10 +27,10 @@ _log = logging.getLogger(__name__)
 
 
 class StoredCalibration(Displayed, ABC):
-    """A calibration of one unit, stored in a YAML file with its identity.
+    """Base class of calibrations, which are stored in a YAML file with an identifier.
 
     Each kind of calibration is a frozen dataclass with the attributes below and its own ``FORMAT``.
-    Constructing one with an impossible value raises a ``ValueError`` that names the value.
+    Its constructor raises a ``ValueError`` that names the value if a value is impossible.
     """
 
     FORMAT: ClassVar[int | str]
@@ -43,14 +43,14 @@ class StoredCalibration(Displayed, ABC):
 
     @cached_property
     def calibration_id(self) -> str:
-        """Identity of the content: equal contents have equal identities."""
-        # Labels are left out: they name departures and change no estimate.
+        """Identifier of the content: calibrations with equal contents have equal identifiers."""
+        # Labels are excluded: they name departures and do not affect estimates.
         text = json.dumps(self._content(with_labels=False), sort_keys=True)
         return f"{self.serial_number}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
 
     @property
     def brief(self) -> str:
-        """Identity and unit as a short text."""
+        """Short string with the identifier and the unit."""
         return f"{self.calibration_id} of {self.actuator_id}"
 
     @property
@@ -59,7 +59,7 @@ class StoredCalibration(Displayed, ABC):
         return f"; not learned from these windows: {words}" if words else ""
 
     def shape_mismatch(self, window: Window) -> str:
-        """Return why the samples of a window do not fit the calibration; empty if they fit."""
+        """Return the reason why the samples of a window do not match the calibration, or ""."""
         if abs(window.sample_period / self.sample_period - 1.0) > 1e-6:
             return (
                 f"the sample period is {window.sample_period:g} s, in the calibration of "
@@ -69,10 +69,10 @@ class StoredCalibration(Displayed, ABC):
 
     @abstractmethod
     def unit_mismatch(self, description: ActuatorDescription) -> str:
-        """Return why this calibration does not fit a described actuator; empty if it fits."""
+        """Return the reason why the calibration does not match a described actuator, or ""."""
 
     def _mismatches(self, description: ActuatorDescription, used: Iterable[str]) -> list[str]:
-        """Return one text per difference in serial number or used parameters."""
+        """Return one message per difference in serial number or used parameters."""
         reasons = []
         if description.serial_number != self.serial_number:
             reasons.append(
@@ -99,21 +99,21 @@ class StoredCalibration(Displayed, ABC):
 
     @classmethod
     def of_content(cls, path: Path, content: Any) -> Self:
-        """Parse a calibration from the content of a file.
+        """Return the calibration from the content of a file.
 
-        Logs a warning if the content was changed after it was written.
+        Logs a warning if the content was edited after it was written.
 
         Parameters
         ----------
         path
-            File that the content was read from, for messages.
+            Path of the file, for messages.
         content
             Parsed content of the file.
 
         Raises
         ------
         ValueError
-            If the content is not a calibration; the message names file and defect.
+            If the content is not a calibration; the message names the file and the defect.
         """
         if not isinstance(content, dict) or content.get("format") != cls.FORMAT:
             raise ValueError(
@@ -131,7 +131,7 @@ class StoredCalibration(Displayed, ABC):
         # Editing a calibration by hand is permitted.
         if made_as not in (None, actual_id):
             _log.warning(
-                "%s was changed after it was written: it was calibration %s and is %s now",
+                "%s was changed after it was written: its calibration_id was %s and is %s now",
                 path,
                 made_as,
                 actual_id,
@@ -139,35 +139,35 @@ class StoredCalibration(Displayed, ABC):
         return loaded
 
     def _content(self, *, with_labels: bool = True) -> dict[str, Any]:
-        """Return the exact file content without the identity.
+        """Return the exact content of the file, without the identifier.
 
-        Labelled states are left out unless ``with_labels``.
+        Labelled states are omitted unless ``with_labels``.
         """
         content = self._as_mapping(with_labels=with_labels)
-        if not self.parameters.lead:  # rotary units keep the identity that version 0.1 gave them
+        if not self.parameters.lead:  # rotary units keep the identifiers of version 0.1
             del content["parameters"]["lead"]
         return content
 
     @abstractmethod
     def _as_mapping(self, *, with_labels: bool) -> dict[str, Any]:
-        """Return the entries of the file, without labelled states unless ``with_labels``."""
+        """Return the entries of the file; labelled states are omitted unless ``with_labels``."""
 
     @classmethod
     @abstractmethod
     def _of_mapping(cls, content: dict[str, Any]) -> Self:
-        """Build the calibration from file entries; ``content`` may be modified."""
+        """Return the calibration from the entries of a file; ``content`` may be modified."""
 
 
 def numbers(name: str, values: Any) -> Array:
-    """Return a file entry as an array. Raises ValueError if it is not numeric."""
+    """Return an entry of a file as an array, or raise ValueError if it is not numeric."""
     try:
         return np.array(values, dtype=np.float64)
     except (OverflowError, TypeError, ValueError):
-        raise ValueError(f"{name} is not made of numbers") from None
+        raise ValueError(f"{name} is not an array of numbers") from None
 
 
 def is_calibration_file(path: Path) -> bool:
-    """Return whether a file starts like a calibration of any kind."""
+    """Return whether the first lines of a file identify it as a calibration of any kind."""
     try:
         with open_regular_file(path) as file:
             head = file.read(_HEAD_BYTES).split(b"\n")

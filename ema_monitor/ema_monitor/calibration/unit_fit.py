@@ -1,4 +1,4 @@
-"""Fit a unit's deviations from its description to healthy windows."""
+"""Fit of a unit's deviations from its description to healthy windows."""
 
 import math
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ import numpy as np
 
 from ema_core.arrays import Array, Flags
 from ema_core.faults import healthy_faults
-from ema_monitor.calibration.healthy_model import mean_missed, place_in_play, sample_weights
+from ema_monitor.calibration.healthy_model import mean_residuals, place_in_play, sample_weights
 from ema_monitor.model.deviations import COLUMNS, N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.measured import measured_columns
 from ema_monitor.model.monitor_model import MonitorModel
@@ -18,30 +18,32 @@ from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
 from ema_monitor.windows.band import BAND_CORRELATION, band_limited, rms, speed_weight
 from ema_monitor.windows.window import Window
 
-# Measured on five simulated units with twelve windows each; sigma refers to fitted deviations.
+# The figures below were measured on five simulated units with twelve windows each; sigma is the
+# standard deviation of a fitted deviation.
 _STEPS: Final = 0.05
 """Step of the difference quotients [20 sigma of the prior].
 
-0.02 and 0.1 move the fit by up to 1.6 sigma, as friction has kinks, and hardly change the residual
-of the current."""
+Steps of 0.02 and 0.1 change the fit by up to 1.6 sigma, because friction is not smooth, and hardly
+change the residual of the current."""
 _SETTLED: Final = 0.02
 """Step below which a fit has converged [sigma of the prior].
 
-0.004 moves no deviation by more than 0.02 sigma, 0.1 moves a deviation by 1.4 sigma."""
+With 0.004, no deviation changes by more than 0.02 sigma; with 0.1, one changes by 1.4 sigma."""
 _SHARES: Final = ((1.0,), (0.5,), (0.25,), (0.1,), (0.03,))
-"""Step fractions of the line search, tried in turn because each costs a run over all windows. All
-measured fits took the full step."""
+"""Step fractions of the line search, tried one after the other, because each requires a run over
+all windows. All measured fits took the full step."""
 _MOST_ITERATIONS: Final = 100
-"""Iteration limit; measured fits took at most 7."""
+"""Largest number of iterations; measured fits took at most 7."""
 _WORTHWHILE: Final = 0.3
-"""Share of the remaining cost that an additional deviation must explain [-]. 0.15 and 0.6 select
-the same deviations."""
+"""Share of the remaining cost that an additional deviation must explain [-]. With 0.15 and 0.6, the
+same deviations are selected."""
 _NOTABLE: Final = 0.4
-"""Minimum size of an additional deviation [sigma of the prior]. With 0.2 one more deviation is
-fitted, with 0.8 the residual of the current grows by up to 12 %."""
+"""Minimum size of an additional deviation [sigma of the prior]. With 0.2, one more deviation is
+fitted; with 0.8, the residual of the current is up to 12 % larger."""
 _ALWAYS_FITTED: Final = ("lift", "friction", "stribeck_speed", "inertia")
 _LEAST_NOISE: Final = 1e-2
-"""Minimum noise of the current [A]. 0.005 and 0.02 give the same fits, as real noise is larger."""
+"""Minimum noise of the current [A]. With 0.005 and 0.02, the fits are the same, because the actual
+noise is larger."""
 
 
 class UnitFit(NamedTuple):
@@ -71,56 +73,56 @@ class _UnitProblem:
         self.expected, self.sigma, self.lowest, self.highest = np.array(
             [(prior.expected, prior.sigma, prior.lowest, prior.reach) for prior in self.priors]
         ).T
-        # A fraction of the prior, large enough to overcome friction.
+        # A fraction of the prior, but large enough to overcome friction.
         self._steps = _STEPS * np.minimum(20.0 * self.sigma, self.highest)
         self._latest: dict[bytes, Array] = {}
         self.noise = self._noise_at(self.expected)
 
     def deviations(self, x: Array) -> Array:
-        """Return all deviations, ``(..., 25)``, for ``x``, ``(..., d)``."""
+        """Return all 25 deviations, ``(..., 25)``, from the fitted ones, ``x``, ``(..., d)``."""
         values = np.zeros((*x.shape[:-1], N_DEVIATIONS))
         values[..., self._columns] = x
         return values
 
     def covariance(self, covariance_of_x: Array) -> Array:
-        """Return the covariance of all deviations, ``(25, 25)``."""
+        """Return the covariance of all deviations, ``(25, 25)``, from the covariance of ``x``."""
         covariance = np.zeros((N_DEVIATIONS, N_DEVIATIONS))
         covariance[np.ix_(self._columns, self._columns)] = covariance_of_x
         return covariance
 
     def residuals(self, points: Array) -> Array:
         """Return noise-normalised model residuals, followed by prior residuals, ``(m, r + d)``."""
-        away = (points - self.expected) / self.sigma
-        left = np.array([self.missed(x) for x in points]) / self.noise
-        return np.concatenate([left, away], axis=1)
+        of_priors = (points - self.expected) / self.sigma
+        of_model = np.array([self.model_residuals(x) for x in points]) / self.noise
+        return np.concatenate([of_model, of_priors], axis=1)
 
     def linearise(self, x: Array) -> Linearisation:
         """Return the linearisation at ``x``, and update the noise to its value at ``x``."""
-        self._latest = {x.tobytes(): self.missed(x)}
+        self._latest = {x.tobytes(): self.model_residuals(x)}
         self.noise = self._noise_at(x)
         [residuals] = self.residuals(x[None])
         jacobian = np.concatenate([-self.slopes(x) / self.noise, np.diag(1.0 / self.sigma)])
         return Linearisation(x, residuals, jacobian)
 
     def _noise_at(self, x: Array) -> float:
-        """Return the standard deviation of an effective residual, at least 0.01 A [A]."""
-        return math.sqrt(BAND_CORRELATION) * max(rms(self.missed(x)), _LEAST_NOISE)
+        """Return the standard deviation of an effective residual [A]."""
+        return math.sqrt(BAND_CORRELATION) * max(rms(self.model_residuals(x)), _LEAST_NOISE)
 
-    def missed(self, x: Array) -> Array:
-        """Return the residuals of the model, ``(r,)`` [A]."""
+    def model_residuals(self, x: Array) -> Array:
+        """Return the band-limited mean residuals of the model for all commands, ``(r,)`` [A]."""
         key = x.tobytes()
         if key not in self._latest:
             model = self._model(x)
             self._latest[key] = np.concatenate(
                 [
-                    self._in_band(mean_missed(group, model, weights))
+                    self._in_band(mean_residuals(group, model, weights))
                     for group, weights in zip(self._groups, self._weights, strict=True)
                 ]
             )
         return self._latest[key]
 
     def slopes(self, x: Array) -> Array:
-        """Return the derivatives of the model's response, ``(r, d)``."""
+        """Return the derivatives of the model response with respect to ``x``, ``(r, d)``."""
         up = np.minimum(self._steps, self.highest - x)
         down = np.minimum(self._steps, x - self.lowest)
         sides = self.deviations(np.concatenate([np.diag(up), -np.diag(down)]))
@@ -130,7 +132,7 @@ class _UnitProblem:
     def effects_of_measured(self, x: Array) -> Array:
         """Return the effect of one sigma of each measured cause on the response, ``(r, k)`` [A].
 
-        The error of a sensor is assumed to be the same in all windows.
+        A sensor is assumed to have the same error in all windows.
         """
         measured = [{cause.name: cause for cause in group[0].measured} for group in self._groups]
         names = sorted({name for by_name in measured for name in by_name})
@@ -144,11 +146,11 @@ class _UnitProblem:
             above = above.reshape(-1, len(COLUMNS))
             sides.append(np.concatenate([above, -above]))
         if not names:
-            return np.zeros((len(self.missed(x)), 0))
+            return np.zeros((len(self.model_residuals(x)), 0))
         return self._differences(x, sides) / 2.0
 
     def _differences(self, x: Array, sides: Sequence[Array]) -> Array:
-        """Return the differences between responses to pairs of deviations, ``(r, k)`` [A].
+        """Return response differences for pairs of deviations, ``(r, k)`` [A].
 
         Parameters
         ----------
@@ -173,7 +175,7 @@ class _UnitProblem:
         return np.concatenate(columns)
 
     def lowest_of(self, at: Linearisation, active: Flags) -> Array:
-        """Return the minimum of a linear model within the bounds of the active deviations."""
+        """Return the minimum of a linear model over the active deviations within their bounds."""
         x = at.point.copy()
         quadratic = Quadratic.of(at.restricted(x, active))
         x[active] = quadratic.lowest_between(self.lowest[active], self.highest[active])
@@ -183,18 +185,18 @@ class _UnitProblem:
         return self._nominal.of_unit(Deviations.of(self.deviations(x)))
 
     def _in_band(self, rows: Array) -> Array:
-        """Return current and speed, ``(2, n)``, in their band as one row [A]."""
+        """Return band-limited current and speed, ``(2, n)``, as one row [A]."""
         current, speed = band_limited(rows, self._h)
         return np.concatenate([self._current_weight * current, self._stiffness * speed])
 
 
 def fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> UnitFit:
-    """Fit the deviations of a unit from nominal to healthy windows.
+    """Return the deviations of a unit from nominal, fitted to healthy windows.
 
-    Gauss-Newton on band-limited current and speed with priors, which only matter for deviations
-    that the windows do not determine. The fit begins with lift, friction, Stribeck speed and
-    inertia. It adds further deviations one at a time, and only if they explain a large share of the
-    remaining residuals: otherwise they would absorb residuals of different causes.
+    Gauss-Newton method on band-limited current and speed. Priors affect only deviations that the
+    windows do not determine. The fit begins with lift, friction, Stribeck speed and inertia. It
+    adds further deviations one at a time if they explain a large share of the remaining residuals.
+    Otherwise they would absorb residuals with different causes.
     """
     problem = _UnitProblem(groups, nominal)
     priors, sigma = problem.priors, problem.sigma
@@ -207,9 +209,10 @@ def fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> UnitF
         descent = descend(least_squares, x[None], search, stopping)
         x, at = descent.point, Quadratic.of(descent.at)
         added = _most_explaining(at, active, _NOTABLE * sigma)
-        left = problem.missed(x)
-        least = max(left @ left, len(left) * _LEAST_NOISE**2) / problem.noise**2
-        if added is None or added.gain < _WORTHWHILE * least:
+        residuals = problem.model_residuals(x)
+        floor = len(residuals) * _LEAST_NOISE**2
+        remaining = max(residuals @ residuals, floor) / problem.noise**2
+        if added is None or added.gain < _WORTHWHILE * remaining:
             break
         active[added.number] = True
     for prior, value in zip(priors, x, strict=True):
@@ -222,9 +225,9 @@ def fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> UnitF
             )
     # Deviations that were not fitted may still be present, as far as windows and priors permit.
     normal = at.hessian
-    left_out = np.where(active, 0.0, np.linalg.solve(normal, at.gradient))
-    covariance: Array = np.linalg.inv(normal) + np.diag(left_out**2)  # pyright: ignore[reportAssignmentType]
-    # The fit took measured causes as exact: their uncertainty is added here.
+    not_fitted = np.where(active, 0.0, np.linalg.solve(normal, at.gradient))
+    covariance: Array = np.linalg.inv(normal) + np.diag(not_fitted**2)  # pyright: ignore[reportAssignmentType]
+    # The fit assumes exact measured causes; their uncertainty is added here.
     slopes = descent.at.jacobian[: -len(x)]
     shifts = np.linalg.solve(normal, slopes.T @ problem.effects_of_measured(x) / problem.noise)
     return UnitFit(problem.deviations(x), problem.covariance(covariance + shifts @ shifts.T))
@@ -240,9 +243,9 @@ class _Addition(NamedTuple):
 
 
 def _most_explaining(at: Quadratic, active: Flags, least: Array) -> _Addition | None:
-    """Return the unfitted deviation that lowers the cost the most.
+    """Return the deviation that would reduce the cost the most if it were added to the fit.
 
-    None if no unfitted deviation would reach the magnitude ``least``, ``(d,)``.
+    Returns None if no additional deviation would reach the magnitude ``least``, ``(d,)``.
     """
     best = None
     for number in np.flatnonzero(~active):

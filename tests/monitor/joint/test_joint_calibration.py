@@ -136,7 +136,7 @@ DAMAGES = {
     "records missing": (_without("records"), "'records'"),
     "values of letters": (
         _with(["a"] * 5, "records", 0, "values"),
-        "values is not made of numbers",
+        "values is not an array of numbers",
     ),
     "four values": (_with([1.0] * 4, "records", 0, "values"), "no 5 coefficients"),
     "short covariance": (_with([1.0] * 3, "records", 0, "covariance"), "damaged calibration"),
@@ -208,7 +208,7 @@ def test_record_unlike_the_others_is_named_in_the_calibration_and_kept(tmp_path)
         outlier
     )
     assert str(outlier).endswith("Leave it out, or confirm that the unit was healthy")
-    assert "from 7 records on 2 days, 1 of them unlike the others" in str(made)
+    assert "from 7 records on 2 days, 1 outlier" in str(made)
     made.save(tmp_path / "joint.yaml")
     loaded = load(tmp_path / "joint.yaml")
     assert (loaded.outliers, loaded.windows) == (made.outliers, 7)
@@ -223,7 +223,7 @@ def test_record_without_a_date_is_named_by_its_place():
     (outlier,) = made.outliers
     assert outlier.number == 2
     assert str(outlier).startswith("healthy record 3 differs from the other healthy records: ")
-    assert "from 7 records without a date, 1 of them unlike the others" in str(made)
+    assert "from 7 records without a date, 1 outlier" in str(made)
 
 
 def test_healthy_record_of_another_rate_has_no_figures_that_depend_on_it():
@@ -254,7 +254,7 @@ def test_other_units_are_refused_with_what_differs(calibration):
     assert "drive = six_step" in calibration.unit_mismatch(description)
     assert "serial number 'J2'" in calibration.unit_mismatch(replace(plain, serial_number="J2"))
     speed = described(Sensors(speed=True))
-    assert "either telemetry or calibration" in calibration.unit_mismatch(speed)
+    assert "either in the telemetry or in the calibration" in calibration.unit_mismatch(speed)
     for name, value in (("tau", 0.5), ("k_t", 0.3), ("lead", 0.01)):
         changed = replace(plain, parameters=plain.parameters.replace({name: value}))
         assert f"{name} = {value:g}" in calibration.unit_mismatch(changed)
