@@ -91,7 +91,7 @@ def test_control_law_gives_the_offset_of_the_position_whatever_friction_and_load
 def test_control_law_ascribes_offsets_of_other_sensors_to_them(calibration, name, value):
     found = Relations.of(recorded({}, {name: value}), calibration)
     assert not found.are_healthy
-    assert np.all(np.abs(found.left(columns(**{name: value}))) < 0.5)
+    assert np.all(np.abs(found.residuals(columns(**{name: value}))) < 0.5)
 
 
 def test_nothing_is_said_of_windows_at_rest_and_of_drives_with_another_law(healthy_windows):
@@ -107,13 +107,13 @@ def test_relations_are_judged_against_the_healthy_windows(healthy_windows, calib
     window = healthy_windows[0]
     found = Relations.of(window, calibration)
     assert found.are_healthy
-    assert np.all(np.abs(found.left(columns())) < 0.5)
-    assert found.left(columns()).shape == (1, 2)
+    assert np.all(np.abs(found.residuals(columns())) < 0.5)
+    assert found.residuals(columns()).shape == (1, 2)
     unknown = replace(calibration, travel_ratio=math.nan, law_offset=math.nan)
-    assert Relations.of(window, unknown).left(columns()).shape == (1, 0)
+    assert Relations.of(window, unknown).residuals(columns()).shape == (1, 0)
     # Both sensors wrong by as much agree on the travel.
-    both = found.left(columns(position_gain=0.01, speed_gain=0.01))
-    assert both[0, 0] == pytest.approx(found.left(columns())[0, 0])
+    both = found.residuals(columns(position_gain=0.01, speed_gain=0.01))
+    assert both[0, 0] == pytest.approx(found.residuals(columns())[0, 0])
 
 
 def test_unusual_cause_costs_its_distance_however_bad_the_fit_is(healthy_windows, calibration):
@@ -218,7 +218,7 @@ def test_calibration_names_a_sample_period_that_is_not_that_of_the_motion(
 ):
     h = 1e-4 * factor
     windows = [changed(window, sample_period=h) for window in healthy_windows[:1]]
-    words = f"the position travels {1.0 / factor:.3g} times what speed and time give"
+    words = f"the position travels {1.0 / factor:.3g} times the integral of the speed"
     description = replace(ActuatorDescription(), sample_period=h)
     assert (words in str(calibrate(windows, description))) == is_named
 

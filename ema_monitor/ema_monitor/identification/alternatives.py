@@ -1,4 +1,4 @@
-"""Interchangeable parts of an explanation: a window cannot separate them (M27)."""
+"""Parts of an explanation that a window cannot distinguish from each other (M27)."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -7,11 +7,11 @@ from ema_core.faults import FAULT_NAMES
 from ema_monitor.reason_texts import AND, EQUAL_SHORTS, EQUAL_SHORTS_LABEL, LABELS
 
 Part = tuple[str, ...]
-"""Names of one or several faults, or of a hidden cause, that explain a window together."""
+"""Part of an explanation: the names of its faults, or the name of a hidden cause."""
 
 
 class Alternative(NamedTuple):
-    """A part of an explanation and a replacement that explains the window equally well."""
+    """A part of an explanation, and a replacement that explains the window equally well."""
 
     part: Part
     """Part of the explanation."""
@@ -19,28 +19,28 @@ class Alternative(NamedTuple):
     """Replacement of the part."""
 
     def as_record(self) -> dict[str, list[str]]:
-        """Return the names as plain values for JSON."""
+        """Return the alternative as plain values for JSON."""
         return {name: list(part) for name, part in self._asdict().items()}
 
 
 def names_of(alternatives: Iterable[Alternative]) -> frozenset[str]:
-    """Return the names of all faults and hidden causes in some alternatives."""
+    """Return the names of all faults and hidden causes in the alternatives."""
     return frozenset(name for pair in alternatives for part in pair for name in part)
 
 
 def faults_of(parts: Iterable[Part]) -> list[int]:
-    """Return the indices of the faults in some parts, ignoring hidden causes."""
+    """Return the indices of all faults in the parts, ignoring hidden causes."""
     names = {name for part in parts for name in part}
     return [number for number, name in enumerate(FAULT_NAMES) if name in names]
 
 
 def alternative_of(record: Any) -> Alternative:
-    """Return the alternative from the output of ``as_record``, or from two labels (version 0.1).
+    """Return an alternative from the output of ``as_record``, or from two labels (version 0.1).
 
     Raises
     ------
     ValueError, KeyError
-        If a name is neither a fault nor a hidden cause, or there are not two parts.
+        If a name is neither a fault nor a hidden cause, or the number of parts is not two.
     """
     pair = record
     if isinstance(record, dict):

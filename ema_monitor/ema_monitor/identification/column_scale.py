@@ -1,4 +1,4 @@
-"""Detection of columns that are wrong by a factor, such as a wrong unit or sign.
+"""Detection of telemetry columns that are wrong by a factor, for example by unit or sign.
 
 Three relations reveal a wrong factor: the position follows its command, the speed is the derivative
 of the position, and the current accelerates the known inertia. No fault scales any of them.
@@ -26,9 +26,9 @@ _ALIKE: Final = 0.7
 
 
 def mistaken_amplitude(causes: Iterable[CauseEstimate]) -> ColumnError | None:
-    """Return the error of a current recorded as RMS instead of peak or vice versa; None if neither.
+    """Return the error of a current recorded as RMS instead of peak or vice versa, or None.
 
-    The gain of the current among the hidden causes shows the error.
+    The error shows in the current gain among the hidden causes.
     """
     for cause in causes:
         if cause.name != "current_gain":
@@ -41,7 +41,7 @@ def mistaken_amplitude(causes: Iterable[CauseEstimate]) -> ColumnError | None:
 
 
 def wrong_scale(window: Window, parameters: ActuatorParameters) -> ColumnError | None:
-    """Return the column of a window that is clearly wrong by a factor; None if there is none."""
+    """Return the error of the column of a window that is certainly wrong by a factor, or None."""
     tau = parameters.tau
     t, h = window.telemetry, window.sample_period
     count = max(3, round(_SMOOTH_S / h))
@@ -52,28 +52,30 @@ def wrong_scale(window: Window, parameters: ActuatorParameters) -> ColumnError |
         np.convolve(column, kernel, "valid")
         for column in (t.command, t.position, t.speed, t.current)
     )
-    moves = np.gradient(position, h) / tau
-    # Measured speed over the derivative of the position.
-    speed_scale = _slope(moves, speed)
+    # Ratio of the measured speed to the derivative of the position.
+    speed_scale = _slope(np.gradient(position, h) / tau, speed)
     tracking = _slope(command - command.mean(), position - position.mean())
     if speed_scale is None or tracking is None:
         return None
     inertia = (parameters.J_m + parameters.J_u) / parameters.k_t
-    pull = _inertia_of(speed, current, position, h)
+    apparent_inertia = _inertia_of(speed, current, position, h)
     if _is_off(speed_scale, _LEAST_FACTOR):
         follows = not _is_off(tracking, _LEAST_TRACKING)
         if not follows:
             return ColumnError.of(("position",), 1.0 / speed_scale, Reference.SPEED, tau)
         # A wrong speed scales the apparent inertia by the inverse factor.
-        if pull is not None and abs(pull / inertia * speed_scale - 1.0) < _ROUGH:
+        if (
+            apparent_inertia is not None
+            and abs(apparent_inertia / inertia * speed_scale - 1.0) < _ROUGH
+        ):
             return ColumnError.of(("speed",), speed_scale, Reference.POSITION, tau)
         return ColumnError.of(
             ("position", "command"), 1.0 / speed_scale, Reference.SPEED, parameters.tau
         )
     if _is_off(tracking, _LEAST_TRACKING):
         return ColumnError.of(("command",), 1.0 / tracking, Reference.POSITION, tau)
-    if pull and _is_off(pull / inertia, _LEAST_FACTOR):
-        return ColumnError.of(("current",), pull / inertia, Reference.INERTIA, tau)
+    if apparent_inertia and _is_off(apparent_inertia / inertia, _LEAST_FACTOR):
+        return ColumnError.of(("current",), apparent_inertia / inertia, Reference.INERTIA, tau)
     return None
 
 
@@ -82,22 +84,22 @@ def _is_off(factor: float, least: float) -> bool:
 
 
 def _slope(x: Array, y: Array) -> float | None:
-    """Return the factor from ``x`` to ``y``; None if they are not proportional."""
+    """Return the ratio of ``y`` to ``x`` by regression, or None if they are not proportional."""
     xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
     return xy / xx if xy**2 > _ALIKE * xx * yy > 0.0 else None
 
 
 def _inertia_of(speed: Array, current: Array, position: Array, h: float) -> float | None:
-    """Return the ratio of current to acceleration [A.s^2/rad]; None if it is not determined."""
+    """Return the ratio of current to acceleration [A.s^2/rad], or None if it is too uncertain."""
     rows = np.stack(
         [np.gradient(speed, h), speed, np.tanh(speed / _KNEE), position, np.ones_like(speed)], 1
     )
     scale = np.maximum(np.abs(rows).max(axis=0), 1e-300)
     rows = rows / scale
     coefficients, *_ = np.linalg.lstsq(rows, current, rcond=None)
-    left = current - rows @ coefficients
+    residuals = current - rows @ coefficients
     # Neighbouring samples are correlated: about one in ten is independent.
-    variance = 10.0 * float(left @ left) / max(len(left) - rows.shape[1], 1)
+    variance = 10.0 * float(residuals @ residuals) / max(len(residuals) - rows.shape[1], 1)
     covariance = variance * np.linalg.pinv(rows.T @ rows)
     if np.sqrt(covariance[0, 0]) > _SURE * abs(coefficients[0]):
         return None

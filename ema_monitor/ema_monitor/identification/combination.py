@@ -27,10 +27,10 @@ from ema_monitor.reasons import MotionDisagrees, MotionEnded, Reason
 from ema_monitor.windows.window import Window
 
 WORTHWHILE: Final = 0.97
-"""A stretch is worth a search if it reduces a fault's standard deviation to this ratio [-]."""
+"""Largest ratio of a fault's standard deviations after and before a stretch for a search [-]."""
 
 MOST_SURPRISE: Final = 60.0
-"""Largest squared distance between a stretch and the prior knowledge for combination [-]."""
+"""Largest squared distance from the prior knowledge at which a stretch is combined [-]."""
 
 _RANGE: Final = np.diag((SPANS / UNOBSERVABLE_SIGMA) ** 2)
 _UNFIT: Final = 2.0
@@ -41,30 +41,30 @@ class Combination(Combining):
     """Combines stretches of ordinary motion into estimates of an actuator's faults.
 
     The result of a stretch is the prior of the next stretch. The combination is complete when every
-    fault has the wanted standard deviation, or the best that further motion can give, or when the
-    limit of number or time is reached. Faults that are not accurate enough are then flagged as
-    unobservable. A new combination begins after each estimate, so that successive estimates are
-    independent.
+    fault has reached the target standard deviation or the limit of what further motion can achieve,
+    or when the largest number of stretches or the time limit is reached. Faults that are not
+    accurate enough are then flagged as unobservable. A new combination begins after each estimate,
+    so that successive estimates are independent.
 
     Parameters
     ----------
     description
         Description of the actuator.
     calibration
-        Calibration of its model, or the reason why there is none.
+        Calibration of the actuator's model, or the reason why there is none.
     search
         Settings of the search.
     settings
         Settings of the combination.
     previous
-        Faults at which the first search begins, ``(8,)``; None for a healthy actuator.
+        Faults at which the first search begins, ``(8,)``; None for healthy.
     force
-        Whether to accept a calibration that does not belong to the actuator.
+        Whether to accept the calibration of a different unit.
 
     Raises
     ------
     ValueError
-        If the fitness of the search is not the default, which alone models the noise.
+        If the search does not use the default fitness, which is the only one that models the noise.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class Combination(Combining):
         self._force = force
         self._begin()
 
-    def _take(self, stretch: Window) -> Iterator[Generation | Estimate]:
+    def _process(self, stretch: Window) -> Iterator[Generation | Estimate]:
         if self._is_complete(stretch):
             yield from self._conclude()
         if self._is_paused(stretch) and not self._is_defective(stretch):
@@ -119,7 +119,7 @@ class Combination(Combining):
             yield from self._count_refused(refused, is_identified=result.knowledge is not None)
 
     def finish(self) -> list[Estimate]:
-        """End the motion. Return the estimate of the stretches combined so far, if any."""
+        """End the combination. Return the estimate of the stretches combined so far, if any."""
         return self._conclude(MotionEnded())
 
     def _begin(self) -> None:
@@ -130,7 +130,7 @@ class Combination(Combining):
         self._preview: Preview | None = None
 
     def _is_complete(self, stretch: Window) -> bool:
-        """Return whether a stretch would exceed the limit of number or time."""
+        """Return whether a stretch would exceed the limits on number or time."""
         if not self._parts:
             return False
         first_ns, last_ns = (self._parts[i].estimate.start_ns for i in (0, -1))
@@ -139,8 +139,9 @@ class Combination(Combining):
     def _is_worthwhile(self, stretch: Window, calibration: Calibration) -> bool:
         """Return whether a stretch is worth a search.
 
-        It is worthwhile if it lowers a standard deviation that exceeds the target, if the current
-        faults do not explain it, or if the search would refuse it with a reason.
+        A search is worthwhile if it would reduce a standard deviation that exceeds the target, if
+        the current faults do not explain the stretch, or if it would report why it refuses the
+        stretch.
         """
         self._preview = None
         if calibration.shape_mismatch(stretch) or stretch.excitation_defect():
@@ -159,17 +160,17 @@ class Combination(Combining):
         return drive_defect(stretch, self._description.parameters) is not None
 
     def _lowers(self, knowledge: Knowledge, gained: Array) -> bool:
-        """Return whether information lowers a standard deviation that exceeds the target."""
+        """Return whether information reduces a standard deviation that exceeds the target."""
         before = _RANGE + knowledge.gained
-        left = np.sqrt(np.diag(np.linalg.inv(before + gained)) / np.diag(np.linalg.inv(before)))
+        ratio = np.sqrt(np.diag(np.linalg.inv(before + gained)) / np.diag(np.linalg.inv(before)))
         sigma, common = knowledge.sigma, knowledge.systematic_sigma
-        after = np.hypot(left * np.sqrt(sigma**2 - common**2), common)
-        wanted = sigma > self._settings.wanted_sigma
-        return bool(np.any(wanted & (after < WORTHWHILE * sigma)))
+        after = np.hypot(ratio * np.sqrt(sigma**2 - common**2), common)
+        is_inaccurate = sigma > self._settings.wanted_sigma
+        return bool(np.any(is_inaccurate & (after < WORTHWHILE * sigma)))
 
     @property
     def _initial(self) -> Knowledge:
-        """Knowledge before the first stretch: fault ranges, centred on the previous faults."""
+        """Prior before the first stretch: the fault ranges, centred on the previous faults."""
         return Knowledge.of_range(PLAIN.encode(self._previous))
 
     @property
@@ -193,15 +194,15 @@ class Combination(Combining):
         knowledge = result.knowledge or self._initial
         self._refused_in_a_row = 0
         if not self._parts:
-            self._examined = 1  # stretches refused before the first one do not count
+            self._examined = 1  # refused stretches before the first combined stretch do not count
         self.tally = self.tally.plus(combined=1)
         self._knowledge = knowledge
         self._parts.append(result)
         if self._preview is not None:
             self._motions.append(self._preview.motion)
-        # Further motion does not lower the systematic part.
-        enough = np.maximum(self._settings.wanted_sigma, _REACHED * knowledge.systematic_sigma)
-        return self._conclude() if np.all(knowledge.sigma <= enough) else []
+        # Further motion does not reduce the systematic part.
+        target = np.maximum(self._settings.wanted_sigma, _REACHED * knowledge.systematic_sigma)
+        return self._conclude() if np.all(knowledge.sigma <= target) else []
 
     def _conclude(self, ending: Reason | None = None) -> list[Estimate]:
         """Return the estimate of the combined stretches, and begin a new combination."""

@@ -17,13 +17,14 @@ _FLOWS: Final = 0.5
 
 
 def drive_defect(window: Window, parameters: ActuatorParameters) -> Reason | None:
-    """Return the defect of drive, shaft or sensor that a window shows; None without a defect.
+    """Return the defect of drive, shaft or sensor in a window, or None.
 
-    A column that does not change while the motor moves indicates a dead sensor. A defect of drive
-    or shaft is present if the motor stands still for 10 % of the window although position and speed
-    loop demand nearly the current limit (M1), even at half their gain. If the current flows, the
-    shaft is blocked. If it does not flow, a phase is open or a switch dead. If it is not measured,
-    either defect is possible. Speed loops with integral or derivative gain are not checked.
+    A column that does not change while the motor moves indicates a dead sensor. Drive or shaft have
+    a defect if the motor stands still for 10 % of the window although position and speed loop
+    demand nearly the current limit (M1), even at half their gain. If the demanded current flows,
+    the shaft is blocked. If it does not flow, a phase is open or a switch has failed. If the
+    current is not measured, either defect is possible. Speed loops with integral or derivative gain
+    are not checked.
     """
     p, t = parameters, window.telemetry
     if dead := _dead_sensor(window):
@@ -34,19 +35,19 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> Reason | Non
     if not len(speed):
         speed = np.concatenate([[window.initial_speed(p.tau)], window.speed(p.tau)])
     error = np.clip(0.5 * p.G_prop * (t.command - t.position), -p.omega_max, p.omega_max)
-    wanted = np.abs(np.clip(p.GAP * (error - speed) / p.k_t, -p.I_max, p.I_max))
-    stands = (np.abs(speed) < _STANDSTILL * p.omega_max) & (wanted > _AT_LIMIT * p.I_max)
-    if np.mean(stands) < _STANDING:
+    demand = np.abs(np.clip(p.GAP * (error - speed) / p.k_t, -p.I_max, p.I_max))
+    is_stalled = (np.abs(speed) < _STANDSTILL * p.omega_max) & (demand > _AT_LIMIT * p.I_max)
+    if np.mean(is_stalled) < _STANDING:
         return None
-    amount = float(np.median(wanted[stands]))
+    demanded = float(np.median(demand[is_stalled]))
     if not len(t.current):
-        return JamOrOpenCircuit(amount)
-    flows = float(np.median(np.abs(t.current[stands])))
-    return Jam(flows) if flows > _FLOWS * amount else OpenCircuit(amount, flows)
+        return JamOrOpenCircuit(demanded)
+    measured = float(np.median(np.abs(t.current[is_stalled])))
+    return Jam(measured) if measured > _FLOWS * demanded else OpenCircuit(demanded, measured)
 
 
 def _dead_sensor(window: Window) -> DeadSensor | None:
-    """Return the column that is constant although other columns show that the motor moves."""
+    """Return the column that is constant although other columns show motion, or None."""
     t = window.telemetry
     columns = {"current": t.current, "speed": t.speed, "position": t.position}
     still = [name for name, column in columns.items() if len(column) and not np.ptp(column)]

@@ -1,4 +1,4 @@
-"""Estimate of the faults in a window, or its refusal, and its plain values for JSON."""
+"""Estimate of the faults in a window, or a refusal, and its conversion to values for JSON."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -24,7 +24,7 @@ from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 INVERSE_DYNAMICS: Final = "inverse_dynamics"
-"""Algorithm of estimates from the comparison of a record with its baseline."""
+"""Algorithm name of estimates that compare a record with a baseline."""
 
 VERDICTS: Final = ("valid", "degraded", "refused", "failed", "skipped", "departed")
 """Verdicts in the order of their numbers in ``ema_interfaces/msg/FaultEstimate``."""
@@ -45,42 +45,43 @@ _SHAPES: Final = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Estimate(Displayed):
-    """The faults identified in a window, or in several stretches of ordinary motion combined.
+    """The faults identified in a window, or in several combined stretches of ordinary motion.
 
-    For an estimate of stretches, "window" means all stretches together (M29).
+    For an estimate from stretches, "window" means all stretches together (M29).
     """
 
     start_ns: int
     end_ns: int
-    """Stamps of the first and last sample of the window [ns]."""
+    """Timestamps of the first and last sample of the window [ns]."""
     algorithm: str
+    """Name of the optimizer, or ``INVERSE_DYNAMICS``."""
     seed: int
-    """Optimizer and the seed of its random numbers."""
+    """Seed of the optimizer's random numbers."""
     calibration_id: str
-    """Identity of the calibration used."""
+    """Identifier of the calibration; empty without a calibration."""
     faults: FaultVector = _UNKNOWN
     """Fault vector, ``(8,)``; NaN without an estimate."""
     covariance: Array = field(default_factory=lambda: np.full((N_FAULTS, N_FAULTS), math.nan))
     """Covariance of the faults, ``(8, 8)``; NaN in rows and columns of unobservable components."""
     unobservable: Flags = field(default_factory=lambda: np.ones(N_FAULTS, dtype=bool))
-    """Components that the window does not determine, ``(8,)``."""
+    """Flags of the components that the window does not determine, ``(8,)``."""
     quantiles: Array = field(default_factory=lambda: np.full(_SHAPES["quantiles"], math.nan))
-    """Quantiles of the faults at 5, 25, 50, 75 and 95 %, ``(5, 8)``; NaN if unobservable. Missing
-    values are filled in from a normal distribution."""
+    """Quantiles of the faults at 5, 25, 50, 75 and 95 %, ``(5, 8)``; NaN if unobservable. Values
+    that are not passed are computed from a normal distribution."""
     probability: Array = field(default_factory=lambda: np.full(N_FAULTS, math.nan))
-    """Probability that each fault is present, ``(8,)``; NaN if unobservable. Missing values are
-    filled in as 0 or 1 from the significance."""
+    """Probability that each fault is present, ``(8,)``; NaN if unobservable. Values that are not
+    passed are 0 or 1, depending on the significance."""
     play_offset: float = math.nan
-    """Position of the motor in its play at the start [half-widths]."""
+    """Position of the motor within its play at the start [half-widths]."""
     fitness: float = math.nan
-    """Cost at the estimate [A^2.s]; the sum over stretches."""
+    """Cost at the estimate [A^2.s]; for stretches, the sum."""
     goodness_of_fit: float = math.nan
-    """Larger ratio of the band-limited rms residuals of current and speed to a healthy window [-];
-    NaN if the calibration does not contain the residuals of a healthy window."""
+    """Ratio of band-limited rms residuals to a healthy window, of current or speed, whichever is
+    larger [-]; NaN if the calibration does not include the residuals of a healthy window."""
     goodness_limit: float = math.nan
-    """Goodness of fit up to which the faults explain the window [-]."""
+    """Largest goodness of fit at which the faults explain the window [-]."""
     excitation: float = math.nan
-    """Travel of the command [rad]; the largest over stretches."""
+    """Travel of the command [rad]; for stretches, the largest travel."""
     evaluations: int = 0
     """Number of model evaluations."""
     computing_time: float = 0.0
@@ -88,10 +89,10 @@ class Estimate(Displayed):
     valid: bool = False
     """Whether the estimate may be used."""
     reasons: tuple[Reason, ...] = ()
-    """Reasons for the verdict and reservations; ``comparison`` has the findings of a record."""
+    """Reasons for the verdict, and reservations. The findings of a record are in ``comparison``."""
     insignificant: Flags = field(default_factory=lambda: np.zeros(N_FAULTS, dtype=bool))
-    """Components that do not differ significantly from healthy, ``(8,)``. Faults within one
-    standard deviation of healthy are added on construction."""
+    """Flags of the components that do not differ significantly from healthy, ``(8,)``. Faults
+    within one standard deviation of healthy are added on construction."""
     warm_start: bool = False
     """Whether the search began at the faults of an earlier window."""
     calibration_windows: int = 0
@@ -100,28 +101,28 @@ class Estimate(Displayed):
     """Verdict on the estimate:
 
     - "valid": usable.
-    - "degraded": usable with widened standard deviations; ``reasons`` state why.
+    - "degraded": usable, with increased standard deviations; ``reasons`` state the causes.
     - "refused": not usable.
     - "failed": not usable because of a failure of drive or shaft.
-    - "skipped": the window was cut off or dropped and not examined.
+    - "skipped": the window was cut off or dropped, and not examined.
     - "departed": the window departs from the healthy windows of the unit as stated in ``reasons``,
-      and no fault explains it; the estimate may be valid or not.
+      and no fault explains the departure; the estimate may be valid or not.
     """
     unexplained_share: float = math.nan
-    """Unexplained share of the window's departure from healthy [-]; NaN if ``goodness_of_fit`` is
-    NaN."""
+    """Share of the window's departure from healthy that the estimate does not explain [-]; NaN if
+    ``goodness_of_fit`` is NaN."""
     causes: tuple[CauseEstimate, ...] = ()
-    """Hidden causes that are part of the explanation. For stretches, each cause is from the stretch
-    in which it is most significant, and ``reasons`` have its range."""
+    """Hidden causes that are part of the explanation. For stretches, each value comes from the
+    stretch in which the cause is most significant, and ``reasons`` state its range."""
     alternatives: tuple[Alternative, ...] = ()
-    """Parts of the explanation and replacements that the window cannot separate from them."""
+    """Parts of the explanation, and replacements that the window cannot distinguish from them."""
     stretches: int = 0
     """Number of combined stretches of ordinary motion; 0 for a single test window."""
     measured: tuple[CauseEstimate, ...] = ()
-    """Measured causes that were used. For stretches, each is from the stretch in which it is most
-    significant."""
+    """Measured causes that were used. For stretches, each value comes from the stretch in which the
+    cause is most significant."""
     lacks_calibration: bool = False
-    """Whether the window was refused because no calibration fits the actuator and window."""
+    """Whether the window was refused because no calibration matches the actuator and window."""
     parts: tuple[WindowFigures, ...] = ()
     """Figures of the window, or of each stretch, if the calibration has a baseline of windows."""
     comparison: Comparison | None = None
@@ -144,7 +145,7 @@ class Estimate(Displayed):
 
     @property
     def reason(self) -> str:
-        """Reasons as a text, with the findings of a record; empty without any."""
+        """Reasons as one string, including the findings of a record; empty if there are none."""
         if self.comparison is None or not self.valid:
             return joined(self.reasons)
         caveats = [reason for reason in self.reasons if isinstance(reason, OtherUnit)]
@@ -159,12 +160,12 @@ class Estimate(Displayed):
 
     @property
     def found(self) -> Flags:
-        """Flags of the components that differ from healthy, ``(8,)``."""
+        """Flags of the components that differ significantly from healthy, ``(8,)``."""
         return ~(self.insignificant | self.unobservable)
 
     @property
     def meanings(self) -> tuple[str, ...]:
-        """Physical meaning of each fault, as a text."""
+        """Description of the physical meaning of each fault."""
         return tuple(
             "not shown"
             if is_unknown
@@ -178,19 +179,19 @@ class Estimate(Displayed):
 
     @property
     def is_of_record(self) -> bool:
-        """Whether the estimate results from comparing a record with a baseline."""
+        """Whether the estimate results from the comparison of a record with a baseline."""
         return self.algorithm == INVERSE_DYNAMICS
 
     @property
     def departure(self) -> str:
-        """Departure from the healthy tests of the unit, as a text; "" without a departure."""
+        """Description of the departure from the healthy tests of the unit; empty without one."""
         if self.verdict != DEPARTED:
             return ""
         return self.reason if self.comparison is None else finding(self.comparison)
 
     @property
     def brief(self) -> str:
-        """Verdict and the faults that differ from healthy, as a short text."""
+        """Short string with the verdict and the faults that differ from healthy."""
         if self.comparison is not None:
             return f"{self.verdict}, {finding(self.comparison)}"
         if not self.valid:
@@ -205,7 +206,7 @@ class Estimate(Displayed):
         return f"{self.verdict}, {', '.join(faults) or 'no fault differs from healthy'}"
 
     def as_row(self) -> dict[str, Any]:
-        """Return the estimate as a table row of plain values by column."""
+        """Return the estimate as a table row: plain values by column name."""
         row = {
             name: value
             for name, value in vars(self).items()
@@ -252,17 +253,17 @@ def refusal(
     Parameters
     ----------
     window
-        The window, or the reason why there is none.
+        The window, or the refusal of the window.
     calibration
         Calibration of any kind, or the reason why there is none.
     settings
         Settings of the search.
     reason
-        Why no faults can be identified.
+        Reason why the faults cannot be identified.
     is_failure
-        Whether the reason is a failure of drive or shaft.
+        Whether drive or shaft has failed.
     lacks_calibration
-        Whether the reason is the lack of a fitting calibration.
+        Whether no calibration matches the actuator and window.
     """
     verdict = FAILED if is_failure else REFUSED
     if isinstance(window, Refusal) and (window.is_dropped or window.is_cut_off):
@@ -284,9 +285,9 @@ def refusal(
 
 
 def estimate_values(estimate: Estimate) -> dict[str, Any]:
-    """Return every field of an estimate as exact plain values, and the text ``reason``.
+    """Return all fields of an estimate, and its ``reason``, as exact plain values by name.
 
-    Faults become a mapping by name; flags become the names of the flagged faults.
+    Faults become a mapping by name; flags become a list of the flagged faults.
     """
     values = {item.name: getattr(estimate, item.name) for item in fields(Estimate)}
     values["faults"] = estimate.faults._asdict()
@@ -309,15 +310,15 @@ def estimate_values(estimate: Estimate) -> dict[str, Any]:
 
 
 def estimate_record(estimate: Estimate) -> dict[str, Any]:
-    """Return ``estimate_values`` for JSON, which has neither NaN nor infinity.
+    """Return an estimate as values for JSON, which has neither NaN nor infinity.
 
-    NaN becomes None, and infinite values become text.
+    As in ``estimate_values``, but NaN becomes None, and infinite numbers become strings.
     """
     return plain(estimate_values(estimate))
 
 
 def estimate_of(record: Mapping[str, Any]) -> Estimate:
-    """Return the estimate from the result of ``estimate_values`` or ``estimate_record``.
+    """Return an estimate from the result of ``estimate_values`` or ``estimate_record``.
 
     Raises
     ------
@@ -348,7 +349,7 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
 
 
 def reasons_of(record: Mapping[str, Any]) -> tuple[Reason, ...]:
-    """Return the reasons in the record of an estimate or of a test without an estimate."""
+    """Return the reasons in the record of an estimate, or of a test without an estimate."""
     return tuple(map(Reason.of_record, record["reasons"]))
 
 
@@ -358,7 +359,7 @@ def by_fault(values: Iterable[float]) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value for JSON: None for NaN, a text for an infinite number."""
+    """Return a value for JSON: None for NaN, a string for an infinite number."""
     if isinstance(value, dict):
         return {name: plain(item) for name, item in value.items()}
     if isinstance(value, list):
@@ -370,5 +371,5 @@ def plain(value: Any) -> Any:
 
 
 def read_number(value: float | str | None) -> float:
-    """Return the number that ``plain`` wrote."""
+    """Return a number from the result of ``plain``."""
     return math.nan if value is None else float(value)

@@ -1,7 +1,7 @@
 """Combined estimate of several stretches of ordinary motion (M29).
 
 The estimate of the last stretch contains the faults and their covariance after all stretches. All
-other fields of an estimate refer to a single stretch, and are combined here.
+other fields of the estimates refer to single stretches, and are combined in this module.
 """
 
 from collections import Counter
@@ -29,18 +29,18 @@ def combined_estimate(
     wanted_sigma: float,
     ending: Reason | None = None,
 ) -> Estimate | None:
-    """Return the estimate of several stretches; None if no fault reaches the target accuracy.
+    """Return the estimate of several stretches, or None if no fault is accurate enough.
 
     Parameters
     ----------
     parts
-        Findings of the stretches in their order, at least one.
+        Results of the stretches in chronological order, at least one.
     knowledge
         Knowledge of the faults after the last stretch.
     wanted_sigma
-        Target standard deviation; faults above it count as undetermined.
+        Target standard deviation. A fault with a larger standard deviation is unobservable.
     ending
-        Reason why no further stretches follow, if it is worth mentioning.
+        Reason for the end of the combination, if it is to be reported.
     """
     last = parts[-1].estimate
     estimates = [part.estimate for part in parts]
@@ -128,7 +128,7 @@ def _most_significant(of_stretches: Iterable[Iterable[CauseEstimate]]) -> tuple[
 
 
 def _causes_found(of_stretches: Sequence[Iterable[CauseEstimate]]) -> list[Reason]:
-    """Return each cause with its range and the number of stretches that include it."""
+    """Return one reason per hidden cause, with its range and number of stretches."""
     reasons: list[Reason] = []
     for causes in _by_name(of_stretches).values():
         [most] = _most_significant([causes])
@@ -141,7 +141,7 @@ def _causes_found(of_stretches: Sequence[Iterable[CauseEstimate]]) -> list[Reaso
 
 
 def _contradictions(parts: Sequence[WindowResult]) -> list[Reason]:
-    """Return the measured causes that were not used, with their number of stretches."""
+    """Return one reason per measured cause that was not used, with its number of stretches."""
     by_name = _by_name(part.contradicted for part in parts)
     return [
         Contradicted(
@@ -165,11 +165,12 @@ def _counted(of_stretches: Sequence[Sequence[Reason]]) -> list[Reason]:
 
 
 def _not_separated(estimates: Sequence[Estimate], kept: Flags) -> tuple[Alternative, ...]:
-    """Return the pairs that the stretches together do not separate.
+    """Return the alternatives that all stretches together cannot distinguish.
 
-    A later stretch without an alternative does not separate the pair: it depends more on the
-    knowledge before it than on its own samples, and a cause may last as long as the faults. A pair
-    is dropped if its faults are not ``kept``, as they proved healthy, and its causes were rare.
+    A later stretch without an alternative does not rule the alternative out: its result depends
+    more on the prior knowledge than on its samples, and a cause may last as long as the faults. An
+    alternative is dropped if its faults are not ``kept``, because they turned out to be healthy,
+    and its causes occur in at most half of the stretches.
     """
     by_name = _by_name(estimate.causes for estimate in estimates)
     lasting = {name for name, causes in by_name.items() if 2 * len(causes) > len(estimates)}
@@ -188,11 +189,11 @@ def _with_confusions(
     estimates: Iterable[Estimate],
     alternatives: Iterable[Alternative],
 ) -> tuple[Array, Flags]:
-    """Return the covariance without averaging over faults that were not separated.
+    """Return the covariance increased for confused faults, and flags of unobservable components.
 
-    A confusion with an alternative does not average out: the variance of such a fault is at least
-    the least variance of the confused stretches. Also returns flags of the components that are
-    unobservable in all of them.
+    Averaging over stretches does not resolve the confusion of a fault with an alternative: the
+    variance of a confused fault is at least its smallest variance in the stretches with this
+    alternative. A fault that is unobservable in all these stretches is flagged.
     """
     best = np.diag(covariance).copy()
     unknown = last.unobservable.copy()

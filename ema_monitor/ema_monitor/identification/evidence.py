@@ -1,4 +1,4 @@
-"""Comparison of explanations of a window by their residuals and their prior probability (M27)."""
+"""Comparison of explanations of a window by residuals and prior probability (M27)."""
 
 from collections.abc import Callable, Sequence
 from itertools import combinations
@@ -14,26 +14,26 @@ from ema_monitor.identification.uncertainty import GROUPS
 from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
 
 COMPONENT_EVIDENCE: Final = 8.0
-"""Penalty per component: a smaller set wins if its evidence is worse by less than this."""
+"""Penalty per component: the advantage that an additional component must have."""
 
 REPLACED_EVIDENCE: Final = 6.0
-"""Additional penalty of a hidden cause, which a cause must overcome to replace a fault."""
+"""Additional penalty per hidden cause: the advantage that a cause must have to replace a fault."""
 
 UNUSUAL_EVIDENCE: Final = 2.0
-"""Advantage of a fault over a hidden cause among explanations that a window cannot separate."""
+"""Advantage of a fault over a hidden cause if a window cannot distinguish their explanations."""
 
 AMBIGUOUS_EVIDENCE: Final = 8.0
-"""Difference up to which a window cannot separate two explanations."""
+"""Largest difference at which a window cannot distinguish two explanations."""
 
 REMEMBERED_EVIDENCE: Final = 3.0
-"""Largest influence of earlier tests on explanations that the window cannot separate."""
+"""Largest influence of earlier tests on explanations that a window cannot distinguish."""
 
 Components = Flags
-"""A set of components, ``(d,)``."""
+"""Flags of the components in a set, ``(d,)``."""
 
 
 class Explanations(NamedTuple):
-    """Explanations that a window cannot separate; the first one is the estimate (M27)."""
+    """Explanations that a window cannot distinguish, beginning with the estimate (M27)."""
 
     worse: Array
     """Evidence against each explanation relative to the estimate, ``(k,)`` [-]."""
@@ -57,11 +57,11 @@ class _Quadratic(NamedTuple):
     """Quadratic models of the cost."""
 
     at: Linearisation
-    """Linearisation that the models are expanded about."""
+    """Linearisation from which the models are derived."""
     cost: Quadratic
     """Model of the whole cost."""
     by_priors: Quadratic
-    """Model of the part of the cost from cause priors and column relations."""
+    """Model of the part of the cost due to cause priors and column relations."""
 
     @classmethod
     def of(cls, at: Linearisation, objective: Objective) -> Self:
@@ -73,19 +73,19 @@ class _Quadratic(NamedTuple):
 class Evidence:
     """Comparison of sets of faults and hidden causes as explanations of a window.
 
-    The evidence against a set is ``n ln(cost) + z^2`` plus its surprise after the earlier tests of
+    The evidence against a set is ``n ln(cost) + z^2``, plus its surprise given the earlier tests of
     the unit. Here ``n`` is the number of effective residuals, ``cost`` the cost of the window
     alone, and ``z^2`` the squared distance of the causes from their priors. If the model does not
-    match the unit, the window counts less, but no cause becomes more probable.
+    match the unit, the window has less weight, but no cause becomes more probable.
 
     Parameters
     ----------
     objective
         Objective of the window.
     suspects
-        Indices of the hidden causes that need evidence, among the components.
+        Component indices of the hidden causes that need evidence.
     remembered
-        Function that returns the surprise, ``(...)``, of points, ``(..., d)``, after the earlier
+        Function that returns the surprise, ``(...)``, of points, ``(..., d)``, given the earlier
         tests. None without earlier tests.
     """
 
@@ -98,7 +98,7 @@ class Evidence:
         self._objective = objective
         self._remembered = remembered or (lambda points: np.zeros(points.shape[:-1]))
         self._suspects = suspects
-        # Gradient and normal matrix of the latest linearisation serve many sets.
+        # Gradient and normal matrix of the latest linearisation are reused for many sets.
         self._quadratic: _Quadratic | None
         self._quadratic = None
 
@@ -117,12 +117,12 @@ class Evidence:
         return float(self._difference(trial.cost, trial.point, reference, most))
 
     def worse(self, at: Linearisation, sets: Components, most: float = np.inf) -> Array:
-        """Return the evidence against the linear model's optima restricted to sets of components.
+        """Return the evidence against sets of components, at their optima in the linear model.
 
         Parameters
         ----------
         at
-            Linearisation, also the reference of the evidence.
+            Linearisation, which is also the reference of the evidence.
         sets
             Sets of components, ``(n, d)``.
         most
@@ -135,8 +135,8 @@ class Evidence:
         """
         return self._difference(*self._optima(at, sets), at, most)
 
-    def price(self, kept: Components) -> float:
-        """Return the penalty of a set relative to a healthy motor [-]."""
+    def penalty(self, kept: Components) -> float:
+        """Return the penalty of a set of components relative to a healthy motor [-]."""
         causes = int(np.sum(kept[self._suspects]))
         return COMPONENT_EVIDENCE * components(kept) + REPLACED_EVIDENCE * causes
 
@@ -145,7 +145,7 @@ class Evidence:
         return self._optima(at, shown[None])[1][0]
 
     def _optima(self, at: Linearisation, sets: Components) -> tuple[Array, Array]:
-        """Return costs, ``(n,)``, and points, ``(n, d)``, of the optima of each set."""
+        """Return the cost, ``(n,)``, and the point, ``(n, d)``, at the optimum of each set."""
         from ema_monitor.optimizers.bounded_quadratic import lowest_of_each  # with the compiler
 
         objective = self._objective
@@ -155,7 +155,7 @@ class Evidence:
         starts = np.where(sets, at.point, objective.healthy)
         points = lowest_of_each(normal, gradient, at.point, starts, sets)
         moves = points - at.point
-        # Priors with heavy tails are far from linear.
+        # Priors with heavy tails are far from quadratic: their exact cost is added.
         gradient, normal = gradient - of_priors, normal - by_priors
         surprised = objective.noise * (objective.surprise(points) - objective.surprise(at.point))
         costs = at.cost + np.sum((2.0 * gradient + moves @ normal) * moves, axis=1) + surprised
@@ -173,13 +173,13 @@ class Evidence:
         kept
             Components of the explanation, ``(d,)``.
         tried
-            Components that may replace a part of it, ``(d,)``.
+            Components that may replace a part of the explanation, ``(d,)``.
 
         Returns
         -------
         tuple
-            Components that could replace a part, ``(d,)``; the explanations with them; and the
-            pairs of part and alternative.
+            Components that could replace a part, ``(d,)``; the alternative explanations; and each
+            part with its alternative, by name.
         """
         confused = np.zeros_like(kept)
         pairs, worse, steps = [], [0.0], [np.zeros_like(at.point)]
@@ -189,7 +189,7 @@ class Evidence:
             stand_ins = self._stand_ins(group, kept, tried)
             sets = np.array([without, *(including(without, stand_in) for stand_in in stand_ins)])
             of_none, *differences = self.worse(at, sets, REMEMBERED_EVIDENCE).tolist()
-            # A part with little evidence needs no alternative.
+            # A part with weak evidence needs no alternative.
             most = min(
                 AMBIGUOUS_EVIDENCE + COMPONENT_EVIDENCE * (fewer - 1), of_none - COMPONENT_EVIDENCE
             )
@@ -202,7 +202,7 @@ class Evidence:
         return confused, Explanations(np.array(worse), np.array(steps)), pairs
 
     def groups(self, kept: Components) -> list[list[int]]:
-        """Return the parts that may be replaced: each component, and short circuits together."""
+        """Return the parts that may be replaced: single components and several short circuits."""
         groups = self.singles(kept)
         shorted = [phase for phase in SHORT_CIRCUITS if kept[phase]]
         if len(shorted) == len(SHORT_CIRCUITS):
@@ -212,7 +212,10 @@ class Evidence:
         return groups
 
     def singles(self, kept: Components) -> list[list[int]]:
-        """Return each fault and suspect of an explanation; the eccentricity vector is one group."""
+        """Return each fault and suspected cause of an explanation as a group of components.
+
+        Both components of the eccentricity vector are in the same group.
+        """
         groups = [group for group in GROUPS if kept[group[0]]]
         return groups + [[cause] for cause in self._suspects if kept[cause]]
 
@@ -239,7 +242,7 @@ class Evidence:
         return objective.fitness.effective * np.log(of_window) + surprise
 
     def named(self, group: list[int], stand_in: list[int]) -> Alternative:
-        """Return a part of an explanation and its alternative, by name."""
+        """Return the names of a part of an explanation and of its alternative."""
         return Alternative(self._part(group), self._part(stand_in))
 
     def _part(self, group: list[int]) -> Part:
@@ -252,19 +255,19 @@ class Evidence:
 
 
 def including(kept: Components, group: list[int]) -> Components:
-    """Return a set with additional components."""
+    """Return a set of components with a group added."""
     more = kept.copy()
     more[group] = True
     return more
 
 
 def excluding(kept: Components, group: list[int]) -> Components:
-    """Return a set without some components."""
+    """Return a set of components with a group removed."""
     rest = kept.copy()
     rest[group] = False
     return rest
 
 
 def components(kept: Components) -> int:
-    """Return the number of components; the eccentricity vector counts as one."""
+    """Return the number of components in a set; the eccentricity vector counts as one component."""
     return int(np.sum(kept)) - int(kept[ECCENTRICITY] and kept[ECCENTRICITY_PHASE])

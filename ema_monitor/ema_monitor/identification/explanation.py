@@ -1,10 +1,10 @@
 """Explanation of a window by faults and hidden causes, with its alternatives (M27).
 
-The search fits faults only. From its optimum on, sets of faults and hidden causes compete. A cause
-is added, or replaces faults, if it explains the window much better, or as well with fewer
-components. Sets are compared on the linear model; each chosen set is fitted again with the full
-model. If the window remains unexplained, or only an unusual cause explains it, further fits begin
-from other starting points.
+The search fits faults only. Starting from its optimum, sets of faults and hidden causes compete. A
+cause is added, or replaces faults, if it explains the window much better, or equally well with
+fewer components. Sets are compared on the linear model; each selected set is fitted again with the
+full model. If the window remains unexplained, or only an unusual cause explains it, further fits
+begin at other starting points.
 """
 
 import math
@@ -43,19 +43,19 @@ MOST_CAUSES: Final = 3
 """Largest number of hidden causes in an explanation."""
 
 MOST_LOSS: Final = 1.1
-"""Largest ratio of costs without and with the components that are not significant [-]."""
+"""Largest ratio of the costs without and with the insignificant components [-]."""
 
 DOUBTFUL_SIGMAS: Final = 4.0
 """Distance of a cause from its prior beyond which more starting points are tried [sigma]."""
 
 DOUBTFUL_MOTOR_SIGMAS: Final = 1.0
-"""The same distance for inertia and torque constant [sigma].
+"""Distance of inertia and torque constant beyond which more starting points are tried [sigma].
 
-These causes may stand in for the gain of the current sensor. Combined with another cause, they are
-doubted at any distance, like short circuits of all phases.
+These causes may be confused with the gain of the current sensor. In combination with another cause,
+they are doubtful at any distance, like short circuits of all phases.
 """
 
-# Evidence against an explanation up to which it is worth a fit.
+# Largest evidence against an explanation at which it is fitted.
 _ABOUT = 2.0
 # Causes that change the strength of the motor, with the exponent of their effect.
 _WEAKER: Final = {"torque_constant": 1.0, "inertia": -1.0}
@@ -70,11 +70,11 @@ _SEEDED: Final = {
 }
 _MOST_SEEDS = 4
 # On 40 windows of simulated units, the full step alone gives the same estimates with 2 % fewer
-# evaluations, but fails if it overshoots. A gain of 2e-4 takes 3 % more evaluations for the same
-# estimates, a gain of 2e-2 changes an estimate, and 15 iterations give the same estimates.
+# evaluations, but fails if it overshoots. A gain of 2e-4 requires 3 % more evaluations for the same
+# estimates; a gain of 2e-2 changes one estimate; 15 iterations give the same estimates.
 _SHARES: Final = ((1.0, 0.5, 0.2, 0.05),)
 _STOPPING: Final = Stopping(iterations=7, gain=2e-3)
-# Relative reduction of the cost in the linear model that is worth a further fit.
+# Smallest relative reduction of the cost, in the linear model, for a further fit.
 _SETTLED = 1e-5
 
 
@@ -87,16 +87,18 @@ class Explanation:
     """Faults and causes that explain a window."""
 
     at: Linearisation
-    """Linearisation at the estimate, of all components."""
+    """Linearisation at the estimate, with respect to all components."""
     kept: Components
     """Components that differ from healthy, ``(d,)``."""
     confused: Components
+    """Components that could replace a part of the explanation, ``(d,)``."""
     alternatives: list[Alternative]
-    """Components that could replace a part of the explanation, ``(d,)``, and the pairs by name."""
+    """Parts of the explanation and their possible replacements, by name."""
     open: Explanations
+    """Explanations that the window cannot distinguish."""
     far: Array
-    """Explanations that the window cannot separate, and the second moment about the estimate of the
-    explanations that the full model compared, ``(d, d)``."""
+    """Second moment about the estimate of the explanations that were compared with the full model,
+    ``(d, d)``."""
 
 
 class Explainer:
@@ -107,13 +109,13 @@ class Explainer:
     objective
         Objective of the window, with hidden causes as components.
     always
-        Flags of components that need no evidence, ``(d,)``: all except suspected hidden causes.
+        Flags of the components that need no evidence, ``(d,)``: all except suspected hidden causes.
     most_evaluations
         Number of model evaluations after which no further cause is tried.
     seeds
         Additional starting values of hidden causes by name, in their units.
     remembered
-        Function that returns the surprise, ``(...)``, of points, ``(..., d)``, after the earlier
+        Function that returns the surprise, ``(...)``, of points, ``(..., d)``, given the earlier
         tests of the unit. None without earlier tests.
     """
 
@@ -145,7 +147,7 @@ class Explainer:
         """
         fitted = self._always
         at = self._objective.linearise(point, fitted)
-        # Testing faults against healthy needs the derivatives of the fitted components only.
+        # The significance test of the faults needs only the derivatives of the fitted components.
         self._tried = self._worth_trying(at)
         at, kept = self._reduced(at, fitted)
         at = self._objective.extended(at, self._tried)
@@ -165,9 +167,10 @@ class Explainer:
         """Return the explanation after a comparison with motors of the same strength.
 
         Equal short circuits of all phases weaken the motor like a smaller torque constant, or like
-        a larger inertia and friction. These explanations are far apart, so that the linear model
-        misses them and the full model compares them. A better explanation replaces the current one.
-        An explanation that the window cannot separate widens the uncertainty by their distance.
+        a larger inertia and friction. Because these explanations are far apart, they are compared
+        with the full model instead of the linear model. A better explanation replaces the current
+        explanation. An explanation that the window cannot distinguish increases the uncertainty
+        according to its distance.
         """
         evidence, replacements = self._evidence, self._equal_motors(at, kept)
         points = np.stack([at.point, *(point for _, _, point in replacements)])
@@ -176,8 +179,8 @@ class Explainer:
         for (group, stand_in, point), row in zip(replacements, rows, strict=True):
             there = Linearisation(point, row, at.jacobian)
             worse.append(evidence.against(there, at, REMEMBERED_EVIDENCE))
-            price = evidence.price(including(excluding(kept, group), stand_in))
-            if worse[-1] + price - evidence.price(kept) < _ABOUT and self._can_afford_more:
+            penalty = evidence.penalty(including(excluding(kept, group), stand_in))
+            if worse[-1] + penalty - evidence.penalty(kept) < _ABOUT and self._can_afford_more:
                 trial = including(excluding(kept | self._always, group), stand_in)
                 better = self._better(point[None], trial, at, kept)
                 if better is not None:
@@ -188,7 +191,7 @@ class Explainer:
         confused, linear, pairs = evidence.alternatives(at, kept, self._tried)
         near = np.array(worse) < AMBIGUOUS_EVIDENCE
         compared = Explanations(np.array(worse)[near], (points - at.point)[near])
-        # The linear model does not apply to the explanations that the full model compared.
+        # The linear model is not used for the explanations that the full model compared.
         rest = np.array([False, *(pair not in named for pair in pairs)])
         linear = (values[rest] for values in linear)
         return Explanation(
@@ -203,9 +206,9 @@ class Explainer:
     def _equal_motors(
         self, at: Linearisation, kept: Components
     ) -> list[tuple[list[int], list[int], Array]]:
-        """Return replacements that keep the strength of the motor.
+        """Return replacements in the explanation that do not change the strength of the motor.
 
-        Each has the replaced components, the components in their place, and the point, ``(d,)``.
+        Each consists of the replaced components, their replacements, and the point, ``(d,)``.
         """
         healthy = [phase for phase in SHORT_CIRCUITS if not kept[phase]]
         least = min(SHORT_CIRCUITS, key=lambda phase: float(at.point[phase]))
@@ -224,14 +227,14 @@ class Explainer:
         return self._objective.hidden_causes[cause - self._causes.start]
 
     def _strength(self, point: Array, number: int) -> float:
-        """Return the factor by which a short circuit or a cause scales the motor's strength."""
+        """Return the factor by which a short circuit or cause changes the motor's strength [-]."""
         if number in SHORT_CIRCUITS:
             return 1.0 - float(point[number])
         cause = self._prior(number)
         return (1.0 + cause.reach * (2.0 * float(point[number]) - 1.0)) ** _WEAKER[cause.name]
 
     def _strengthened(self, point: Array, number: int, factor: float) -> Array:
-        """Return a point with the motor's strength scaled through short circuits or a cause."""
+        """Return a point with the motor's strength scaled by short circuits or a cause."""
         result = point.copy()
         if number in SHORT_CIRCUITS:
             result[SHORT_CIRCUITS] = 1.0 - factor * (1.0 - point[SHORT_CIRCUITS])
@@ -247,10 +250,11 @@ class Explainer:
         return np.clip(result, 0.0, 1.0)
 
     def _worth_trying(self, at: Linearisation) -> Components:
-        """Return the components whose derivatives justify their model evaluations, ``(d,)``.
+        """Return the components whose derivatives are worth their model evaluations, ``(d,)``.
 
-        Causes that move the start are left out if the window is explained and its columns agree: a
-        wrong position at the start leaves a window unexplained, or disagrees with the speed.
+        Causes that change the initial position are excluded if the window is explained and its
+        columns are consistent. A wrong initial position would leave the window unexplained, or
+        would contradict the speed.
         """
         objective = self._objective
         if at.cost > objective.fitness.good_cost or not objective.relations.are_healthy:
@@ -259,7 +263,7 @@ class Explainer:
         return self._always | ~np.array([False] * objective.first_cause + moves)
 
     def _with_causes(self, at: Linearisation, kept: Components) -> Fitted:
-        """Return the explanation with further hidden causes that have enough evidence."""
+        """Return the explanation extended by hidden causes with sufficient evidence."""
         for _ in range(MOST_CAUSES - int(np.sum(kept[self._suspects]))):
             if not self._can_afford_more:
                 break
@@ -281,7 +285,7 @@ class Explainer:
         return left >= (1 + _STOPPING.iterations) * self._objective.linearisation_evaluations
 
     def _is_doubtful(self, at: Linearisation, kept: Components) -> bool:
-        """Return whether a window is unexplained, or explained only by an unusual cause."""
+        """Return whether the window is unexplained, or only explained by an unusual cause."""
         if not self._suspects:
             return False
         away = np.abs(self._objective.cause_sigmas(at.point))
@@ -291,7 +295,7 @@ class Explainer:
         motor = [cause for cause in shown if self._prior(cause).name in _WEAKER]
         if np.any(away[np.array(motor, dtype=int) - self._causes.start] > DOUBTFUL_MOTOR_SIGMAS):
             return True
-        # On their own, these explanations fit if they are right.
+        # If one of these explanations is right, it needs no further cause.
         are_all_shorted = bool(np.all(kept[SHORT_CIRCUITS]))
         if (motor or are_all_shorted) and len(shown) + are_all_shorted > 1:
             return True
@@ -300,9 +304,9 @@ class Explainer:
     def _elsewhere(self, at: Linearisation, kept: Components) -> list[tuple[Array, Components]]:
         """Return further starting points, ``(d,)``, with their components, by increasing cost.
 
-        Each sets a cause that is not part of the explanation to a trial value, starting either from
-        the explanation or from the healthy point. Only the best point of each cause is returned,
-        and at most ``_MOST_SEEDS`` points.
+        In each point, a cause that is not part of the explanation has a trial value, and all other
+        components are as in the explanation or healthy. Only the best point of each cause is
+        returned, and at most ``_MOST_SEEDS`` points.
         """
         if not self._can_afford_more:
             return []
@@ -332,54 +336,54 @@ class Explainer:
     def _better(
         self, starts: Array, trial: Components, at: Linearisation, kept: Components
     ) -> Fitted | None:
-        """Return the explanation with the components of a trial; None if it is not better."""
+        """Return the explanation with the components of a trial, or None if it is not better."""
         point = self._descended(starts, trial)
         there = self._objective.linearise(point, trial)
         if not np.all(np.isfinite(there.jacobian)):
             return None  # two phases without turns: the model has no finite response
         reduced, shown = self._reduced(there, trial)
-        price = self._evidence.price(shown) - self._evidence.price(kept)
-        if self._evidence.against(reduced, at) >= -(price or REPLACED_EVIDENCE):
+        penalty = self._evidence.penalty(shown) - self._evidence.penalty(kept)
+        if self._evidence.against(reduced, at) >= -(penalty or REPLACED_EVIDENCE):
             return None
         return self._objective.extended(reduced, self._tried), shown
 
     def _promising(self, at: Linearisation, kept: Components) -> Components | None:
-        """Return the components of the best explanation with one more cause; None if there is none.
+        """Return the components of the best explanation with an additional cause, or None.
 
-        The linear model is inaccurate over large steps. An explanation with fewer components is
-        therefore worth a trial as long as the window might not separate the two.
+        The linear model is inaccurate over large steps. Therefore an explanation with fewer
+        components is tried even if it fits slightly worse in the linear model.
         """
         evidence = self._evidence
         groups = evidence.groups(kept)
-        trials, worths = [], []
+        trials, advantages = [], []
         for cause in self._causes:
             if kept[cause] or not self._tried[cause]:
                 continue
             added = including(kept, [cause])
             # The cause may have masked faults.
             trials.append(added | self._always)
-            worths.append(evidence.price(kept) - evidence.price(added))
+            advantages.append(evidence.penalty(kept) - evidence.penalty(added))
             # The new cause may replace one of the parts.
             for group in groups:
                 trials.append(excluding(added, group))
-                cheaper = evidence.price(kept) - evidence.price(trials[-1])
+                advantage = evidence.penalty(kept) - evidence.penalty(trials[-1])
                 is_fewer = components(trials[-1]) < components(kept)
-                worths.append(cheaper + AMBIGUOUS_EVIDENCE * is_fewer)
+                advantages.append(advantage + AMBIGUOUS_EVIDENCE * is_fewer)
         if not trials:
             return None
-        gains = np.array(worths) - evidence.worse(at, np.array(trials))
+        gains = np.array(advantages) - evidence.worse(at, np.array(trials))
         best = int(np.argmax(gains))
         return trials[best] if gains[best] > 0.0 else None
 
     def _descended(self, starts: Array, free: Components) -> Array:
-        """Return the optimum of the free components from the best of several starts, ``(m, d)``."""
+        """Return the optimum of the free components, ``(d,)``, from the best start, ``(m, d)``."""
         objective = self._objective
         problem = Problem(objective.residuals, lambda point: objective.linearise(point, free))
         search = LineSearch(lambda at: refitted(at, at.point, free), _SHARES)
         return descend(problem, starts, search, _STOPPING).point
 
     def _reduced(self, at: Linearisation, fitted: Components) -> Fitted:
-        """Set the components that are not significant to healthy, and fit the others again."""
+        """Return the fit with insignificant components set to healthy and the rest fitted again."""
         objective = self._objective
         floor = np.pad(FLOOR, (0, objective.dimension - N_FAULTS))
         groups = self._evidence.singles(fitted)

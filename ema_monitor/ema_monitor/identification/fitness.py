@@ -1,7 +1,7 @@
 """Distance measures between modelled and measured response, as rows of residuals.
 
-The cost is the sum of squares of a row. The same row therefore serves algorithms that minimise a
-cost and algorithms that use residuals.
+The cost is the sum of squares of a row. Therefore a row serves both algorithms that minimise a cost
+and algorithms that use residuals.
 """
 
 from typing import Final
@@ -27,7 +27,7 @@ Scatter = tuple[float, float]
 class LeastSquares:
     """Difference of the current, sample by sample (eq. 6.3 of the thesis times the period).
 
-    The other measures of distance derive from this class and have the same parameters.
+    All other distance measures derive from this class and have the same parameters.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class LeastSquares:
     calibration
         Calibration of the actuator, with the acquisition of its telemetry.
     scatter
-        Rms residuals of current and speed in a healthy window [A, rad/s]; they set the scale.
+        Rms residuals of current and speed in a healthy window [A, rad/s].
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class TotalLeastSquares(LeastSquares):
 
     Notes
     -----
-    Equation M15; eq. 6.6 of the thesis with the slope over its root mean square.
+    Equation M15; eq. 6.6 of the thesis with the slope divided by its root mean square.
     """
 
     def __init__(self, window: Window, calibration: Calibration, scatter: Scatter) -> None:
@@ -86,15 +86,15 @@ class TotalLeastSquares(LeastSquares):
 class BandLimited(LeastSquares):
     """Band-limited difference of current and speed, robust against outliers (M15).
 
-    The residuals of current and speed are low-passed at about 1 kHz. The residual of the speed
-    counts as half the current that the speed loop derives from it, or less if the speed of a
-    healthy actuator scatters more than its current. Each value has the weight
-    ``|omega| / hypot(|omega|, omega_slow)``, where ``omega_slow`` is half the rms of the speed: the
-    model of the mean current is least accurate when the motor is slow. Residuals beyond twice the
-    healthy scatter count less (pseudo-Huber), since the mismatch of the model has heavy tails.
+    The residuals of current and speed are low-pass filtered at about 1 kHz. The residual of the
+    speed is converted to half the current that the speed loop derives from it, or less if the speed
+    of a healthy actuator scatters more than its current. Each value has the weight
+    ``|omega| / hypot(|omega|, omega_slow)``, where ``omega_slow`` is half the rms speed: the model
+    of the mean current is least accurate when the motor is slow. Residuals beyond twice the healthy
+    scatter have a lower weight (pseudo-Huber), because the mismatch of the model has heavy tails.
 
-    An unmeasured current is ignored. An instantaneous current, which mostly consists of PWM ripple,
-    counts only as much as its mean would, so that the speed dominates the cost.
+    A current that is not measured is ignored. An instantaneous current mostly consists of PWM
+    ripple. It has at most the weight of a mean current, so that the speed dominates the cost.
     """
 
     def __init__(self, window: Window, calibration: Calibration, scatter: Scatter) -> None:
@@ -152,4 +152,4 @@ FITNESS: Final[dict[str, type[LeastSquares]]] = {
     "total_least_squares": TotalLeastSquares,
     "least_squares": LeastSquares,
 }
-"""Measures of distance by their names on the command line, in parameters and in messages."""
+"""Distance measures by the name used on the command line, in parameters and in messages."""

@@ -48,7 +48,7 @@ from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
 _FAULTS = slice(0, N_FAULTS)
-# Share of the range of the search from which on a value counts as at its bound.
+# Share of the search range beyond which a value counts as being at its bound.
 _AT_BOUND = 0.999
 
 
@@ -57,21 +57,21 @@ class WindowResult:
     """Result of an identification."""
 
     estimate: Estimate
-    """The estimate. If it is a refusal, the other fields have their defaults."""
+    """The estimate. For a refusal, all other fields have their defaults."""
     misfit: Misfit | None = None
     """Misfit of the estimate to the window."""
     knowledge: Knowledge | None = None
     """Knowledge of the faults after a stretch of motion; None for a test window."""
     surprise: float = 0.0
-    """Squared distance of a stretch from the knowledge before it [-]."""
+    """Squared distance of a stretch from the prior knowledge [-]."""
     contradicted: tuple[CauseEstimate, ...] = ()
     """Measured causes that were not used because the window contradicts them."""
     caveats: tuple[Reason, ...] = ()
-    """Further reservations about the search."""
+    """Reservations about the search."""
 
 
 class Inference:
-    """Derives the estimate of a window from the optimum of its search.
+    """Derives the estimate of a window from the optimum of a search.
 
     Parameters
     ----------
@@ -82,9 +82,9 @@ class Inference:
     settings
         Settings of the search.
     knowledge
-        Knowledge of the faults before a stretch of motion; None before a test window.
+        Prior knowledge of the faults in a stretch of motion; None for a test window.
     memory
-        Memory of the earlier tests of the unit.
+        Memory of the unit's earlier tests.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class Inference:
         self._always = np.arange(objective.dimension) < first
         self._always[first:] = [cause.name in fitted for cause in causes]
         self._expects_causes = any(cause.name in expected for cause in causes)
-        # Change per unit of a point; the position in the play has a range of 2.
+        # Range of each component per unit of a point; the position in the play has a range of 2.
         self._span = np.ones(objective.dimension)
         self._span[:N_FAULTS] = SPANS
         if window.play is None:
@@ -124,9 +124,9 @@ class Inference:
         self._unit_effects: Array | None = None
 
     def searched(self, *, cartesian: bool) -> Objective:
-        """Return the objective of the search, without the hidden causes that need evidence.
+        """Return the objective of the search, without hidden causes that need evidence.
 
-        ``cartesian`` selects Cartesian components of the eccentricity; see `Coordinates`.
+        If ``cartesian``, the components of the eccentricity are Cartesian (`Coordinates`).
         """
         priors, fitted = self._objective.hidden_causes, self._always[self._objective.first_cause :]
         causes = tuple(compress(priors, fitted))
@@ -134,7 +134,7 @@ class Inference:
 
     @property
     def most_evaluations(self) -> int:
-        """Number of model evaluations of an estimate without suspected hidden causes."""
+        """Number of model evaluations for an estimate without suspected hidden causes."""
         objective = self._objective
         return 3 * objective.linearisation_evaluations + objective.unit_evaluations + 2
 
@@ -158,7 +158,7 @@ class Inference:
         fitted
             Values of the causes that need no evidence, in the unit box.
         started
-            Start of the identification by ``time.perf_counter`` [s].
+            Start time of the identification by ``time.perf_counter`` [s].
         warm_start
             Whether the search began at earlier faults.
         contradicted
@@ -246,7 +246,7 @@ class Inference:
         return WindowResult(estimate, misfit, knowledge, surprised, contradicted, caveats)
 
     def _remembered(self, points: Array) -> Array:
-        """Return the surprise, ``(...)``, of points, ``(..., d)``, after the earlier tests."""
+        """Return the surprise, ``(...)``, of points, ``(..., d)``, given the earlier tests."""
         objective, flat = self._objective, np.atleast_2d(points)
         names = [prior.name for prior in objective.hidden_causes]
         causes = dict(zip(names, objective.causes(flat).T, strict=True))
@@ -275,10 +275,10 @@ class Inference:
     ) -> Array:
         """Return the covariance of all components in the unit box, ``(d, d)``.
 
-        If causes take part, the covariance of the components of the explanation refers to the
+        If the explanation includes causes, the covariance of its components refers to the
         explanation itself. The covariance of each further fault refers to the explanation with this
         fault added. The uncertain deviations of the unit are included (M18). ``widened`` is the
-        factor of a poor fit on the residuals.
+        factor by which a poor fit increases the residuals.
         """
         at, kept = explanation.at, explanation.kept
         # The uncertain deviations of the unit do not depend on the misfit.
@@ -299,7 +299,7 @@ class Inference:
         return result
 
     def _covariance(self, at: Linearisation, shown: Components, effects: Array) -> Array:
-        """Return the covariance with only the components ``shown`` fitted, ``(d, d)``."""
+        """Return the covariance if only the components ``shown`` are fitted, ``(d, d)``."""
         jacobian = at.jacobian[:, shown]
         result = np.zeros((len(shown), len(shown)))
         shifts = shifts_of(jacobian, effects)
@@ -310,9 +310,9 @@ class Inference:
     def _effects(self, at: Linearisation, *, of_quantiles: bool = False) -> Array:
         """Return the effects of the unit's uncertain deviations on the residuals, ``(r, k)``.
 
-        They are divided by ``MISMATCH_FACTOR``, which is applied to the whole covariance later.
-        Quantiles use half of the effects, and less for the play, as faults are multiples of the
-        nominal play.
+        The effects are divided by ``MISMATCH_FACTOR``, which is later applied to the whole
+        covariance. Quantiles use half of the effects, and a smaller share for the play, because
+        backlash faults are multiples of the nominal play.
         """
         if self._unit_effects is None:
             self._unit_effects = self._objective.unit_effects(at.point)
@@ -327,7 +327,7 @@ class Inference:
     def _knowledge_after(
         self, explanation: Explanation, before: Knowledge
     ) -> tuple[Knowledge, Array]:
-        """Return the knowledge of the faults after the window, and its information, ``(8, 8)``.
+        """Return the knowledge of the faults after a stretch, and its information, ``(8, 8)``.
 
         No fault is set to healthy or limited to the unit box (M29).
         """
@@ -387,7 +387,7 @@ class Inference:
         expected = objective.expect(np.stack([at.point, objective.healthy]))
         missed = window.missed(*expected, self._calibration.parameters.tau)
         squares = band_limited(missed, window.sample_period) ** 2
-        # At rest, neither model nor fit determines the current: ordinary motion is weighted.
+        # At rest, neither model nor fit determines the current: samples of motion are weighted.
         weights = None if self._knowledge is None else objective.fitness.weights**2
         in_band = np.average(squares, axis=-1, weights=weights)
         return Misfit(in_band / np.square(objective.scatter)[:, None])

@@ -1,4 +1,4 @@
-"""Estimate for a unit without a modelled controller, from a record and a baseline."""
+"""Estimate for a unit whose controller is not modelled, from a record and a baseline."""
 
 import math
 import time
@@ -61,16 +61,16 @@ from ema_monitor.windows.window import Window
 
 _LEAST_VISCOUS: Final = 0.05
 _OTHER_SPEED: Final = 5.0
-"""Speed ratio beyond which the unit of position or speed is doubted [-]."""
+"""Speed ratio beyond which the unit of position or speed is probably wrong [-]."""
 _LEAST_ZERO: Final = 0.03
-"""Smallest angle reported as a shifted position zero [rad]."""
+"""Smallest reported shift of the position zero [rad]."""
 _GAIN_OF_ZERO: Final = 1.2
-"""Factor by which a shifted zero must lower the effort residual if the changes explain the
+"""Factor by which a shifted zero must reduce the effort residual if the changes explain the
 coefficients equally well [-]."""
 _OF_ZERO: Final = 9.0
-"""Minimum advantage at which a shifted zero explains a record better than the changes [-]."""
+"""Smallest advantage at which a shifted zero explains a record better than the changes [-]."""
 _EXPLAINED: Final = 1.5
-"""Minimum advantage at which a delay explains a record better than the changes alone [-]."""
+"""Smallest advantage at which a delay explains a record better than the changes alone [-]."""
 _CAUSES: Final = {
     of.TORQUE: "torque_constant",
     of.INERTIA: "inertia",
@@ -87,13 +87,16 @@ def identify_record(
     *,
     force: bool = False,
 ) -> Estimate:
-    """Return the estimate of a record, or a refusal with the reason.
+    """Return the estimate of a record, or a refusal with its reason.
 
     Parameters
     ----------
-    window, description, calibration
-        The record, or the reason why there is none; the description of its actuator; and the
-        calibration.
+    window
+        The record. If there is only a refusal of the record, the estimate is a refusal as well.
+    description
+        Description of the actuator.
+    calibration
+        Calibration of the unit.
     force
         Whether to accept the calibration of a different unit.
     """
@@ -128,7 +131,7 @@ def identify_record(
     reasons = (
         OtherUnit(mismatch, forced=True) if mismatch else None,
         None if zero is None else OtherZero(zero),
-        *_of_samples(window.telemetry, spikes, record.effort_lag.shift_s),
+        *_sample_caveats(window.telemetry, spikes, record.effort_lag.shift_s),
     )
     return Estimate(
         window.start_ns,
@@ -156,16 +159,16 @@ def identify_record(
 def comparable_record(
     window: Window, description: ActuatorDescription, calibration: JointCalibration
 ) -> JointRecord | tuple[Reason, ...]:
-    """Return the fitted record, or the reasons why it cannot be compared with the baseline."""
+    """Return a fitted record, or the reasons why it cannot be compared with the baseline."""
     if unusable := _unusable(window, calibration):
         return (unusable,)
     return _record_of(_without_spikes(window, calibration)[0], description, calibration)
 
 
 def _without_spikes(window: Window, calibration: JointCalibration) -> tuple[Window, int]:
-    """Return a record without spikes of the effort, and the number of replaced samples.
+    """Return a record without effort spikes, and the number of replaced samples.
 
-    Repeated values are interpolated between their renewals.
+    Repeated values are interpolated between their updates.
     """
     cutoff_hz = calibration.baseline.preparation.cutoff_hz
     telemetry, count = despiked(renewed(window.telemetry), cutoff_hz)
@@ -173,9 +176,9 @@ def _without_spikes(window: Window, calibration: JointCalibration) -> tuple[Wind
 
 
 def _unusable(window: Window, calibration: JointCalibration) -> Reason | None:
-    """Return why the samples of a record cannot be compared; None if they can.
+    """Return the reason why the samples of a record cannot be compared, or None.
 
-    A record without a speed can be compared, but its play is not judged.
+    A record without a measured speed can be compared, but its play is not judged.
     """
     if mismatch := calibration.shape_mismatch(window):
         return OtherSamples(mismatch)
@@ -185,7 +188,7 @@ def _unusable(window: Window, calibration: JointCalibration) -> Reason | None:
     return None if np.all(np.isfinite(telemetry.speed)) else SpeedGaps()
 
 
-def _of_samples(telemetry: Telemetry, spikes: int, shift_s: float) -> Iterator[Reason]:
+def _sample_caveats(telemetry: Telemetry, spikes: int, shift_s: float) -> Iterator[Reason]:
     """Yield reservations about the samples of a record."""
     if shift_s:
         yield EffortShifted(shift_s)
@@ -198,7 +201,7 @@ def _of_samples(telemetry: Telemetry, spikes: int, shift_s: float) -> Iterator[R
 def _record_of(
     window: Window, description: ActuatorDescription, calibration: JointCalibration
 ) -> JointRecord | tuple[Reason, ...]:
-    """Return the record fitted to usable samples, or why their motion cannot be compared."""
+    """Return a record fitted to usable samples, or the reasons why it cannot be compared."""
     preparation = calibration.baseline.preparation
     fine = block_means(window.telemetry, description, preparation.cutoff_hz)
     healthy = [item.effort_lag for item in calibration.baseline.records]
@@ -220,7 +223,7 @@ def _read(
     fine: Fine,
     lag: EffortLag,
 ) -> JointRecord | tuple[Reason, ...]:
-    """Return the record fitted with the effort shifted, or why it cannot be compared."""
+    """Return a record fitted with a shifted effort, or the reasons why it cannot be compared."""
     baseline = calibration.baseline
     fine = aligned(fine, lag)
     signals = filtered(fine, baseline.preparation)
@@ -264,7 +267,7 @@ def _refused(
 def _wrong_speed(
     fine: Fine, description: ActuatorDescription, baseline: Baseline
 ) -> SpeedScaled | None:
-    """Return the common mistake that scales the speed of a record; None if there is none."""
+    """Return a wrong scale of position or speed due to a common mistake, or None."""
     preparation = baseline.preparation
     factor = usual_speed(fine, preparation.cutoff_hz) / preparation.usual_speed
     if 1.0 / _OTHER_SPEED < factor < _OTHER_SPEED:
@@ -277,7 +280,7 @@ def _wrong_speed(
 def _wrong_scale(
     record: JointRecord, baseline: Baseline, description: ActuatorDescription
 ) -> Reason | None:
-    """Return why the effort of a record cannot belong to the unit; None if it can."""
+    """Return the reason why the effort of a record cannot belong to the unit, or None."""
     scale = effort_scale(record, baseline)
     mistake = usual_mistake("current", scale.factor, description.parameters.tau)
     if scale.is_scaled and (mistake or scale.negative is None):
@@ -292,9 +295,9 @@ def _shifted_zero(
     record: JointRecord,
     comparison: Comparison,
 ) -> float | None:
-    """Return the shift of the zero of the position since the healthy records [rad].
+    """Return the shift of the position zero relative to the healthy records [rad].
 
-    None if a shifted zero does not explain the record better than the changes.
+    Returns None if the changes explain the record better than a shifted zero.
     """
     baseline, comparer = calibration.baseline, calibration.comparer
     if not (baseline.shape.has_gravity and comparison.has_departed):
@@ -316,7 +319,7 @@ def _shifted_zero(
 
 
 def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray]:
-    """Return the faults given by the quantities, their covariance, and the healthy faults."""
+    """Return the faults given by the quantities, their covariance, and flags of healthy faults."""
     values, variances = np.full(N_FAULTS, math.nan), np.full(N_FAULTS, math.nan)
     insignificant = np.zeros(N_FAULTS, dtype=bool)
     for name, fault in of.FAULTS_OF_RECORDS.items():
@@ -344,9 +347,9 @@ def _causes(comparison: Comparison, calibration: JointCalibration) -> list[Cause
 
 
 def _cause_scale(name: str, calibration: JointCalibration) -> float | None:
-    """Return the value of a cause per unit change of its quantity; None if it is undefined.
+    """Return the value of a cause per unit change of its quantity, or None if undefined.
 
-    A relative change of viscous friction needs a healthy viscous friction as its reference.
+    A relative change of viscous friction is undefined without healthy viscous friction.
     """
     baseline = calibration.baseline
     if name == of.LOAD:

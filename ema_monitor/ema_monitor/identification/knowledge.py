@@ -1,4 +1,4 @@
-"""Gaussian knowledge of the faults before and after a window (M29)."""
+"""Gaussian prior and posterior of the faults in a sequence of windows (M29)."""
 
 from typing import Final, NamedTuple, Self
 
@@ -17,7 +17,7 @@ from ema_monitor.optimizers.linear_model import ridge_of
 from ema_monitor.windows.window import Window
 
 NUISANCE: Final = "load_torque"
-"""Hidden cause that is common in ordinary motion; it is fitted to every stretch."""
+"""Hidden cause that is fitted to every stretch, because it is common in ordinary motion."""
 
 FLOOR: Final = MISMATCH_SIGMA / SPANS
 """Minimum standard deviations due to model mismatch, in the unit box, ``(8,)``."""
@@ -28,47 +28,50 @@ _NOTHING = np.zeros((N_FAULTS, N_FAULTS))
 
 
 class Knowledge(NamedTuple):
-    """Gaussian knowledge of the faults, in Cartesian coordinates of the unit box."""
+    """Gaussian distribution of the faults, in Cartesian coordinates of the unit box."""
 
     point: Array
-    """Expected values, ``(8,)``; they may be outside of the unit box."""
+    """Expected values, ``(8,)``; they may be outside the unit box."""
     covariance: Array
     """Covariance from the residuals, ``(8, 8)``."""
     shifts: Array = _NOTHING[:, :0]
     """Changes of the expected values by one standard deviation along each principal axis of the
-    unit's uncertain deviations, ``(8, k)``. They are common to all windows."""
+    unit's uncertain deviations, ``(8, k)``. These deviations are the same in all windows."""
     misfit: float = 1.0
-    """Rms residual over the rms residual of a healthy window, at least 1 [-]."""
+    """Ratio of the rms residual to the rms residual of a healthy window, at least 1 [-]."""
     gained: Array = _NOTHING
-    """Information of the windows under the noise of a healthy window, ``(8, 8)``. The gain of a
-    further window is judged relative to it."""
+    """Information from the windows so far at the noise level of a healthy window, ``(8, 8)``; the
+    reference for the information of a further window."""
 
     def rows(self) -> Array:
-        """Return the derivatives of eight independent residuals of unit variance, ``(8, 8)``."""
+        """Return the Jacobian of eight residuals that represent the distribution, ``(8, 8)``.
+
+        The residuals are independent and have unit variance.
+        """
         variances, axes = np.linalg.eigh(self.covariance)
-        # The variance of a component does not exceed its range.
+        # The standard deviation of a component does not exceed its range.
         return (axes / np.sqrt(np.clip(variances, _LEAST_VARIANCE, 1.0))).T
 
     @classmethod
     def of_range(cls, point: Array) -> Self:
-        """Return the knowledge given by the fault ranges alone.
+        """Return the prior given by the fault ranges alone, centred on ``point``, ``(8,)``.
 
-        Among equally good explanations, it prefers the nearest to ``point``, ``(8,)``.
+        Among equally good explanations, the explanation nearest to ``point`` is preferred.
         """
         return cls(point, np.diag((UNOBSERVABLE_SIGMA / MISMATCH_FACTOR / SPANS) ** 2))
 
     @property
     def sigma(self) -> Array:
-        """Standard deviations including model mismatch, ``(8,)``, in units of the faults.
+        """Standard deviations including model mismatch, ``(8,)``, in the units of the faults.
 
-        The eccentricity has the two standard deviations of its plane.
+        The eccentricity has two Cartesian components.
         """
         total = with_mismatch(self.covariance + self.shifts @ self.shifts.T, FLOOR)
         return SPANS * np.sqrt(np.diag(total))
 
     @property
     def systematic_sigma(self) -> Array:
-        """The part of `sigma` that further windows do not lower, ``(8,)``."""
+        """Part of `sigma` that further windows cannot reduce, ``(8,)``."""
         common = MISMATCH_FACTOR**2 * self.shifts @ self.shifts.T
         return SPANS * np.sqrt(np.diag(common) + FLOOR**2)
 
@@ -76,26 +79,26 @@ class Knowledge(NamedTuple):
 def needs_no_evidence(window: Window, knowledge: Knowledge | None) -> set[str]:
     """Return the names of the hidden causes that are always fitted to a window.
 
-    They include the measured causes, whose errors are part of the uncertainty.
+    Measured causes are always fitted, because their errors add to the uncertainty.
 
     Parameters
     ----------
     window
         Test window or stretch of motion.
     knowledge
-        Knowledge before a stretch; None for a test window.
+        Prior knowledge of the faults in a stretch; None for a test window.
     """
     names = {cause.name for cause in window.measured}
     return names if knowledge is None else names | {NUISANCE}
 
 
 def information(jacobian: Array, noise: float) -> Array:
-    """Return the information on the faults if all components are fitted, ``(8, 8)``.
+    """Return the Fisher information of the faults if all components are fitted, ``(8, 8)``.
 
     Parameters
     ----------
     jacobian
-        Derivatives of the residuals, including residuals of priors, ``(n, d)``.
+        Derivatives of the residuals, including prior residuals, ``(n, d)``.
     noise
         Variance of an effective residual.
     """
@@ -108,23 +111,23 @@ def information(jacobian: Array, noise: float) -> Array:
 
 
 def surprise(before: Knowledge, after: Knowledge, gained: Array) -> float:
-    """Return the squared Mahalanobis distance of a window from the knowledge before it [-].
+    """Return the squared Mahalanobis distance between a window and the prior knowledge [-].
 
-    The distance is between the faults that the window alone would give and the expected faults,
-    over the covariance of their difference with the mismatch of both. For a window that agrees, it
+    The faults estimated from the window alone are compared with the expected faults. The covariance
+    of their difference includes the model mismatch of both. For a consistent window, the distance
     is about the number of faults that the window determines.
 
     Parameters
     ----------
     before, after
-        Knowledge before and after the window.
+        Knowledge of the faults before and after the window.
     gained
-        Information of the window alone, ``(8, 8)``.
+        Information from the window alone, ``(8, 8)``.
     """
     strengths, axes = np.linalg.eigh(gained)
     alone = (axes / np.maximum(strengths, 1.0)) @ axes.T
     rows = before.rows()
-    # Converts the shift of the combined estimate to the shift of the window's own estimate.
+    # Converts the shift of the combined estimate to the shift of an estimate from the window alone.
     amplified = np.eye(N_FAULTS) + alone @ rows.T @ rows
     offset = amplified @ (after.point - before.point)
     common = before.shifts if before.shifts.size else np.zeros_like(after.shifts)

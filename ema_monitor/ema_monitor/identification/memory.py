@@ -1,4 +1,4 @@
-"""Memory of a unit's earlier tests: a prior for slow hidden causes and faults (M27)."""
+"""Memory of a unit's earlier tests: a prior for faults and slow hidden causes (M27)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -16,7 +16,7 @@ from ema_monitor.windows.window import Window
 _MONTH_NS: Final = 30 * 86_400 * 10**9
 # Degrees of freedom of the prior: its heavy tails limit the penalty of distant values.
 _TAIL = 4.0
-# Distance from which on a window contradicts the memory [sigma].
+# Distance beyond which a window contradicts the memory [sigma].
 _CONTRADICTED = 3.0
 
 
@@ -29,7 +29,7 @@ class Pace(NamedTuple):
     """Standard deviation of the change between any two tests, in the unit of the cause."""
 
     def widened(self, variance: Array | float, months: float) -> Array | float:
-        """Return a variance widened by some months."""
+        """Return a variance increased by the expected change over some months."""
         return variance + self.at_least**2 + months * self.in_month**2
 
 
@@ -40,7 +40,7 @@ SLOW: Final[Mapping[str, Pace]] = {
     "current_gain": Pace(0.005, 0.005),
     "speed_gain": Pace(0.002, 0.001),
 }
-"""Hidden causes that are remembered; all others may change between tests."""
+"""Rates of the hidden causes that are remembered. All other causes may change between tests."""
 
 _FAULT = Pace(0.02, 0.02)
 _MAY_GROW = np.array(
@@ -50,20 +50,21 @@ _MAY_GROW = np.array(
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """Memory of the tests of a unit (M27)."""
+    """Memory of a unit's earlier tests (M27)."""
 
     stamp_ns: int = 0
     """End of the latest test that the memory contains [ns]; 0 without tests."""
     causes: Mapping[str, CauseEstimate] = field(default_factory=dict)
-    """Slow causes by name; the value is 0 if the tests have not shown the cause."""
+    """Slow causes by name; the value is 0 if no test has shown the cause."""
     clear: frozenset[str] = frozenset()
-    """Names of the causes that a test has separated from all alternatives."""
+    """Names of the causes that a test has distinguished from all alternatives."""
     faults: Array = field(default_factory=lambda: np.zeros(N_FAULTS))
+    """Faults, ``(8,)``."""
     variances: Array = field(default_factory=lambda: np.full(N_FAULTS, np.inf))
-    """Faults and their variances, ``(8,)``; the variance of an unknown fault is infinite."""
+    """Variances of the faults, ``(8,)``; infinite for an unknown fault."""
 
     def after(self, months: float) -> Self:
-        """Return the memory with its uncertainty widened by some months."""
+        """Return the memory with its uncertainty increased by the passage of some months."""
         causes = {
             name: cause._replace(sigma=float(np.sqrt(SLOW[name].widened(cause.sigma**2, months))))
             for name, cause in self.causes.items()
@@ -77,7 +78,10 @@ class Memory:
         return self.after((stamp_ns - self.stamp_ns) / _MONTH_NS)
 
     def updated(self, estimate: Estimate) -> "Memory":
-        """Return the memory updated by a test that was identified with this memory."""
+        """Return the memory updated with the estimate of a test.
+
+        The estimate must have been made with this memory.
+        """
         if not estimate.valid or estimate.stretches or estimate.end_ns < self.stamp_ns:
             return self
         before = self.before(estimate.end_ns)
@@ -98,13 +102,13 @@ class Memory:
 
     @property
     def expected(self) -> tuple[CauseEstimate, ...]:
-        """Causes that are expected in the next test."""
+        """Hidden causes that are expected in the next test."""
         return tuple(
             self.causes[name] for name in SLOW if name in self.clear and self.causes[name].value
         )
 
     def informed(self, window: Window) -> Window:
-        """Return a window with the expected causes added to its measured causes."""
+        """Return a window with the expected causes as additional measured causes."""
         measured = {cause.name for cause in window.measured}
         more = tuple(cause for cause in self.expected if cause.name not in measured)
         return replace(window, measured=window.measured + more) if more else window
@@ -112,7 +116,7 @@ class Memory:
     def left_by(self, estimate: Estimate) -> "Memory":
         """Return the memory without the causes that an estimate contradicts.
 
-        Return `NOTHING` if the estimate is not valid.
+        If the estimate is not valid, `NOTHING` is returned.
         """
         if not estimate.valid:
             return NOTHING
@@ -128,12 +132,12 @@ class Memory:
         return replace(self, causes=causes, clear=self.clear - wrong)
 
     def surprise(self, faults: Array, causes: Mapping[str, Array]) -> Array:
-        """Return -2 ln of the density of explanations over the highest density, ``(n,)``.
+        """Return -2 ln of the prior density of explanations, relative to its maximum, ``(n,)``.
 
         Parameters
         ----------
         faults
-            Fault vectors, ``(n, 8)``. Growth of a fault costs nothing.
+            Fault vectors, ``(n, 8)``. The growth of a fault does not reduce the density.
         causes
             Values of hidden causes by name, ``(n,)`` each.
         """

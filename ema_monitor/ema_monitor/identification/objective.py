@@ -1,4 +1,4 @@
-"""Objective of a search: distance between model and window as a function on the unit box."""
+"""Objective of a search: distance between model and window, for points in a unit box."""
 
 import math
 from collections import Counter
@@ -33,8 +33,8 @@ from ema_monitor.windows.relations import law_offset, travel_ratio
 from ema_monitor.windows.window import Window
 
 _UNEXPLAINED_POWER = 0.05
-# The fit of the unit treats the model's mismatch under the calibrated command as noise, which makes
-# its covariance too wide for that command. Determined on simulated units.
+# The fit of the unit treats the model mismatch under the calibrated command as noise. Therefore its
+# covariance is too large for this command. The share was determined on simulated units.
 CALIBRATED_SHARE = 0.3
 # Uncertainty of the lift of an idle phase relative to the lift with equal phases, and the short
 # circuit above which the phases count as unequal. Measured on the reference actuator and on
@@ -42,9 +42,9 @@ CALIBRATED_SHARE = 0.3
 _LIFT_UNCERTAINTY = 0.2
 _UNLIKE_PHASES = 0.1
 _MOST_KEPT: Final = 40
-# Decimals to which points count as equal: encoding and decoding changes later ones.
+# Number of decimals to which points are compared: encoding and decoding change later decimals.
 _DECIMALS: Final = 12
-# Distance from which on the columns of a window count as inconsistent [sigma].
+# Distance beyond which the columns of a window are inconsistent [sigma].
 _ODD = 3.0
 # Largest step of the difference quotients of a sensor error [sigma of its prior].
 _SENSOR_DIFFERENCE = 0.2
@@ -61,10 +61,10 @@ class Coordinates:
     """Whether the components of the eccentricity are ``zeta cos(phi)`` and ``zeta sin(phi)``, which
     are smooth at zero eccentricity, where the phase is undefined."""
     hidden: tuple[Prior, ...] = ()
-    """Hidden causes used as additional components; ``causes`` returns their values."""
+    """Hidden causes that are additional components; ``causes`` returns their values."""
 
     def decode(self, points: Array) -> tuple[Array, Array]:
-        """Return fault vectors, ``(m, 8)``, and positions in the play, ``(m,)``, of points.
+        """Return the fault vectors, ``(m, 8)``, and positions in the play, ``(m,)``, at points.
 
         An eccentricity above 1 is limited to 1.
         """
@@ -78,14 +78,14 @@ class Coordinates:
         return np.minimum(faults, HIGHEST), play
 
     def causes(self, points: Array) -> Array:
-        """Return the hidden causes of points, ``(..., d)``, in their units, ``(..., n_causes)``."""
+        """Return the hidden causes at points, ``(..., d)``, in their units, ``(..., n_causes)``."""
         figures = [(prior.reach, prior.lowest, prior.expected) for prior in self.hidden]
         reach, lowest, expected = np.reshape(figures, (-1, 3)).T
         first = points.shape[-1] - len(self.hidden)
         return np.maximum(expected + reach * (2.0 * points[..., first:] - 1.0), lowest)
 
     def encode(self, faults: Array, play: float = 0.0) -> Array:
-        """Return the point, ``(d,)``, of a fault vector, ``(8,)``, and a position in the play.
+        """Return the point, ``(d,)``, for a fault vector, ``(8,)``, and a position in the play.
 
         Hidden causes have their expected values: 0 unless they are measured.
         """
@@ -103,18 +103,19 @@ PLAIN: Final = Coordinates(play=0.0, cartesian=True)
 class Relations(NamedTuple):
     """Relations between the columns of a window that hold for any motion (M27).
 
-    Each relation is linear in the errors of the readings; there may be none.
+    Each relation is linear in the errors of the readings. The number of relations may be 0.
     """
 
     slopes: Array = np.zeros((0, len(COLUMNS)))
-    """Derivatives by deviations in the order of `COLUMNS`, ``(k, 28)``."""
+    """Derivatives with respect to the deviations in the order of `COLUMNS`, ``(k, 28)``."""
     values: Array = np.zeros(0)
+    """Differences between the window and a healthy window, ``(k,)``."""
     sigmas: Array = np.zeros(0)
-    """Differences of the window from a healthy window, and their standard deviations, ``(k,)``."""
+    """Standard deviations of the differences, ``(k,)``."""
 
     @classmethod
     def of(cls, window: Window, calibration: Calibration) -> Self:
-        """Return the relations of a window for which the calibration has healthy values."""
+        """Return the relations in a window for which the calibration has healthy values."""
         parameters = calibration.parameters
         relations = []
         travel = travel_ratio(window, parameters)
@@ -126,38 +127,38 @@ class Relations(NamedTuple):
             relations.append((slopes, law.value - calibration.law_offset, law.sigma))
         return cls(*map(np.array, zip(*relations, strict=True)))
 
-    def left(self, columns: Array) -> Array:
-        """Return the residuals, ``(m, k)`` [sigma], under deviations, ``(m, 28)``."""
+    def residuals(self, columns: Array) -> Array:
+        """Return residuals of the relations, ``(m, k)`` [sigma], for deviations, ``(m, 28)``."""
         return (columns @ self.slopes.T - self.values) / self.sigmas
 
     @property
     def are_healthy(self) -> bool:
-        """Whether the columns agree as in a healthy window."""
+        """Whether the columns are as consistent as in a healthy window."""
         return bool(np.all(np.abs(self.values) < _ODD * self.sigmas))
 
 
 class Objective:
-    """Residuals of a calibrated model in a window, as a function on the unit box.
+    """Residuals of a calibrated model in a window, as a function of points in the unit box.
 
     Parameters
     ----------
     window
-        The window; every response has the values of its measured hidden causes.
+        The window. Its measured hidden causes are included in every response.
     calibration
         Calibration of the model.
     fitness
-        Name of the distance to minimise.
+        Name of the distance measure to minimise.
     cartesian
         Whether the components of the eccentricity are Cartesian; see `Coordinates`.
     causes
-        Hidden causes used as additional components; their priors are additional residuals.
+        Hidden causes that are additional components. Their priors are additional residuals.
     knowledge
-        Knowledge of the faults before the window, which adds eight residuals; None without.
+        Prior knowledge of the faults, which adds eight residuals, or None.
 
     Attributes
     ----------
     fitness
-        Distance to minimise.
+        Distance measure to minimise.
     healthy
         The healthy point, ``(d,)``.
     encode, decode
@@ -165,13 +166,13 @@ class Objective:
     hidden_causes
         Hidden causes that are components.
     knowledge
-        Knowledge of the faults before the window; None without.
+        Prior knowledge of the faults, or None.
     relations
         Relations between the columns; empty unless errors of the position are components.
     first_cause
         Index of the first component that is a hidden cause.
     scatter
-        Rms residuals of current and speed in a healthy window of this command [A, rad/s].
+        Rms residuals of current and speed in a healthy window with the same command [A, rad/s].
     """
 
     def __init__(
@@ -185,11 +186,11 @@ class Objective:
         knowledge: Knowledge | None = None,
     ) -> None:
         self._window, self._calibration = window, calibration
-        # Aligning two commands is slow: it is done once per window.
+        # Aligning two commands is slow, and therefore done only once per window.
         self._knows, self._corrections, self.scatter = calibration.reference(window)
         self._model = calibration.model()
         self.fitness = FITNESS[fitness](window, calibration, self.scatter)
-        # Latest responses by the inputs of the model, and the number of model evaluations.
+        # Recent responses by the inputs of the model, and the number of model evaluations.
         self._responses: list[dict[bytes, tuple[Array, Array]]] = [{}]
         self._counts = Counter[str]()
         self._measured = measured_columns(window.measured)
@@ -206,7 +207,7 @@ class Objective:
         self._columns = [COLUMNS.index(prior.name) for prior in causes]
         self._sigmas = np.array([2.0 * prior.reach / prior.sigma for prior in causes])
         self._tails = np.array([prior.tail for prior in causes])
-        # The reach of a sensor error is wide: a fixed share of it would exceed the noise.
+        # A sensor error has a wide range: a fixed share of the range would exceed the noise.
         largest = np.where(np.isfinite(self._tails), _SENSOR_DIFFERENCE / self._sigmas, np.inf)
         of_causes = np.minimum(DIFFERENCE, largest)
         self.relations = Relations()
@@ -215,9 +216,9 @@ class Objective:
         self.healthy = self.encode(healthy_faults())
         self.first_cause = len(self.healthy) - len(causes)
         self._differences = np.append(np.full(self.first_cause, DIFFERENCE), of_causes)
-        # The relations are linear in a point: their coefficients serve all evaluations.
+        # The relations are linear in a point: their coefficients are valid for all evaluations.
         relations, reaches = self.relations, np.array([2.0 * prior.reach for prior in causes])
-        self._unrelated = relations.left(self._deviations(self.healthy[None]))[0]
+        self._unrelated = relations.residuals(self._deviations(self.healthy[None]))[0]
         self._related = relations.slopes[:, self._columns] * reaches / relations.sigmas[:, None]
 
     def with_causes(self, causes: tuple[Prior, ...], *, cartesian: bool) -> Self:
@@ -230,9 +231,10 @@ class Objective:
         return objective
 
     def fair_cost(self) -> float:
-        """Return the cost of an optimum that explains most of the departure from healthy [A^2.s].
+        """Return the highest cost at which an optimum explains most of the departure [A^2.s].
 
-        It is a fallback for units that the model does not match, whose optima all have a high cost.
+        It replaces the good cost for units that the model does not match: all their optima have a
+        high cost.
         """
         [at_healthy] = self.residuals(self.healthy[None])
         return max(self.fitness.good_cost, _UNEXPLAINED_POWER * float(at_healthy @ at_healthy))
@@ -249,20 +251,20 @@ class Objective:
 
     @property
     def linearisation_evaluations(self) -> int:
-        """Number of model evaluations that `linearise` takes."""
+        """Number of model evaluations in `linearise`."""
         # Sensor errors need no model evaluation of their own.
         free = (*NAMES[-N_SENSOR:], "command_delay")
         return 2 * (self.dimension - sum(prior.name in free for prior in self.hidden_causes)) + 1
 
     @property
     def unit_evaluations(self) -> int:
-        """Number of model evaluations that `unit_effects` takes."""
+        """Number of model evaluations in `unit_effects`."""
         steps = len(self.unit_steps)
         return (2 if self._knows and steps else 1) * (1 + steps)
 
     @property
     def noise(self) -> float:
-        """Cost of noise per effective residual, and variance of a prior's residual [A^2.s].
+        """Noise per effective residual, which is also the variance of a prior residual [A^2.s].
 
         It is the noise of a healthy window times the squared misfit of the prior knowledge.
         """
@@ -270,39 +272,39 @@ class Objective:
         return misfit**2 * self.fitness.noise
 
     def misfit(self, residuals: Array) -> float:
-        """Return the rms of residuals, ``(r,)``, over the rms in a healthy window [-]."""
+        """Return the rms of residuals, ``(r,)``, relative to the rms in a healthy window [-]."""
         return math.sqrt(
             self.window_cost(residuals) / (self.fitness.noise * self.fitness.effective)
         )
 
     def window_cost(self, residuals: Array) -> float:
-        """Return the sum of squares of residuals, ``(r,)``, without priors [A^2.s]."""
+        """Return the sum of squares of residuals, ``(r,)``, without prior residuals [A^2.s]."""
         of_window = residuals[: len(residuals) - self.priors]
         return float(of_window @ of_window)
 
     def covariance(self, jacobian: Array, residuals: Array) -> Array:
-        """Return the covariance of the components in the columns of a Jacobian."""
+        """Return the covariance of the components in the columns of a Jacobian, ``(d, d)``."""
         lags = max(1, round(CORRELATION_S / self.fitness.spacing))
         return sandwich_covariance(jacobian, residuals, lags, self.priors, self.noise)
 
     @property
     def priors(self) -> int:
-        """Number of residuals of priors, at the end of a row."""
+        """Number of prior residuals, at the end of a row."""
         return len(self.relations.values) + len(self._knowledge_rows) + len(self._sigmas)
 
     def surprise(self, point: Array) -> Array:
-        """Return how unusual the hidden causes of points, ``(..., d)``, are: ``(...)``.
+        """Return the surprise, ``(...)``, of the hidden causes at points, ``(..., d)``.
 
-        It is the share of their priors and of the relations in the cost, over ``noise``.
+        It is the part of the cost due to their priors and the relations, divided by ``noise``.
         """
         left = (point[..., self.first_cause :] - 0.5) @ self._related.T + self._unrelated
         return np.sum(self._unusual(point) ** 2, axis=-1) + np.sum(left**2, axis=-1)
 
     def _unusual(self, point: Array) -> Array:
-        """Return prior residuals of hidden causes with unit variance, ``(..., n_causes)``.
+        """Return the prior residuals of hidden causes with unit variance, ``(..., n_causes)``.
 
-        Their squares are -2 ln of the density over its maximum. The density is normal up to the
-        tail and a power law beyond, with a continuous slope.
+        Their squares are -2 ln of the density relative to its maximum. The density is normal up to
+        the tail and a power law beyond, with a continuous slope.
         """
         away = self.cause_sigmas(point)
         distances = np.abs(away)
@@ -318,23 +320,23 @@ class Objective:
 
     @property
     def knowledge_rows(self) -> slice:
-        """Positions of the residuals of the prior knowledge, counted from the end of a row."""
+        """Positions of the residuals of the prior knowledge, from the end of a row."""
         last = len(self._sigmas)
         return slice(-(len(self._knowledge_rows) + last), -last or None)
 
     @property
     def surprising_rows(self) -> NDArray[np.int64]:
-        """Positions of the residuals that `surprise` counts, from the end of a row."""
+        """Positions of the residuals that `surprise` includes, from the end of a row."""
         last, before = len(self._sigmas), len(self._knowledge_rows)
         of_relations = np.arange(-self.priors, -(before + last))
         return np.concatenate([of_relations, np.arange(-last, 0)])
 
     def causes(self, points: Array) -> Array:
-        """Return the hidden causes of points, ``(..., d)``, in their units, ``(..., n_causes)``."""
+        """Return the hidden causes at points, ``(..., d)``, in their units, ``(..., n_causes)``."""
         return self._coordinates.causes(points)
 
     def _deviations(self, points: Array) -> Array:
-        """Return the deviations at points, measured causes and components, ``(m, 28)``."""
+        """Return the deviations at points: measured causes and components, ``(m, 28)``."""
         deviations = np.tile(self._measured, (len(points), 1))
         if self._columns:
             deviations[:, self._columns] = self._coordinates.causes(points)
@@ -345,15 +347,15 @@ class Objective:
         return self._respond(*self.decode(points), self._deviations(points))
 
     def _respond(self, faults: Array, play: Array, columns: Array) -> Response:
-        """Return the responses with deviations in the order of `COLUMNS`, ``(m, 28)``.
+        """Return the responses for faults, positions in the play and deviations, ``(m, 28)``.
 
-        Sensor errors and recent points need no model evaluation.
+        Sensor errors and recent points require no model evaluation.
         """
         deviations, position = read(columns, self._window)
         of_sensors = deviations[:, -N_SENSOR:].copy()
         deviations[:, -N_SENSOR:] = 0.0
         moving = np.concatenate([faults, play[:, None], deviations, position[:, None]], axis=1)
-        # Threads may share an objective: each works on its own copy of the cache.
+        # Threads may share an objective: each thread uses its own copy of the cache.
         cache = dict(self._responses[0])
         keys = [row.tobytes() for row in np.round(moving, _DECIMALS) + 0.0]
         new = list({key: row for row, key in enumerate(keys) if key not in cache}.values())
@@ -369,7 +371,7 @@ class Objective:
             self._counts["runs"] += len(new)
             cache.update(zip([keys[row] for row in new], zip(*model, strict=True), strict=True))
         current, speed = map(np.array, zip(*[cache[key] for key in keys], strict=True))
-        # The first point is the start of the search, mostly the healthy point: it is needed again.
+        # The first point is the start of the search, which is often the healthy point: keep it.
         first, *recent = cache.items()
         self._responses[0] = dict([first, *recent[-_MOST_KEPT:]])
         if len(seen := np.flatnonzero(np.any(of_sensors, axis=1))):
@@ -381,7 +383,7 @@ class Objective:
         """Return the effects of the unit's uncertain deviations on the residuals, ``(r, k)``.
 
         Each column is the effect of one standard deviation along a principal axis of the covariance
-        of the deviations. Under the calibrated command the healthy response was measured, so that
+        of the deviations. For the calibrated command, the healthy response was measured, so that
         the effect on the healthy response is subtracted. A six-step drive has three more columns
         for the lift of the idle phases, which is uncertain if the phases differ.
         """
@@ -409,7 +411,7 @@ class Objective:
         return effects
 
     def _with_lift(self, faults: Array, current: Array, speed: Array) -> Array:
-        """Return the residuals with one sigma more lift of each idle phase, ``(3, r)``."""
+        """Return the residuals after a one-sigma increase of each idle phase's lift, ``(3, r)``."""
         from ema_monitor.model.drives import lifts_of_pairs  # with the compiler
 
         parameters = self._calibration.parameters
@@ -423,8 +425,8 @@ class Objective:
         """Standard deviations of the unit along its principal axes, ``(k, 25)``."""
         covariance = self._calibration.unit_covariance
         if self._knows:
-            # The correction contains the deviations that were not worth fitting, except for the
-            # play: it hardly shows in a healthy window, and a fault is a multiple of it.
+            # The correction includes the deviations that were not worth fitting, except the play:
+            # it has little effect in a healthy window, and a backlash fault is a multiple of it.
             shares = np.where(self._calibration.unit, CALIBRATED_SHARE, 0.0)
             shares[[NAMES.index("backlash"), NAMES.index("loop_delay")]] = 1.0
             covariance = covariance * np.outer(shares, shares)
@@ -445,9 +447,9 @@ class Objective:
         return np.concatenate(rows, axis=1)
 
     def linearise(self, point: Array, free: Flags | None = None) -> Linearisation:
-        """Return residuals and their central differences at a point, ``(d,)``.
+        """Return the linearisation of the residuals at a point, ``(d,)``, by central differences.
 
-        The derivatives by components that are not ``free``, ``(d,)``, are 0.
+        Derivatives with respect to components that are not ``free``, ``(d,)``, are 0.
         """
         free = np.ones(len(point), dtype=bool) if free is None else free
         steps = np.diag(self._differences)[free]
@@ -459,7 +461,7 @@ class Objective:
         return Linearisation(point, at_point[0], jacobian)
 
     def extended(self, at: Linearisation, free: Flags) -> Linearisation:
-        """Return a linearisation with the missing derivatives by ``free`` components added."""
+        """Return a linearisation with missing derivatives of ``free`` components added."""
         missing = free & ~np.any(at.jacobian, axis=0)
         if not np.any(missing):
             return at

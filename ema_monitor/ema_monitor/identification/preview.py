@@ -1,4 +1,4 @@
-"""Predicted information gain of a stretch of ordinary motion before its search (M28)."""
+"""Prediction of the information that the search of a stretch of ordinary motion gives (M28)."""
 
 from typing import Final, NamedTuple, Self
 
@@ -16,7 +16,7 @@ from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
 _LOADS: Final = 17
-# A preview costs few evaluations: two steps after seventeen loads.
+# A preview takes few evaluations: seventeen trial loads, then two steps.
 _SHARES: Final = ((1.0, 0.6, 0.3),)
 _STOPPING: Final = Stopping(iterations=2)
 _NEAR: Final = 0.05
@@ -45,7 +45,7 @@ class StretchMotion(NamedTuple):
     def repeats(self, earlier: Self) -> bool:
         """Return whether the motion repeats an earlier motion.
 
-        The errors of the model are then the same, so that the repetition adds no information.
+        A repetition has the same model errors, and therefore adds no information.
         """
         if abs(self.load - earlier.load) > _NEAR:
             return False
@@ -56,15 +56,15 @@ class StretchMotion(NamedTuple):
 
 
 class Preview(NamedTuple):
-    """Information on the faults that a search of a stretch would give."""
+    """Predicted result of the search of a stretch."""
 
     load: float
     """Load that explains the stretch best, in the unit box."""
     misfit: float
-    """Rms residual over the rms residual of a healthy window, by the linear model with the prior
-    knowledge [-]."""
+    """Ratio of the rms residual to the rms residual of a healthy window, from the linear model with
+    the prior knowledge [-]."""
     gained: Array
-    """Information on the faults under the noise of a healthy window, ``(8, 8)``."""
+    """Information about the faults at the noise level of a healthy window, ``(8, 8)``."""
     motion: StretchMotion
     """Motion of the stretch."""
 
@@ -83,8 +83,8 @@ class Preview(NamedTuple):
         knowledge
             Knowledge of the faults before the stretch.
         faults
-            Faults at which the information is computed, ``(8,)``, under the load that explains the
-            stretch best.
+            Faults at which the information is computed, ``(8,)``. The load is the one that explains
+            the stretch best.
         """
         suspects = expected_causes(calibration.parameters, stretch)
         [load] = [cause for cause in suspects if cause.name == NUISANCE]
@@ -104,7 +104,7 @@ class Preview(NamedTuple):
 
 
 def _explained(at: Linearisation, knowledge: Knowledge, noise: float) -> Array:
-    """Return the point, ``(d,)``, that explains a stretch best by its linear model.
+    """Return the point, ``(d,)``, that explains a stretch best according to its linear model.
 
     ``noise`` is the variance of an effective residual.
     """

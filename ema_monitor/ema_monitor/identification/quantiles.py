@@ -20,14 +20,14 @@ _LOWEST = np.where(np.arange(N_FAULTS) == ECCENTRICITY_PHASE, -np.inf, 0.0)
 def quantiles_of(weights: Array, means: Array, widths: Array) -> Array:
     """Return the quantiles of a mixture of normal distributions at `LEVELS`, ``(5, 8)``.
 
-    They are limited to the range of each fault, and NaN if a width is NaN.
+    The quantiles are limited to the range of each fault. They are NaN if a width is NaN.
 
     Parameters
     ----------
     weights, means
         Probability of each mean, ``(k,)``, and the means, ``(k, 8)``.
     widths
-        Standard deviations that are equally likely about each mean, ``(m, 8)``.
+        Equally likely standard deviations about each mean, ``(m, 8)``.
     """
     around = (widths[:, None] * _NODES[:, None]).reshape(-1, N_FAULTS)
     values = (means[:, None] + around).reshape(-1, N_FAULTS)
@@ -40,5 +40,5 @@ def quantiles_of(weights: Array, means: Array, widths: Array) -> Array:
 
 
 def within_range(faults: Array) -> Array:
-    """Return fault vectors, ``(m, 8)``, limited to their range, except for the direction."""
+    """Return fault vectors, ``(m, 8)``, limited to their range, except the eccentricity phase."""
     return np.clip(faults, _LOWEST, _HIGHEST)

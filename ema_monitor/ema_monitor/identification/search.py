@@ -1,4 +1,4 @@
-"""Identification of faults in a window by fitting a model."""
+"""Identification of the faults in a window by fitting a model."""
 
 import time
 from collections.abc import Generator
@@ -49,9 +49,9 @@ class Generation:
     """State of an identification after a generation of the optimizer."""
 
     generation: int
-    """Number of the generation."""
+    """Number of generations so far."""
     evaluations: int
-    """Model evaluations so far."""
+    """Number of model evaluations so far."""
     fitness: float
     """Lowest cost so far [A^2.s]."""
     faults: Array
@@ -62,11 +62,11 @@ class _Defect(NamedTuple):
     """Defect of a window that prevents an estimate."""
 
     reason: Reason
-    """The defect."""
+    """The defect, as the reason for a refusal."""
     is_failure: bool = False
-    """Whether it is a failure of drive or shaft."""
+    """Whether drive or shaft has failed."""
     lacks_calibration: bool = False
-    """Whether there is no fitting calibration."""
+    """Whether no calibration matches the actuator and window."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,18 +74,18 @@ class _Premises:
     """Inputs of a search."""
 
     window: Window
-    """The window, with the measured causes that have not been contradicted."""
+    """The window; measured causes that it contradicts are removed."""
     calibration: Calibration
     """Calibration of the model."""
     memory: Memory
-    """Memory of the earlier tests of the unit."""
+    """Memory of the unit's earlier tests."""
     started: float
-    """Start time of the first search from ``time.perf_counter`` [s]."""
+    """Start time of the first search by ``time.perf_counter`` [s]."""
     contradicted: tuple[CauseEstimate, ...] = ()
-    """Measured causes excluded because the window contradicts them."""
+    """Measured causes that were removed because the window contradicts them."""
 
     def without(self, *causes: CauseEstimate) -> Self:
-        """Return the premises without some measured causes."""
+        """Return the inputs without some measured causes, which become contradicted causes."""
         return replace(
             self, window=_without(self.window, causes), contradicted=(*self.contradicted, *causes)
         )
@@ -97,34 +97,35 @@ Search = Generator[Generation, None, WindowResult]
 
 @dataclass(frozen=True, eq=False)
 class ModelIdentification:
-    """Identification of faults in a window by fitting a model."""
+    """Identification of the faults in a window by fitting a model."""
 
     window: Window | Refusal
-    """The window with its measured causes, or the reason why there is none. The estimate is then a
-    refusal."""
+    """The window with its measured causes. If there is only a refusal of the window, the estimate
+    is a refusal as well."""
     description: ActuatorDescription
-    """Description of the actuator of the window."""
+    """Description of the actuator."""
     calibration: Calibration | str
-    """Calibration of the model, or the reason why there is none. Without a calibration that fits
-    actuator and window, the estimate is a refusal."""
+    """Calibration of the model, or the reason why there is none. Without a calibration that matches
+    the actuator and window, the estimate is a refusal."""
     settings: SearchSettings
     """Settings of the search."""
     force: bool = False
-    """Whether to accept the calibration of a different unit; the reasons then state it."""
+    """Whether to accept the calibration of a different unit, which is then stated in the reasons.
+    """
     previous: Array | None = None
-    """Faults of an earlier window, ``(8,)``, at which the search begins if the settings have a warm
-    start."""
+    """Faults of an earlier window, ``(8,)``, at which the search begins if ``settings.warm_start``.
+    """
     knowledge: Knowledge | None = None
-    """Knowledge of the faults before a stretch of motion; None before a test window."""
+    """Prior knowledge of the faults in a stretch of motion; None for a test window."""
     load: float | None = None
-    """Initial value of the load of a stretch, in the unit box."""
+    """Initial value of the load in a stretch, in the unit box."""
     memory: Memory = NOTHING
-    """Memory of the earlier tests of the unit."""
+    """Memory of the unit's earlier tests."""
 
     def run(self) -> Search:
         """Yield the state after each generation, and return the result.
 
-        A refused window has no generations.
+        For a refused window, nothing is yielded.
         """
         window, calibration = self.window, self.calibration
         if isinstance(window, Refusal):
@@ -132,7 +133,7 @@ class ModelIdentification:
         if isinstance(calibration, str):
             return self._refused(NoCalibration(calibration), lacks_calibration=True)
         result = yield from self._search(window, calibration)
-        return (yield from self._question_scale(result, window, calibration))
+        return (yield from self._check_scale(result, window, calibration))
 
     def estimate(self) -> Estimate:
         """Return the estimate without reporting progress."""
@@ -157,13 +158,14 @@ class ModelIdentification:
             premises = replace(premises, memory=memory)
             if not wrong and memory is before:
                 result = replace(result, estimate=replace(result.estimate, evaluations=spent))
-                return (yield from self._search_unmeasured(result, premises))
+                return (yield from self._search_without_measured(result, premises))
             premises = premises.without(*wrong)
 
-    def _search_unmeasured(self, result: WindowResult, premises: _Premises) -> Search:
-        """Repeat the search of a poorly fitting window without each measured cause of the motion.
+    def _search_without_measured(self, result: WindowResult, premises: _Premises) -> Search:
+        """If the fit is poor, repeat the search without one of the measured causes of the motion.
 
-        A sensor error may stand in for a wrong measurement, but fits worse than its omission.
+        A sensor error may compensate for a wrong measurement, but it fits worse than a search
+        without the measurement.
         """
         poor = result.estimate
         if not poor.goodness_of_fit > poor.goodness_limit:
@@ -182,7 +184,7 @@ class ModelIdentification:
                 break
         return replace(result, estimate=replace(result.estimate, evaluations=spent))
 
-    def _question_scale(
+    def _check_scale(
         self, result: WindowResult, window: Window, calibration: Calibration
     ) -> Search:
         """Refuse a poorly explained window if one of its columns is wrong by a factor."""
@@ -268,7 +270,7 @@ class ModelIdentification:
             return self._refused(UncertaintyUnknown(str(error)))
 
     def _defect(self, window: Window, calibration: Calibration, mismatch: str) -> _Defect | None:
-        """Return the defect that prevents an estimate; None without a defect."""
+        """Return the defect that prevents an estimate, or None."""
         if self.description.drive == "unknown":
             return _Defect(DriveUnknown(), lacks_calibration=True)
         if failure := drive_defect(window, self.description.parameters):

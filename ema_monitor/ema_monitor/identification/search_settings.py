@@ -11,7 +11,7 @@ from ema_monitor.optimizers.driver import Termination
 GOODNESS_LIMIT: Final = 3.5
 """Goodness of fit up to which an estimate is valid [-].
 
-A few in 1,000 simulated windows with faults exceed it; their estimates are wrong."""
+A few of 1,000 simulated windows with faults exceed the limit; their estimates are wrong."""
 
 MOST_UNEXPLAINED: Final = 0.4
 """Largest unexplained share of the departure from healthy in a window that fits poorly [-]."""
@@ -37,7 +37,7 @@ class SearchSettings(Checked):
         "-",
         0.1,
         1e6,
-        "goodness of fit beyond which an estimate is degraded or refused; more for a shorted motor",
+        "goodness of fit above which an estimate is degraded or refused; higher for shorted motors",
     )
     seed: int = quantity(0, "-", 0, 2**53, "seed of the optimizer's random numbers")
     warm_start: bool = flag(True, "start the search from the actuator's last valid estimate")

@@ -16,7 +16,7 @@ _REFUSED_IN_A_ROW: Final = 3
 
 @dataclass(frozen=True)
 class CombinationSettings(Checked):
-    """Settings of the combination of stretches of ordinary motion to one estimate.
+    """Settings for combining stretches of ordinary motion into one estimate.
 
     Raises
     ------
@@ -39,25 +39,25 @@ class CombinationSettings(Checked):
 
 
 class Tally(NamedTuple):
-    """Counts of the stretches of motion by their use."""
+    """Numbers of stretches of motion by their use."""
 
     stretches: int = 0
     """All stretches."""
     combined: int = 0
-    """Stretches used in an estimate, or waiting for the next estimate."""
+    """Stretches that are part of an estimate, or of the combination in progress."""
     skipped: int = 0
-    """Stretches that would add no information, or that followed an estimate too soon."""
+    """Stretches that would add no information, or that followed too soon after an estimate."""
     refused: int = 0
-    """Stretches that cannot be explained or used."""
+    """Stretches that cannot be used, or that the model cannot explain."""
     dropped: int = 0
     """Stretches that the monitor dropped because its queue was full."""
     fruitless: int = 0
-    """Combinations that determined no fault to the target accuracy."""
+    """Combinations in which no fault reached the target accuracy."""
     reason: str = ""
     """Reason for the latest refused or dropped stretch; empty after an estimate."""
 
     def plus(self, because: str | None = None, **more: int) -> Self:
-        """Return the tally with increased counts, and with the reason replaced if passed."""
+        """Return the tally with counts increased by ``more``, and with a new reason if passed."""
         counts = {name: getattr(self, name) + number for name, number in more.items()}
         return self._replace(reason=self.reason if because is None else because, **counts)
 
@@ -71,7 +71,7 @@ class Tally(NamedTuple):
 
 
 class Combining(ABC):
-    """Combination of the stretches of an actuator's motion, for any kind of drive.
+    """Base class that combines the stretches of an actuator's motion, for any kind of drive.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Combining(ABC):
         self._pause_ns = (0, 0)
 
     def add(self, stretch: Window | Refusal) -> Iterator[Any]:
-        """Yield the state after each generation of a search, and the estimates it completes.
+        """Process a stretch: yield the state after each generation, and completed estimates.
 
         If the caller stops iterating, the stretches combined so far are unchanged.
         """
@@ -95,20 +95,20 @@ class Combining(ABC):
             counted_as = "dropped" if stretch.is_dropped else "refused"
             self.tally = self.tally.plus(stretch.reason, **{counted_as: 1})
         else:
-            yield from self._take(stretch)
+            yield from self._process(stretch)
 
     @abstractmethod
-    def _take(self, stretch: Window) -> Iterator[Any]: ...
+    def _process(self, stretch: Window) -> Iterator[Any]: ...
 
     @abstractmethod
     def finish(self) -> list[Estimate]:
-        """End the motion. Return the estimate of the stretches combined so far, if any."""
+        """End the combination. Return the estimate of the stretches combined so far, if any."""
 
     def _reaches_limit(self, stretch: Window, number: int, first_ns: int, last_ns: int) -> bool:
-        """Return whether a combination is complete before a stretch.
+        """Return whether a combination is complete before a stretch is added.
 
-        ``number`` counts its stretches; ``first_ns`` and ``last_ns`` are the starts of the first
-        and the last [ns]. A clock that jumps back also completes a combination.
+        ``number`` is the number of stretches so far; ``first_ns`` and ``last_ns`` are the starts of
+        the first and last stretch [ns]. A combination is also complete if the clock jumps back.
         """
         age_s = (stretch.end_ns - first_ns) * 1e-9
         is_full = number >= self._settings.most_stretches or age_s > self._settings.longest_s
@@ -120,12 +120,12 @@ class Combining(ABC):
         return begin_ns <= stretch.start_ns < end_ns
 
     def _count_refused(self, refused: Estimate, *, is_identified: bool = False) -> list[Estimate]:
-        """Count a refused stretch; return its estimate after several in a row, once.
+        """Count a refused stretch; return its estimate if it is the third in a row.
 
-        ``is_identified``: whether the search gave an estimate that was not accepted.
+        If ``is_identified``, the search gave an estimate that was not accepted.
         """
         self.tally = self.tally.plus(refused.reason, refused=1)
-        # An identified stretch may be motion that the model cannot follow: the status counts it.
+        # An identified stretch may have motion that the model cannot follow: it is only counted.
         self._refused_in_a_row += not is_identified
         is_reported = self._refused_in_a_row == _REFUSED_IN_A_ROW and not is_identified
         return [replace(refused, stretches=1)] if is_reported else []

@@ -24,7 +24,7 @@ PLANE: Final = [ECCENTRICITY, ECCENTRICITY_PHASE]
 """Components that form a vector in Cartesian coordinates: the eccentricity."""
 
 CORRELATION_S: Final = 5e-3
-"""Span over which residuals are assumed to be correlated [s]."""
+"""Time over which residuals are assumed to be correlated [s]."""
 
 UNOBSERVABLE_SIGMA: Final = 0.25
 """Standard deviation above which a component counts as unobservable [-]."""
@@ -61,7 +61,7 @@ The mismatch depends on the faults, so that part of it biases the estimate inste
 """
 
 WIDTHS: Final = np.array([0.5, 1.4])
-"""Widths of the two equally likely normal distributions of the quantiles [sigma]."""
+"""Widths of the two equally likely normal distributions behind the quantiles [sigma]."""
 
 MISMATCH_SIGMA: Final = np.array([fault.mismatch for fault in FAULTS])
 """Minimum standard deviation of each component due to model mismatch, ``(8,)``, with Cartesian
@@ -71,7 +71,7 @@ STRONG_CORRELATION: Final = 0.95
 """Correlation above which two components cannot be distinguished [-]."""
 
 SPANS: Final = np.array([2.0 if i in PLANE else 1.0 for i in range(N_FAULTS)])
-"""Scale from Cartesian coordinates of the unit box to faults, ``(8,)`` [-]."""
+"""Scale factors from Cartesian coordinates in the unit box to faults, ``(8,)`` [-]."""
 
 USUAL_MISFIT: Final = 2.0
 """Goodness of fit up to which `MISMATCH_FACTOR` applies; above it the factor grows [-]."""
@@ -90,7 +90,7 @@ class Uncertainty(NamedTuple):
     covariance: Array
     """Covariance, ``(8, 8)``; NaN in rows and columns of unobservable components."""
     unobservable: Flags
-    """Components that the window does not determine, ``(8,)``."""
+    """Flags of the components that the window does not determine, ``(8,)``."""
 
 
 def sandwich_covariance(
@@ -104,11 +104,11 @@ def sandwich_covariance(
     Parameters
     ----------
     jacobian, residuals
-        Residuals at the estimate, ``(n,)``, and their derivatives, ``(n, d)``.
+        Derivatives of the residuals at the estimate, ``(n, d)``, and the residuals, ``(n,)``.
     lags
         Number of samples over which the residuals are correlated.
     priors, noise
-        Number of rows at the end that are independent priors, and the variance of each.
+        Number of prior residuals, which are independent and come last, and their variance.
     """
     n = len(residuals) - priors
     prior = jacobian[n:]
@@ -123,23 +123,21 @@ def sandwich_covariance(
 
 
 def shifts_of(jacobian: Array, effects: Array) -> Array:
-    """Return the shifts of a least-squares estimate by effects on the residuals, ``(d, k)``.
-
-    The estimate decreases by the returned values.
+    """Return the decrease of a least-squares estimate due to added residuals, ``(d, k)``.
 
     Parameters
     ----------
     jacobian
         Derivatives of the residuals, ``(n, d)``.
     effects
-        Additions to the residuals, ``(n, k)``.
+        Values added to the residuals, ``(n, k)``.
     """
     bread, _ = _inverse_normal(jacobian)
     return bread @ (jacobian.T @ effects)
 
 
 def _inverse_normal(jacobian: Array) -> tuple[Array, float]:
-    """Return the inverse of the normal matrix with a ridge, and the ridge."""
+    """Return the inverse of the normal matrix after adding a ridge, and the ridge."""
     normal = jacobian.T @ jacobian
     ridge = ridge_of(normal)
     inverse: Array = np.linalg.inv(normal + ridge * np.eye(len(normal)))  # pyright: ignore[reportAssignmentType]
@@ -147,15 +145,15 @@ def _inverse_normal(jacobian: Array) -> tuple[Array, float]:
 
 
 def with_mismatch(covariance: Array, floor: Array) -> Array:
-    """Return a covariance widened to cover model mismatch.
+    """Return a covariance increased to cover model mismatch.
 
-    ``floor`` is the least standard deviation of each component, ``(d,)``.
+    ``floor`` is the smallest standard deviation of each component, ``(d,)``.
     """
     return MISMATCH_FACTOR**2 * covariance + np.diag(floor**2)
 
 
 def widening(goodness_of_fit: float) -> float:
-    """Return the factor by which a poor fit widens the standard deviations [-]."""
+    """Return the factor by which a poor fit increases the standard deviations [-]."""
     return max(1.0, goodness_of_fit / USUAL_MISFIT)
 
 
@@ -167,8 +165,8 @@ def uncertainty_of_faults(faults: Array, covariance: Array) -> Uncertainty:
     faults
         Fault vector, ``(8,)``.
     covariance
-        Covariance, ``(8, 8)`` or larger, with ``zeta cos(phi)`` and ``zeta sin(phi)`` in place of
-        eccentricity and phase, without the mismatch of the model.
+        Covariance, ``(8, 8)`` or larger, of ``zeta cos(phi)`` and ``zeta sin(phi)`` in place of
+        eccentricity and phase. It does not include model mismatch, which is added here.
     """
     covariance = with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA)
     plane = covariance[np.ix_(PLANE, PLANE)]
@@ -186,7 +184,7 @@ def uncertainty_of_faults(faults: Array, covariance: Array) -> Uncertainty:
 
 
 def turn_of(faults: Array) -> Array:
-    """Return the derivatives of a fault vector by its Cartesian coordinates, ``(8, 8)``."""
+    """Return the Jacobian of a fault vector with respect to Cartesian coordinates, ``(8, 8)``."""
     phi = eccentricity_angle(faults[ECCENTRICITY_PHASE])
     cosine, sine = np.cos(phi), np.sin(phi)
     around = 2.0 * np.pi * max(faults[ECCENTRICITY], SMALLEST_ECCENTRICITY)
@@ -203,24 +201,24 @@ def significant_components(
     fitted: Flags,
     groups: Sequence[list[int]],
 ) -> tuple[Flags, Array]:
-    """Return flags of significant components, ``(d,)``, and the optimum with only these.
+    """Return flags of the significant components, ``(d,)``, and the optimum restricted to them.
 
-    Backward elimination on the linear model at the point: as long as a group of components is not
-    significant (``SIGNIFICANT_SIGMAS``), the least significant group is set to healthy and the
-    others are fitted again (M17). Faults are rare: a fault without evidence counts as absent.
+    Backward elimination on the linear model: as long as a group of components is not significant
+    (``SIGNIFICANT_SIGMAS``), the least significant group is set to healthy and the remaining
+    components are fitted again (M17). Faults are rare: a fault without evidence counts as absent.
 
     Parameters
     ----------
     at, healthy
         Linearisation at the estimate, and healthy point, in Cartesian coordinates of the unit box.
     covariance_of
-        Function of some columns of the Jacobian and the residuals that returns the covariance.
+        Function that returns the covariance from columns of the Jacobian and the residuals.
     floor
-        Least standard deviation of each coordinate from the mismatch of the model, ``(d,)``.
+        Smallest standard deviation of each coordinate due to model mismatch, ``(d,)``.
     fitted
-        Components that may differ from healthy, ``(d,)``.
+        Flags of the components that may differ from healthy, ``(d,)``.
     groups
-        Groups of fitted components to test, each of them together.
+        Groups of fitted components. The components of a group are tested together.
     """
     shown = fitted.copy()
     groups = list(groups)
@@ -242,7 +240,7 @@ def significant_components(
 
 
 def _distance(offset: Array, covariance: Array, group: list[int]) -> float:
-    """Return the squared distance from healthy over the squared limit of significance."""
+    """Return the squared distance from healthy, relative to the squared limit of significance."""
     part = offset[group]
     squared = part @ np.linalg.solve(covariance[np.ix_(group, group)], part)
     first = group[0]

@@ -26,17 +26,17 @@ class Misfit(NamedTuple):
     """Misfit of an estimate to a window, or to several windows."""
 
     powers: Array
-    """Power of the band-limited residual relative to a healthy window, ``(2, 2)`` [-].
+    """Power of the band-limited residuals relative to a healthy window, ``(2, 2)`` [-].
 
-    Rows: current and speed. Columns: at the estimate and at the healthy point. NaN if the
-    calibration does not contain the residual of a healthy window.
+    The rows are current and speed; the columns are the estimate and the healthy point. NaN if the
+    calibration does not include the residuals of a healthy window.
     """
 
     @property
     def goodness(self) -> float:
-        """Larger ratio of current and speed residuals to the residuals of a healthy window [-].
+        """Ratio of rms residuals to a healthy window, of current or speed, whichever is larger [-].
 
-        If one ratio is unknown, the other is returned.
+        If one ratio is unknown, the property is the known ratio.
         """
         return math.sqrt(float(np.fmax(*self.powers[:, 0])))
 
@@ -44,8 +44,8 @@ class Misfit(NamedTuple):
     def share(self) -> float:
         """Unexplained share of the departure from healthy [-].
 
-        Square root of the ratio of two excess powers over a healthy window: at the estimate and at
-        the healthy point. NaN if `goodness` is NaN.
+        Square root of the ratio of the residual powers, in excess of a healthy window, at the
+        estimate and at the healthy point. NaN if `goodness` is NaN.
         """
         if math.isnan(self.goodness):
             return math.nan
@@ -54,17 +54,17 @@ class Misfit(NamedTuple):
 
 
 def goodness_limit(faults: Array, limit: float) -> float:
-    """Return the goodness of fit up to which faults, ``(8,)``, explain a window.
+    """Return the largest goodness of fit at which faults, ``(8,)``, explain a window.
 
     A phase with fewer turns has less inductance and more current ripple, which a model of the mean
-    current cannot match. ``limit`` applies to a motor without a short circuit.
+    current cannot reproduce. ``limit`` applies to a motor without a short circuit.
     """
     most_shorted = float(np.max(faults[SHORT_CIRCUITS]))
     return limit / math.sqrt(1.0 - most_shorted)
 
 
 def assumed_goodness(faults: Array, goodness: float) -> float:
-    """Return the goodness of fit for which standard deviations are computed.
+    """Return the goodness of fit from which standard deviations are computed.
 
     If ``goodness`` is NaN (unknown), the limit of valid estimates is returned.
     """
@@ -83,22 +83,22 @@ def judged(
     calibration_windows: int,
     beyond: Sequence[CauseEstimate] = (),
 ) -> dict[str, Any]:
-    """Return ``verdict``, ``valid`` and ``reasons`` of an estimate.
+    """Return the fields ``verdict``, ``valid`` and ``reasons`` of an estimate.
 
     Parameters
     ----------
     subject
         Noun for the identified samples: window, stretch or motion.
     misfit, limit
-        Misfit of the estimate, and goodness of fit up to which the faults explain the window.
+        Misfit of the estimate, and largest goodness of fit at which the faults explain the window.
     unobservable
-        Components that are not determined, ``(8,)``.
+        Flags of the components that are not determined, ``(8,)``.
     alternatives
         Parts of the explanation and their replacements.
     reservations
         Reasons that do not affect the verdict.
     calibration_windows
-        Number of healthy windows of the calibration.
+        Number of healthy windows in the calibration.
     beyond
         Sensor errors at a bound of the search.
     """
@@ -119,7 +119,7 @@ def judged(
 
 
 def not_separated(subject: str, alternatives: Iterable[Alternative]) -> list[NotSeparated]:
-    """Return a reason for each part of an explanation that cannot be separated from others."""
+    """Return a reason for each part of an explanation that has alternatives."""
     stand_ins: dict[Part, list[Part]] = {}
     for part, stand_in in alternatives:
         stand_ins.setdefault(part, []).append(stand_in)

@@ -26,38 +26,41 @@ MOST_VALUES: Final = 500
 
 @dataclass(frozen=True, eq=False)
 class WindowFit:
-    """Signals of a window, each value the mean over a period, ``(m,)`` each."""
+    """Measured and modelled signals of a window, averaged over equal periods, ``(m,)`` each."""
 
     period: float
-    """Time from one value to the next [s]."""
+    """Averaging period, which is the spacing of the values [s]."""
     start: float
-    """Time from the first sample of the window to the first value, the middle of its period [s]."""
+    """Time from the first sample of the window to the middle of the first period [s]."""
     command: Array
+    """Commanded user angle [rad]."""
     position: Array
-    """Commanded and measured user angle [rad]."""
+    """Measured user angle [rad]."""
     current: Array
+    """Measured equivalent current [A]; ``(0,)`` if not measured."""
     estimated_current: Array
-    """Equivalent current, measured, ``(0,)`` if not measured, and of the model at the estimate
-    [A]."""
+    """Modelled equivalent current at the estimate [A]."""
     speed: Array
+    """Measured motor speed [rad/s]; if not measured, the speed of the fast shaft behind the play,
+    from the position."""
     estimated_speed: Array
-    """Motor speed, measured and of the model at the estimate [rad/s]. If it is not measured, both
-    are the speed of the fast shaft behind the play, and the position gives the measured one."""
+    """Modelled speed at the estimate, of the same shaft as ``speed`` [rad/s]."""
 
 
 def expected_signals(window: Window, estimate: Estimate, calibration: Calibration) -> Response:
     """Return current and speed of the calibrated model in a window, ``(2, n)`` each [A, rad/s].
 
-    The first row is the response at the estimate, the second of the healthy actuator.
+    The first row is the response at the estimate, the second row is the response of the healthy
+    actuator.
 
     Parameters
     ----------
     window
         The window.
     estimate
-        The estimate of the window, with faults.
+        Estimate of the window, with faults.
     calibration
-        Calibration that the estimate was made with.
+        Calibration with which the estimate was made.
 
     Raises
     ------
@@ -66,7 +69,7 @@ def expected_signals(window: Window, estimate: Estimate, calibration: Calibratio
     """
     faults = np.array([estimate.faults, healthy_faults()])
     columns = np.zeros((2, len(COLUMNS)))
-    # Measured causes apply to the healthy actuator as well; causes that the window shows do not.
+    # Measured causes apply to the healthy actuator as well; estimated causes do not.
     for row, causes in ((0, (*estimate.measured, *estimate.causes)), (1, estimate.measured)):
         for cause in causes:
             columns[row, COLUMNS.index(cause.name)] = cause.value
@@ -78,16 +81,16 @@ def expected_signals(window: Window, estimate: Estimate, calibration: Calibratio
 
 
 def window_fit(window: Window, estimate: Estimate, calibration: Calibration) -> WindowFit:
-    """Return the signals of a window and of the calibrated model at its estimate.
+    """Return the measured signals of a window, and the modelled signals at its estimate.
 
     Parameters
     ----------
     window
         The window.
     estimate
-        The estimate of the window. Without faults, the signals of the model are NaN.
+        Estimate of the window. If it has no faults, the modelled signals are NaN.
     calibration
-        Calibration that the estimate was made with.
+        Calibration with which the estimate was made.
 
     Raises
     ------
@@ -120,9 +123,9 @@ def in_stretch(
     calibration: Calibration,
     search: SearchSettings,
 ) -> Estimate:
-    """Return an estimate of several stretches with play and causes fitted to a single stretch.
+    """Return an estimate of several stretches with play and causes fitted to one stretch.
 
-    The faults of the estimate are fixed within the mismatch of the model.
+    The faults remain at the estimate, within the mismatch of the model.
 
     Parameters
     ----------
