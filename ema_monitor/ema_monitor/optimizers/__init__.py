@@ -1,6 +1,6 @@
-"""Optimizers by name. They minimise a cost in the unit box, and do not depend on actuators.
+"""Optimizers by name. They minimise a cost in the unit box and are independent of actuators.
 
-To add an optimizer, implement ``interface.Optimizer`` in a separate file, and register it here.
+To add an optimizer, implement ``interface.Optimizer`` in a separate file and register it here.
 """
 
 from typing import Final

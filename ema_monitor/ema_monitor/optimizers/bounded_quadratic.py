@@ -1,4 +1,4 @@
-"""Minimum of a convex quadratic within the unit box."""
+"""Minimisation of a convex quadratic function in the unit box."""
 
 import math
 
@@ -10,7 +10,7 @@ from ema_core.arrays import Array
 
 @kernel()
 def room(x, move):
-    """Return the share of a move that stays within the box [-]; above 1 if all of it does."""
+    """Return the largest share of a move that stays within the box [-], which may exceed 1."""
     if move == 0.0:
         return math.inf
     return ((1.0 - x) if move > 0.0 else x) / abs(move)
@@ -18,7 +18,7 @@ def room(x, move):
 
 @kernel()
 def slope_at(x, hessian, gradient, start):
-    """Return the gradient at a point, ``(d,)``."""
+    """Return the gradient at ``x``, ``(d,)``; ``gradient`` is the gradient at ``start``."""
     slope = gradient.copy()
     for i in range(len(x)):
         for j in range(len(x)):
@@ -58,17 +58,17 @@ def step_of_free(hessian, slope, held):
 
 @kernel(nogil=False)
 def lowest_in_box(hessian: Array, gradient: Array, start: Array) -> Array:
-    """Minimise ``g (x - start) + (x - start) H (x - start) / 2`` over the unit box.
+    """Return the minimum, ``(d,)``, of a convex quadratic function in the unit box.
 
-    The Hessian, ``(d, d)``, is positive definite; ``gradient``, ``(d,)``, is the gradient at
-    ``start``.
+    The function is ``g (x - start) + (x - start) H (x - start) / 2``. The Hessian, ``(d, d)``, must
+    be positive definite; ``gradient``, ``(d,)``, is the gradient at ``start``.
     """
     return lowest_of(hessian, gradient, start, start, np.ones(len(start), dtype=np.bool_))
 
 
 @kernel(nogil=False)
 def lowest_of_each(hessian, gradient, at, starts, free):
-    """Minimise from several starts, ``(n, d)``, each over its free components (`lowest_of`)."""
+    """Return the minimum from each start, ``(n, d)``, over its free components (`lowest_of`)."""
     best = starts.copy()
     for i in range(len(starts)):
         best[i] = lowest_of(hessian, gradient, at, starts[i], free[i])
@@ -77,11 +77,12 @@ def lowest_of_each(hessian, gradient, at, starts, free):
 
 @kernel(nogil=False)
 def lowest_of(hessian, gradient, at, start, free):
-    """Minimise a quadratic over the ``free`` components; the rest remains as at the start.
+    """Return the minimum of a quadratic function over the ``free`` components, ``(d,)``.
 
-    Primal active set: move towards the minimum over the free components up to the first bound, and
-    fix the component there. At a minimum, free the fixed component with the steepest descent.
-    ``gradient`` is the gradient at the point ``at``, which may differ from the start.
+    All other components remain at the start. Primal active-set method: move towards the minimum
+    over the free components up to the first bound, and fix the component there. At a minimum,
+    release the fixed component with the steepest descent. ``gradient`` is the gradient at the point
+    ``at``, which may differ from the start.
     """
     d = len(start)
     x, held, steepest_start = start.copy(), ~free, 0.0
@@ -89,7 +90,7 @@ def lowest_of(hessian, gradient, at, start, free):
     for i in range(d):
         if free[i]:
             steepest_start = max(steepest_start, abs(slope[i]))
-    # Each round settles a face of the box; the limit is a guard, far fewer rounds are needed.
+    # Each iteration settles a face of the box. Far fewer iterations than the limit are needed.
     for _ in range(10 * d):
         move = step_of_free(hessian, slope, held)
         reach = 1.0

@@ -1,4 +1,4 @@
-"""Differential evolution about the best individual: standard form, and form of the thesis."""
+"""Differential evolution about the best individual: the standard form and the thesis's form."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,13 +9,13 @@ from ema_monitor.optimizers.population import Population
 
 
 class DifferentialEvolution(Population):
-    """DE/best/1/bin.
+    """Differential evolution, DE/best/1/bin.
 
-    The donor for each individual (the target) is the best individual plus F times the difference of
-    two partners, which differ from each other and from the target. A donor outside the box bounces
-    back to a random place between the best individual and the wall. The trial takes each component
-    from the donor with probability CR, at least one component, and the remaining components from
-    the target. The trial replaces the target if it costs less.
+    The donor for each individual (the target) is the best individual plus F times the difference
+    between two partners, which differ from each other and from the target. A donor outside the box
+    bounces back to a random point between the best individual and the wall. The trial point takes
+    each component from the donor with probability CR, but at least one component, and the remaining
+    components from the target. It replaces the target if its cost is lower.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class DifferentialEvolution(Population):
         return np.where(from_donor, donors, self._x)
 
     def _partners(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Draw two partners for each target; the three individuals are different."""
+        """Return the indices of two partners for each target; all three individuals differ."""
         n = len(self._x)
         ahead = self._rng.integers(1, n, size=n)
         further = self._rng.integers(1, n - 1, size=n)
@@ -84,12 +84,12 @@ class DifferentialEvolution(Population):
 
 
 class ThesisDifferentialEvolution(DifferentialEvolution):
-    """DE/best/1/bin as in the thesis, appendix A.
+    """Differential evolution, DE/best/1/bin, as in the thesis, appendix A.
 
     It differs from `DifferentialEvolution` in two ways. The partners come from two independent
     permutations of the population: a partner may be the target, and if both partners are the same,
-    the donor is the best individual. The donor is reflected at 0 and not bounded above; here it is
-    clipped to 1, because a fault above 1 has no meaning.
+    the donor is the best individual. The donor is reflected at 0. The thesis does not limit it
+    above; here it is clipped to 1, because a fault above 1 has no meaning.
 
     Parameters
     ----------

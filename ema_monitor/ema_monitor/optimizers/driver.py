@@ -1,4 +1,4 @@
-"""Loop around an optimizer: evaluation, best point so far, termination and progress."""
+"""Driver of an optimizer: evaluates points, tracks the best point, and ends the search."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,23 +20,23 @@ class StopRule(Protocol):
         ...
 
     def reached(self, best_costs: Sequence[float]) -> bool:
-        """Return whether to stop, from the best cost after each generation, at least one."""
+        """Return whether to stop, given the best cost after each generation so far."""
         ...
 
 
 @dataclass(frozen=True)
 class Termination:
-    """Stop rule for a stalled search; a cost of 0 ends the search as well."""
+    """Stop rule that ends a search if it stalls or reaches a cost of 0."""
 
     budget: int = 10_000
     """Largest number of evaluations; a generation that would exceed it is not started."""
     stall_generations: int = 30
-    """Number of consecutive generations with a small fall of the best cost that ends the search."""
+    """Number of consecutive generations without improvement after which the search ends."""
     tolerance: float = 1e-6
-    """Fall of the best cost that counts as small, relative to the cost [-]."""
+    """Largest decrease of the best cost that is no improvement, relative to the cost [-]."""
 
     def reached(self, best_costs: Sequence[float]) -> bool:
-        """Return whether to stop, from the best cost after each generation, at least one."""
+        """Return whether to stop, given the best cost after each generation so far."""
         if best_costs[-1] <= 0.0:
             return True
         if len(best_costs) <= self.stall_generations:
@@ -45,7 +45,7 @@ class Termination:
         return not any(self._fell(before, after) for before, after in pairwise(recent))
 
     def _fell(self, before: float, after: float) -> bool:
-        # A fall from an infinite to a finite cost counts.
+        # A decrease from an infinite to a finite cost is an improvement.
         return after < before and not before - after <= self.tolerance * min(before, 1e300)
 
 
@@ -77,19 +77,19 @@ def minimise(
     Parameters
     ----------
     residuals_of
-        Maps points, ``(m, d)``, to residuals, ``(m, n)``; the cost is their sum of squares. A point
-        with residuals that are not finite costs inf.
+        Function that returns the residuals, ``(m, n)``, at points, ``(m, d)``. The cost is their
+        sum of squares, or inf if a residual is not finite.
     optimizer
         Source of the points.
     termination
         Rule that ends the search.
     reserve
-        Evaluations of the budget to reserve for later stages.
+        Number of evaluations in the budget that are reserved for later stages.
 
     Raises
     ------
     ValueError
-        If the budget does not permit the first generation.
+        If the budget is too small for the first generation.
     """
     best = Progress(0, 0, np.empty(0), np.inf)
     history: list[float] = []

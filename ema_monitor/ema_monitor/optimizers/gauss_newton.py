@@ -1,4 +1,4 @@
-"""Gauss-Newton descents, with separate trial steps, descent and termination.
+"""Gauss-Newton descents with exchangeable trial steps and termination.
 
 An iteration linearises the residuals, evaluates the trial steps of a `Search`, takes the step with
 the lowest cost, and checks `Stopping`. Descent, search and termination are separate as in
@@ -18,8 +18,8 @@ from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
 class Trials(NamedTuple):
     """Trial points in groups, ``(m, d)`` each.
 
-    A group is evaluated in one batch, and only if no earlier group reduces the cost. Number
-    ``full`` of the first group is the minimum of the linear model.
+    A group is evaluated in one batch, and only if no earlier group reduces the cost. ``full`` is
+    the index in the first group of the full step, to the minimum of the linear model.
     """
 
     groups: Sequence[Array]
@@ -34,45 +34,46 @@ class Search(Protocol):
         ...
 
     def after(self, number: int) -> Self:
-        """Return the search of the next iteration, if trial ``number`` has the lowest cost."""
+        """Return the rule for the next iteration, after trial ``number`` had the lowest cost."""
         ...
 
 
 class LineSearch(NamedTuple):
-    """Shares of the step to the minimum of the linear model.
+    """Line search along the step to the minimum of the linear model.
 
-    J. Nocedal, S. Wright, Numerical Optimization, 2006, section 3.1: the full step is tried first,
-    and is accepted near the optimum.
+    ``lowest`` returns the minimum, ``groups`` are the tried shares of the step. J. Nocedal, S.
+    Wright, Numerical Optimization, 2006, section 3.1: the full step is tried first, and is accepted
+    near the optimum.
     """
 
     lowest: Callable[[Linearisation], Array]
     groups: Sequence[Sequence[float]]
 
     def trials(self, at: Linearisation) -> Trials:
-        """Return points between the point of a linearisation and the minimum of its model."""
+        """Return points on the line from a linearisation to the minimum of its model."""
         step = self.lowest(at) - at.point
         return Trials([at.point + np.array(group)[:, None] * step for group in self.groups], 0)
 
     def after(self, number: int) -> Self:
-        """Return the same search: every iteration tries the full step first."""
+        """Return the same rule: every iteration tries the full step first."""
         return self
 
 
 class LevenbergMarquardt(NamedTuple):
-    """Damped steps within the unit box, and a step with minimal damping."""
+    """Levenberg-Marquardt steps within the unit box: several dampings, and a minimal damping."""
 
     damping: float = 2.0
     """Damping relative to the diagonal of the normal matrix [-]."""
 
     def trials(self, at: Linearisation) -> Trials:
-        """Return the ends of steps with several dampings, minimal damping last."""
+        """Return the end points of the damped steps, the step with minimal damping last."""
         quadratic = Quadratic.of(at)
         dampings = [*(self.damping * factor for factor in FACTORS), LEAST_DAMPING]
         points = [quadratic.damped(damping).lowest() for damping in dampings]
         return Trials([np.stack(points)], len(FACTORS))
 
     def after(self, number: int) -> Self:
-        """Return the search about the best damping."""
+        """Return the rule with dampings about the best damping."""
         damping = self.damping * FACTORS[min(number, len(FACTORS) - 1)]
         return self._replace(damping=min(max(damping, LEAST_DAMPING), MOST_DAMPING))
 
@@ -80,32 +81,32 @@ class LevenbergMarquardt(NamedTuple):
 FACTORS: Final = (2.0, 0.3)
 """Trial dampings, relative to the best damping of the previous iteration [-].
 
-Marquardt uses 10 and 0.1. On 40 windows of drawn units, 10 and 0.1 take as many evaluations but
-move 4 estimates by 0.1 sigma, and 4 and 0.25 take 1 % fewer. A first damping of 0.2 takes 4 % more,
-a first damping of 20 takes 2 % more."""
+Marquardt uses 10 and 0.1. On 40 windows of random units, 10 and 0.1 require as many evaluations but
+change 4 estimates by 0.1 sigma; 4 and 0.25 require 1 % fewer evaluations. An initial damping of 0.2
+requires 4 % more, an initial damping of 20 requires 2 % more."""
 
 LEAST_DAMPING: Final = 1e-6
-"""Minimal damping [-]: far above the rounding of the normal matrix, and too small to change a
-step."""
+"""Minimal damping [-]: far above the rounding errors of the normal matrix, and too small to change
+a step."""
 
 MOST_DAMPING: Final = 30.0
-"""Largest damping [-]; with more, steps are too short to improve. On the same windows, limits of 10
-and 300 give the same estimates."""
+"""Largest damping [-]. With more damping, steps are too short to improve. On the same windows,
+limits of 10 and 300 give the same estimates."""
 
 
 class Stopping(NamedTuple):
-    """Termination of a descent."""
+    """Termination rule of a descent."""
 
     iterations: int
     """Largest number of steps."""
     gain: float = 0.0
-    """Least gain of a step that is taken, as a share of the cost [-]."""
+    """Smallest gain at which a step is taken, relative to the cost [-]."""
     step: Array | float = 0.0
-    """Largest length of the last step, in each component, ``(d,)``."""
+    """The descent ends after a step that is shorter in every component, ``(d,)``."""
     promise: float = 0.0
-    """Least gain of a full step that the linear model predicts, as a share of the cost [-]. The
-    step is the last one if the predicted gain is smaller, or if the fit is good and the actual cost
-    agrees with the prediction within this share."""
+    """Smallest predicted gain of a full step at which the descent continues, relative to the cost
+    [-]. The descent also ends if the fit is good and the cost after the step agrees with the
+    prediction within this share."""
     good_cost: float = 0.0
     """Highest cost of a good fit."""
 
@@ -118,17 +119,17 @@ class Descent:
     """State of a descent from one start."""
 
     point: Array
-    """Present point, ``(d,)``."""
+    """Current point, ``(d,)``."""
     cost: float
-    """Cost of the present point."""
+    """Cost at the current point."""
     residuals: Array
-    """Residuals at the present point, ``(r,)``."""
+    """Residuals at the current point, ``(r,)``."""
     search: Search
     """Rule for the trial points."""
     stopping: Stopping
-    """Rule for the end."""
+    """Termination rule."""
     at: Linearisation = _NOWHERE
-    """Latest linearisation, at the present or the previous point."""
+    """Latest linearisation, at the current or the previous point."""
     iterations: int = 0
     done: bool = False
     _full: int = 0
@@ -136,13 +137,14 @@ class Descent:
 
     @property
     def is_linearised(self) -> bool:
-        """Whether the latest linearisation is at the point."""
+        """Whether the latest linearisation is at the current point."""
         return self.at.point is self.point
 
     def trials(self) -> Sequence[Array]:
-        """Return the trial points for the linearisation at the point, in groups.
+        """Return the trial points for the linearisation at the current point, in groups.
 
-        If the predicted gain of the full step is negligible, it is the only trial, and the last.
+        If the predicted gain of the full step is negligible, the full step is the only and last
+        trial.
         """
         at = self.at
         groups, self._full = self.search.trials(at)
@@ -153,15 +155,15 @@ class Descent:
         return [full[None]] if self.done else groups
 
     def accept(self, trials: Array, costs: Array, residuals: Array) -> bool:
-        """Move to the best trial if its gain is large enough; return whether it is."""
+        """Move to the best trial point if its gain is large enough; return whether it moved."""
         stopping, best = self.stopping, int(np.argmin(costs))
         cost = float(costs[best])
         self.search = self.search.after(best)
         if not self.cost - cost > stopping.gain * self.cost:
             return False
         if best == self._full:
-            is_kept = abs(cost - self._promised) < stopping.promise * cost
-            self.done |= is_kept and cost <= stopping.good_cost
+            is_as_predicted = abs(cost - self._promised) < stopping.promise * cost
+            self.done |= is_as_predicted and cost <= stopping.good_cost
         self.done |= bool(np.all(np.abs(trials[best] - self.point) < stopping.step))
         self.done |= self.iterations >= stopping.iterations
         self.point, self.cost, self.residuals = trials[best], cost, residuals[best]
@@ -169,16 +171,20 @@ class Descent:
 
 
 class Problem(NamedTuple):
-    """Residuals, ``(m, r)``, of points, ``(m, d)``, and their linearisation at a point."""
+    """Least-squares problem.
+
+    ``residuals`` returns the residuals, ``(m, r)``, at points, ``(m, d)``. ``linearise`` returns
+    their linearisation at a point, ``(d,)``.
+    """
 
     residuals: Callable[[Array], Array]
     linearise: Callable[[Array], Linearisation]
 
 
 def descend(problem: Problem, starts: Array, search: Search, stopping: Stopping) -> Descent:
-    """Return a finished descent from the best of several starts, ``(m, d)``.
+    """Return the finished descent from the best of several starts, ``(m, d)``.
 
-    It ends early if a derivative is not finite.
+    The descent ends early if a derivative is not finite.
     """
     residuals, costs = _evaluated(problem, starts)
     first = int(np.argmin(costs))
@@ -197,7 +203,10 @@ def descend(problem: Problem, starts: Array, search: Search, stopping: Stopping)
 
 
 def _evaluated(problem: Problem, points: Array) -> tuple[Array, Array]:
-    """Return residuals, ``(m, r)``, and costs, ``(m,)``; inf if a residual is not finite."""
+    """Return the residuals, ``(m, r)``, and costs, ``(m,)``, at points, ``(m, d)``.
+
+    The cost is inf if a residual is not finite.
+    """
     residuals = problem.residuals(points)
     costs = np.einsum("ij,ij->i", residuals, residuals)
     costs[~np.isfinite(costs)] = np.inf

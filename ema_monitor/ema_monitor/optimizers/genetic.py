@@ -1,4 +1,4 @@
-"""Genetic algorithm with elites, scattered crossover and mutations of adaptive step."""
+"""Genetic algorithm with elites, scattered crossover and an adaptive mutation step."""
 
 from typing import Final
 
@@ -19,15 +19,15 @@ _STEP_DECAY: Final = 1.0 / _STEP_GROWTH
 class GeneticAlgorithm(Population):
     """Genetic algorithm after the documentation of Matlab's ``ga`` with bounds (R2018a).
 
-    The best 5 % of a population survive unchanged and are not evaluated again. 80 % of the
-    remaining places are filled by children of two parents, with each gene from either parent with
-    equal probability (scattered crossover), the rest by mutants of one parent. Parents are drawn by
-    stochastic uniform selection, in proportion to 1 / sqrt(rank).
+    The best 5 % of a population survive unchanged and are not evaluated again. Of the remaining
+    places, 80 % are filled by children of two parents, with each gene taken from either parent with
+    equal probability (scattered crossover). The rest are mutants of one parent. Parents are drawn
+    by stochastic uniform selection, in proportion to 1 / sqrt(rank).
 
-    A mutant lies a step away from its parent in a random direction, clipped to the box in each
-    component. The step rule of Matlab's adaptive feasible mutation is not published. Here the step
-    begins at half the width of the box. A generation with a new best point multiplies it by 1.5, a
-    generation without one divides it by 1.5, within 1e-6 and 1 width. This is a success rule like
+    A mutant is one step away from its parent in a random direction, clipped to the box. The step
+    rule of Matlab's adaptive feasible mutation is not published. Here the initial step is half the
+    width of the box. The step is multiplied by 1.5 after a generation with a new best point, and
+    divided by 1.5 otherwise, within 1e-6 and 1 width. This is a success rule similar to
     Rechenberg's (1973), in equilibrium if every other generation improves.
 
     Parameters and errors are as in `Population`.
@@ -74,18 +74,19 @@ class GeneticAlgorithm(Population):
 def expected_children(population: int, parents: int) -> Array:
     """Return the expected number of selections of each individual as a parent, ``(population,)``.
 
-    It is proportional to 1 / sqrt(rank), the best individual first, with the sum ``parents``.
+    The numbers are proportional to 1 / sqrt(rank), with the best individual first. Their sum is
+    ``parents``.
     """
     share = 1.0 / np.sqrt(np.arange(1, population + 1))
     return parents * share / np.sum(share)
 
 
 def stochastic_uniform(expected: Array, rng: "np.random.Generator") -> NDArray[np.intp]:
-    """Draw individuals, each as often as expected, rounded up or down.
+    """Return indices of selected individuals, each as often as expected, rounded up or down.
 
-    The expectations are intervals laid end to end. Marks at a distance of 1, with a random offset,
-    select the individuals (Baker 1987, "Reducing bias and inefficiency in the selection
-    algorithm"). The number of draws is the sum of the expectations; they are in ascending order.
+    The expected numbers are intervals laid end to end. Marks at a distance of 1, with a random
+    offset, select the individuals (Baker 1987, "Reducing bias and inefficiency in the selection
+    algorithm"). The indices are in ascending order; their number is the sum of ``expected``.
     """
     marks = rng.random() + np.arange(round(np.sum(expected)))
     # Without the last end, which may be below the last mark by rounding.
@@ -93,12 +94,12 @@ def stochastic_uniform(expected: Array, rng: "np.random.Generator") -> NDArray[n
 
 
 def scattered(mothers: Array, fathers: Array, rng: "np.random.Generator") -> Array:
-    """Return children, ``(m, d)``, with each gene from one of their parents, ``(m, d)``."""
+    """Return children, ``(m, d)``, with each gene from either parent, ``(m, d)`` each."""
     return np.where(rng.random(mothers.shape) < 0.5, mothers, fathers)
 
 
 def mutated(parents: Array, step: float, rng: "np.random.Generator") -> Array:
-    """Return points a step away from the parents, ``(m, d)``, clipped to the unit box."""
+    """Return mutants, one ``step`` away from their parents, ``(m, d)``, clipped to the unit box."""
     directions = rng.normal(size=parents.shape)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return np.clip(parents + step * directions, 0.0, 1.0)

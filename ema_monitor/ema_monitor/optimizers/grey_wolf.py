@@ -1,4 +1,4 @@
-"""Grey wolf optimization: standard form, and form of the thesis with leaders per wolf."""
+"""Grey wolf optimization: the standard form, and the form of the thesis with leaders per wolf."""
 
 from typing import Final
 
@@ -11,12 +11,12 @@ _LEADERS: Final = 3
 
 
 class GreyWolf(Population):
-    """Grey wolf optimizer with alpha, beta and delta, the three best points of the pack so far.
+    """Grey wolf optimizer, led by the three best points so far: alpha, beta and delta.
 
-    A wolf moves to the mean of three points, one about each leader: ``leader - A |C leader - x|``
-    with ``A`` uniform in [-a, a] and ``C`` uniform in [0, 2], drawn for each component. Points are
-    clipped to the box. ``a`` falls linearly from 2 after the first generation to 0 at the end of
-    the budget.
+    A wolf at ``x`` moves to the mean of three points, one per leader:
+    ``leader - A |C leader - x|`` with ``A`` uniform in [-a, a] and ``C`` uniform in [0, 2], drawn
+    for each component. Points are clipped to the box. ``a`` decreases linearly from 2 after the
+    first generation to 0 at the end of the budget.
 
     Parameters and errors are as in `Population`.
 
@@ -46,15 +46,15 @@ class GreyWolf(Population):
 class ThesisGreyWolf(Population):
     """Grey wolf optimizer as in the thesis, appendix B: each wolf follows its own leaders.
 
-    Each wolf has its alpha, beta and delta, which begin at the zero vector with an infinite cost. A
-    point that costs less than alpha replaces alpha, and the old alpha is discarded. A point that
-    costs more than alpha and less than beta replaces beta; a point that costs more than both and
-    less than delta replaces delta. Therefore beta and delta may remain at zero, which attracts the
-    wolves; a component that is zero in a wolf and its leaders remains zero.
+    Each wolf has its own alpha, beta and delta, which are initially the zero vector with an
+    infinite cost. A point with a lower cost than alpha replaces alpha, and the previous alpha is
+    discarded. A point with a cost between alpha and beta replaces beta. A point with a higher cost
+    than both, and a lower cost than delta, replaces delta. Therefore beta and delta may remain at
+    zero, which attracts the wolves. A component that is zero in a wolf and its leaders remains
+    zero.
 
-    ``a`` is lower than in ``GreyWolf`` by its fall in one generation. Appendix B as transcribed has
-    the digit 1 in place of the generation l, which would keep ``a`` at 1.99; here it is the
-    generation.
+    ``a`` is one generation ahead of ``GreyWolf``. The transcription of appendix B has the digit 1
+    in place of the generation l, which would keep ``a`` at 1.99; here it is the generation.
 
     Parameters are as in ``GreyWolf``.
     """
@@ -81,15 +81,15 @@ class ThesisGreyWolf(Population):
 
 
 def shrinking(generation: int, generations: int) -> float:
-    """Return ``a`` of a generation, from 2 at number 0 to 0 after the last generation."""
+    """Return the coefficient ``a``: 2 for generation 0, decreasing to 0 after the last one."""
     return max(0.0, 2.0 * (1.0 - generation / generations))
 
 
 def encircled(points: Array, leaders: Array, a: float, rng: "np.random.Generator") -> Array:
     """Return the next positions of wolves at ``points``, ``(m, d)``, within [0, 1].
 
-    ``leaders`` are common, ``(3, 1, d)``, or individual, ``(3, m, d)``; ``a`` limits the distance
-    of a target from a leader, relative to the distance of the wolf [-].
+    ``leaders`` are shared by all wolves, ``(3, 1, d)``, or individual, ``(3, m, d)``. ``a`` limits
+    the distance between target and leader, relative to the distance between wolf and leader [-].
     """
     r_1, r_2 = rng.random((2, _LEADERS, *points.shape))
     A, C = 2.0 * a * r_1 - a, 2.0 * r_2

@@ -14,10 +14,11 @@ class Hints(NamedTuple):
     good_cost: float = 0.0
     """Highest cost at which an optimum is accepted as global."""
     fair_cost: Callable[[], float] = float
-    """Returns the highest cost at which an optimum is accepted after a second search without an
-    improvement."""
+    """Function that returns the highest cost at which an optimum is accepted if a second search has
+    not improved it."""
     budget: int = 10_000
-    """Largest number of evaluations, for schedules of an algorithm. The driver ends the search."""
+    """Largest number of evaluations, on which an algorithm may base its schedule. The driver ends
+    the search."""
 
 
 NO_HINTS: Final = Hints()
@@ -25,15 +26,15 @@ NO_HINTS: Final = Hints()
 
 
 class Optimizer(Protocol):
-    """An optimizer on the unit box, with ``ask`` and ``tell``.
+    """Optimizer of a cost on the unit box, with the methods ``ask`` and ``tell``.
 
-    Further settings are keywords with defaults.
+    Further settings of an algorithm are keyword arguments with defaults.
 
     Parameters
     ----------
     start
-        Starting point, ``(d,)``, d at least 1. In a population one individual starts here, the rest
-        at random points; for an entirely random population, pass a random point.
+        Starting point, ``(d,)``, d at least 1. In a population, one individual starts here, all
+        others at random points. For an entirely random population, pass a random point.
     rng
         Source of all random numbers.
     hints
@@ -41,10 +42,10 @@ class Optimizer(Protocol):
     """
 
     uses_residuals: bool
-    """Whether the algorithm uses residuals in addition to the cost. It then requires coordinates in
-    which the residuals are smooth."""
+    """Whether the algorithm uses residuals in addition to the cost, and therefore requires
+    coordinates in which the residuals are smooth."""
     converged: bool
-    """Whether the search has converged, so that there are no more points to evaluate."""
+    """Whether the search has converged and needs no more evaluations."""
 
     def __init__(
         self, start: Array, rng: "np.random.Generator", hints: Hints = NO_HINTS
@@ -62,8 +63,8 @@ class Optimizer(Protocol):
         points
             The points, ``(m, d)``, as returned by ``ask``.
         costs
-            Sum of squares of the residuals of each point, ``(m,)``; inf if it is not finite.
+            Sum of squared residuals at each point, ``(m,)``; inf if it is not finite.
         residuals
-            Residuals of each point, ``(m, n)``.
+            Residuals at each point, ``(m, n)``.
         """
         ...

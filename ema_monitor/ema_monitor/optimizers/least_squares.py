@@ -1,4 +1,4 @@
-"""Bounded least squares with screened starts, as many as a good fit needs."""
+"""Bounded least squares with screened starting points."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -13,40 +13,42 @@ from ema_monitor.optimizers.linear_model import Linearisation
 DIFFERENCE: Final = 5e-3
 """Step of the difference quotients [-]; smaller steps resolve stick and slip of the model."""
 
-# Points and starts; the first is a descent from the start.
+# Numbers of points and descents of each screen; the first screen is a descent from the start.
 _SCREENS: Final = ((1, 1), (96, 4), (600, 12))
-# On 40 windows of drawn units: with gain and step ten times as large or as small, or 10 iterations,
-# evaluations differ by 0.1 % and no estimate by 0.1 sigma; a promise of 0.1 saves 5 % of the
-# evaluations, 1e-3 takes 4 % more, and the mean error is the same within 0.001 % of the range.
+# On 40 windows of random units: with gain and step ten times larger or smaller, or 10 iterations,
+# the number of evaluations changes by 0.1 % and no estimate by 0.1 sigma. A promise of 0.1 saves
+# 5 % of the evaluations, 1e-3 takes 4 % more; the mean error is the same within 0.001 % of the
+# range.
 _STOPPING: Final = Stopping(iterations=25, gain=1e-4, step=2e-4, promise=1e-2)
-# Share of the cost by which a screen has to lower it; differences of descents that end in one
-# optimum are smaller by the gain above.
+# Smallest relative improvement of the cost by a screen. Descents to the same optimum differ less,
+# because of the gain above.
 _AGREEMENT: Final = 0.02
 
 
 class ScreenedLeastSquares:
     """Levenberg-Marquardt from the start, and from screened starts if the fit is not good.
 
-    A screen is a Latin hypercube: half of it is spread over the box, half of it is contracted
-    towards the start. Each iteration evaluates the difference columns of all descents in one batch,
-    then their trial steps in another, with several dampings about the best damping of the previous
-    iteration. After each iteration the worse half of the descents is dropped, until one remains. A
-    descent ends if a step gains little, in fact or by the linear model, or if an undamped step
-    leads to a good fit as the linear model predicts. A component at its bound is fixed while the
-    step would leave the box.
+    A screen is a Latin hypercube: half of the points are spread over the box, half are contracted
+    towards the start. Each iteration evaluates the points for the difference quotients of all
+    descents in one batch, then their trial steps in another, with several dampings about the best
+    damping of the previous iteration. After each iteration, the worse half of the descents is
+    dropped until a single descent remains. A descent ends if the evaluated or predicted gain of a
+    step is small, or if an undamped step leads to a good fit as the linear model predicts. A
+    component at its bound is fixed while the step would leave the box.
 
-    The first descent begins at the start. If its fit is not good, a small screen with a few starts
-    follows, then a large screen with many. The large screen is skipped if the cost is fair and the
-    small screen has not improved it.
+    The first descent begins at the start. If its fit is not good, a small screen with a few
+    descents follows, then a large screen with many descents. The large screen is skipped if the
+    cost is fair and the small screen has not improved it.
 
     Parameters
     ----------
     start
-        Starting point, ``(d,)``, a point of each screen; screens are denser about it.
+        Starting point, ``(d,)``, which is also a point of each screen. Screens are denser near it.
     rng
         Source of random numbers.
     hints
-        An optimum is accepted up to the good cost; with a good cost of 0 all screens are evaluated.
+        An optimum is accepted up to the good cost. If the good cost is 0, all screens are
+        evaluated.
     """
 
     uses_residuals = True
@@ -62,7 +64,7 @@ class ScreenedLeastSquares:
         self._evaluated: tuple[Array, ...] = ()
 
     def ask(self) -> Array:
-        """Return the screen, the difference columns or the trial steps, ``(m, d)``."""
+        """Return the points of a screen, of difference quotients or of trial steps, ``(m, d)``."""
         return self._asked
 
     def tell(self, points: Array, costs: Array, residuals: Array) -> None:
@@ -76,7 +78,7 @@ class ScreenedLeastSquares:
             self._asked = asked
 
     def _search(self) -> Iterator[Array]:
-        """Yield the points to evaluate next; the results are then in ``_evaluated``."""
+        """Yield the points to evaluate next. The results must then be in ``_evaluated``."""
         stopping = _STOPPING._replace(good_cost=self._hints.good_cost)
         for size, starts in _SCREENS:
             before = self._best_cost
@@ -104,7 +106,7 @@ class ScreenedLeastSquares:
                 return
 
     def _linearise(self, descents: list[Descent]) -> Iterator[Array]:
-        """Yield the difference columns of descents in one batch, and linearise the descents."""
+        """Yield the difference points of all descents in one batch, then linearise the descents."""
         if not descents:
             return
         yield np.concatenate([_differences(descent.point) for descent in descents])
@@ -114,7 +116,7 @@ class ScreenedLeastSquares:
             descent.at = _linearised(descent, points[rows], residuals[rows])
 
     def _advance(self, descents: list[Descent]) -> Iterator[Array]:
-        """Yield the trial steps of descents in one batch, and take the best of each."""
+        """Yield the trial steps of all descents in one batch, then take the best step of each."""
         trials = [descent.trials() for descent in descents]
         yield np.concatenate([points for [points] in trials])
         points, costs, residuals = self._evaluated
@@ -129,7 +131,7 @@ class ScreenedLeastSquares:
         d = len(self._start)
         cells = self._rng.permuted(np.tile(np.arange(size), (d, 1)), axis=1).T
         points = (cells + self._rng.random((size, d))) / size
-        # Half of the screen is near the start, because faults are mostly few and small.
+        # Half of the points are near the start, because faults are usually few and small.
         reach = self._rng.random((size // 2, d)) ** 3
         points[: size // 2] = self._start + reach * (points[: size // 2] - self._start)
         points[0] = self._start
@@ -137,9 +139,9 @@ class ScreenedLeastSquares:
 
 
 def _linearised(descent: Descent, points: Array, residuals: Array) -> Linearisation:
-    """Return the linearisation at a descent, from the residuals at its `_differences`."""
+    """Return the linearisation of a descent, from the residuals at its `_differences`."""
     jacobian = (residuals - descent.residuals).T / np.diag(points - descent.point)
-    # A component without finite derivative does not move.
+    # A component without a finite derivative does not move.
     jacobian[:, ~np.all(np.isfinite(jacobian), axis=0)] = 0.0
     return Linearisation(descent.point, descent.residuals, jacobian)
 

@@ -1,4 +1,4 @@
-"""Linear models of residuals, the quadratic function of half their square, and its minimum."""
+"""Linear models of residuals, and the quadratic model of half their sum of squares."""
 
 from typing import Final, NamedTuple, Self
 
@@ -7,15 +7,15 @@ import numpy as np
 from ema_core.arrays import Array, Flags
 
 RIDGE: Final = 1e-9
-"""Ridge of a normal matrix, as a share of its largest diagonal entry [-].
+"""Ridge of a normal matrix, relative to its largest diagonal entry [-].
 
 Rounding errors of a normal matrix are about 1e-16 of this entry. Fits of ordinary motion, in which
-loads and offsets are nearly collinear, depend on this value: change it only with the tests of
+loads and offsets are nearly collinear, depend on this value: after a change, run the tests of
 combined stretches."""
 
 _LEAST_CURVATURE: Final = 1e-12
-"""Least damping of a component, as a share of the largest diagonal entry [-]: a component without
-effect does not move."""
+"""Smallest diagonal entry for the damping, relative to the largest diagonal entry [-]. It keeps a
+component without effect in place."""
 
 
 class Linearisation(NamedTuple):
@@ -36,21 +36,21 @@ class Linearisation(NamedTuple):
         return bool(np.all(np.isfinite(self.jacobian)))
 
     def predicted(self, point: Array) -> Array:
-        """Return the residuals, ``(r,)``, at a point, ``(d,)``, by the linear model."""
+        """Return the residuals, ``(r,)``, that the linear model predicts at a point, ``(d,)``."""
         return self.residuals + self.jacobian @ (point - self.point)
 
     def predicted_cost(self, point: Array) -> float:
-        """Return the sum of squares of the residuals at a point, ``(d,)``, by the linear model."""
+        """Return the cost that the linear model predicts at a point, ``(d,)``."""
         residuals = self.predicted(point)
         return float(residuals @ residuals)
 
     def restricted(self, point: Array, free: Flags) -> Self:
-        """Return the model about a point, ``(d,)``, in its ``free`` components only."""
+        """Return the linear model about a point, ``(d,)``, in the ``free`` components alone."""
         return type(self)(point[free], self.predicted(point), self.jacobian[:, free])
 
 
 class Quadratic(NamedTuple):
-    """Half of a cost, up to a constant: ``g (x - p) + (x - p) H (x - p) / 2``."""
+    """Quadratic model of half a cost, up to a constant: ``g (x - p) + (x - p) H (x - p) / 2``."""
 
     point: Array  # p, (d,)
     gradient: Array  # g, (d,)
@@ -58,7 +58,7 @@ class Quadratic(NamedTuple):
 
     @classmethod
     def of(cls, at: Linearisation) -> Self:
-        """Return half the cost of a linear model (Gauss-Newton), without second derivatives.
+        """Return the quadratic model of a linear model's cost (Gauss-Newton approximation).
 
         J. Nocedal, S. Wright, Numerical Optimization, 2006, section 10.3.
         """
@@ -66,12 +66,12 @@ class Quadratic(NamedTuple):
         return cls(at.point, jacobian.T @ at.residuals, jacobian.T @ jacobian)
 
     def with_ridge(self) -> Self:
-        """Return the function with a ridge, which keeps components without effect finite."""
+        """Return the model with a ridge, which keeps components without effect finite."""
         hessian = self.hessian
         return self._replace(hessian=hessian + ridge_of(hessian) * np.eye(len(hessian)))
 
     def damped(self, damping: float) -> Self:
-        """Return the function with its diagonal increased by a share [-].
+        """Return the model with the Hessian's diagonal increased by the share ``damping`` [-].
 
         D. Marquardt, J. SIAM 11(2), 1963: steps are independent of the units of the components.
         """
@@ -80,13 +80,19 @@ class Quadratic(NamedTuple):
         return self._replace(hessian=self.hessian + damping * np.diag(scale))
 
     def lowest(self) -> Array:
-        """Return the minimum within the unit box, ``(d,)``; the Hessian must be definite."""
+        """Return the point of the minimum in the unit box, ``(d,)``.
+
+        The Hessian must be positive definite.
+        """
         from ema_monitor.optimizers.bounded_quadratic import lowest_in_box  # with the compiler
 
         return lowest_in_box(self.hessian, self.gradient, self.point)
 
     def lowest_between(self, lower: Array, upper: Array) -> Array:
-        """Return the minimum between bounds, ``(d,)`` each; the Hessian must be definite."""
+        """Return the point of the minimum between bounds, ``(d,)``.
+
+        The Hessian must be positive definite.
+        """
         span = upper - lower
         in_box = Quadratic(
             (self.point - lower) / span, self.gradient * span, self.hessian * np.outer(span, span)
@@ -95,16 +101,16 @@ class Quadratic(NamedTuple):
 
 
 def ridge_of(normal: Array) -> float:
-    """Return the ridge that makes a normal matrix, ``(d, d)``, solvable.
+    """Return the ridge that makes a normal matrix, ``(d, d)``, invertible.
 
-    The ridge is far below the diagonal entry of any component that has an effect, and keeps
-    components without effect finite.
+    The ridge is far below the diagonal entry of any component with an effect. It keeps components
+    without effect finite.
     """
     return RIDGE * max(float(np.max(np.diag(normal), initial=0.0)), 1e-200)
 
 
 def refitted(at: Linearisation, rest: Array, free: Flags) -> Array:
-    """Return the minimum, ``(d,)``, of a linear model within the unit box.
+    """Return the point of least cost of a linear model in the unit box, ``(d,)``.
 
     Components that are not ``free``, ``(d,)``, have the values of ``rest``, ``(d,)``.
     """

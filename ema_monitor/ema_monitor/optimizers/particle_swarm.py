@@ -16,22 +16,22 @@ _SOCIAL_ADJUSTMENT: Final = 1.49
 
 
 class ParticleSwarm(Population):
-    """Particle swarm after the documentation of Matlab's ``particleswarm``, with its defaults.
+    """Particle swarm optimizer, after the documentation of Matlab's ``particleswarm``.
 
-    Each particle is attracted by the best point on its path, and by the best point on the paths of
-    its neighbours. The neighbours are drawn for each particle in each iteration; their number
-    begins at a quarter of the swarm. If the best cost does not fall in an iteration, the number
-    grows by a quarter of the swarm, up to all remaining particles, and a counter grows by 1. If the
-    best cost falls, the number is reset, and the counter falls by 1, at least to 0. The inertia
-    begins at 1.1; it is doubled while the counter is below 2 and halved while it is above 5, within
-    [0.1, 1.1]. Particles that leave the box are clipped to it, and lose the velocity across the
-    wall.
+    Each particle is attracted by the best point on its own path, and by the best point on the paths
+    of its neighbours. In each iteration, new neighbours are drawn for each particle. Their number
+    is initially a quarter of the swarm. If the best cost does not decrease in an iteration, the
+    number increases by a quarter of the swarm, up to all other particles, and a stall counter is
+    incremented. If the best cost decreases, the number is reset, and the counter is decremented,
+    at least to 0. The inertia is initially 1.1. It is doubled while the counter is below 2 and
+    halved while the counter is above 5, within [0.1, 1.1]. Particles that leave the box are clipped
+    to it, and lose the velocity component across the wall.
 
-    The documentation lists the rule of the inertia under the iterations in which the best cost
-    falls. Here it applies to all iterations: a swarm at 1.1 does not contract, seldom improves, and
-    would remain at 1.1.
+    In the documentation, the inertia changes only in iterations in which the best cost decreases.
+    Here it changes in all iterations: a swarm with an inertia of 1.1 does not contract and seldom
+    improves, so that its inertia would remain at 1.1.
 
-    Parameters and errors are as in `Population`.
+    Parameters, defaults and errors are as in `Population`.
 
     References
     ----------
@@ -72,7 +72,7 @@ class ParticleSwarm(Population):
         return asked
 
     def _adapt(self, *, improved: bool) -> None:
-        """Set neighbourhoods and inertia; the first generation changes nothing."""
+        """Adapt the number of neighbours and the inertia; the first generation has no effect."""
         if improved:
             self._stalls = max(0, self._stalls - 1)
             self._neighbours = self._fewest_neighbours
@@ -87,9 +87,9 @@ class ParticleSwarm(Population):
             self._inertia = max(0.5 * self._inertia, lowest)
 
     def _leaders(self) -> NDArray[np.intp]:
-        """Return the neighbour with the best point for each particle, ``(n,)``."""
+        """Return the index of the best neighbour of each particle, ``(n,)``."""
         n = len(self._best_x)
-        lots = self._rng.random((n, n))
-        np.fill_diagonal(lots, np.inf)
-        neighbours = np.argpartition(lots, self._neighbours - 1, axis=1)[:, : self._neighbours]
+        keys = self._rng.random((n, n))
+        np.fill_diagonal(keys, np.inf)
+        neighbours = np.argpartition(keys, self._neighbours - 1, axis=1)[:, : self._neighbours]
         return neighbours[np.arange(n), np.argmin(self._best_costs[neighbours], axis=1)]

@@ -1,4 +1,4 @@
-"""Base class of optimizers with a population."""
+"""Base class of population-based optimizers."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -10,16 +10,18 @@ from ema_monitor.optimizers.interface import NO_HINTS, Hints
 
 
 class Population(ABC):
-    """Population of uniformly distributed points in the unit box; its first point is the start.
+    """Base class of population-based optimizers.
+
+    The first population consists of the start and of uniformly distributed points in the unit box.
 
     Parameters
     ----------
     start
-        Starting point, ``(d,)``, the first individual.
+        Starting point, ``(d,)``, which is the first individual.
     rng
         Source of all random numbers.
     hints
-        Prior knowledge of the problem; schedules extend over its budget.
+        Prior knowledge of the problem. Schedules extend over the budget.
     population
         Number of individuals, at least `FEWEST`.
 
@@ -54,11 +56,11 @@ class Population(ABC):
         self._begin(population, len(start))
 
     def ask(self) -> Array:
-        """Return the first population, then its successors, ``(m, d)``."""
+        """Return the individuals to evaluate next, ``(m, d)``."""
         return self._asked.copy()
 
     def tell(self, points: Array, costs: Array, residuals: Array) -> None:
-        """Process the costs of the points, ``(m,)``, and compute the next points."""
+        """Process the costs, ``(m,)``, of the points, and compute the next generation."""
         self._asked = self._next(points, costs)
 
     @abstractmethod
