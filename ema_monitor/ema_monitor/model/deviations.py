@@ -1,7 +1,7 @@
-"""Deviations from the nominal model that are not faults, of a unit or a window.
+"""Deviations of a unit or a window from the nominal model, other than faults.
 
-A calibration fits the deviations of a unit on healthy windows. Deviations that may change between
-windows are hidden causes. They compete with faults as explanations of a window.
+A calibration fits the deviations of a unit to healthy windows. Deviations that may change between
+windows are hidden causes, which compete with faults as explanations of a window.
 """
 
 import math
@@ -63,19 +63,19 @@ class Deviations(NamedTuple):
 NAMES: Final = Deviations._fields
 N_DEVIATIONS: Final = len(NAMES)
 N_SENSOR: Final = 6
-"""Number of sensor deviations, which come last and do not affect the motion."""
+"""Number of sensor errors, which are the last deviations and do not affect the motion."""
 
 SENSOR_ERRORS: Final = ("offset", "gain", "delay")
-"""Suffixes for sensor errors, appended to the column name."""
+"""Suffixes of sensor errors, which follow the column name."""
 
 READINGS: Final = ("command_delay", "position_offset", "position_gain")
-"""Hidden causes that affect the model inputs: command and initial position."""
+"""Hidden causes that affect the inputs of the model: command and initial position."""
 
 COLUMNS: Final = (*NAMES, *READINGS)
-"""Deviations of a window: the deviations of a unit, and the readings."""
+"""Names of the deviations of a window: deviations of the unit, then errors of the readings."""
 
 HIDDEN_CAUSES: Final = (*NAMES[:7], *NAMES[-N_SENSOR:], *READINGS)
-"""Deviations that may change between two windows."""
+"""Names of the deviations that may change between two windows."""
 
 
 USUAL_SIGMA: Final = {
@@ -85,19 +85,19 @@ USUAL_SIGMA: Final = {
     "speed_gain": 0.01,
     "position_gain": 0.01,
 }
-"""Typical change between two tests, for causes that vary little in a healthy unit [-]."""
+"""Typical change between two tests, for causes that hardly vary in a healthy unit [-]."""
 
 _NEVER_NEGATIVE: Final = ("loop_delay", "stribeck_speed")
-# Sensor errors have heavy tails, as a failed sensor may read anything. If the tails began closer to
-# the center, sensor offsets would explain loads.
+# Sensor errors have heavy tails, because a failed sensor may have any reading. If the tails began
+# closer to the centre, sensor offsets would explain loads.
 _TAIL: Final = 2.5
 
 
 class Prior(NamedTuple):
     """Prior of a deviation, in the unit of the deviation.
 
-    The density is normal up to ``tail`` standard deviations. Farther from the expected value it
-    falls as a power of the distance, so that outliers are possible.
+    The density is normal up to ``tail`` standard deviations. Beyond, it decreases as a power of the
+    distance, so that outliers are possible.
     """
 
     name: str
@@ -114,7 +114,7 @@ class Prior(NamedTuple):
 
     @property
     def cause(self) -> Cause:
-        """Hidden cause of this name."""
+        """Hidden cause with the name of the deviation."""
         return CAUSE_BY_NAME[self.name]
 
 
@@ -124,16 +124,17 @@ def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior,
     Parameters
     ----------
     parameters
-        Nominal parameters; priors of load and current scale with the limits of the actuator.
+        Nominal parameters. Priors of loads and offsets are proportional to the actuator's limits.
     travel
-        Travel of the command, which scales the prior of the load stiffness [rad].
+        Travel of the command [rad], to which the prior of the load stiffness is inversely
+        proportional.
 
     Notes
     -----
-    The priors cover healthy units between two tests: loads up to a third of the torque limit,
-    magnets and inertia within about 5 %, a winding 100 K warmer, viscous friction doubled by cold,
-    sensors within their data sheets, a command published one bus cycle late (about 0.5 ms), and a
-    position within 0.02 % of the full stroke.
+    The priors cover the changes of a healthy unit between two tests: loads up to a third of the
+    torque limit, magnets and inertia within about 5 %, a winding 100 K warmer, viscous friction
+    doubled by cold, sensors within their data sheets, a command published one bus cycle late (about
+    0.5 ms), and a position within 0.02 % of the full stroke.
     """
     T, I, omega = parameters.T_max, parameters.I_max, parameters.omega_max
     stroke = parameters.theta_stop
@@ -167,13 +168,20 @@ def unit_priors(
 ) -> tuple[Prior, ...]:
     """Return the priors of the deviations that a calibration fits.
 
-    Only the fast form of the model has idle phases, whose ripple is the lift.
+    Parameters
+    ----------
+    parameters
+        Nominal parameters of the actuator.
+    travel
+        Travel of the command [rad].
+    form
+        Form of the model. Only the fast form has idle phases, whose ripple is the lift.
 
     Notes
     -----
-    Only ratios of torque constant, friction, inertia and current sensor gain are observable; torque
-    constant and gain are therefore not fitted. Resistance and supply voltage only matter if the
-    voltage limits the current, which does not occur in healthy tests.
+    Only ratios of torque constant, friction, inertia and current sensor gain are observable.
+    Therefore torque constant and gain are not fitted. Resistance and supply voltage only have an
+    effect if the voltage limits the current, which does not occur in healthy tests.
     """
     T, I, omega = parameters.T_max, parameters.I_max, parameters.omega_max
     lift = parameters.h_b / 4.0
@@ -216,7 +224,7 @@ def _prior(name: str, sigma: float, reach: float) -> Prior:
 
 
 def deviating(plant: PlantConstants, deviations: Array) -> PlantConstants:
-    """Return the constants of plants with deviations, except load, drive and Stribeck friction."""
+    """Return plant constants with deviations, except for load, drive and Stribeck friction."""
     factors = Deviations(*(1.0 + deviations.T))  # pyright: ignore[reportArgumentType]
     warmer = deviations[:, NAMES.index("winding_temperature")]
     control, motor, mechanics = plant
@@ -255,7 +263,14 @@ def with_unit_eccentricity(faults: Array, deviations: Array) -> Array:
 def sensed(rows: Sequence[Array], deviations: Array, h: float) -> list[Array]:
     """Return current and speed with sensor errors, ``(m, n)`` each.
 
-    ``deviations`` are the sensor deviations, ``(m, 6)``; ``h`` is the sample period [s].
+    Parameters
+    ----------
+    rows
+        Current and speed, ``(m, n)`` each.
+    deviations
+        Sensor errors, ``(m, 6)``.
+    h
+        Sample period [s].
     """
     offsets, gains, delays = deviations[:, 0:4:2], deviations[:, 1:4:2], deviations[:, 4:]
     result = []
@@ -271,9 +286,9 @@ def sensed(rows: Sequence[Array], deviations: Array, h: float) -> list[Array]:
 
 
 def _shifted(row: Array, samples: float) -> Array:
-    """Return a row, ``(n,)``, delayed by ``samples``, interpolated linearly.
+    """Return a row, ``(n,)``, delayed by a number of samples, with linear interpolation.
 
-    It is constant before its start, and extrapolated after its end.
+    The row is constant before its start, and extrapolated after its end.
     """
     at = np.maximum(np.arange(len(row)) - samples, 0.0)
     below = np.minimum(at.astype(int), len(row) - 2)

@@ -1,4 +1,4 @@
-"""Drives of the monitor model, which convert the reference current to current and torque.
+"""Drives of the monitor model, which convert a reference current to current and torque.
 
 The kernels accept lanes of `ema_core.simd` as well as single floats; the numbers (M10) to (M12)
 refer to ``docs/model.md``.
@@ -26,8 +26,8 @@ from ema_monitor.model.field_oriented import (
 )
 
 IDLE_CONTRAST: Final = 0.5
-"""Relative increase of the lift per difference between the fractions of healthy turns of the driven
-pair and the idle phase [-]."""
+"""Relative increase of the lift per difference in the fraction of healthy turns between driven pair
+and idle phase [-]."""
 
 _PHASE_ANGLES = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
 # Phases of the driven pairs, and the idle phase.
@@ -87,7 +87,7 @@ def fast_constants(
 ) -> FastDrive:
     """Return the constants of the fast form for an integration step ``dt`` [s].
 
-    ``lift`` [A] is the lift of the healthy motor, ``loop_delay`` [s] the delay of its current loop
+    ``lift`` [A] is the lift of the healthy motor, ``loop_delay`` [s] the delay of the current loop
     (M12).
     """
     N = np.stack([motor.N_a, motor.N_b, motor.N_c])
@@ -133,9 +133,9 @@ def source_constants(motor: MotorConstants, dt: float) -> SourceDrive:
 
 
 def lifts_of_pairs(parameters: ActuatorParameters, position: Array, current: Array) -> Array:
-    """Return the current added per ampere of the lift of the idle phase, ``(3, n)`` [-].
+    """Return the derivative of the current with respect to the idle phase's lift, ``(3, n)`` [-].
 
-    The rows belong to the driven pairs BC, AB and AC, and are 0 while the pair is not driven;
+    The rows belong to the driven pairs BC, AB and AC. A row is 0 while its pair is not driven.
     ``position`` is the angle of the user shaft, ``(n,)`` [rad].
     """
     half_turns = position / parameters.tau * parameters.P / math.pi
@@ -146,10 +146,9 @@ def lifts_of_pairs(parameters: ActuatorParameters, position: Array, current: Arr
 class DrivenPair(NamedTuple):
     """Constants of the driven pair of the fast form.
 
-    They are valid for angles of the motor from ``lowest`` to ``highest`` [rad]. ``decay`` is ``slew
-    R`` [-], ``rise`` the largest rise of the current in a step that the supply permits [A],
-    ``band`` half the width of the band of the current [A]; the remaining fields are as in
-    `FastDrive`.
+    The constants are valid for motor angles from ``lowest`` to ``highest`` [rad]. ``decay`` is
+    ``slew R`` [-], ``rise`` the largest increase of the current per step that the supply permits
+    [A], ``band`` half the width of the current band [A]. All other fields are as in `FastDrive`.
     """
 
     lowest: Any
@@ -207,7 +206,7 @@ def pair_at(drive: FastDrive, theta_m):
 
 @kernel()
 def pair_after(drive: FastDrive, pair, theta_m):
-    """Return the driven pairs, reselected if any lane has left the range of its pair.
+    """Return the driven pair of each lane, selected again if any lane has left its range.
 
     The selection takes as long as the rest of a step, and occurs in at most one of ten steps.
     """
@@ -220,9 +219,9 @@ def pair_after(drive: FastDrive, pair, theta_m):
 def fast_drive(drive: FastDrive, pair: DrivenPair, cos, sin, I, I_ref, omega):
     """Return current [A], torque and torque ripple [N.m] after one step.
 
-    The current follows its reference at a rate limited by V_max, less its decay within the delay of
-    the loop. Resistance, inductance and torque constant belong to the driven pair (M10); ``cos``
-    and ``sin`` belong to the angle theta_m.
+    The current follows its reference, less the decay within the delay of the loop, at a rate that
+    V_max limits. Resistance, inductance and torque constant belong to the driven pair (M10);
+    ``cos`` and ``sin`` belong to the angle theta_m.
     """
     K = pair.K + pair.K_cos * cos + pair.K_sin * sin
     fall = pair.decay * I + K * (pair.slew * omega)
@@ -234,9 +233,9 @@ def fast_drive(drive: FastDrive, pair: DrivenPair, cos, sin, I, I_ref, omega):
 def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
     """Return current [A], torque and torque ripple [N.m] after one step, as in the thesis.
 
-    The full voltage has the sign of the current error. The eccentricity follows eq. 4.24 and 4.25
-    of the thesis, which do not describe the reference actuator (M11); ``cos`` and ``sin`` belong to
-    the angle theta_e.
+    The full voltage is applied with the sign of the current error. The eccentricity follows eq.
+    4.24 and 4.25 of the thesis, which do not describe the reference actuator (M11); ``cos`` and
+    ``sin`` belong to the angle theta_e.
     """
     f = of_pair(position, drive.f)
     sawtooth = 2.0 * (3.0 * position - math.floor(3.0 * position))
@@ -249,7 +248,7 @@ def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
 
 @kernel()
 def lifted_current(drive: FastDrive, pair: DrivenPair, I):
-    """Return the equivalent current: pair current plus ripple of the idle phase (M12) [A]."""
+    """Return the equivalent current: the pair current plus the lift of the idle phase (M12) [A]."""
     return I + pair.lift * clip(drive.ripples * I, 1.0)
 
 
@@ -267,7 +266,7 @@ def place_after(drive: SourceDrive, position, theta_m):
 
 @kernel()
 def only_current(drive: FastDrive | SourceDrive, I):
-    """Return the current unchanged, because its loop has no memory."""
+    """Return the current unchanged, because the current loop has no state."""
     return I
 
 

@@ -1,4 +1,4 @@
-"""Axis q of a sinusoidal motor under field-oriented control, as a drive of the monitor model.
+"""Field-oriented drive of the monitor model: the q axis of a sinusoidal motor.
 
 The kernels accept lanes of `ema_core.simd` as well as single floats; the number (M35) refers to an
 equation in ``docs/model.md``.
@@ -16,20 +16,21 @@ from ema_core.dynamics import clip
 from ema_core.parameters import MotorConstants
 
 PerLane = Array | float
-"""A constant per individual, ``(n,)``, or common to all."""
+"""A constant for each individual, ``(n,)``, or one value for all individuals."""
 
 Harmonics = tuple[PerLane, PerLane, PerLane]
-"""Mean of a constant over an electrical turn, and cosine and sine of its second harmonic."""
+"""Mean of a constant over an electrical turn, and cosine and sine components of its second
+harmonic."""
 
 _PHASE_ANGLES: Final = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
 
 
 class FieldOrientedDrive(NamedTuple):
-    """Constants of the axis q.
+    """Constants of the q axis.
 
     The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)`` [N.m/A]. ``K``, ``K_cos``
     and ``K_sin`` are `Harmonics` of the electrical angle, as is the resistance ``R`` [ohm].
-    ``V_max`` is the largest amplitude of the phase voltages [V] and ``halved`` half of its inverse;
+    ``V_max`` is the largest amplitude of the phase voltages [V] and ``halved`` is 0.5 / V_max;
     ``slew`` [s/H] is the change of a controlled current per volt in a step. ``K_p`` [ohm], its
     inverse ``A_p`` [S], ``K_i`` [ohm] (times the step), ``L`` [H] and ``k`` [V.s/rad] are constants
     of the current loop. ``poles`` is the number of pole pairs, an integer, and ``waves`` the number
@@ -56,7 +57,7 @@ class FieldOrientedDrive(NamedTuple):
 def field_oriented_constants(
     motor: MotorConstants, loop: CurrentLoop, dt: float, loop_delay: PerLane = 0.0
 ) -> FieldOrientedDrive:
-    """Return the constants of a field-oriented drive for a step ``dt`` [s] (M35).
+    """Return the constants of a field-oriented drive for an integration step ``dt`` [s] (M35).
 
     ``loop`` is the nominal loop; ``loop_delay`` is added to its time constant [s].
     """
@@ -101,7 +102,7 @@ def _harmonics(phases: list[tuple[Any, float]]) -> Harmonics:
 
 @kernel()
 def times_angle(cos, sin, number):
-    """Cosine and sine of ``number`` times an angle; ``number`` is an integer of at least 0."""
+    """Return cosine and sine of ``number`` times an angle, for an integer of at least 0."""
     c, s = 0.0 * cos + 1.0, 0.0 * sin
     while number > 0:
         if number % 2 == 1:
@@ -113,14 +114,14 @@ def times_angle(cos, sin, number):
 
 @kernel()
 def at_angle(harmonics, cos_2, sin_2):
-    """Value of a constant at an electrical angle, from cosine and sine of twice the angle."""
+    """Return a constant at an electrical angle, from cosine and sine of twice the angle."""
     mean, of_cos, of_sin = harmonics
     return mean + of_cos * cos_2 + of_sin * sin_2
 
 
 @kernel()
 def torque_constant(drive: FieldOrientedDrive, cos, sin, cos_2, sin_2):
-    """Torque per ampere of the axis q [N.m/A] (M35)."""
+    """Return the torque per ampere of the q axis [N.m/A] (M35)."""
     K = at_angle(drive.K, cos_2, sin_2)
     return K + (
         at_angle(drive.K_cos, cos_2, sin_2) * cos + at_angle(drive.K_sin, cos_2, sin_2) * sin
@@ -129,16 +130,16 @@ def torque_constant(drive: FieldOrientedDrive, cos, sin, cos_2, sin_2):
 
 @kernel()
 def field_oriented_drive(drive: FieldOrientedDrive, stage, cos, sin, currents, I_ref, omega):
-    """Return current and memory of its loop [A, V], torque and torque ripple [N.m] after a step.
+    """Return current and loop integral [A, V], torque and torque ripple [N.m] after one step.
 
-    ``currents`` are current and memory before the step, ``cos`` and ``sin`` belong to the angle
-    theta_m. The PWM is averaged and has no ripple (M35).
+    ``currents`` are the current and the loop integral before the step; ``cos`` and ``sin`` belong
+    to the angle theta_m. The PWM is averaged and has no ripple (M35).
     """
     I, z = currents
     cos_2, sin_2 = times_angle(cos, sin, 2 * drive.poles)
     K = torque_constant(drive, cos, sin, cos_2, sin_2)
     v_d = drive.poles * omega * (drive.L * I)
-    # Amplitude available to axis q, by the first terms of the series of the root.
+    # Voltage amplitude available to the q axis, by the first terms of the square root's series.
     most = max(drive.V_max - drive.halved * (v_d * v_d), 0.0)
     reference = drive.K_p * (I_ref - I) + z + drive.k * omega
     voltage = min(max(reference, -most), most)
@@ -150,19 +151,19 @@ def field_oriented_drive(drive: FieldOrientedDrive, stage, cos, sin, currents, I
 
 @kernel()
 def memory_of_current(drive: FieldOrientedDrive, I):
-    """Return a steady current, and the memory of its loop [A, V]."""
+    """Return a steady current, and the integral of its loop [A, V]."""
     return I, I * drive.R[0]
 
 
 @kernel()
 def axis_current(drive: FieldOrientedDrive, stage, currents):
-    """Return the current of the axis q [A]."""
+    """Return the current of the q axis [A]."""
     return currents[0]
 
 
 @kernel()
 def available_axis_current(drive: FieldOrientedDrive, stage, cos, sin, omega, I):
-    """Return the largest current in the direction of ``I`` within voltage and torque limit [A]."""
+    """Return the largest current in the direction of ``I`` that voltage and torque permit [A]."""
     cos_2, sin_2 = times_angle(cos, sin, 2 * drive.poles)
     K = torque_constant(drive, cos, sin, cos_2, sin_2)
     voltage = drive.V_max - math.copysign((2.0 / 3.0) * K, I) * omega
@@ -172,5 +173,5 @@ def available_axis_current(drive: FieldOrientedDrive, stage, cos, sin, omega, I)
 
 @kernel()
 def no_stage(drive: FieldOrientedDrive, *angles):
-    """Return 0: no pair of phases is driven."""
+    """Return 0, because the drive has no driven pair of phases."""
     return 0.0

@@ -1,6 +1,6 @@
 """Kernels of the one-phase monitor model, vectorized over fault vectors.
 
-Each fault vector occupies a lane of `ema_core.simd`; the equation numbers refer to
+Each fault vector occupies one lane of `ema_core.simd`; the equation numbers refer to
 ``docs/model.md``.
 """
 
@@ -30,7 +30,7 @@ from ema_monitor.model.drives import (
 from ema_monitor.model.field_oriented import FieldOrientedDrive
 
 _RIPPLE_SPEED_SQUARE: Final = 0.1**2
-"""Square of the speed at which the ripple of the PWM keeps a motor at rest [rad^2/s^2]."""
+"""Square of the speed that the PWM ripple causes in a motor at rest [rad^2/s^2]."""
 
 
 class ShaftConstants(NamedTuple):
@@ -51,8 +51,8 @@ class ModelState(NamedTuple):
 
     ``theta_m`` [rad] and ``omega`` [rad/s] belong to the motor shaft, ``cos`` and ``sin`` to the
     angle of the eccentricity. ``theta_b`` [rad] is the fast-shaft angle on the user side of the
-    backlash, ``I`` the current [A], with the memory of its loop [V] if it has one; ``integral``
-    [rad] and ``error`` [rad/s] belong to the speed loop.
+    backlash. ``I`` is the current [A], together with the integral of its loop [V] if there is one.
+    ``integral`` [rad] and ``error`` [rad/s] belong to the speed loop.
     """
 
     theta_m: Any
@@ -67,7 +67,7 @@ class ModelState(NamedTuple):
 
 @kernel()
 def rotate(cos, sin, angle):
-    """Return cosine and sine of an angle increased by up to 0.02 rad, by series, to 1e-13."""
+    """Return cosine and sine after a rotation by up to 0.02 rad, by series, accurate to 1e-13."""
     square, d_cos, d_sin = angle * angle, angle * cos, angle * sin
     c = square * (0.5 - square * (1.0 / 24.0))
     s = square * (1.0 / 6.0 - square * (1.0 / 120.0))
@@ -88,11 +88,11 @@ def advance(
     friction,
     dt,
 ):
-    """Return the state one step of ``dt`` [s] later, under a ``command`` [rad].
+    """Return the state after one step of ``dt`` [s] under a ``command`` [rad].
 
-    ``stage`` is the stage of the commutation at the motor angle: the driven pair, or its index.
-    ``opposing`` is the torque of the load against positive motion and ``friction`` the dry friction
-    in motion [N.m]. ``speed_loop`` is None for a proportional speed loop, which has no memory.
+    ``stage`` is the commutation stage at the motor angle: the driven pair, or its position in the
+    cycle. ``opposing`` is the load torque against positive motion and ``friction`` the dry friction
+    in motion [N.m]. ``speed_loop`` is None for a proportional speed loop, which has no state.
     """
     error = speed_error(c, command, x.theta_b * mech.tau, x.omega)
     integral = x.integral
@@ -136,16 +136,16 @@ def run_lanes(
     corrections,
     response,
 ):
-    """Run `LANES` individuals from row ``first`` on and fill their rows of the response.
+    """Simulate `LANES` individuals, beginning at row ``first``, and store their responses.
 
     ``response`` is current [A] and speed [rad/s], ``(n_lanes, n)`` each; ``corrections``, ``(n,)``
-    each, are added. Constants that differ between individuals are arrays ``(n_lanes,)``, as are the
-    initial positions: ``play`` of the motor within the backlash [half-widths], and ``position_0``
-    of the user shaft [rad]. ``command`` is ``(n + 1,)``, with the command at the start first. The
-    initial state of the motor is ``speed_0`` [rad/s] and ``current_0`` [A]. ``speed_loop`` is None
-    for a proportional speed loop; ``sampling`` has the constants for samples of the current. With
-    ``of_shaft``, the speed is the mean speed of the fast shaft behind the play over a sample, else
-    the motor speed at the end of the sample.
+    each, are added. Constants that differ between individuals are arrays, ``(n_lanes,)``. So are
+    the initial positions: ``play`` of the motor within the backlash [half-widths], and
+    ``position_0`` of the user shaft [rad]. ``command`` is ``(n + 1,)`` and begins with the command
+    at the start. The initial state of the motor is ``speed_0`` [rad/s] and ``current_0`` [A].
+    ``speed_loop`` is None for a proportional speed loop; ``sampling`` holds the constants for the
+    sampling of the current. If ``of_shaft``, the speed is the mean speed of the fast shaft behind
+    the play over a sample. Otherwise it is the motor speed at the end of the sample.
     """
     (current_correction, speed_correction), (current, speed) = corrections, response
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
@@ -158,7 +158,7 @@ def run_lanes(
     angle = drive.waves * theta_m
     omega = broadcast(speed_0)
     error = speed_error(c, command[0], user, omega)
-    # The integral at the start follows from the measured current.
+    # The initial integral follows from the measured current.
     integral = broadcast(0.0)
     if c.GAI > 0.0:
         integral = (current_0 * c.k_t - c.GAP * error) / c.GAI

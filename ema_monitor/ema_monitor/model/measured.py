@@ -1,4 +1,4 @@
-"""Measured hidden causes: their values in a window, with standard deviations."""
+"""Validation and conversion of measured hidden causes."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -15,7 +15,7 @@ from ema_monitor.model.deviations import COLUMNS, HIDDEN_CAUSES, SENSOR_ERRORS, 
 from ema_monitor.windows.window import Window
 
 GRAMMAR: Final = "NAME=VALUE:SIGMA"
-"""Text form of a measured cause: value and standard deviation in its unit."""
+"""String format of a measured cause, with value and standard deviation in the unit of the cause."""
 
 
 def measured_causes(values: Mapping[str, tuple[float, float]]) -> tuple[CauseEstimate, ...]:
@@ -59,12 +59,12 @@ def checked_causes(measured: Iterable[CauseEstimate]) -> tuple[CauseEstimate, ..
 
 
 def measured_causes_of(texts: Iterable[str]) -> tuple[CauseEstimate, ...]:
-    """Return the measured causes from texts of the form `GRAMMAR`.
+    """Return validated measured causes from strings in the format `GRAMMAR`.
 
     Raises
     ------
     ValueError
-        If a text does not have this form, or a cause is invalid (`checked_causes`).
+        If a string does not have this format, or a cause is invalid (`checked_causes`).
     """
     return checked_causes([_parsed(text) for text in texts])
 
@@ -72,8 +72,8 @@ def measured_causes_of(texts: Iterable[str]) -> tuple[CauseEstimate, ...]:
 def expected_causes(parameters: ActuatorParameters, window: Window) -> tuple[Prior, ...]:
     """Return the priors of all hidden causes that may affect a window.
 
-    The prior of a measured cause is the measured value with its standard deviation. A column that
-    is not measured has no sensor errors.
+    The prior of a measured cause has the measured value and its standard deviation. Columns that
+    are not measured have no sensor errors.
     """
     by_name = {cause.name: cause for cause in window.measured}
     absent = [f"{column}_{error}" for column in window.telemetry.missing for error in SENSOR_ERRORS]
@@ -129,7 +129,7 @@ def _checked(measured: CauseEstimate) -> CauseEstimate:
 
 
 def measured_columns(measured: Iterable[CauseEstimate]) -> Array:
-    """Return the values of measured causes, ``(28,)``, as `COLUMNS`; 0 for all other columns."""
+    """Return the values of measured causes in the order of `COLUMNS`, ``(28,)``; others are 0."""
     values = np.zeros(len(COLUMNS))
     for cause in measured:
         values[COLUMNS.index(cause.name)] = cause.value
@@ -137,7 +137,10 @@ def measured_columns(measured: Iterable[CauseEstimate]) -> Array:
 
 
 def measured_ranges(measured: Iterable[Iterable[CauseEstimate]]) -> str:
-    """Return the causes measured in windows with their ranges, as a text; "" without any."""
+    """Return a list of the causes measured in windows, with their ranges, as one string.
+
+    The string is empty if no causes were measured.
+    """
     by_name: dict[str, list[CauseEstimate]] = {}
     for causes in measured:
         for cause in causes:

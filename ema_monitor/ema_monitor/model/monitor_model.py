@@ -1,4 +1,4 @@
-"""Monitor model, which simulates the response of a faulty actuator to a window's command."""
+"""Monitor model: simulates the response of a faulty actuator to the command of a window."""
 
 from collections.abc import Iterable
 from typing import Final, NamedTuple
@@ -26,23 +26,23 @@ from ema_monitor.windows.window import Window
 FORMS: Final = {"fast": 2e-5, "source": 1e-6, "field_oriented": 1e-5}
 """Forms of the model and their default integration step [s].
 
-The field-oriented form needs a shorter step than the fast form: it has no ripple of the PWM that
-exceeds the integration error.
+The field-oriented form needs a shorter step than the fast form, because it has no PWM ripple that
+would exceed the integration error.
 """
 
 FORMS_OF_DRIVES: Final = {"six_step": ("fast", "source"), "field_oriented": ("field_oriented",)}
-"""Available forms by drive; the default comes first."""
+"""Available forms by drive; the first form is the default."""
 
 LEARNS_UNIT: Final = ("fast", "field_oriented")
-"""Forms that support unit deviations and hidden causes; the source form does not."""
+"""Forms that support deviations of the unit and hidden causes."""
 
 
 class Response(NamedTuple):
     """Samples of current and speed, ``(m, n)`` each [A, rad/s].
 
     The current is sampled as in the telemetry. The speed is the motor speed at the end of a sample.
-    If the telemetry has no speed, it is the mean speed of the fast shaft behind the play over the
-    sample, as derived from the position.
+    If the telemetry has no speed, it is the mean speed over the sample of the fast shaft behind the
+    play, which can be derived from the position.
     """
 
     current: Array
@@ -50,7 +50,7 @@ class Response(NamedTuple):
 
 
 class MonitorModel:
-    """One-phase model of an actuator, driven by the measured command of a window.
+    """One-phase model of an actuator that follows the measured command of a window.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class MonitorModel:
     Raises
     ------
     ValueError
-        If the form is unknown or the step not positive.
+        If the form is unknown, or the step is not positive or too long.
     """
 
     def __init__(
@@ -103,19 +103,19 @@ class MonitorModel:
         deviations: Array | None = None,
         position: ArrayLike | None = None,
     ) -> Response:
-        """Simulate the equivalent current and motor speed of each individual in a window.
+        """Return the simulated equivalent current and motor speed of each individual.
 
         Parameters
         ----------
         window
-            Command and initial state, ``n`` samples after the initial one.
+            Window with the command and initial state, ``n`` samples after the start.
         faults
-            Fault vectors, ``(m, 8)``.
+            Fault vectors of the individuals, ``(m, 8)``.
         play
             Initial position of the motor within the backlash, ``(m,)`` or one value for all
             [half-widths, -1 to 1].
         corrections
-            Added to current and speed of all individuals, ``(n,)`` each; None for zeros.
+            Values added to current and speed of all individuals, ``(n,)`` each; None for zeros.
         deviations
             Deviations of each individual from the unit, ``(m, 25)``; None for no deviation.
         position
@@ -128,7 +128,7 @@ class MonitorModel:
             If the sample period of the window is not a whole multiple of the step, a fault vector
             is out of range, or the response would take too much memory.
         """
-        # Imported here, because an unknown drive needs no response, and so no compiler.
+        # Imported here: an unknown drive needs no response, and therefore no compiler.
         from ema_core.dynamics import current_sampling, lag_factor
         from ema_core.simd import LANES
         from ema_monitor.model.drives import fast_constants, source_constants
@@ -168,8 +168,8 @@ class MonitorModel:
         has_sensor_errors = bool(np.any(sensor_errors))
         if corrections is None:
             corrections = Response(*np.zeros((2, len(window))))
-        # Corrections apply to the sensor readings: after the sensor errors, if there are any.
-        early = Response(*np.zeros((2, len(window)))) if has_sensor_errors else corrections
+        # Corrections are added after sensor errors, so that the kernel must not add them before.
+        of_kernel = Response(*np.zeros((2, len(window)))) if has_sensor_errors else corrections
 
         def run(group: int) -> None:
             run_lanes(
@@ -189,7 +189,7 @@ class MonitorModel:
                 lag,
                 sampling,
                 not self.acquisition.speed,
-                early,
+                of_kernel,
                 response,
             )
 
@@ -198,10 +198,12 @@ class MonitorModel:
         if not has_sensor_errors:
             return motion
         readings = sensed(motion, sensor_errors, window.sample_period)
-        return Response(*(row + late for row, late in zip(readings, corrections, strict=True)))
+        return Response(
+            *(row + correction for row, correction in zip(readings, corrections, strict=True))
+        )
 
     def of_unit(self, unit: Deviations) -> "MonitorModel":
-        """Return a copy of the model with different unit deviations."""
+        """Return a copy of the model with other deviations of the unit."""
         return MonitorModel(self.parameters, self.form, self.dt, unit, self.acquisition)
 
     def steps(self, sample_period: float) -> int:
@@ -222,12 +224,12 @@ class MonitorModel:
 
 
 def form_of(drive: str, form: str | None = None) -> str:
-    """Return the form of the model for a drive: the requested form, or the default of the drive.
+    """Return the requested form of the model for a drive, or the default if ``form`` is None.
 
     Raises
     ------
     ValueError
-        If there is no model of the drive, or the form is not available for the drive.
+        If there is no model of the drive, or the form is not available for it.
     """
     available = FORMS_OF_DRIVES.get(drive)
     if available is None:
@@ -243,7 +245,7 @@ def form_of(drive: str, form: str | None = None) -> str:
 
 
 def compile_kernels(forms: Iterable[str] = FORMS) -> None:
-    """Compile the kernels of forms, or load them from the cache, before their first use."""
+    """Compile the kernels of model forms before their first use, or load them from the cache."""
     zeros = np.zeros(2)
     at_rest = Telemetry(0, 1e-4, 1, command=zeros, current=zeros, position=zeros, speed=zeros)
     for form in FORMS.keys() & set(forms):

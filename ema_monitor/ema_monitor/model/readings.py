@@ -1,7 +1,7 @@
-"""Effects of erroneous command and position readings on a window (M27).
+"""Effects of wrong command and position readings on a window (M27).
 
-Erroneous readings change the model input, not the motion. If the command reading is delayed,
-measured current and speed appear early. If the position reading is wrong, the model starts from the
+Wrong readings change the input of the model, not the motion. If the command reading is delayed,
+measured current and speed appear early. If the position reading is wrong, the model starts at the
 wrong position.
 """
 
@@ -22,14 +22,15 @@ _POSITION_GAIN: Final = COLUMNS.index("position_gain")
 TRAVEL: Final = np.array(
     [{"position_gain": 1.0, "speed_gain": -1.0}.get(name, 0.0) for name in COLUMNS]
 )
-"""Relative effect of deviations on the travel ratio of position to speed, as `COLUMNS`."""
+"""Relative effect of deviations, in the order of `COLUMNS`, on the ratio of the travels from
+position and speed."""
 
 MOVES_START: Final = ("position_offset", "position_gain")
-"""Readings that change the initial position of the model."""
+"""Errors of readings that change the initial position of the model."""
 
 
 def read(columns: Array, window: Window) -> tuple[Array, Array]:
-    """Return the model inputs that represent deviations in a window.
+    """Return the model inputs for a window with deviations.
 
     Parameters
     ----------
@@ -41,8 +42,7 @@ def read(columns: Array, window: Window) -> tuple[Array, Array]:
     Returns
     -------
     tuple
-        Deviations of the unit, ``(m, 25)``, and position of the user shaft at the start, ``(m,)``
-        [rad].
+        Deviations of the unit, ``(m, 25)``, and initial position of the user shaft, ``(m,)`` [rad].
     """
     deviations = columns[:, :N_DEVIATIONS].copy()
     deviations[:, _EARLY] -= columns[:, [_COMMAND_DELAY]]
@@ -52,7 +52,7 @@ def read(columns: Array, window: Window) -> tuple[Array, Array]:
 
 
 def law_slopes(parameters: ActuatorParameters) -> Array:
-    """Return the change of the offset in the control law per deviation, as `COLUMNS`.
+    """Return the change of the control-law offset per unit deviation, ordered as `COLUMNS`.
 
     An offset of a sensor increases the measured position, speed or current in the control law.
     """

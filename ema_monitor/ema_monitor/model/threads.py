@@ -1,7 +1,7 @@
-"""Threads that share the work of one call.
+"""Parallel execution of one call's work in a thread pool.
 
-numba's ``prange`` is not used: without OpenMP it ends the process if two threads call it at once,
-and with GNU OpenMP it does not survive a fork.
+numba's ``prange`` is not used: without OpenMP, it ends the process if two threads call it at the
+same time; with GNU OpenMP, it does not survive a fork.
 """
 
 import os
@@ -23,8 +23,8 @@ def limit_threads(count: int | None) -> None:
     Parameters
     ----------
     count
-        The limit: 1 if processes or threads work in parallel already; None, the default, for one
-        thread per available processor.
+        The limit. Use 1 if processes or threads already run in parallel. None, which is the
+        default, permits one thread per available processor.
     """
     global _limit
     _limit = count
@@ -32,20 +32,21 @@ def limit_threads(count: int | None) -> None:
 
 @cache
 def _pool(process: int, count: int) -> ThreadPoolExecutor:
-    """Return the threads of a process: a fork does not inherit the threads of its parent."""
+    """Return the thread pool of a process; a forked process needs its own pool."""
     return ThreadPoolExecutor(count, thread_name_prefix="model")
 
 
 def run_in_threads(work: Callable[[int], None], tasks: int) -> None:
-    """Call ``work`` with each number below ``tasks``, in several threads at once.
+    """Call ``work`` with each number below ``tasks``, in several threads.
 
     Parameters
     ----------
     work
-        Function whose calls last 100 us or more and release the interpreter lock. The order of
-        calls is arbitrary.
+        Function that releases the interpreter lock and takes 100 us or more per call. The order of
+        the calls is arbitrary.
     tasks
-        Number of calls. The calling thread takes part; a single call starts no thread.
+        Number of calls. The calling thread executes calls as well; a single call uses no other
+        thread.
     """
     numbers = iter(range(tasks))
 
