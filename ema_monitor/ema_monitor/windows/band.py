@@ -1,4 +1,4 @@
-"""Band limitation of residuals to the frequencies that carry information."""
+"""Band limitation of signals and residuals, to remove PWM ripple."""
 
 from functools import cache
 from typing import Final
@@ -9,23 +9,23 @@ from ema_core.arrays import Array
 from ema_core.parameters import ActuatorParameters
 
 BAND_S: Final = 2e-3
-"""Length of the smoothing window [s]; residuals above about 1 kHz are PWM ripple."""
+"""Length of the smoothing window [s]. Residuals above about 1 kHz are PWM ripple."""
 
 
 BAND_CORRELATION: Final = 4.0
 """Number of values of a band-limited residual per independent value [-]."""
 
-# Samples longer than this share of the smoothing window need no smoothing.
+# Samples longer than this share of the smoothing window are not smoothed.
 _LONG_SAMPLE = 0.75
 
 
 def band_samples(n: int, sample_period: float) -> int:
-    """Return the number of samples per value of a band-limited row of ``n`` samples."""
+    """Return the number of samples per band-limited value, for a row of ``n`` samples."""
     return max(1, min(round(BAND_S / sample_period / 2.0), n // 2))
 
 
 def band_limited(rows: Array, sample_period: float) -> Array:
-    """Remove PWM ripple, which no model can predict sample by sample.
+    """Return rows without PWM ripple, which no model can predict sample by sample.
 
     Parameters
     ----------
@@ -37,9 +37,9 @@ def band_limited(rows: Array, sample_period: float) -> Array:
     Returns
     -------
     numpy.ndarray
-        Means under Hann windows of ``BAND_S`` with an overlap of one half, ``(..., n_band)``.
-        Samples at the end that fill no window are omitted. If the sample period exceeds three
-        quarters of ``BAND_S``, the rows are returned unchanged.
+        Means over Hann windows of length ``BAND_S`` with 50 % overlap, ``(..., n_band)``. Samples
+        at the end that do not fill a window are omitted. If the sample period exceeds 75 % of
+        ``BAND_S``, the rows are returned unchanged.
     """
     if sample_period > _LONG_SAMPLE * BAND_S:
         return rows
@@ -57,13 +57,13 @@ def _hann(half: int) -> Array:
 
 
 def speed_weight(parameters: ActuatorParameters) -> float:
-    """Return the weight that converts a speed residual to current [A.s/rad].
+    """Return the weight that converts a speed residual to a current residual [A.s/rad].
 
-    It is half the current with which the speed loop responds (M15).
+    It is half the response of the speed loop (M15).
     """
     return 0.5 * parameters.GAP / parameters.k_t
 
 
 def rms(values: Array) -> float:
-    """Return the root mean square over all values."""
+    """Return the root mean square of all values."""
     return float(np.sqrt(np.mean(np.square(values))))

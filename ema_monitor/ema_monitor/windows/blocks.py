@@ -11,14 +11,14 @@ _JOINED_SAMPLES: Final = 4096
 
 
 class BlockStamp(NamedTuple):
-    """Running index and stamp [ns] of the first sample of a block."""
+    """Running index and timestamp [ns] of the first sample of a block."""
 
     first_index: int
     stamp_ns: int
 
 
 class _Part(NamedTuple):
-    """Joined blocks, with offset and stamp [ns] of the first sample of each block."""
+    """Joined blocks, with the offset and timestamp [ns] of each block's first sample."""
 
     telemetry: Telemetry
     offsets: "array[int]"
@@ -35,12 +35,12 @@ class _Part(NamedTuple):
 class LatestBlocks:
     """Buffer of the latest blocks, which joins small blocks to save memory.
 
-    The stamp of each block is kept, so that joining does not change the stamps of a cut.
+    The timestamp of each block is kept, so that joining does not change the timestamps of a cut.
 
     Attributes
     ----------
     last
-        The latest block; None without blocks.
+        The latest block, or None.
     """
 
     def __init__(self) -> None:
@@ -93,9 +93,9 @@ class LatestBlocks:
     def cut(self, start: int, stop: int) -> tuple[Telemetry, BlockStamp, BlockStamp]:
         """Return the samples from ``start`` to ``stop`` (exclusive), and two block stamps.
 
-        The stamps, for a check of the sample rate, belong to the first and last block that start
-        within these samples. If no block does, both belong to the block that contains the first
-        sample.
+        The stamps belong to the first and last block that start within these samples, for a check
+        of the sample rate. If no block starts within them, both stamps belong to the block with the
+        first sample.
         """
         covering = [
             part for part in self._parts if part.end > start and part.telemetry.first_index < stop

@@ -37,7 +37,7 @@ _LONGEST_WINDOW_S: Final = 100.0
 
 @dataclass(frozen=True)
 class Segment:
-    """A window, or the reason why a window cannot be used, with its context."""
+    """A window or its refusal, together with its number and description."""
 
     number: int
     """Running number, from 0."""
@@ -46,27 +46,26 @@ class Segment:
     window: Window | Refusal
     """The window, or its refusal."""
     is_stretch: bool = False
-    """Whether it is a stretch of ordinary motion, to be combined with others; False for a record.
-    """
+    """Whether the window is a stretch of ordinary motion, to be combined with other stretches."""
 
 
 class WindowFinder:
     """Finds the windows in the telemetry of one actuator.
 
-    If the drive is unknown, the windows are records (`RecordTrigger`) under any settings. Telemetry
-    before the description is kept, at most the latest ten seconds.
+    If the drive is unknown, the windows are records (`RecordTrigger`) with any settings. Until the
+    description is received, the latest ten seconds of telemetry are kept.
 
     Parameters
     ----------
     settings
-        Begin and length of windows.
+        Settings for the start and length of windows.
     description
         Actuator description; None if not received yet.
 
     Attributes
     ----------
     description
-        Latest description of the actuator; None before the first.
+        Latest description of the actuator; None before the first description.
     blocks
         Number of blocks received so far.
     lost_samples
@@ -87,7 +86,7 @@ class WindowFinder:
         self._sample_period: float | None = None
         self._lacks_command = False
         self._period_reported = False
-        # Windows before the latest settings; samples and longest run without a gap since then.
+        # Number of windows before the latest settings; samples and longest gapless run with them.
         self._windows_before = self._samples = self._run = self._longest_run = 0
         if description is not None:
             self.describe(description)
@@ -99,7 +98,7 @@ class WindowFinder:
 
     @property
     def window_s(self) -> float:
-        """Length of a window [s]; for records, the shortest length."""
+        """Length of a window [s]; for records, their shortest length."""
         if self.finds_records:
             return LEAST_MOTION_S
         return self._trigger.settings.window_s if self._trigger else _LONGEST_WINDOW_S
@@ -118,19 +117,22 @@ class WindowFinder:
         return longest_s if self.finds_records else max(longest_s, self.window_s)
 
     def reach_s(self, sample_period: float) -> float:
-        """Return the longest time from the start of a window to its completion [s]."""
+        """Return the longest time from the start of a window to its completion [s].
+
+        ``sample_period`` is the sample period of the telemetry [s].
+        """
         if self._trigger is not None and not self.finds_records:
             return self.window_s
         return self.longest_s + LONGEST_REST_S + BINS_AT_ONCE * max(BIN_S, sample_period)
 
     @property
     def longest_motion_s(self) -> float:
-        """Longest motion without a window so far [s]."""
+        """Longest motion so far that gave no window [s]."""
         return self._trigger.longest_motion_s if self._trigger else 0.0
 
     @property
     def passed_over(self) -> int:
-        """Number of motions skipped because of too little travel or time."""
+        """Number of motions that were skipped because they were too short in travel or time."""
         return self._trigger.passed_over if self._trigger else 0
 
     @property
@@ -140,17 +142,17 @@ class WindowFinder:
 
     @property
     def interpolated_samples(self) -> int:
-        """Number of lost samples that records interpolate."""
+        """Number of lost samples that were interpolated in records."""
         return self._trigger.interpolated if isinstance(self._trigger, RecordTrigger) else 0
 
     @property
     def has_rested(self) -> bool:
-        """Whether the command (the position for records) has been at rest."""
+        """Whether the command has been at rest so far; for records, the position."""
         return self._trigger is not None and self._trigger.has_rested
 
     @property
     def shortage(self) -> str:
-        """Reason why no complete window has been possible so far; empty if one was possible."""
+        """Reason why no complete window has been possible so far; otherwise empty."""
         if self._sample_period is None:
             return ""
         if self._trigger is not None and not self.finds_records and self._lacks_command:
@@ -173,7 +175,7 @@ class WindowFinder:
 
     @property
     def obstacle(self) -> str:
-        """Setting that has prevented windows since it was applied; empty if none has."""
+        """Setting that has prevented all windows since it was applied, with the reason, or ""."""
         trigger, settings = self._trigger, self._settings
         if trigger is None or self._sample_period is None or self.windows > self._windows_before:
             return ""
@@ -200,7 +202,10 @@ class WindowFinder:
         return ""
 
     def describe(self, description: ActuatorDescription) -> list[Segment | Defect]:
-        """Apply a description; a changed description ends an open window."""
+        """Apply a description; return the completed windows and defects.
+
+        A changed description ends an open window.
+        """
         if description == self.description:
             return []
         events = self.restart(self._settings, "the description of the actuator changed")
@@ -216,7 +221,10 @@ class WindowFinder:
         return events
 
     def restart(self, settings: TriggerSettings, reason: str) -> list[Segment | Defect]:
-        """Restart with new settings; an open window ends for this reason."""
+        """Restart with new settings; return the completed windows and defects.
+
+        ``reason`` is the reason for the end of an open window.
+        """
         self._settings = settings
         self._windows_before, self._samples = self.windows, 0
         self._run = self._longest_run = 0
@@ -248,7 +256,7 @@ class WindowFinder:
         return self._scan(block, self._trigger, self.description)
 
     def reject(self, stamp_ns: int, reason: str) -> list[Segment | Defect]:
-        """Process an invalid block, given its stamp [ns] and the reason."""
+        """Process an invalid block, given its timestamp [ns] and the reason; return the events."""
         self.blocks += 1
         if self._trigger is None:
             defect = Defect(stamp_ns, reason)
@@ -257,15 +265,15 @@ class WindowFinder:
         return self._number(self._trigger.end_piece(stamp_ns, reason))
 
     def split(self, block: Telemetry) -> list[Segment | Defect]:
-        """End the current piece of telemetry if the block does not continue it.
+        """End the current piece of telemetry if a block does not continue it.
 
-        Return the completed windows and the defect. ``feed`` does the same before it processes the
+        Returns the completed windows and the defect. ``feed`` does the same before it processes the
         block.
         """
         return self._number(self._trigger.split(block)) if self._trigger else []
 
     def finish(self) -> list[Segment | Defect]:
-        """End the telemetry; return the record that it completes, or the refusal of a window."""
+        """End the telemetry; return the completed record, or the refusal of an open window."""
         if self._trigger is None:
             return []
         events = self._number(self._trigger.finish())
@@ -300,7 +308,7 @@ class WindowFinder:
         return events + self._number(trigger.feed(block))
 
     def _number(self, events: Iterable[Window | Refusal | Defect]) -> list[Segment | Defect]:
-        """Wrap windows and refusals among the events in numbered segments."""
+        """Return the events with windows and refusals replaced by numbered segments."""
         numbered: list[Segment | Defect] = []
         for event in events:
             if isinstance(event, Defect):

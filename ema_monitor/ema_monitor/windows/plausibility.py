@@ -1,4 +1,4 @@
-"""Detection of telemetry errors: samples that the described motor cannot produce."""
+"""Detection of implausible telemetry: samples that the described motor cannot produce."""
 
 from typing import Final
 
@@ -15,11 +15,11 @@ _USUAL_SHARE: Final = 98.0
 
 
 def impossible_motion(telemetry: Telemetry, parameters: ActuatorParameters) -> str:
-    """Return a message about samples that the described motor cannot produce; empty if none.
+    """Return a message about samples that the described motor cannot produce, or "".
 
-    Such samples are steps of the position above ten times the usual step and twice the step at top
-    speed, and deviations of the speed during one sample above 1.5 times the change that the largest
-    torque causes.
+    Impossible are position steps above both ten times the usual step and twice the step at top
+    speed. Impossible are also speed peaks of a single sample above 1.5 times the speed change that
+    the largest torque causes.
     """
     h, top = telemetry.sample_period, parameters.top_speed
     parts: list[str] = []

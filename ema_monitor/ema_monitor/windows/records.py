@@ -1,4 +1,4 @@
-"""Extraction of records: motions of seconds to minutes of an unknown drive.
+"""Extraction of records, which are seconds to minutes of motion of an unknown drive.
 
 Records are delimited by the position, because the drive may have no position command.
 """
@@ -34,7 +34,7 @@ MARGIN_S: Final = 0.5
 """Rest included before and after the motion of a record [s]."""
 
 MOST_RECORD_SAMPLES: Final = 200_000
-"""Largest number of samples of a record: 6.4 MB in four columns."""
+"""Largest number of samples in a record: 6.4 MB in four columns."""
 
 _REST_S: Final = 0.25
 _LEAST_REST_SAMPLES: Final = 3
@@ -46,11 +46,11 @@ _RATIO_OF_MOTION: Final = 1.0
 
 
 def stands_still(telemetry: Telemetry) -> bool:
-    """Return whether the position stays still while the command moves.
+    """Return whether the position stands still while the command moves.
 
-    The position does not follow if it travels less than 1 % of the travel of the command. Without a
-    command the result is False. White noise does not count as motion: the mean square of its
-    differences is twice its variance (von Neumann's ratio).
+    The position stands still if it travels less than 1 % of the command's travel. Without a
+    command, the result is False. White noise of the command does not count as motion: the mean
+    square of its differences is twice its variance (von Neumann's ratio).
     """
     if not telemetry.has_command:
         return False
@@ -71,7 +71,7 @@ class _Step(NamedTuple):
 
 
 class _Cut(NamedTuple):
-    """Last sample of a record, number of samples of motion before it, and steps after it."""
+    """Last sample of a record, number of samples in motion before it, and steps after it."""
 
     end: int
     moved: int
@@ -81,11 +81,11 @@ class _Cut(NamedTuple):
 class RecordTrigger(WindowTrigger):
     """Extracts records from continuous telemetry, based on the position.
 
-    The position rests if it stays within a threshold for 0.25 s. The threshold follows from
-    resolution and noise of the sensor (`PositionBins`); it is at least 0.2 % of the travel in the
-    latest 5 s.
+    The position is at rest if it stays within a threshold for 0.25 s. The threshold follows from
+    the resolution and noise of the sensor (`PositionBins`). It is at least 0.2 % of the travel in
+    the latest 5 s.
 
-    A record begins with a motion, and includes up to 0.5 s of the rest before. It ends
+    A record begins with a motion, and includes up to 0.5 s of the preceding rest. It ends
 
     - at the first rest after ``record_s``, unless it ends for another reason within a quarter of
       ``record_s`` after this rest: a short remainder is part of the record,
@@ -94,11 +94,11 @@ class RecordTrigger(WindowTrigger):
     - after twice ``record_s``, even in motion.
 
     ``record_s`` is limited to half of ``MOST_RECORD_SAMPLES`` samples. Pieces with less than 2 s of
-    motion, or too little travel, are skipped.
+    motion, or with too little travel, are skipped.
 
-    A position that stands still although the command moves is a record as well. It begins with the
-    motion of the command, and includes up to 0.5 s before. It ends after ``record_s``, or at the
-    end of the telemetry.
+    A standstill under a moving command is a record as well. It begins with the motion of the
+    command, and includes up to 0.5 s before it. It ends after ``record_s``, or at the end of the
+    telemetry.
 
     Parameters are as in `WindowTrigger`.
 
@@ -136,7 +136,7 @@ class RecordTrigger(WindowTrigger):
         return self._latest.samples
 
     def feed(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """Process the next block; return the records that it completes, and its defects."""
+        """Process the next block; return the completed records, refusals and defects."""
         events = self.split(block)
         if reason := not_finite(block) or self._too_many(block):
             return [*events, *self.end_piece(block.stamp_ns, reason)]
@@ -144,10 +144,10 @@ class RecordTrigger(WindowTrigger):
             begin = self._piece_begin = self._free_from = block.first_index
             self._bins = PositionBins(block.sample_period, begin)
             self._run, self._recent = SteadyRun(begin), SteadyRun(begin)
-        return events + self._take(block)
+        return events + self._process(block)
 
-    def _take(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """Process the next samples; return the records that they complete."""
+    def _process(self, block: Telemetry) -> list[Window | Refusal | Defect]:
+        """Process the next samples; return the completed records."""
         assert self._bins is not None
         self._latest.add(block)
         bins = self._bins.add(block.position, block.interpolated)
@@ -160,7 +160,7 @@ class RecordTrigger(WindowTrigger):
         return events
 
     def split(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """End the current piece if a block does not continue it; return the completed events."""
+        """End the current piece of telemetry if a block does not continue it; return the events."""
         last = self._latest.last
         if last is None or not (reason := break_between(last, block)):
             return []
@@ -168,16 +168,16 @@ class RecordTrigger(WindowTrigger):
         if lost is None:
             return self.end_piece(block.stamp_ns, reason)
         self.interpolated += len(lost)
-        return self._take(lost)
+        return self._process(lost)
 
     def end_piece(self, stamp_ns: int, reason: str) -> list[Window | Refusal | Defect]:
-        """End the current piece at a stamp [ns], for a reason; return the completed events."""
+        """End the current piece of telemetry at a timestamp [ns]; return the completed events."""
         events: list[Window | Refusal | Defect] = [*self.finish(), Defect(stamp_ns, reason)]
         self.reset()
         return events
 
     def finish(self) -> Sequence[Window | Refusal]:
-        """End the telemetry; return the record that it completes, if there is one."""
+        """End the telemetry; return the completed record, if there is one."""
         last, bins = self._latest.last, self._bins
         if last is None or bins is None:
             return []
@@ -205,7 +205,7 @@ class RecordTrigger(WindowTrigger):
         )
 
     def _follow(self, bins: Sequence[PositionBin], h: float) -> list[Window | Refusal]:
-        """Process bins of the position, at a sample period [s]."""
+        """Process position bins; return the completed records. ``h`` is the sample period [s]."""
         rest_samples = max(_LEAST_REST_SAMPLES, round(_REST_S / h))
         longest = round(LONGEST_REST_S / h) + rest_samples
         events: list[Window | Refusal] = []
@@ -223,7 +223,7 @@ class RecordTrigger(WindowTrigger):
         return events
 
     def _advance(self, step: _Step, h: float) -> list[Window | Refusal]:
-        """Open or close a record at a step."""
+        """Open or close a record at a step; return the completed records."""
         item, begin = step.item, step.rest_begin
         margin = round(MARGIN_S / h)
         if self._start is None:
@@ -262,7 +262,7 @@ class RecordTrigger(WindowTrigger):
         return min(round(self.settings.record_s / h), MOST_RECORD_SAMPLES // 2)
 
     def _stand_still(self, least: int) -> list[Window | Refusal]:
-        """Return the record of a standstill, if it has at least ``least`` samples."""
+        """Return the record of a standstill if it has at least ``least`` samples."""
         last, bins = self._latest.last, self._bins
         if self._start is not None or last is None or bins is None or not last.has_command:
             self._still_begin = None
@@ -280,7 +280,7 @@ class RecordTrigger(WindowTrigger):
         return [self._checked(telemetry, first, latest)]
 
     def _moved_until(self, end: int) -> int:
-        """Return the number of samples of motion in the open record up to a sample."""
+        """Return the number of samples in motion in the open record, up to the sample ``end``."""
         return self._moved + (0 if self._motion_begin is None else end + 1 - self._motion_begin)
 
     def _open(self, start: int, item: PositionBin) -> None:
@@ -288,9 +288,9 @@ class RecordTrigger(WindowTrigger):
         self._motion_begin = max(start, item.first)
 
     def _close(self, end: int, moved: int) -> list[Window | Refusal]:
-        """End the open record at the sample ``end``; return the record, unless it is skipped.
+        """End the open record at the sample ``end``; return the record unless it is skipped.
 
-        ``moved`` is the number of its samples of motion.
+        ``moved`` is the number of its samples in motion.
         """
         start, self._start, self._motion_begin, self._cut_at = self._start, None, None, None
         if start is None:
@@ -307,13 +307,13 @@ class RecordTrigger(WindowTrigger):
 
     @staticmethod
     def _checked(telemetry: Telemetry, first: BlockStamp, last: BlockStamp) -> Window | Refusal:
-        """Return the record, or its refusal if the stamps contradict the sample period."""
+        """Return the record, or its refusal if timestamps contradict the sample period."""
         if reason := rate_defect(telemetry.sample_period, first, last):
             return Refusal(telemetry.stamp_ns, telemetry.stamp_at(len(telemetry) - 1), reason)
         return Window(telemetry)
 
     def _shortfall(self, moved_s: float, travel: float) -> str:
-        """Return why a piece with this motion [s] and travel [rad] is not a record; "" if it is."""
+        """Return the reason why a piece with this motion and travel is not a record, or ""."""
         if moved_s < LEAST_MOTION_S:
             return (
                 f"a record needs {LEAST_MOTION_S:g} s of motion, and the longest piece has "

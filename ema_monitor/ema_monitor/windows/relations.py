@@ -1,4 +1,4 @@
-"""Relations between sensors in a window: travel ratio, and control law of the drive (M27)."""
+"""Relations between the sensors in a window: travel ratio and control law (M27)."""
 
 from typing import Final, NamedTuple
 
@@ -11,7 +11,7 @@ from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
 LEAST_SIGMA: Final = 3e-4
-"""Smallest standard deviation of the ratio of two healthy sensors [-]."""
+"""Smallest standard deviation of the ratio between two healthy sensors [-]."""
 
 _SPACING_S: Final = 1e-3
 _SLOW: Final = 0.2
@@ -30,11 +30,11 @@ class Relation(NamedTuple):
 
 
 def travel_ratio(window: Window, parameters: ActuatorParameters) -> Relation | None:
-    """Return user-shaft travel divided by motor-shaft travel through the gear [-].
+    """Return the ratio of user-shaft travel to geared motor travel [-].
 
-    It is measured with the position and speed sensors during runs in one direction, in which play
-    has no effect; an offset of the speed is fitted. It is None if the window has too little motion,
-    or the speed is not measured.
+    The travels come from the position and speed sensors during runs in one direction, in which play
+    has no effect. An offset of the speed is fitted as well. Returns None if the window has too
+    little motion, or the speed is not measured.
     """
     if not len(window.telemetry.speed):
         return None
@@ -64,14 +64,14 @@ def travel_ratio(window: Window, parameters: ActuatorParameters) -> Relation | N
 
 
 def law_offset(window: Window, parameters: ActuatorParameters) -> Relation | None:
-    """Return the position offset relative to the drive's control law [rad].
+    """Return the offset of the position from the drive's control law [rad].
 
-    A proportional speed loop has ``command - position = (k_t I / GAP + omega) / G_prop`` (M1) under
-    any friction and load. The offset is fitted together with the gain of the loop, a delay of the
-    command and a gain of the position. Its standard deviation is at least 0.15 of the friction
-    band: if the gains of the drive differ from the description, a load can look like an offset of
-    this size. It is None if the drive has a different law, too little of the window is within its
-    limits, or current or speed is not measured.
+    A drive with a proportional speed loop follows ``command - position = (k_t I / GAP + omega) /
+    G_prop`` (M1) under any friction and load. The offset is fitted together with the gain of the
+    loop, a delay of the command and a gain of the position. Its standard deviation is at least 15 %
+    of the friction band: if the gains of the drive differ from the description, a load can look
+    like an offset of this size. Returns None if the drive has a different control law, too few
+    samples are within its limits, or current or speed is not measured.
     """
     if parameters.GAI != 0.0 or parameters.GAD != 0.0 or window.telemetry.missing:
         return None
@@ -101,9 +101,9 @@ def law_offset(window: Window, parameters: ActuatorParameters) -> Relation | Non
 
 
 def _runs(steps: Array) -> NDArray[np.int64]:
-    """Return indices of the first and last value of runs in one direction, ``(k, 2)``."""
-    way = np.sign(steps) * (np.abs(steps) > _SLOW * np.sqrt(np.mean(steps**2)))
-    changes = np.flatnonzero(np.diff(way)) + 1
-    begins, ends = np.concatenate([[0], changes]), np.concatenate([changes, [len(way)]])
-    long = (way[begins] != 0.0) & (ends - begins > 2 * _TRIMMED)
+    """Return the indices of the first and last value of each run in one direction, ``(k, 2)``."""
+    direction = np.sign(steps) * (np.abs(steps) > _SLOW * np.sqrt(np.mean(steps**2)))
+    changes = np.flatnonzero(np.diff(direction)) + 1
+    begins, ends = np.concatenate([[0], changes]), np.concatenate([changes, [len(direction)]])
+    long = (direction[begins] != 0.0) & (ends - begins > 2 * _TRIMMED)
     return np.stack([begins[long] + _TRIMMED, ends[long] - _TRIMMED], axis=1)

@@ -8,7 +8,7 @@ import numpy as np
 from ema_core.arrays import Array, Flags
 
 BINS_AT_ONCE: Final = 25
-"""Number of bins processed together; larger values delay decisions."""
+"""Number of bins that are processed together; larger values delay decisions."""
 
 BIN_S: Final = 0.04
 """Length of a bin [s], unless the sample period is longer."""
@@ -26,7 +26,7 @@ _RELATIVE_ROUNDING: Final = 1e-9
 
 
 class PositionBin(NamedTuple):
-    """Mean position of consecutive samples, and the threshold of rest."""
+    """Mean position over consecutive samples, and the threshold of rest."""
 
     first: int
     """Running index of the first sample."""
@@ -35,17 +35,18 @@ class PositionBin(NamedTuple):
     position: float
     """Mean position [rad]."""
     threshold: float
-    """Largest travel that resolution and noise explain [rad]."""
+    """Largest travel that sensor resolution and noise can explain [rad]."""
 
 
 class PositionBins:
-    """Reduces positions to bins of 40 ms, and estimates resolution and noise of the sensor.
+    """Reduces positions to bins of 40 ms, and estimates the resolution and noise of the sensor.
 
-    The bins are aligned to the running index, so the size of blocks does not matter.
+    The bins are aligned to the running index, so that the size of blocks has no effect.
 
     - The resolution is the smallest step between two samples so far.
-    - The noise is the lower quartile of the RMS fourth difference in the latest 64 intervals of
-      0.25 s. Motion contributes little to a fourth difference, rest and constant speed nothing.
+    - The noise is the lower quartile of the RMS fourth differences in the latest 64 intervals of
+      0.25 s. Motion contributes little to a fourth difference; rest and constant speed contribute
+      nothing.
 
     Parameters
     ----------
@@ -76,15 +77,15 @@ class PositionBins:
         self._noise = 0.0
 
     def add(self, position: Array, interpolated: Flags) -> list[PositionBin]:
-        """Return the bins completed by the next positions, several at once.
+        """Return the bins that the next positions complete; bins are completed in groups.
 
         Parameters
         ----------
         position
             Positions, ``(n,)`` [rad].
         interpolated
-            Whether each is interpolated, ``(n,)``, or ``(0,)`` if none is. Steps to interpolated
-            positions are ignored for the resolution.
+            Flags of interpolated positions, ``(n,)``, or ``(0,)`` without interpolated positions.
+            Steps to interpolated positions do not count for the resolution.
         """
         flags = interpolated if len(interpolated) else np.zeros(len(position), dtype=bool)
         self._pending.append((position, flags))
@@ -145,7 +146,7 @@ class PositionBins:
 
 
 class SteadyRun:
-    """Longest run of the latest bins whose positions differ by at most a threshold.
+    """Longest run of bins, up to the latest bin, whose positions differ by at most a threshold.
 
     Attributes
     ----------
@@ -155,13 +156,13 @@ class SteadyRun:
 
     def __init__(self, first_index: int) -> None:
         self.begin = first_index
-        # Index after a bin, and its position; the first entry is the lowest or highest of the run.
+        # Index after a bin, and its position. The first entry is the lowest or highest of the run.
         self._lows: deque[tuple[int, float]] = deque()
         self._highs: deque[tuple[int, float]] = deque()
 
     @property
     def travel(self) -> float:
-        """Difference between highest and lowest position of the run [rad]."""
+        """Difference between the highest and lowest position of the run [rad]."""
         return self._highs[0][1] - self._lows[0][1]
 
     def add(self, item: PositionBin, threshold: float, longest: int) -> None:

@@ -1,4 +1,4 @@
-"""Extraction of stretches: windows from ordinary motion, without a test cycle (M28)."""
+"""Extraction of stretches, which are windows from ordinary motion without a test cycle (M28)."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -18,7 +18,7 @@ from ema_monitor.windows.trigger import (
 from ema_monitor.windows.window import MIN_TRAVEL, Window
 
 WAIT_S: Final = 0.1
-"""Longest wait, in motion, for a start with a known position of the motor in its play [s]."""
+"""Longest wait in motion for a start with a known position of the motor in its play [s]."""
 
 _EVERY_S: Final = 1e-3
 _REACH_S: Final = 1.0
@@ -33,9 +33,9 @@ class StretchTrigger(WindowTrigger):
     """Extracts stretches from continuous telemetry while the command moves.
 
     A stretch begins at a sample in motion, or at the last sample at rest, and has the length of a
-    window. Stretches do not overlap. A start at which the position of the motor in its play is
-    known is preferred: the motor has turned in one direction, and the shaft behind the play has
-    followed. After ``WAIT_S`` of motion without such a start, a stretch begins with an unknown
+    window. Stretches do not overlap. Preferably, a stretch begins where the position of the motor
+    in its play is known: the motor has turned in one direction, and the shaft behind the play has
+    followed. After ``WAIT_S`` of motion without such a sample, a stretch begins with an unknown
     position in the play. Stretches with too little travel are skipped.
 
     Parameters and attributes are as in `WindowTrigger`.
@@ -55,12 +55,15 @@ class StretchTrigger(WindowTrigger):
         self._play: float | None = None
 
     def interrupt(self, stamp_ns: int, reason: str) -> Refusal | Defect:
-        """Drop the buffered blocks; an incomplete stretch is not reported as a loss."""
+        """Drop the buffered blocks, and return a defect.
+
+        An incomplete stretch is not reported as lost.
+        """
         self._start = None
         return super().interrupt(stamp_ns, reason)
 
     def finish(self) -> Sequence[Window | Refusal]:
-        """Return nothing: an incomplete stretch is not reported as a loss."""
+        """Return an empty list: an incomplete stretch is not reported as lost."""
         return []
 
     def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:
@@ -87,7 +90,7 @@ class StretchTrigger(WindowTrigger):
                 self._candidate = None
                 continue
             if self._candidate is None:
-                # The last sample at rest, or else this sample.
+                # The last sample at rest if there is one, otherwise this sample.
                 self._candidate = index - 1 if was_at_rest else index
                 self._waited = 0
             elif index < self._candidate + every:
@@ -109,10 +112,11 @@ class StretchTrigger(WindowTrigger):
         return [refused or Window(telemetry, self._play)]
 
     def _play_at(self, index: int) -> float | None:
-        """Return the position of the motor in its play at a sample; None if it is unknown.
+        """Return the position of the motor in its play at a sample, or None if it is unknown.
 
         Motor and shaft are in contact if both have last moved in the same direction. Without a
-        measured speed they are in contact while the shaft moves, because only the motor moves it.
+        measured speed, they are in contact while the shaft moves, because only the motor moves the
+        shaft.
         """
         h = self._blocks[-1].sample_period
         held = join(self._blocks_from(index - round(_REACH_S / h)))

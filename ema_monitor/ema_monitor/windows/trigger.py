@@ -1,7 +1,7 @@
 """Extraction of test windows from a telemetry stream, and detection of stream defects.
 
-Decisions depend only on running indices and stamps, never on reception times, so that a replay
-yields the same windows.
+Decisions only depend on running indices and timestamps, never on reception times, so that a replay
+gives the same windows.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from ema_monitor.windows.plausibility import impossible_motion
 from ema_monitor.windows.window import Window
 
 LOOKBACK_S: Final = 10.0
-"""Length of buffered telemetry, which shows the approach to a window [s]."""
+"""Length of buffered telemetry before a window, which includes the approach [s]."""
 
 MOST_SAMPLES: Final = 2_000_000
 """Largest number of buffered samples, for any sample period."""
@@ -30,16 +30,16 @@ MOST_BLOCKS: Final = 50_000
 """Largest number of buffered blocks, for any size of blocks."""
 
 TEST_CYCLE: Final = "test_cycle"
-"""Setting for windows that begin when the command leaves its rest, identified one by one."""
+"""Setting ``windows``: each window begins when the command leaves rest, and gives an estimate."""
 
 ANY_MOTION: Final = "any_motion"
-"""Setting for stretches of ordinary motion, which are combined."""
+"""Setting ``windows``: stretches of ordinary motion are combined into estimates."""
 
 INDEX_WENT_BACK: Final = "the sample index went back"
-"""Start of the reason for blocks out of order, for example from two publishers."""
+"""Beginning of the reason if blocks are out of order, for example from two publishers."""
 
 LEAST_REST: Final = 2
-"""Fewest equal samples in a rest, regardless of the sample period."""
+"""Smallest number of equal samples in a rest, for any sample period."""
 
 _LARGEST: Final = 1e30
 _RATE_TOLERANCE: Final = 0.01
@@ -50,11 +50,11 @@ class Refusal:
     """Refusal of a window that cannot be used."""
 
     start_ns: int
-    """Stamp of the first sample of the window [ns]."""
+    """Timestamp of the first sample of the window [ns]."""
     end_ns: int
-    """Stamp of the last sample of the window [ns]."""
+    """Timestamp of the last sample of the window [ns]."""
     reason: str
-    """Why the window cannot be used."""
+    """Reason why the window cannot be used."""
     is_dropped: bool = False
     """Whether the monitor dropped a usable window: its queue was full, or it was not active."""
     is_cut_off: bool = False
@@ -63,7 +63,7 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Defect:
-    """A defect of the stream outside of any window, at ``stamp_ns`` [ns]."""
+    """Defect of the stream outside any window, at ``stamp_ns`` [ns]."""
 
     stamp_ns: int
     reason: str
@@ -71,7 +71,7 @@ class Defect:
 
 @dataclass(frozen=True)
 class TriggerSettings(Checked):
-    """Begin and length of windows."""
+    """Settings for the start and length of windows."""
 
     windows: str = text(
         TEST_CYCLE,
@@ -100,28 +100,28 @@ class TriggerSettings(Checked):
 class WindowTrigger:
     """Extracts windows from telemetry blocks.
 
-    A window begins at the last sample before the command leaves its rest value. There is no window
-    if the command comes to rest again before the window is full, or moves in one direction only.
-    Therefore the slow approach of a test cycle is skipped.
+    A window begins at the last sample before the command leaves its rest value. The window is
+    discarded if the command comes to rest again before the window is full, or only moves in one
+    direction. Therefore the slow approach of a test cycle gives no window.
 
     Parameters
     ----------
     parameters
         Nominal parameters of the actuator. They determine the travel of an approach after which the
-        side of contact of the motor in its play is known.
+        position of the motor in its play is known.
     settings
-        Begin and length of windows.
+        Settings for the start and length of windows.
 
     Attributes
     ----------
     longest_motion_s
-        Longest motion without a window so far [s].
+        Longest motion so far that gave no window [s].
     has_rested
-        Whether the command has been at rest.
+        Whether the command has been at rest so far.
     short_motions
         Number of motions that ended before a window was full.
     passed_over
-        Number of stretches with too little travel.
+        Number of motions that were skipped because of too little travel.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class WindowTrigger:
         self._rest_count = 0
 
     def feed(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """Process the next block; return the windows that it completes and its defects."""
+        """Process the next block; return the completed windows, refusals and defects."""
         events = self.split(block)
         if reason := not_finite(block) or self._too_many(block):
             events.append(self.interrupt(block.stamp_ns, reason))
@@ -154,17 +154,17 @@ class WindowTrigger:
         return events
 
     def split(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """End the current piece if a block does not continue it; return the completed events."""
+        """End the current piece of telemetry if a block does not continue it; return the events."""
         if self._blocks and (reason := break_between(self._blocks[-1], block)):
             return self.end_piece(block.stamp_ns, reason)
         return []
 
     def end_piece(self, stamp_ns: int, reason: str) -> list[Window | Refusal | Defect]:
-        """End the current piece at a stamp [ns], for a reason; return the completed events."""
+        """End the current piece of telemetry at a timestamp [ns]; return the completed events."""
         return [self.interrupt(stamp_ns, reason)]
 
     def _too_many(self, block: Telemetry) -> str:
-        """Return why a window would exceed the limits of memory; empty if it would not."""
+        """Return the reason why a window would exceed the memory limits, or ""."""
         samples = round(self.settings.window_s / block.sample_period)
         if samples > MOST_SAMPLES // 2:
             return (
@@ -177,7 +177,7 @@ class WindowTrigger:
         return ""
 
     def finish(self) -> Sequence[Window | Refusal]:
-        """Return the refusal of a window that is incomplete at the end of the telemetry."""
+        """End the telemetry; return the refusal of an incomplete window, if there is one."""
         if self._start is None:
             return []
         first, last = self._blocks_from(self._start)[0], self._blocks[-1]
@@ -190,9 +190,9 @@ class WindowTrigger:
         return [Refusal(start_ns, end_ns, reason, is_cut_off=True)]
 
     def interrupt(self, stamp_ns: int, reason: str) -> Refusal | Defect:
-        """Drop the buffered blocks, because the stream is interrupted at a time [ns], for a reason.
+        """Drop the buffered blocks after an interruption of the stream at a timestamp [ns].
 
-        Return the refusal of the open window, or a defect if no window is open.
+        Returns the refusal of the open window, or a defect if no window is open.
         """
         refused = [Refusal(cut.start_ns, cut.end_ns, reason) for cut in self.finish()]
         self.reset()
@@ -240,8 +240,8 @@ class WindowTrigger:
 
     def _cut(self, start: int, samples: int) -> tuple[Telemetry, Refusal | None]:
         """Return the telemetry of a window, and its refusal if stamps or samples are wrong."""
-        # The stamp of the block in which the window begins: stamps counted from the approach would
-        # include the drift of the clock.
+        # Timestamps are counted from the block in which the window begins. Counted from the
+        # approach, they would include the drift of the clock.
         held = self._blocks_from(start)
         offset = start - held[0].first_index
         telemetry = join(held).part(offset, offset + samples + 1)
@@ -257,7 +257,7 @@ class WindowTrigger:
         return telemetry, None
 
     def _blocks_from(self, index: int) -> list[Telemetry]:
-        """Return the blocks from the block that contains a sample."""
+        """Return the buffered blocks, beginning with the block that contains a sample."""
         return [block for block in self._blocks if block.first_index + len(block) > index]
 
     def _forget(self) -> None:
@@ -280,21 +280,21 @@ class WindowTrigger:
 def play_after(command: NDArray[np.float64], travel: float, tolerance: float) -> float | None:
     """Return the position of the motor in its play after a command: 1, -1, or None if unknown.
 
-    It is known if the command, ``(n,)`` [rad], has last moved by ``travel`` in one direction, with
-    reversals of at most ``tolerance``, too small to move the motor.
+    The position is known if the command, ``(n,)`` [rad], has last moved by ``travel`` in one
+    direction, with reversals of at most ``tolerance``, which do not move the motor.
     """
     for direction in (1.0, -1.0):
-        way = direction * command
-        far = np.flatnonzero(way <= way[-1] - travel)
-        if far.size and _largest_fall(way[far[-1] :]) <= tolerance:
+        directed = direction * command
+        far = np.flatnonzero(directed <= directed[-1] - travel)
+        if far.size and _largest_fall(directed[far[-1] :]) <= tolerance:
             return direction
     return None
 
 
 def is_one_way(command: NDArray[np.float64], tolerance: float) -> bool:
-    """Return whether a command, ``(n,)``, reverses by at most a tolerance [rad].
+    """Return whether the reversals of a command, ``(n,)``, are within a tolerance [rad].
 
-    Some faults only show in motion that reverses.
+    Some faults only have an effect if the motion reverses.
     """
     return min(_largest_fall(command), _largest_fall(-command)) <= tolerance
 
@@ -305,7 +305,7 @@ def _largest_fall(command: NDArray[np.float64]) -> float:
 
 
 def rate_defect(sample_period: float, first: BlockStamp, last: BlockStamp) -> str:
-    """Return a message if the stamps of two blocks contradict the sample period [s], else ""."""
+    """Return a message if the timestamps of two blocks contradict the sample period [s], or ""."""
     if last.first_index <= first.first_index:
         return ""
     period = (last.stamp_ns - first.stamp_ns) * 1e-9 / (last.first_index - first.first_index)
@@ -315,7 +315,7 @@ def rate_defect(sample_period: float, first: BlockStamp, last: BlockStamp) -> st
 
 
 def break_between(last: Telemetry, block: Telemetry) -> str:
-    """Return the defect between two successive blocks; empty if they are contiguous."""
+    """Return a message about a discontinuity between two successive blocks, or ""."""
     if abs(block.sample_period / last.sample_period - 1.0) > 1e-6:
         return (
             f"the sample period changed from {last.sample_period:g} s to {block.sample_period:g} s"
@@ -346,7 +346,7 @@ def _columns(missing: tuple[str, ...]) -> str:
 
 
 def not_finite(block: Telemetry) -> str:
-    """Return which sample is not finite, or too large for computation; empty if none is."""
+    """Return a message about samples that are not finite or too large for computation, or ""."""
     columns = [getattr(block, name) for name in COLUMNS]
     if np.maximum.reduce(np.abs(np.concatenate(columns))) < _LARGEST:
         return ""

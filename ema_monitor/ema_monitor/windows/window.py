@@ -1,4 +1,4 @@
-"""A window of telemetry, which is the input of one diagnosis."""
+"""Window of telemetry, which is the input of one diagnosis."""
 
 import math
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.reasons import MotorStill, NoTravel, Reason
 
 MIN_TRAVEL: Final = 1e-3
-"""Travel of the command below which a window does not excite the faults [rad]."""
+"""Smallest travel of the command that excites the faults [rad]."""
 
 
 DWELL_S: Final = 0.02
@@ -31,7 +31,7 @@ _INITIAL_S: Final = 1e-3
 class Window(Displayed):
     """Telemetry of one test, from the last sample at rest (the initial state) to the end.
 
-    A window of an unknown drive is a record: motion of seconds to minutes, with a margin of rest.
+    The window of an unknown drive is a record: seconds to minutes of motion, with a margin of rest.
     """
 
     telemetry: Telemetry
@@ -45,12 +45,12 @@ class Window(Displayed):
         return len(self.telemetry) - 1
 
     def without_date(self) -> "Window":
-        """Return the window with stamps from 0, like a window of a drive without a clock."""
+        """Return the window with timestamps that begin at 0, as from a drive without a clock."""
         return replace(self, telemetry=replace(self.telemetry, stamp_ns=0))
 
     @property
     def brief(self) -> str:
-        """Length, sample rate and travel as a phrase."""
+        """Phrase with the length, sample rate, travel and start."""
         seconds = len(self) * self.sample_period
         return (
             f"{seconds:.4g} s, {len(self)} samples at {1.0 / self.sample_period:.6g} Hz, travel "
@@ -66,7 +66,7 @@ class Window(Displayed):
 
     @property
     def command(self) -> Array:
-        """Command, with the command at the start, ``(n + 1,)`` [rad]."""
+        """Command, including the command at the start, ``(n + 1,)`` [rad]."""
         return self.telemetry.command
 
     @property
@@ -80,49 +80,55 @@ class Window(Displayed):
         return float(self.telemetry.current[0]) if len(self.telemetry.current) else 0.0
 
     def speed(self, tau: float) -> Array:
-        """Return the speed after the start, ``(n,)`` [rad/s].
+        """Return the speed after the start, ``(n,)`` [rad/s], for a gear ratio ``tau``.
 
         It is the motor speed at the end of each sample. If the speed is not measured, it is the
-        mean speed of the fast shaft behind the play over the sample, from position and gear ratio.
+        mean speed of the fast shaft behind the play over each sample, from position and gear ratio.
         """
         if len(self.telemetry.speed):
             return self.telemetry.speed[1:]
         return np.diff(self.telemetry.position) / (tau * self.sample_period)
 
     def initial_speed(self, tau: float) -> float:
-        """Return the speed of the motor at the start [rad/s], measured or from the position."""
+        """Return the motor speed at the start [rad/s], measured or derived from the position."""
         if len(self.telemetry.speed):
             return float(self.telemetry.speed[0])
         n = min(max(2, round(_INITIAL_S / self.sample_period)), len(self))
         return float(np.mean(self.speed(tau)[:n]))
 
     def missed(self, current: Array, speed: Array, tau: float) -> Array:
-        """Return the current and speed residuals of a response, ``(2, ..., n)`` [A, rad/s].
+        """Return the residuals of a response in current and speed, ``(2, ..., n)`` [A, rad/s].
 
-        The response is ``(..., n)`` for each, the gear ratio is ``tau``. The residuals of a current
-        that is not measured are 0.
+        If the current is not measured, its residuals are 0.
+
+        Parameters
+        ----------
+        current, speed
+            Response of a model, ``(..., n)`` each [A, rad/s].
+        tau
+            Gear ratio [-].
         """
         residuals = self.current - current if len(self.current) else np.zeros_like(current)
         return np.stack([residuals, self.speed(tau) - speed])
 
     @property
     def sample_period(self) -> float:
-        """Period of the samples [s]."""
+        """Sample period [s]."""
         return self.telemetry.sample_period
 
     @property
     def start_ns(self) -> int:
-        """Stamp of the start [ns]."""
+        """Timestamp of the start [ns]."""
         return self.telemetry.stamp_ns
 
     @property
     def end_ns(self) -> int:
-        """Stamp of the last sample [ns]."""
+        """Timestamp of the last sample [ns]."""
         return int(self.telemetry.stamps_ns[-1])
 
     @property
     def start_offset(self) -> float:
-        """Position less command at the start [rad]; at rest, friction explains a small offset."""
+        """Position minus command at the start [rad]; at rest, friction causes a small offset."""
         return float(self.telemetry.position[0] - self.command[0])
 
     @property
@@ -133,9 +139,9 @@ class Window(Displayed):
 
     @property
     def moves(self) -> Flags:
-        """Whether the command moves at each sample after the start, ``(n,)``.
+        """Flags of the samples after the start at which the command moves, ``(n,)``.
 
-        While the command dwells, static friction holds the shaft, and no model can predict the
+        While the command dwells, static friction holds the shaft, so that no model can predict the
         current.
         """
         n = min(max(1, round(DWELL_S / self.sample_period)), len(self))
@@ -144,10 +150,10 @@ class Window(Displayed):
 
     @property
     def weights(self) -> Array:
-        """Weights of the samples, reduced at low speed and 0 in dwells, ``(n,)`` [-].
+        """Sample weights, which are small at low speed and 0 in dwells, ``(n,)`` [-].
 
-        They are ``|omega| / hypot(|omega|, omega_rms / 2)`` with the speed averaged over some
-        milliseconds, 0 while the command dwells, scaled to a mean square of 1.
+        The weights are ``|omega| / hypot(|omega|, omega_rms / 2)`` with the speed averaged over
+        ``SMOOTHED_S``, or 0 while the command dwells. They are scaled to a mean square of 1.
         """
         speed = self.speed(1.0)  # the scale has no effect
         n = max(1, round(SMOOTHED_S / self.sample_period))
@@ -157,7 +163,7 @@ class Window(Displayed):
         return weights / max(math.sqrt(float(np.mean(weights**2))), 1e-12)
 
     def excitation_defect(self) -> Reason | None:
-        """Return why the window does not excite the faults; None if it does."""
+        """Return the reason why the window does not excite the faults, or None."""
         travel = self.excitation
         if travel < MIN_TRAVEL:
             return NoTravel(travel, MIN_TRAVEL)
