@@ -164,7 +164,7 @@ class Calibration(StoredCalibration):
         Their standard deviations are hardly smaller than in their priors.
         """
         if not np.any(self.unit_covariance):
-            return ()  # none was fitted
+            return ()  # no deviations were fitted
         travel = float(np.ptp(self.command))
         sigma = dict(zip(NAMES, np.sqrt(np.diag(self.unit_covariance)), strict=True))
         return tuple(

@@ -28,7 +28,8 @@ change the residual of the current."""
 _SETTLED: Final = 0.02
 """Step below which a fit has converged [sigma of the prior].
 
-With 0.004, no deviation changes by more than 0.02 sigma; with 0.1, one changes by 1.4 sigma."""
+With 0.004, no deviation changes by more than 0.02 sigma. With 0.1, a deviation changes by 1.4
+sigma."""
 _SHARES: Final = ((1.0,), (0.5,), (0.25,), (0.1,), (0.03,))
 """Step fractions of the line search, tried one after the other, because each requires a run over
 all windows. All measured fits took the full step."""
@@ -79,7 +80,7 @@ class _UnitProblem:
         self.noise = self._noise_at(self.expected)
 
     def deviations(self, x: Array) -> Array:
-        """Return all 25 deviations, ``(..., 25)``, from the fitted ones, ``x``, ``(..., d)``."""
+        """Return all deviations, ``(..., 25)``, from the fitted deviations ``x``, ``(..., d)``."""
         values = np.zeros((*x.shape[:-1], N_DEVIATIONS))
         values[..., self._columns] = x
         return values
@@ -109,7 +110,7 @@ class _UnitProblem:
         return math.sqrt(BAND_CORRELATION) * max(rms(self.model_residuals(x)), _LEAST_NOISE)
 
     def model_residuals(self, x: Array) -> Array:
-        """Return the band-limited mean residuals of the model for all commands, ``(r,)`` [A]."""
+        """Return band-limited model residuals, averaged over windows per command, ``(r,)`` [A]."""
         key = x.tobytes()
         if key not in self._latest:
             model = self._model(x)

@@ -1,7 +1,7 @@
 """Detection of telemetry columns that are wrong by a factor, for example by unit or sign.
 
 Three relations reveal a wrong factor: the position follows its command, the speed is the derivative
-of the position, and the current accelerates the known inertia. No fault scales any of them.
+of the position, and the current accelerates the known inertia. No fault scales these relations.
 """
 
 from collections.abc import Iterable
@@ -41,7 +41,7 @@ def mistaken_amplitude(causes: Iterable[CauseEstimate]) -> ColumnError | None:
 
 
 def wrong_scale(window: Window, parameters: ActuatorParameters) -> ColumnError | None:
-    """Return the error of the column of a window that is certainly wrong by a factor, or None."""
+    """Return the error of a column in a window that is certainly wrong by a factor, or None."""
     tau = parameters.tau
     t, h = window.telemetry, window.sample_period
     count = max(3, round(_SMOOTH_S / h))

@@ -156,7 +156,7 @@ class Combination(Combining):
         return self._lowers(self._knowledge, preview.gained)
 
     def _is_defective(self, stretch: Window) -> bool:
-        """Return whether drive or shaft has a defect to report."""
+        """Return whether a stretch shows a defect of drive, shaft or sensor."""
         return drive_defect(stretch, self._description.parameters) is not None
 
     def _lowers(self, knowledge: Knowledge, gained: Array) -> bool:

@@ -1,4 +1,4 @@
-"""Estimate from the optimum of a search: explanation, uncertainty and verdict."""
+"""Derivation of an estimate from the optimum of a search: explanation, uncertainty, verdict."""
 
 import math
 import time

@@ -31,7 +31,7 @@ class StretchMotion(NamedTuple):
     scale: Array
     """Travel and largest speed, ``(2,)`` [rad, rad/s]."""
     load: float
-    """Load over the largest possible load [-]."""
+    """Load relative to the largest possible load [-]."""
 
     @classmethod
     def of(cls, stretch: Window, load: float) -> Self:
@@ -83,8 +83,8 @@ class Preview(NamedTuple):
         knowledge
             Knowledge of the faults before the stretch.
         faults
-            Faults at which the information is computed, ``(8,)``. The load is the one that explains
-            the stretch best.
+            Faults at which the information is computed, ``(8,)``, with the load that explains the
+            stretch best.
         """
         suspects = expected_causes(calibration.parameters, stretch)
         [load] = [cause for cause in suspects if cause.name == NUISANCE]

@@ -131,7 +131,7 @@ class Combining(ABC):
         return [replace(refused, stretches=1)] if is_reported else []
 
     def _concluded(self, estimate: Estimate | None, reason: str | None = None) -> list[Estimate]:
-        """Count a finished combination and return its estimate, if any."""
+        """Count a finished combination; return its estimate, or an empty list without one."""
         if estimate is None:
             self.tally = self.tally.plus(reason, fruitless=1)
             return []

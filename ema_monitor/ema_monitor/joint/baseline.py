@@ -225,7 +225,7 @@ class Baseline:
 
     @property
     def viscous_scale(self) -> float:
-        """Total friction at the usual speed over the usual speed [A.s/rad]."""
+        """Ratio of the total friction at the usual speed to the usual speed [A.s/rad]."""
         usual = self.preparation.usual_speed
         return self.friction / usual + max(float(np.median(self.values[:, VISCOUS])), 0.0)
 

@@ -383,7 +383,7 @@ class _Test:
 
     @cached_property
     def costs(self) -> list[float]:
-        """Squared distance left by each hypothesis, plus a penalty for its parameters."""
+        """Squared distance that each hypothesis leaves unexplained, plus a parameter penalty."""
         inverse = _precision(self._tolerant)
         costs = []
         for hypothesis in self._comparer.hypotheses:
@@ -459,9 +459,10 @@ class _Test:
         return QuantityChange(name, judgement, *figures, unit, reason, rival_names)
 
     def _friction_over_inertia(self, named: tuple[str, ...]) -> QuantityChange:
-        """Return the change of friction over inertia, which is the change of friction alone.
+        """Return the change of the ratio of friction to inertia.
 
-        In a self-locking gear, friction also increases the inertia and gravity at the motor.
+        In a self-locking gear, friction also increases the inertia and gravity at the motor. The
+        ratio then shows the change of friction alone.
         """
         healthy = self._healthy
         weights = np.zeros(len(healthy))

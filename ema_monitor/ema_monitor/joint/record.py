@@ -108,7 +108,7 @@ class LabelledRecord:
 
 
 def record_defect(signals: Signals, preparation: Preparation) -> Reason | None:
-    """Return why a record cannot be compared; None if it can."""
+    """Return the reason why a record cannot be compared, or None."""
     if len(signals) < FEWEST_ROWS:
         return TooFewRows(len(signals), FEWEST_ROWS)
     if np.ptp(signals.effort) <= _CONSTANT * np.max(np.abs(signals.effort)):

@@ -40,7 +40,7 @@ class Regression(NamedTuple):
 def robust_fit(design: Array, target: Array, prior: CoefficientPrior) -> Robust:
     """Return a robust linear regression of ``target``, ``(n,)``, on ``design``, ``(n, p)``.
 
-    Outliers are weighted by Huber's function.
+    Outliers have reduced weights (Huber's function).
     """
     precision = np.diag(prior.sigmas**-2.0)
     weights, noise = np.ones(len(target)), float(np.var(target))

@@ -69,11 +69,11 @@ class Shape:
     has_viscous: bool = True
     """Whether viscous friction is fitted separately. Otherwise the Coulomb friction includes it."""
     unexplained: float = 0.0
-    """Standard deviation of the residuals over the standard deviation of the effort [-]."""
+    """Ratio of the standard deviations of the residuals and of the effort [-]."""
 
     @property
     def used(self) -> Flags:
-        """Whether each of ``COEFFICIENTS`` is fitted, ``(5,)``."""
+        """Flags of the fitted coefficients, in the order of ``COEFFICIENTS``, ``(5,)``."""
         return np.array([True, self.has_inertia, self.has_viscous, True, self.has_gravity])
 
     def gravity(self, signals: Signals) -> Array:

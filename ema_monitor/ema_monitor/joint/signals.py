@@ -210,7 +210,7 @@ def block_means(telemetry: Telemetry, description: ActuatorDescription, cutoff_h
 
 
 def _long_gaps(telemetry: Telemetry, cutoff_hz: float) -> Flags:
-    """Return the samples in gaps that are too long for the filter, ``(n,)``."""
+    """Return flags of the samples in gaps that are too long for the filter, ``(n,)``."""
     lost = telemetry.interpolated
     if not np.any(lost):
         return np.zeros(len(telemetry), dtype=bool)

@@ -274,13 +274,16 @@ def _running(windows: Sequence[ReferenceWindow]) -> float:
 
 
 def _load(figures: Mapping[str, float]) -> float:
-    """Return the current that does not depend on the direction [A]."""
+    """Return the load, which is the current that does not depend on the direction [A]."""
     forward, backward = (figures[name] for name in _BOTH_WAYS)
     return 0.5 * (forward - backward)
 
 
 def _by_load(windows: Sequence[ReferenceWindow], gap: float) -> list[list[ReferenceWindow]]:
-    """Return windows grouped by load, in their order; groups are separated by ``gap`` [A]."""
+    """Return windows grouped by load, in their order within each group.
+
+    The loads of two groups differ by more than ``gap`` [A].
+    """
     order = sorted(range(len(windows)), key=lambda at: _load(windows[at].figures.values))
     steps = np.diff([_load(windows[at].figures.values) for at in order])
     groups = np.split(order, np.flatnonzero(steps > gap) + 1)

@@ -191,7 +191,7 @@ def unit_of(quantity: QuantityChange) -> str:
 
 
 def _changes(comparison: Comparison) -> list[str]:
-    """Return a sentence for each change, and for quantities that cannot be distinguished."""
+    """Return sentences about changed quantities, and about rivals of the changed quantities."""
     changed = {item.name: item for item in comparison.changed}
     if FRICTION in changed or INERTIA in changed:
         # The ratio adds no information.

@@ -41,8 +41,8 @@ class Response(NamedTuple):
     """Samples of current and speed, ``(m, n)`` each [A, rad/s].
 
     The current is sampled as in the telemetry. The speed is the motor speed at the end of a sample.
-    If the telemetry has no speed, it is the mean speed over the sample of the fast shaft behind the
-    play, which can be derived from the position.
+    If the telemetry has no speed, it is the speed of the fast shaft behind the play, averaged over
+    the sample, because this speed can be derived from a measured position.
     """
 
     current: Array
@@ -58,7 +58,7 @@ class MonitorModel:
         Nominal parameters of the actuator.
     form
         "fast", the slew-limited current of the driven pair (M10); "source", the sign-switched
-        current of the thesis with its eq. 4.24 (M11); or "field_oriented", the axis q of a
+        current of the thesis with its eq. 4.24 (M11); or "field_oriented", the q axis of a
         sinusoidal motor (M35).
     dt
         Integration step [s]; None for the default step of the form.

@@ -94,7 +94,7 @@ def stochastic_uniform(expected: Array, rng: "np.random.Generator") -> NDArray[n
 
 
 def scattered(mothers: Array, fathers: Array, rng: "np.random.Generator") -> Array:
-    """Return children, ``(m, d)``, with each gene from either parent, ``(m, d)`` each."""
+    """Return children, ``(m, d)``, that take each gene at random from one of their parents."""
     return np.where(rng.random(mothers.shape) < 0.5, mothers, fathers)
 
 

@@ -81,7 +81,7 @@ class ThesisGreyWolf(Population):
 
 
 def shrinking(generation: int, generations: int) -> float:
-    """Return the coefficient ``a``: 2 for generation 0, decreasing to 0 after the last one."""
+    """Return the coefficient ``a``, from 2 in generation 0 to 0 after the last generation."""
     return max(0.0, 2.0 * (1.0 - generation / generations))
 
 

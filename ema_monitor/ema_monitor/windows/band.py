@@ -59,7 +59,7 @@ def _hann(half: int) -> Array:
 def speed_weight(parameters: ActuatorParameters) -> float:
     """Return the weight that converts a speed residual to a current residual [A.s/rad].
 
-    It is half the response of the speed loop (M15).
+    It is half the current that the speed loop demands per unit of speed (M15).
     """
     return 0.5 * parameters.GAP / parameters.k_t
 
