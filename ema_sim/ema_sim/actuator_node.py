@@ -7,32 +7,25 @@ from pathlib import Path
 from typing import Any, Final
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rosgraph_msgs.msg import Clock
 
 from ema_core.commands import Command
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES
 from ema_core.parameters import ActuatorParameters
-from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultGrowth
 from ema_interfaces.srv import SetCommand, SetSimulatedFaults
 from ema_ros import topics
 from ema_ros.actuator_file import load_description
 from ema_ros.actuator_messages import messages_of_block, messages_of_cycle
-from ema_ros.managed_node import ManagedNode
 from ema_ros.messages import description_to_message, faults_from_message
 from ema_ros.node_parameters import LiveSettings, declare, read
 from ema_ros.run import run
-from ema_ros.stamps import stamp_to_message
-from ema_ros.status import ERROR, OK, WARN, Task, hardware_name
-from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
+from ema_ros.status import hardware_name
+from ema_sim.bench import ActuatorBench, BenchSettings, MeasuredBlock, RunningCycle
 from ema_sim.growth import Growth
-from ema_sim.runner import BenchRunner, Pace
 from ema_sim.settings import CauseSettings, FaultSettings, ResolutionSettings, RunSettings
+from ema_sim.simulation_node import SimulationNode
 
-_CLOCK: Final = "/clock"
-_CLOCK_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _PAUSE_S: Final = 0.3
 _HOLDS: Final = "takes effect at the next test cycle"
 _COMMAND_FIGURES: Final = tuple(
@@ -40,7 +33,7 @@ _COMMAND_FIGURES: Final = tuple(
 )
 
 
-class ActuatorNode(ManagedNode):
+class ActuatorNode(SimulationNode):
     """ROS node that runs a simulated actuator through test cycles.
 
     Raises
@@ -73,7 +66,6 @@ class ActuatorNode(ManagedNode):
             check=lambda new: self.is_configured and self._bench.check_causes(new.causes),
             on_change=lambda new: self.is_configured and self._bench.set_causes(new.causes),
         )
-        self._reported_behind = False
 
     @property
     def hardware_id(self) -> str:
@@ -83,7 +75,6 @@ class ActuatorNode(ManagedNode):
 
     def configure(self) -> None:
         """Create the bench, the publishers and the services."""
-        self._rate = read(self, RunSettings).rate
         self._bench = ActuatorBench(
             self._description,
             read(self, BenchSettings),
@@ -99,19 +90,7 @@ class ActuatorNode(ManagedNode):
         self._bench.set_command(command)
         growths = {name: read(self, Growth, f"growth.{name}.") for name in FAULT_NAMES}
         self._bench.set_faults(asdict(read(self, FaultSettings, "faults.")), growths)
-        self._runner = BenchRunner(
-            self._bench,
-            self._rate,
-            on_cycle=self._publish_cycle,
-            on_block=self._publish_block,
-            on_failure=self.report_end,
-        )
-        offers = dict(topics.ACTUATOR_TOPICS)
-        if self._rate != 1.0:
-            offers[_CLOCK] = (Clock, _CLOCK_QOS)
-        self._publishers_by_topic = {
-            name: self.add_publisher(message, name, qos) for name, (message, qos) in offers.items()
-        }
+        self.run_bench(self._bench, read(self, RunSettings).rate, topics.ACTUATOR_TOPICS)
         group = MutuallyExclusiveCallbackGroup()
         for kind, name, callback in (
             (SetSimulatedFaults, "set_faults", self._set_faults),
@@ -122,66 +101,23 @@ class ActuatorNode(ManagedNode):
     def activate(self) -> None:
         """Publish the description, and start the thread that runs cycles."""
         message = description_to_message(self._description, time.time_ns())
-        self._publish(topics.DESCRIPTION, message)
-        self._reported_behind = False
-        self._runner.start()
+        self.publish(topics.DESCRIPTION, message)
+        super().activate()
 
-    def deactivate(self) -> None:
-        """Stop the simulation at the next block."""
-        self._runner.stop()
-
-    def tasks(self) -> list[Task]:
-        """Return the status of the simulation: rate, lag and failures of its thread."""
-        runner, pace = self._runner, self._runner.pace
-        values = {
-            "cycle": runner.cycle,
-            "rate": self._rate,
-            "achieved rate": pace.achieved_rate,
-            "lag [s]": pace.lag_s,
-            "busy share": pace.busy_share,
-            "ends of threads": runner.thread.ends,
-        }
-        if failure := runner.thread.failure:
-            return [Task("simulation", ERROR, failure, self.hardware_id, values)]
-        if pace.behind and runner.activity == "running":
-            return [Task("simulation", WARN, self._lag_message(pace), self.hardware_id, values)]
-        level = OK if runner.activity == "running" else WARN
-        return [Task("simulation", level, runner.activity, self.hardware_id, values)]
-
-    def _publish(self, topic: str, message: Any) -> None:
-        self._publishers_by_topic[topic].publish(message)
-
-    def _publish_cycle(self, cycle: RunningCycle) -> None:
+    def publish_cycle(self, cycle: RunningCycle) -> None:
+        """Publish faults and usage at the start of a cycle."""
         for topic, message in messages_of_cycle(
             self._description, cycle.start_ns, cycle.number, cycle.hours, cycle.faults
         ).items():
-            self._publish(topic, message)
+            self.publish(topic, message)
 
-    def _publish_block(self, block: Telemetry, torque: float) -> None:
-        if _CLOCK in self._publishers_by_topic:
-            end_ns = block.stamp_at(len(block) - 1)
-            self._publish(_CLOCK, Clock(clock=stamp_to_message(end_ns)))
-        for topic, message in messages_of_block(self._description, block, torque).items():
-            self._publish(topic, message)
-        self._report_pace()
-
-    def _report_pace(self) -> None:
-        """Log when the simulation falls behind, and when it has caught up."""
-        pace = self._runner.pace
-        if pace.behind == self._reported_behind:
-            return
-        self._reported_behind = pace.behind
-        if pace.behind:
-            self.get_logger().warning(self._lag_message(pace))
-        else:
-            self.get_logger().info(f"keeps up again at rate {self._rate:g}")
-        self.report()
-
-    def _lag_message(self, pace: Pace) -> str:
-        return (
-            f"cannot keep up: lag {pace.lag_s:.3g} s, rate {pace.achieved_rate:.3g} instead of "
-            f"{self._rate:g}"
-        )
+    def publish_block(self, block: MeasuredBlock) -> None:
+        """Publish telemetry and joint state."""
+        telemetry, torque = block
+        self.publish_clock(telemetry.stamp_at(len(telemetry) - 1))
+        for topic, message in messages_of_block(self._description, telemetry, torque).items():
+            self.publish(topic, message)
+        self.report_pace()
 
     def _set_faults(
         self, request: SetSimulatedFaults.Request, response: SetSimulatedFaults.Response

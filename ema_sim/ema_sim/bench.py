@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +39,20 @@ class BenchSettings(Checked):
     seed: int = quantity(0, "-", 0, 2**62, "seed of all noise")
 
 
+class MeasuredBlock(NamedTuple):
+    """Block of telemetry of a test bench."""
+
+    telemetry: Telemetry
+    """Measured samples."""
+    torque: float
+    """Motor torque at the end [N.m]."""
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the block [s]."""
+        return len(self.telemetry) * self.telemetry.sample_period
+
+
 @dataclass(frozen=True, eq=False)
 class RunningCycle:
     """A test cycle in progress."""
@@ -52,8 +67,8 @@ class RunningCycle:
     """True fault vector, ``(8,)``."""
     samples: int
     """Number of samples, including the pause."""
-    blocks: Iterator[tuple[Telemetry, float]]
-    """Measured blocks with the motor torque at their end [N.m], computed on demand."""
+    blocks: Iterator[MeasuredBlock]
+    """Measured blocks, computed on demand."""
 
 
 class ActuatorBench:
@@ -245,16 +260,14 @@ class ActuatorBench:
         blocks = self._blocks(samples, self.end_ns)
         return RunningCycle(number, self.end_ns, hours, faults.copy(), len(samples), blocks)
 
-    def _blocks(
-        self, samples: NDArray[np.float64], start_ns: int
-    ) -> Iterator[tuple[Telemetry, float]]:
+    def _blocks(self, samples: NDArray[np.float64], start_ns: int) -> Iterator[MeasuredBlock]:
         h, size = self.description.sample_period, self._block_samples
         for start in range(0, len(samples), size):
             block = self._actuator.advance(samples[start : start + size], self.settings.load)
             elapsed = elapsed_ns(h, block.first_index - start - 1, start + 1)
             block = replace(block, stamp_ns=start_ns + elapsed)
             self.end_ns = block.stamp_at(len(block) - 1)
-            yield self._sensors.measure(block), self._actuator.state.torque
+            yield MeasuredBlock(self._sensors.measure(block), self._actuator.state.torque)
 
     def _check_simulable(
         self,

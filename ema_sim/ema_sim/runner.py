@@ -1,14 +1,12 @@
-"""Execution of a test bench in a thread, cycle by cycle, synchronised with the wall clock."""
+"""Execution of a simulation in a thread, cycle by cycle, synchronised with the wall clock."""
 
 import math
 import threading
 import time
-from collections.abc import Callable
-from typing import Final, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
 from ema_core.steady_thread import SteadyThread
-from ema_core.telemetry import Telemetry
-from ema_sim.bench import ActuatorBench, RunningCycle
 
 TOLERANCE_S: Final = 0.1
 """Largest delay that is caught up [s]; longer delays shift the schedule."""
@@ -106,7 +104,51 @@ class Pacer:
         return _Mark(now, self._simulated_s, self._waited_s)
 
 
-class BenchRunner:
+class Block(Protocol):
+    """Simulated samples that are published together."""
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the block [s]."""
+        ...
+
+
+class Cycle(Protocol):
+    """Cycle in progress."""
+
+    @property
+    def number(self) -> int:
+        """Running number, from 0."""
+        ...
+
+    @property
+    def blocks(self) -> Iterator[Any]:
+        """Blocks of the cycle, computed on demand."""
+        ...
+
+
+AnyBlock = TypeVar("AnyBlock", bound=Block)
+AnyCycle = TypeVar("AnyCycle", bound=Cycle)
+CycleOut = TypeVar("CycleOut", bound=Cycle, covariant=True)
+
+
+class Bench(Protocol[CycleOut]):
+    """Simulation that runs in cycles."""
+
+    @property
+    def end_ns(self) -> int:
+        """End of the last sample so far [ns]."""
+        ...
+
+    def compile_kernels(self) -> None:
+        """Compile the kernels of the simulation, or load them from the cache."""
+
+    def begin_cycle(self, start_ns: int | None = None) -> CycleOut:
+        """Start the next cycle at ``start_ns``, by default at the end of the last sample."""
+        ...
+
+
+class BenchRunner(Generic[AnyCycle, AnyBlock]):
     """Runs the cycles of a bench from start to stop.
 
     At rate 1 the stamps follow the wall clock: a cycle starts at the end of the previous cycle, or
@@ -120,7 +162,7 @@ class BenchRunner:
     on_cycle
         Called when a cycle starts.
     on_block
-        Called with each block, and the motor torque at its end [N.m], when its last sample is due.
+        Called with each block when its last sample is due.
     on_failure
         Called with reason and traceback when the run has ended unexpectedly; it is restarted with
         a new cycle.
@@ -135,11 +177,11 @@ class BenchRunner:
 
     def __init__(
         self,
-        bench: ActuatorBench,
+        bench: Bench[AnyCycle],
         rate: float,
         *,
-        on_cycle: Callable[[RunningCycle], None],
-        on_block: Callable[[Telemetry, float], None],
+        on_cycle: Callable[[AnyCycle], None],
+        on_block: Callable[[AnyBlock], None],
         on_failure: Callable[[str, str], object],
     ) -> None:
         self.activity = "idle"
@@ -190,10 +232,10 @@ class BenchRunner:
         self._pacer.begin_cycle(from_now=start_ns is not None)
         self.cycle = cycle.number
         self._on_cycle(cycle)
-        for block, torque in cycle.blocks:
-            if not self._pacer.wait(len(block) * block.sample_period, stop):
+        for block in cycle.blocks:
+            if not self._pacer.wait(block.duration_s, stop):
                 return False
-            self._on_block(block, torque)
+            self._on_block(block)
         return True
 
     def _start_ns(self) -> int | None:

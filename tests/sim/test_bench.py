@@ -14,7 +14,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
 from ema_core.telemetry import Telemetry, join
 from ema_sim import runner
-from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
+from ema_sim.bench import ActuatorBench, BenchSettings, MeasuredBlock, RunningCycle
 from ema_sim.growth import Growth, grow
 from ema_sim.runner import TOLERANCE_S, BenchRunner, Pacer
 
@@ -188,11 +188,11 @@ class Run:
             on_failure=self._fail,
         )
 
-    def _keep(self, block: Telemetry, torque: float) -> None:
+    def _keep(self, measured: MeasuredBlock) -> None:
         self.arrivals_ns.append(self.clock.time_ns())
         if len(self.blocks) == self._stall[0]:
             self.clock.now_s += self._stall[1]
-        self.blocks.append(block)
+        self.blocks.append(measured.telemetry)
         if len(self.blocks) == self._last:
             self.runner.thread.ending.set()
 
