@@ -120,6 +120,7 @@ def node_access(
             publishes=(*full(topics.ACTUATOR_TOPICS), CLOCK),
             replies=("set_command", "set_faults"),
         ),
+        _node(prefix, "robot", publishes=(*full(topics.ROBOT_TOPICS), CLOCK)),
         _node(
             prefix,
             "bridge",

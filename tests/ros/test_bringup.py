@@ -135,6 +135,7 @@ def own_of(node: dict[str, Any]) -> dict[str, Any]:
 LAUNCH_FILES = {
     "ema.launch.py": {"bag": "worn"},
     "bridge.launch.py": {},
+    "robot.launch.py": {},
     "fleet.launch.py": {},
     "monitor.launch.py": {},
     "replay.launch.py": {"bag": "worn"},
@@ -393,6 +394,14 @@ def test_demo_makes_the_actuator_wear_out():
     assert values["growth.friction.law"] == "exponential"
     # The demo's own seed overrides that of the shipped file.
     assert (declared("actuator")["seed"], values["seed"]) == (0, 1)
+
+
+def test_demo_makes_two_joints_of_the_robot_wear():
+    files = [parameter_file("demo_robot")]
+    values, given = started("robot", *ros_arguments("robot", parameter_files=files))
+    assert given - values.keys() == set()
+    wear = {name: value for name, value in values.items() if name.startswith("wear.") and value}
+    assert wear == {"wear.elbow": 0.03, "wear.wrist_2": 0.015}
 
 
 def test_aggregator_sorts_every_status_and_leaves_none_over():

@@ -23,6 +23,7 @@ MODULES: Final = {
     "recorder": "ema_bags.recorder_node",
     "player": "ema_bags.player_node",
     "dashboard": "ema_dashboard.dashboard_node",
+    "robot": "ema_sim.robot_node",
 }
 """Module of each node."""
 

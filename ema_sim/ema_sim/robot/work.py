@@ -48,7 +48,7 @@ class ArmTelemetry:
     """Consecutive samples of all joints of an arm; columns are in the order of ``JOINT_NAMES``."""
 
     elapsed_ns: int
-    """Time of the first sample since the start of the work [ns]."""
+    """Time of the first sample since the start of the work, the end of its period [ns]."""
     rate: int
     """Sample rate [Hz]."""
     position: Vector
@@ -222,8 +222,9 @@ class RobotArm:
         )
         last = slice(self._each - 1, None, self._each)
         position, velocity, effort = self._measure(recorded, last)
+        period_ns = 1_000_000_000 // self._rate
         block = ArmTelemetry(
-            self.elapsed_ns,
+            self.elapsed_ns + period_ns,
             self._rate,
             position,
             velocity,
@@ -232,7 +233,7 @@ class RobotArm:
             np.ascontiguousarray(reference[:, last, 1].T),
             temperature[last],
         )
-        self.elapsed_ns += len(block) * (1_000_000_000 // self._rate)
+        self.elapsed_ns += len(block) * period_ns
         return block
 
     def _measure(self, recorded: Vector, last: slice) -> tuple[Vector, Vector, Vector]:

@@ -6,6 +6,9 @@ TELEMETRY: Final = "telemetry"
 DESCRIPTION: Final = "actuator_description"
 SIMULATED_FAULTS: Final = "simulated_faults"
 JOINT_STATES: Final = "joint_states"
+JOINT_COMMANDS: Final = "joint_commands"
+ROBOT_DESCRIPTION: Final = "robot_description"
+TRUE_FRICTION: Final = "true_friction"
 USAGE: Final = "usage"
 MEASURED_CAUSES: Final = "measured_causes"
 FAULT_ESTIMATE: Final = "fault_estimate"
@@ -18,5 +21,8 @@ BASELINE: Final = "baseline"
 FRICTION_CURVE: Final = "friction_curve"
 PLAYBACK_STATE: Final = "playback_state"
 NODE_STATUS: Final = "node_status"
+
+ROBOT_TOPICS: Final = (JOINT_STATES, JOINT_COMMANDS, ROBOT_DESCRIPTION, TRUE_FRICTION)
+"""Topics of a simulated robot arm."""
 
 NAMESPACE: Final = "/ema"

@@ -1,0 +1,23 @@
+"""A simulated robot arm.
+
+ros2 launch ema_bringup robot.launch.py namespace:=/left
+"""
+
+import sys
+from pathlib import Path
+
+from launch_ros.actions import Node
+
+from launch import LaunchContext, LaunchDescription
+
+sys.path.insert(0, str(Path(__file__).parent))
+import ema_launch_arguments as ema
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the node, with its arguments."""
+    return ema.launch(__file__, _nodes, ("robot",))
+
+
+def _nodes(context: LaunchContext) -> list[Node]:
+    return [ema.node(context, "robot", "ema_sim")]
