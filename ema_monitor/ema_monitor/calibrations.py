@@ -118,6 +118,9 @@ class CalibrationStore:
     folder
         Folder of the files that a call names, and of new calibrations if neither ``file`` nor the
         call names a path.
+    learned_file
+        As ``file``, for units with an unknown drive, whose baselines are learned; empty for
+        ``file``.
 
     Raises
     ------
@@ -125,16 +128,17 @@ class CalibrationStore:
         If ``file`` has other names in braces or refers to a home folder that does not exist.
     """
 
-    def __init__(self, file: str, folder: Path) -> None:
+    def __init__(self, file: str, folder: Path, learned_file: str = "") -> None:
         self._file = file
         self._folder = folder
+        self._learned_file = learned_file
         self._in_use: dict[UnitKey, AnyCalibration] = {}
         self._set_path(ActuatorDescription())
 
     def of(self, description: ActuatorDescription) -> AnyCalibration | str:
         """Return the calibration of an actuator, or the reason why it has none."""
         key = description.unit_key
-        if key not in self._in_use and self._file:
+        if key not in self._in_use and self._pattern(description):
             path = self._set_path(description)
             try:
                 self._in_use[key] = load_calibration(path)
@@ -145,6 +149,13 @@ class CalibrationStore:
             except (ValueError, OSError) as error:
                 return f"the calibration cannot be used: {error}"
         return self._in_use.get(key) or Calibration.builtin()
+
+    def use(self, description: ActuatorDescription, calibration: JointCalibration | None) -> None:
+        """Use the learned baseline of a unit; None if it has none any more."""
+        if calibration is None:
+            self._in_use.pop(description.unit_key, None)
+        else:
+            self._in_use[description.unit_key] = calibration
 
     def load(self, description: ActuatorDescription, file: str) -> tuple[AnyCalibration, Path]:
         """Read the calibration of an actuator from a file and use it; return it and its path.
@@ -199,7 +210,8 @@ class CalibrationStore:
 
     def is_used_again(self, description: ActuatorDescription, path: Path) -> bool:
         """Return whether the store loads an actuator's calibration from this file at startup."""
-        return bool(self._file) and path.resolve() == self._set_path(description).resolve()
+        is_set = bool(self._pattern(description))
+        return is_set and path.resolve() == self._set_path(description).resolve()
 
     def keep(
         self, description: ActuatorDescription, calibration: AnyCalibration, path: Path
@@ -216,17 +228,23 @@ class CalibrationStore:
     def _place(self, description: ActuatorDescription, file: str) -> Path:
         if file:
             return self._called_path(file, description)
-        if self._file:
+        if self._pattern(description):
             return self._set_path(description)
         name = f"calibration_{description.actuator_id}_{description.serial_number}.yaml"
-        return self._folder / _as_file_name(name)
+        return self._folder / file_name(name)
 
     def _set_path(self, description: ActuatorDescription) -> Path:
         """Return the path given by the setting; it may be outside the folder."""
+        pattern = self._pattern(description)
         try:
-            return Path(_filled(self._file, description)).expanduser()
+            return Path(_filled(pattern, description)).expanduser()
         except (RuntimeError, ValueError) as error:
-            raise ValueError(f"calibration_file = {self._file!r}: {error}") from error
+            raise ValueError(f"calibration_file = {pattern!r}: {error}") from error
+
+    def _pattern(self, description: ActuatorDescription) -> str:
+        """Return the path of an actuator's calibration with its placeholders; empty if none."""
+        is_learned = description.drive == "unknown" and self._learned_file
+        return self._learned_file if is_learned else self._file
 
     def _called_path(self, file: str, description: ActuatorDescription) -> Path:
         """Return the path named by a call; it must be inside the folder, as any node may call."""
@@ -250,8 +268,8 @@ def _not_stored(path: Path, error: OSError) -> ValueError:
 def _filled(path: str, description: ActuatorDescription) -> str:
     """Return a path with the placeholders in braces replaced by an actuator's names."""
     names = {
-        "actuator_id": _as_file_name(description.actuator_id),
-        "serial_number": _as_file_name(description.serial_number),
+        "actuator_id": file_name(description.actuator_id),
+        "serial_number": file_name(description.serial_number),
     }
     filled = re.sub(r"\{(\w+)\}", lambda match: names.get(match[1], match[0]), path)
     if "{" in filled or "}" in filled:  # the names are quoted and contain no braces
@@ -261,6 +279,6 @@ def _filled(path: str, description: ActuatorDescription) -> str:
     return filled
 
 
-def _as_file_name(name: str) -> str:
+def file_name(name: str) -> str:
     """Return a name with characters escaped that could lead into another folder."""
     return name.replace(".", "%2E") if name in (".", "..") else quote(name, safe=" ")

@@ -80,6 +80,24 @@ def _order_unknown(reason: of.OrderUnknown) -> str:
     )
 
 
+def _learning(reason: of.Learning) -> str:
+    counts = f"{counted(reason.records, 'record')} on {counted(reason.days, 'day')}"
+    parts = [f"learning: {counts}"]
+    if math.isfinite(reason.other_day):
+        same_day, other_day = (100.0 * share for share in (reason.same_day, reason.other_day))
+        parts.append(
+            f"changes of friction above {same_day:.2g} % would show, above {other_day:.2g} % on "
+            "another day"
+        )
+    if reason.detail:
+        parts.append(reason.detail)
+    elif reason.records_needed:
+        parts.append(f"the baseline is accepted with {reason.records_needed} records")
+    else:
+        parts.append("a person accepts the baseline")
+    return "; ".join(parts)
+
+
 def _other_unit(reason: of.OtherUnit) -> str:
     start = "forced although " if reason.forced else "the calibration does not fit: "
     return start + reason.detail
@@ -186,6 +204,7 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     of.MotorStill: "no excitation: the motor stands still although the command moves",
     of.NotDetermined: ("no excitation: the {r.subject} determines no fault better than its range"),
     of.NoCalibration: "{r.detail}",
+    of.Learning: _learning,
     of.DriveUnknown: (
         "drive = unknown, and the calibration is of a drive that is known; calibrate on healthy "
         "motion of this unit"

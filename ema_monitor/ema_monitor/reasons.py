@@ -156,6 +156,23 @@ class NoCalibration(Reason, code="no_calibration"):
 
 
 @dataclass(frozen=True)
+class Learning(Reason, code="learning"):
+    """The healthy records of the unit are being collected; it has no baseline yet."""
+
+    records: int
+    days: int
+    """Number of collected records, and of their days."""
+    records_needed: int
+    """Number of records for automatic acceptance; 0 if a person accepts."""
+    same_day: float
+    other_day: float
+    """Smallest relative change of friction that would show on a day with records, and on another
+    day [-]; NaN before the first fit."""
+    detail: str
+    """Why the records make no baseline; empty if they make one."""
+
+
+@dataclass(frozen=True)
 class DriveUnknown(Reason, code="drive_unknown"):
     """The drive is unknown, and the calibration belongs to a known drive."""
 

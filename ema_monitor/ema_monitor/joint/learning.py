@@ -10,7 +10,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.elasticity import with_elasticity
 from ema_monitor.joint.lag import aligned, common_lag, effort_lag, with_shift
-from ema_monitor.joint.record import read_record, record_defect
+from ema_monitor.joint.record import FEWEST_ROWS, read_record, record_defect
 from ema_monitor.joint.renewal import renewed
 from ema_monitor.joint.ripple import with_ripples
 from ema_monitor.joint.shape import choose_shape
@@ -26,6 +26,7 @@ from ema_monitor.joint.signals import (
 )
 from ema_monitor.joint.spikes import despiked
 from ema_monitor.reason_texts import joined
+from ema_monitor.reasons import EffortMissing, Reason, SpeedGaps, TooFewRows
 
 
 def learn(
@@ -103,6 +104,22 @@ def learn(
         for number, rows in zip(usable, chosen, strict=True)
     ]
     return Baseline(preparation, shape, tuple(readings))
+
+
+def unusable(telemetry: Telemetry, description: ActuatorDescription) -> Reason | None:
+    """Return why a record alone cannot be a healthy record; None if it can."""
+    if not len(telemetry.current):
+        return EffortMissing()
+    if not np.all(np.isfinite(telemetry.speed)):
+        return SpeedGaps()
+    cutoff = cutoff_of(motion_band(telemetry), telemetry.sample_period)
+    record = despiked(renewed(telemetry), cutoff).telemetry
+    blocks = block_means(record, description, cutoff)
+    usual = usual_speed(blocks, cutoff)
+    if not usual > 0.0:
+        return TooFewRows(0, FEWEST_ROWS)
+    preparation = Preparation(cutoff, acquisition_lag(description), usual)
+    return record_defect(filtered(blocks, preparation), preparation)
 
 
 def _require_different(records: Sequence[Telemetry]) -> None:

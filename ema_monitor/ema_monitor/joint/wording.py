@@ -339,12 +339,17 @@ def baseline_sentences(comparer: Comparer) -> list[str]:
             f"above {same_day} would show on a day that has healthy records, above {another_day} "
             "on another day"
         )
-    sentences = [f"{label_of(FRICTION)}: changes {where}"]
+    return [f"{label_of(FRICTION)}: changes {where}", *advice_sentences(comparer)]
+
+
+def advice_sentences(comparer: Comparer) -> list[str]:
+    """Return sentences on what would lower the detection limits of a baseline."""
+    sentences = []
     for item in comparer.improvements:
         days = f" on {_count(item.days, 'further day')}" if item.days else ""
         sentences.append(
-            f"{_count(item.records, 'further healthy record')}{days} would lower this to "
-            f"{_percent(item.smallest_change)}"
+            f"{_count(item.records, 'further healthy record')}{days} would lower the limit on "
+            f"another day to {_percent(item.smallest_change)}"
         )
     sentences += [_SHORTCOMINGS[item] for item in comparer.baseline.shortcomings]
     return sentences + _lag_sentences(comparer.baseline.preparation.unexpected_lag_s)

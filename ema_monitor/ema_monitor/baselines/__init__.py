@@ -1,0 +1,1 @@
+"""Baselines of joints, collected record by record and accepted by a person or a rule."""

@@ -1,0 +1,95 @@
+"""History of the changes of a baseline, one line of JSON each, append only."""
+
+import json
+import os
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+
+
+class Kind(StrEnum):
+    """Kind of a change."""
+
+    ACCEPT = "accept"
+    AUTOMATIC = "automatic"
+    EXTEND = "extend"
+    RESET = "reset"
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of a baseline."""
+
+    kind: Kind
+    author: str
+    """Person or rule that made the change."""
+    time_ns: int
+    """Time of the change since 1970, UTC [ns]."""
+    before: str
+    """Identity of the calibration before; empty without one."""
+    after: str
+    """Identity of the calibration after; empty without one."""
+    records: int
+    """Number of records in the calibration after; before, of a reset."""
+    note: str = ""
+    files: tuple[str, ...] = ()
+    """Names of the files of the records in the calibration after."""
+
+    @property
+    def time_text(self) -> str:
+        """Time as a text, to the minute."""
+        return f"{datetime.fromtimestamp(self.time_ns // 1_000_000_000, UTC):%Y-%m-%d %H:%M} UTC"
+
+    def __str__(self) -> str:
+        number = f"{self.records} record" + ("" if self.records == 1 else "s")
+        identity = self.after or self.before
+        named = f" ({identity})" if identity else ""
+        note = f": {self.note}" if self.note else ""
+        return f"{self.time_text}  {self.kind} by {self.author}, {number}{named}{note}"
+
+
+def append_change(path: Path, change: Change) -> None:
+    """Append a change to a file and flush it to disk. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    line = json.dumps(asdict(change), ensure_ascii=False) + "\n"
+    with path.open("ab+") as file:
+        # A line that a crash cut off stays alone.
+        if file.tell() and not _ends_a_line(path):
+            file.write(b"\n")
+        file.write(line.encode())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_changes(path: Path) -> list[Change]:
+    """Return the changes in a file, in their order; damaged lines are ignored."""
+    changes = []
+    try:
+        lines = path.read_bytes().splitlines()
+    except FileNotFoundError:
+        return []
+    for line in lines:
+        try:
+            content = json.loads(line)
+            changes.append(
+                Change(
+                    Kind(content["kind"]),
+                    str(content["author"]),
+                    int(content["time_ns"]),
+                    str(content["before"]),
+                    str(content["after"]),
+                    int(content["records"]),
+                    str(content.get("note", "")),
+                    tuple(map(str, content.get("files", ()))),
+                )
+            )
+        except (ValueError, KeyError, TypeError):
+            continue
+    return changes
+
+
+def _ends_a_line(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(-1, os.SEEK_END)
+        return file.read(1) == b"\n"

@@ -1,0 +1,125 @@
+"""Progress of a baseline: its records, detection limits, and what would improve it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ema_core.wording import counted
+from ema_monitor.calibration.joint_calibration import JointCalibration
+from ema_monitor.joint.comparison import FRICTION
+from ema_monitor.joint.wording import advice_sentences
+from ema_monitor.reasons import Learning
+from ema_monitor.windows.window import Window
+
+FEWEST: Final = 3
+"""Minimum number of records in a baseline: fewer records show no scatter."""
+
+_MOVING: Final = 0.05
+_BLIND: Final = 1.0
+"""Relative change of friction that has to show [-]."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Progress of a baseline."""
+
+    records: int = 0
+    """Number of records: of the baseline if accepted, else collected."""
+    days: int = 0
+    """Number of days of the records; records without a date count as one day."""
+    records_needed: int = 0
+    """Number of records for automatic acceptance; 0 if a person accepts."""
+    slowest: float = math.nan
+    """Slowest usual speed of the records [rad/s, m/s with a lead]."""
+    fastest: float = math.nan
+    """Fastest usual speed of the records [rad/s, m/s with a lead]."""
+    forward_share: float = math.nan
+    """Share of the moving time in which the joint moves forward [-]."""
+    detectable_same_day: float = math.nan
+    """Smallest relative change of friction that would show on a day with records [-]."""
+    detectable_other_day: float = math.nan
+    """Smallest relative change of friction that would show on another day [-]."""
+    advice: tuple[str, ...] = ()
+    """Sentences on what would lower the smallest change."""
+    reason: str = ""
+    """Why the records make no baseline; empty if they make one."""
+
+    @property
+    def as_reason(self) -> Learning:
+        """The progress as the reason why a record is not judged."""
+        return Learning(
+            self.records,
+            self.days,
+            self.records_needed,
+            self.detectable_same_day,
+            self.detectable_other_day,
+            self.reason,
+        )
+
+
+def progress_of(
+    calibration: JointCalibration | None,
+    records: int,
+    days: int,
+    forward_share: float,
+    reason: str,
+    records_needed: int = 0,
+) -> Progress:
+    """Return the progress of records with the calibration fitted to them, if there is one."""
+    if calibration is None:
+        return Progress(records, days, records_needed, reason=reason)
+    comparer = calibration.comparer
+    lead = calibration.parameters.lead
+    way = lead / (2.0 * math.pi) if lead else 1.0
+    speeds = [way * record.usual_speed for record in calibration.baseline.records]
+    return Progress(
+        records,
+        days,
+        records_needed,
+        min(speeds),
+        max(speeds),
+        forward_share,
+        comparer.smallest_changes_of_a_day[FRICTION],
+        comparer.smallest_changes[FRICTION],
+        tuple(advice_sentences(comparer)),
+        reason,
+    )
+
+
+def refusal_of(calibration: JointCalibration, *, accepts_outliers: bool = False) -> str:
+    """Return why a calibration cannot be accepted as a baseline; empty if it can.
+
+    Parameters
+    ----------
+    calibration
+        Calibration fitted to the records.
+    accepts_outliers
+        Whether a person confirms that records that differ from the others are healthy.
+    """
+    if calibration.windows < FEWEST:
+        return (
+            f"{counted(calibration.windows, 'usable record')}: a baseline needs at least {FEWEST}"
+        )
+    smallest = calibration.comparer.smallest_changes_of_a_day[FRICTION]
+    if not smallest < _BLIND:
+        return (
+            "the records do not judge friction: even a doubling would not show; record more motion "
+            "in both directions"
+        )
+    if calibration.outliers and not accepts_outliers:
+        return "; ".join(map(str, calibration.outliers))
+    return ""
+
+
+def forward_share(windows: Sequence[Window]) -> float:
+    """Return the share of the moving time in which the position increases [-]; NaN at rest."""
+    forward_s = moving_s = 0.0
+    for window in windows:
+        speed = np.diff(window.telemetry.position)
+        least = _MOVING * float(np.percentile(np.abs(speed), 95.0))
+        forward_s += window.sample_period * float(np.count_nonzero(speed > least))
+        moving_s += window.sample_period * float(np.count_nonzero(np.abs(speed) > least))
+    return forward_s / moving_s if moving_s else math.nan

@@ -1,0 +1,84 @@
+"""Healthy records survive storage, and surplus records leave every day represented."""
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ema_core.causes import CauseEstimate
+from ema_monitor.baselines.record_files import RecordFiles, StoredRecord, thinned
+from ema_monitor.joint.record import NS_A_DAY
+
+from .healthy import START_NS, record
+
+
+def test_record_survives_storage_with_the_resolution_of_its_sensor(tmp_path: Path):
+    """After 1,600 turns a float32 angle is off by 0.6 mrad; an encoder resolves 0.1 mrad."""
+    window = record(0, offset=1e4)
+    telemetry = window.telemetry
+    lost = np.zeros(len(telemetry), dtype=bool)
+    lost[7:9] = True
+    measured = (CauseEstimate("winding_temperature", 31.5, 0.5),)
+    window = replace(window, telemetry=replace(telemetry, interpolated=lost), measured=measured)
+    stored = RecordFiles(tmp_path / "records").add(window)
+    assert stored is not None
+    [read] = RecordFiles(tmp_path / "records").read([stored])
+    np.testing.assert_allclose(read.telemetry.position, telemetry.position, atol=1e-7, rtol=0.0)
+    np.testing.assert_allclose(read.telemetry.current, telemetry.current, rtol=1e-6)
+    np.testing.assert_array_equal(read.telemetry.interpolated, lost)
+    assert read.measured == measured
+    assert (read.start_ns, read.sample_period) == (window.start_ns, 0.01)
+
+
+def test_record_without_speed_and_command_stays_without_them(tmp_path: Path):
+    telemetry = replace(record(0).telemetry, command=np.zeros(0), speed=np.zeros(0))
+    files = RecordFiles(tmp_path)
+    stored = files.add(replace(record(0), telemetry=telemetry))
+    assert stored is not None
+    assert files.read([stored])[0].telemetry.missing == ("command", "speed")
+
+
+def test_record_of_a_replay_is_stored_once(tmp_path: Path):
+    files = RecordFiles(tmp_path)
+    assert files.add(record(1)) is not None
+    assert files.add(record(1)) is None
+    assert RecordFiles(tmp_path).add(record(1)) is None
+
+
+def test_damaged_record_is_left_out_and_deleted(tmp_path: Path):
+    files = RecordFiles(tmp_path)
+    good, bad = (files.add(record(number)) for number in (0, 1))
+    assert good is not None
+    assert bad is not None
+    bad.path.write_bytes(good.path.read_bytes()[:500])
+    (tmp_path / "notes.npz").write_bytes(b"")
+    files = RecordFiles(tmp_path)
+    assert [window.start_ns for window in files.read(files.stored)] == [good.stamp_ns]
+    assert not bad.path.exists()
+    assert files.stored == [good]
+
+
+def test_surplus_records_leave_every_day_represented():
+    records = [
+        StoredRecord(START_NS + day * NS_A_DAY + number * 10**9, Path(f"{day}-{number}"))
+        for day, count in enumerate((40, 3, 20))
+        for number in range(count)
+    ]
+    kept = thinned(records, 20)
+    counts = Counter(record.day - kept[0].day for record in kept)
+    assert len(kept) == 20
+    assert counts[1] == 3
+    assert abs(counts[0] - counts[2]) <= 1
+    first_day = [item for item in kept if item.day == kept[0].day]
+    # Spread over the day: the first and the last remain.
+    assert (first_day[0], first_day[-1]) == (records[0], records[39])
+    assert thinned(records, 100) == records
+
+
+@pytest.mark.parametrize("most", [1, 2])
+def test_few_records_are_thinned_to_the_earliest(most: int):
+    records = [StoredRecord(START_NS + number, Path(str(number))) for number in range(4)]
+    assert thinned(records, most)[0] == records[0]
+    assert len(thinned(records, most)) == most
