@@ -27,12 +27,13 @@ from ema_monitor.identification.estimate import (
 from ema_monitor.joint import comparison as of
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.comparison import Comparison, QuantityChange
+from ema_monitor.joint.curve import FrictionCurve, friction_curve
 from ema_monitor.joint.lag import EffortLag, aligned, effort_lag, with_shift
 from ema_monitor.joint.record import JointRecord, read_record, record_defect
 from ema_monitor.joint.renewal import renewed
 from ema_monitor.joint.scale import effort_scale
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
-from ema_monitor.joint.signals import Fine, block_means, filtered, usual_speed
+from ema_monitor.joint.signals import Fine, Signals, block_means, filtered, usual_speed
 from ema_monitor.joint.single import Z90
 from ema_monitor.joint.spikes import despiked
 from ema_monitor.joint.standstill import StandstillCause, standstill_of
@@ -153,6 +154,44 @@ def identify_record(
         causes=tuple(_causes(comparison, calibration)),
         measured=window.measured,
         comparison=comparison,
+    )
+
+
+def record_curve(
+    window: Window, description: ActuatorDescription, calibration: JointCalibration
+) -> FrictionCurve | None:
+    """Return the friction of a record over speed; None if the record cannot be compared."""
+    if _unusable(window, calibration) is not None:
+        return None
+    window, _ = _without_spikes(window, calibration)
+    record = _record_of(window, description, calibration)
+    if isinstance(record, tuple):
+        return None
+    signals = _signals(window, description, calibration, record.effort_lag)
+    return friction_curve(calibration.comparer.at_temperature_of(record), record, signals)
+
+
+def _signals(
+    window: Window, description: ActuatorDescription, calibration: JointCalibration, lag: EffortLag
+) -> Signals:
+    """Return the rows of a record with the lag of its effort removed."""
+    preparation = calibration.baseline.preparation
+    fine = block_means(window.telemetry, description, preparation.cutoff_hz)
+    return filtered(aligned(fine, lag), preparation)
+
+
+def learning_estimate(window: Window | Refusal, *reasons: Reason) -> Estimate:
+    """Return the estimate of a record of a unit that has no baseline yet."""
+    is_lost = isinstance(window, Refusal) and (window.is_dropped or window.is_cut_off)
+    return Estimate(
+        window.start_ns,
+        window.end_ns,
+        INVERSE_DYNAMICS,
+        0,
+        "",
+        reasons=reasons,
+        verdict=SKIPPED if is_lost else REFUSED,
+        lacks_calibration=True,
     )
 
 
@@ -302,8 +341,7 @@ def _shifted_zero(
     baseline, comparer = calibration.baseline, calibration.comparer
     if not (baseline.shape.has_gravity and comparison.has_departed):
         return None
-    fine = block_means(window.telemetry, description, baseline.preparation.cutoff_hz)
-    signals = filtered(aligned(fine, record.effort_lag), baseline.preparation)
+    signals = _signals(window, description, calibration, record.effort_lag)
     shift, gain = zero_shift(baseline.shape, signals)
     if abs(shift) < _LEAST_ZERO:
         return None
