@@ -42,7 +42,9 @@ _OF_LIFECYCLES: Final = (
 _PUBLISHED_BY_ALL: Final = ("/rosout", "/parameter_events")
 _STEERED_BY_DASHBOARD: Final = ("pause", "resume", "seek", "set_rate")
 _HISTORY: Final = ("get_history", "note_event")
-_ASKED_OF_MONITOR: Final = ("calibrate", "forget_actuator", *_HISTORY, "predict_remaining_life")
+_ASKED_OF_MONITOR: Final = (
+    *("calibrate", "change_baseline", "forget_actuator", *_HISTORY, "predict_remaining_life"),
+)
 _ASKED_BY_DASHBOARD: Final = (
     *(f"monitor/{name}" for name in _HISTORY),
     *(f"player/{name}" for name in _STEERED_BY_DASHBOARD),

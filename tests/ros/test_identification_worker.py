@@ -58,6 +58,7 @@ class Published:
             histories=cast(Any, SimpleNamespace(estimates=lambda _: [])),
             actuators=cast(Any, {"flap": self.status}),
             settings=cast(Any, self.settings),
+            baselines=cast(Any, SimpleNamespace(learn=lambda _: None, note=lambda *_: None)),
             store=cast(Any, SimpleNamespace(of=lambda _: "no calibration")),
             log=cast(Any, self),
             is_simulated=True,

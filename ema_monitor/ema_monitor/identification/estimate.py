@@ -19,7 +19,7 @@ from ema_monitor.joint.comparison import Comparison
 from ema_monitor.joint.window_figures import WindowFigures, figures_of_row, row_of
 from ema_monitor.joint.wording import finding, summary, table_text
 from ema_monitor.reason_texts import joined, text_of
-from ema_monitor.reasons import OtherUnit, Reason
+from ema_monitor.reasons import Learning, OtherUnit, Reason
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -128,6 +128,11 @@ class Estimate(Displayed):
     comparison: Comparison | None = None
     """Comparison of the record with the baseline of its unit; None for a modelled drive or a record
     that could not be read."""
+
+    @property
+    def is_learning(self) -> bool:
+        """Whether the record only adds to the baseline of a unit that has none yet."""
+        return any(isinstance(reason, Learning) for reason in self.reasons)
 
     def __post_init__(self) -> None:
         is_within = np.abs(np.subtract(self.faults, healthy_faults())) <= np.asarray(self.sigma)

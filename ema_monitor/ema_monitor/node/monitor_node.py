@@ -5,6 +5,7 @@ from typing import Any, Final
 
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import NodeStatus
+from ema_monitor.baselines.unit_baseline import calibration_pattern
 from ema_monitor.calibrations import CalibrationStore
 from ema_monitor.node.publish.actuators import Actuators
 from ema_monitor.node.publish.log import Log
@@ -50,7 +51,10 @@ class MonitorNode(ManagedNode):
     def configure(self) -> None:
         """Read files, compile kernels and create the parts of the node."""
         files = read(self, Files)
-        store = CalibrationStore(files.calibration_file, folder_of(files.calibration_folder))
+        learned = calibration_pattern(files.baselines) if files.baselines else ""
+        store = CalibrationStore(
+            files.calibration_file, folder_of(files.calibration_folder), learned
+        )
         description = load_description(Path(files.actuator_file)) if files.actuator_file else None
         if "{" not in files.calibration_file:
             reason = store.of(description or ActuatorDescription())
@@ -101,6 +105,7 @@ class MonitorNode(ManagedNode):
             self.outputs,
             settings,
             store,
+            files.baselines,
             self._now_ns,
             log,
             is_simulated=is_simulated,
@@ -136,6 +141,7 @@ class MonitorNode(ManagedNode):
     def clean_up(self) -> None:
         """Close the histories, and forget the actuators."""
         self.histories.close()
+        self.work.baselines.close()
         self.actuators.clear()
         self.sources.clear()
 

@@ -9,6 +9,7 @@ from typing import Final
 from rclpy.node import Node
 
 from ema_core.quantity import Checked, flag, quantity, text
+from ema_monitor.baselines.unit_baseline import MOST_RECORDS
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
@@ -49,10 +50,20 @@ class Files(Checked):
         "$ROS_HOME/ema/history",
         f"folder for the tests of each unit; {IN_MEMORY!r}, and in simulated time: none is kept",
     )
+    baseline_folder: str = text(
+        "",
+        "folder in which the baselines of units with an unknown drive are learned, instead of "
+        "calibration_file; empty: none is learned",
+    )
     fleet_file: str = text(
         "",
         "how other units of the model grew, a file that `ema learn-fleet` wrote; empty: not known",
     )
+
+    @property
+    def baselines(self) -> Path | None:
+        """Folder of the learned baselines; None if none is learned."""
+        return folder_of(self.baseline_folder) if self.baseline_folder else None
 
     def histories(self, *, is_simulated: bool) -> Path | None:
         """Return the folder of the histories; None to keep histories in memory only.
@@ -97,6 +108,17 @@ class Operation(Checked):
         1.0,
         1e10,
         "largest difference of a stamp from the clock of the node: other tests enter no history",
+    )
+
+    accept_after: int = quantity(
+        0,
+        "-",
+        0,
+        MOST_RECORDS,
+        "records with which a learned baseline is accepted; 0: a person accepts it",
+    )
+    accept_days: int = quantity(
+        1, "-", 1, 30, "days of these records, before which a baseline is not accepted by itself"
     )
 
     has_clock: bool = flag(

@@ -16,6 +16,7 @@ from ema_monitor.prognosis.duty.course import AS_BEFORE, STEADY, FutureDuty
 from ema_monitor.prognosis.growth.check import TrackRecord
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.history_entry import UnitEvent, UnusedCycle
+from ema_monitor.reasons import Learning
 
 _OTHER_CLOCK_NS: Final = 365 * 86_400 * 10**9
 _LEAST_AHEAD_NS: Final = 1_000_000_000
@@ -196,7 +197,9 @@ class Outlook(Displayed):
     def after_refusal(self, test: UnusedCycle) -> "Outlook":
         """Return the outlook after a newer test that was refused."""
         if test.verdict != FAILED:
-            stale = self.stale(f"the newest test was refused: {test.reason}")
+            is_learning = any(isinstance(reason, Learning) for reason in test.reasons)
+            words = "" if is_learning else "the newest test was refused: "
+            stale = self.stale(f"{words}{test.reason}")
             if test.comparison is not None:
                 # The record was not judged: the index of an earlier record does not describe it.
                 stale = replace(stale, health=replace(stale.health, health_index=math.nan))

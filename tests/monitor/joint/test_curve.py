@@ -45,7 +45,7 @@ def true_friction(joint: Joint, speed: np.ndarray) -> np.ndarray:
     ids=["plain", "inertia", "Stribeck", "load"],
 )
 def test_curve_of_a_healthy_record_is_the_true_friction_within_the_band(joint: Joint):
-    """Within 5 % of Coulomb friction. Slow bins may lack rows: rows near a reversal are left out."""
+    """Within 5 % of Coulomb friction. Slow bins may lack rows: the filter leaves out reversals."""
     curve = curve_of(joint, joint)
     covered = np.isfinite(curve.latest)
     assert np.mean(covered) > 0.75

@@ -55,6 +55,8 @@ class ActuatorStatus:
         Time from the end of the latest window to its estimate [s].
     alternation
         Warning that several units use the name in turn; empty for a single unit.
+    learning
+        Progress of its baseline as a text; empty if the baseline is accepted, or not learned.
     """
 
     def __init__(
@@ -72,7 +74,7 @@ class ActuatorStatus:
         self.tally = Tally()
         self.is_calibrating = False
         self.is_listed = False
-        self.alternation = ""
+        self.alternation = self.learning = ""
         self._exchanged: list[str] = []
         self._since_exchange = 0
         self._namespace = namespace
@@ -159,6 +161,7 @@ class ActuatorStatus:
             self.latency_s = (now.clock_ns - estimate.end_ns) * 1e-9
         else:
             self.invalid += 1
+        if not (estimate.valid or estimate.is_learning):
             self.add_defect(f"window {diagnosed.number}: {estimate.reason}", diagnosed.last + 1)
         change = self.health.record(diagnosed, outlook, now) if outlook is not None else None
         if change is None:
@@ -172,4 +175,4 @@ class ActuatorStatus:
         """Publish the health if it has just become stale. Return the message, if published."""
         silent_s = (now.steady_ns - self.received_ns) * 1e-9
         self.is_silent = silent_s > min(_SILENT_S, good_for_s)
-        return self.health.expire(good_for_s, now, self.defects)
+        return self.health.expire(good_for_s, now, self.defects, self.learning)

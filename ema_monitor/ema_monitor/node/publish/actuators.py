@@ -168,6 +168,28 @@ class Actuators(dict[str, ActuatorStatus]):
             if status is not None and self.is_active:
                 status.health.add_events(events)
 
+    def show_learning(
+        self, description: ActuatorDescription, text: str, *, is_learning: bool = True
+    ) -> None:
+        """Withdraw the level of a unit without a level to show; an empty text changes nothing.
+
+        Parameters
+        ----------
+        description
+            The unit.
+        text
+            Why there is no level.
+        is_learning
+            Whether the unit is learning.
+        """
+        with self.lock:
+            status = self.get(description.actuator_id)
+            if status is None or not text:
+                return
+            status.learning = text if is_learning else ""
+            if self.is_active and status.health.end_claim(text) is None:
+                status.health.withdraw(text)
+
     def expire(self) -> list[HealthMessage]:
         """Publish health that has just become stale. Return the messages."""
         with self.lock:

@@ -16,6 +16,7 @@ from ema_core.faults import N_FAULTS
 from ema_core.levels import LEVEL_NAMES
 from ema_interfaces.msg import Advice as AdviceMessage
 from ema_interfaces.msg import (
+    BaselineStatus,
     Confusion,
     FaultEstimate,
     FaultForecast,
@@ -26,12 +27,17 @@ from ema_interfaces.msg import (
     UnitHistory,
     UnitTest,
 )
+from ema_interfaces.msg import FrictionCurve as FrictionCurveMessage
 from ema_interfaces.msg import Health as HealthMessage
 from ema_interfaces.msg import WindowFit as WindowFitMessage
+from ema_monitor.baselines.progress import Progress
+from ema_monitor.baselines.unit_baseline import UnitBaseline
+from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.estimate import VERDICTS, Estimate
 from ema_monitor.identification.window_fit import WindowFit
 from ema_monitor.joint.comparison import JUDGEMENTS, Comparison
+from ema_monitor.joint.curve import FrictionCurve
 from ema_monitor.prognosis.advice import Advice
 from ema_monitor.prognosis.duty.scenario import Scenario, scenarios_of
 from ema_monitor.prognosis.forecaster import Forecaster
@@ -244,6 +250,41 @@ def _unit_test(test: KnownTest) -> UnitTest:
         rul_05=life[0],
         rul_50=life[1],
         rul_95=life[2],
+    )
+
+
+def baseline_to_message(
+    baseline: UnitBaseline, progress: Progress, stamp_ns: int
+) -> BaselineStatus:
+    """Return the status of a learned baseline after its latest record."""
+    accepted, calibration = baseline.accepted_by, baseline.calibration
+    return _made(
+        BaselineStatus,
+        baseline.description,
+        progress,
+        stamp_ns=stamp_ns,
+        state=BaselineStatus.ACCEPTED if calibration else BaselineStatus.LEARNING,
+        calibration_id=calibration.calibration_id if calibration else "",
+        author=accepted.author if accepted else "",
+        accepted=stamp_to_message(accepted.time_ns if accepted else 0),
+    )
+
+
+def curve_to_message(
+    curve: FrictionCurve, diagnosed: Diagnosed, calibration: JointCalibration
+) -> FrictionCurveMessage:
+    """Return the friction of a record over speed in the recorded units."""
+    unit, scale = calibration.effort_shown
+    lead = calibration.parameters.lead
+    way = lead / (2.0 * math.pi) if lead else 1.0
+    efforts = {name: scale * getattr(curve, name) for name in curve._fields[1:]}
+    return _made(
+        FrictionCurveMessage,
+        diagnosed.description,
+        stamp_ns=diagnosed.estimate.end_ns,
+        unit=unit,
+        speed=way * curve.speed,
+        **efforts,
     )
 
 

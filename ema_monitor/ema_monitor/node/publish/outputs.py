@@ -7,7 +7,7 @@ from typing import Any, Final
 from rclpy.lifecycle.publisher import LifecyclePublisher
 
 from ema_core.description import ActuatorDescription
-from ema_interfaces.msg import Health
+from ema_interfaces.msg import BaselineStatus, FrictionCurve, Health
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.window_fit import WindowFit
 from ema_monitor.node.publish.messages import (
@@ -93,6 +93,14 @@ class Outputs:
     def publish_fit(self, fit: WindowFit, diagnosed: Diagnosed) -> None:
         """Publish a window with the response of the model."""
         self._publish(topics.WINDOW_FIT, window_fit_to_message(fit, diagnosed))
+
+    def publish_baseline(self, status: BaselineStatus) -> None:
+        """Publish the status of a learned baseline."""
+        self._publish(topics.BASELINE, status)
+
+    def publish_curve(self, curve: FrictionCurve) -> None:
+        """Publish the friction over speed of the latest record."""
+        self._publish(topics.FRICTION_CURVE, curve)
 
     def publish_forecast(self, forecaster: Forecaster, description: ActuatorDescription) -> None:
         """Publish the forecast of the faults of a unit."""

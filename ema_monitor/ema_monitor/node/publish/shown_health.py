@@ -105,10 +105,13 @@ class ShownHealth:
             self.outlook = replace(self.outlook, events=(*self.outlook.events, *events))
             self._publish_as_is()
 
-    def expire(self, good_for_s: float, now: Moment, defects: str) -> HealthMessage | None:
+    def expire(
+        self, good_for_s: float, now: Moment, defects: str, learning: str = ""
+    ) -> HealthMessage | None:
         """Publish the health if it has just become stale. Return the message, if published.
 
-        ``defects`` describes the defects since the latest valid estimate.
+        ``defects`` describes the defects since the latest valid estimate, and ``learning`` the
+        progress of a baseline that is being learned.
         """
         if not self._added_ns:
             self._added_ns = now.steady_ns  # simulated time has begun
@@ -125,7 +128,7 @@ class ShownHealth:
             is_due, reason = worth is not self.outlook, worth.health.reason
         if not is_due:
             return None
-        return self.withdraw("; ".join(filter(None, [reason, defects])))
+        return self.withdraw(learning or "; ".join(filter(None, [reason, defects])))
 
     def withdraw(self, reason: str) -> HealthMessage | None:
         """Publish unknown health with a reason. Return the published message."""

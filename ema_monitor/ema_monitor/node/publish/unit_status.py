@@ -68,7 +68,9 @@ def unit_tasks(unit: ActuatorStatus, waiting: int, dropped: int = 0) -> list[Tas
         summary = f"unknown, last {LEVEL_NAMES[last_level]}"
     if unit.health.outlook.dominant:
         summary += f": {unit.health.outlook.dominant}"
-    if health.reason:
+    if is_stale and unit.learning:
+        summary = unit.learning
+    elif health.reason:
         summary += f" ({health.reason})"
     items = [(item, OFF_SPEC) for item in health.requirements]
     items += [(item, FAILURE) for item in faults]

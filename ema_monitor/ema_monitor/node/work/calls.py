@@ -13,7 +13,8 @@ from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted, one_line
 from ema_interfaces.action import IdentifyFaults
-from ema_interfaces.srv import Calibrate
+from ema_interfaces.srv import Calibrate, ChangeBaseline
+from ema_monitor.baselines.changes import Kind
 from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import CalibrationStore, calibrate
 from ema_monitor.diagnosis import Identification
@@ -24,6 +25,7 @@ from ema_monitor.node.publish.actuators import NOT_ACTIVE, Actuators
 from ema_monitor.node.publish.log import Log
 from ema_monitor.node.publish.messages import estimate_to_message, unknown_estimate
 from ema_monitor.node.settings import MonitorSettings
+from ema_monitor.node.work.baselines import Baselines
 from ema_monitor.node.work.prognosis import Prognosis
 from ema_monitor.node.work.results import Results
 from ema_monitor.node.work.worker import IdentificationWorker
@@ -39,10 +41,15 @@ _POLL_S: Final = 0.1
 _MOST_GOALS: Final = 2
 _MOST_WINDOWS: Final = 200
 _REJECTION_S: Final = 1.0
+_KINDS: Final = {
+    ChangeBaseline.Request.ACCEPT: Kind.ACCEPT,
+    ChangeBaseline.Request.EXTEND: Kind.EXTEND,
+    ChangeBaseline.Request.RESET: Kind.RESET,
+}
 
 
 class MonitorCalls:
-    """The service ``~/calibrate`` and the action ``~/identify_faults``.
+    """The services ``~/calibrate`` and ``~/change_baseline``, and the action ``~/identify_faults``.
 
     Calibration and identification may last long, in threads that receive no telemetry.
 
@@ -59,6 +66,7 @@ class MonitorCalls:
         prognosis: Prognosis,
         results: Results,
         actuators: Actuators,
+        baselines: Baselines,
         settings: MonitorSettings,
         store: CalibrationStore,
         log: Log,
@@ -67,6 +75,7 @@ class MonitorCalls:
         self._prognosis = prognosis
         self._results = results
         self._actuators = actuators
+        self._baselines = baselines
         self._settings = settings
         self._store = store
         self._log = log
@@ -76,6 +85,12 @@ class MonitorCalls:
         self._free_goals = threading.Semaphore(_MOST_GOALS)
         node.create_service(
             Calibrate, "~/calibrate", self._calibrate, callback_group=SeparateCallbackGroup()
+        )
+        node.create_service(
+            ChangeBaseline,
+            "~/change_baseline",
+            self._change_baseline,
+            callback_group=SeparateCallbackGroup(),
         )
         ActionServer(
             node,
@@ -94,6 +109,10 @@ class MonitorCalls:
     ) -> Calibrate.Response:
         _, description = self._actuators.find(request.actuator_id)
         person = one_line("person", request.person, 60) if request.person or request.force else ""
+        if self._baselines.learns(description):
+            raise ValueError(
+                f"the baseline of {description.actuator_id!r} is learned: use ~/change_baseline"
+            )
         self._log.info(f"{description.actuator_id}: calibration is requested")
         before = self._store.of(description)
         if not request.force:
@@ -133,6 +152,20 @@ class MonitorCalls:
         self._log.info(f"calibration: {message}")
         response.success, response.message = True, message
         response.calibration_id = calibration.calibration_id
+        return response
+
+    def _change_baseline(
+        self, request: ChangeBaseline.Request, response: ChangeBaseline.Response
+    ) -> ChangeBaseline.Response:
+        _, description = self._actuators.find(request.actuator_id)
+        kind = _KINDS.get(request.change)
+        if kind is None:
+            raise ValueError(f"change = {request.change}: expected 0 to {len(_KINDS) - 1}")
+        response.message = self._baselines.change(
+            description, kind, request.person, request.note, force=request.force
+        )
+        response.success = True
+        self._log.report_on(description.actuator_id)
         return response
 
     def _require_no_alarm(self, description: ActuatorDescription) -> None:

@@ -7,11 +7,13 @@ from typing import Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.steady_thread import SteadyThread
-from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import CalibrationStore
 from ema_monitor.diagnosis import Diagnosed
+from ema_monitor.identification.joint_estimate import record_curve
 from ema_monitor.identification.window_fit import window_fit
 from ema_monitor.node.publish.log import Log
+from ema_monitor.node.publish.messages import curve_to_message
 from ema_monitor.node.publish.outputs import Outputs
 from ema_monitor.node.settings import MonitorSettings
 from ema_monitor.node.work.histories import Histories
@@ -97,9 +99,13 @@ class FollowUps:
         self._add(lambda: self._histories.write_assessment(description))
 
     def follow_estimate(self, diagnosed: Diagnosed, window: Window) -> None:
-        """Queue the window fit of a published estimate."""
+        """Queue the window fit of a published estimate, or the friction curve of a record."""
         calibration = self._store.of(diagnosed.description)
-        if not isinstance(calibration, Calibration):
+        if isinstance(calibration, JointCalibration):
+            if diagnosed.estimate.comparison is not None:
+                self._add(lambda: self._publish_curve(diagnosed, window, calibration))
+            return
+        if isinstance(calibration, str):
             return
 
         def publish_fit() -> None:
@@ -107,6 +113,13 @@ class FollowUps:
             self._outputs.publish_fit(fit, diagnosed)
 
         self._add(publish_fit)
+
+    def _publish_curve(
+        self, diagnosed: Diagnosed, window: Window, calibration: JointCalibration
+    ) -> None:
+        curve = record_curve(window, diagnosed.description, calibration)
+        if curve is not None:
+            self._outputs.publish_curve(curve_to_message(curve, diagnosed, calibration))
 
     def _add(self, job: Callable[[], None]) -> None:
         with self._changed:

@@ -7,6 +7,7 @@ from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.node.publish.actuators import Actuators
 from ema_monitor.node.publish.log import Log
 from ema_monitor.node.publish.outputs import Outputs
+from ema_monitor.node.work.baselines import Baselines
 from ema_monitor.node.work.follow_ups import FollowUps
 from ema_monitor.node.work.histories import PROGNOSIS, Histories
 from ema_monitor.node.work.prognosis import Prognosis
@@ -29,6 +30,7 @@ class Results:
         follow_ups: FollowUps,
         actuators: Actuators,
         outputs: Outputs,
+        baselines: Baselines,
         log: Log,
     ) -> None:
         self._histories = histories
@@ -36,6 +38,7 @@ class Results:
         self._follow_ups = follow_ups
         self._actuators = actuators
         self._outputs = outputs
+        self._baselines = baselines
         self._log = log
         self._to_resume: deque[ActuatorDescription] = deque()
         self._resume_soon = node.create_guard_condition(
@@ -62,7 +65,7 @@ class Results:
         self._follow(description, outlook if estimate.valid else None, change)
         if isinstance(window, Window):
             self._follow_ups.follow_estimate(diagnosed, window)
-        if not estimate.valid:
+        if not (estimate.valid or estimate.is_learning):
             reason = f"window {diagnosed.number} has no valid estimate: {estimate.reason}"
             self._log.warn(actuator_id, reason)
         # The status of all of many actuators would take longer than an identification.
@@ -79,6 +82,7 @@ class Results:
     def forget(self, actuator_id: str) -> None:
         """Forget an actuator for this run; its files are kept."""
         self._histories.forget(actuator_id)
+        self._baselines.forget(actuator_id)
 
     def _resume_all(self) -> None:
         """Compute requirements, read histories and publish health for all prepared units."""
@@ -95,6 +99,8 @@ class Results:
                     outlook = unit.resume(parameters, self._histories.settings())
                     if outlook is not None:
                         self._resume(description, outlook)
+                # Without the lock of the histories, which a change of a baseline needs.
+                self._baselines.resume(description)
             except Exception as error:
                 self._log.failed(description.actuator_id, PROGNOSIS, error)
 

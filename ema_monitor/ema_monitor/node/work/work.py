@@ -1,14 +1,18 @@
 """Working part of a monitor: threads for identification, follow-ups and calls."""
 
 from collections.abc import Callable, Iterable
+from pathlib import Path
 
+from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR
 from ema_interfaces.msg import NodeStatus
+from ema_monitor.baselines.changes import Change
 from ema_monitor.calibrations import CalibrationStore
 from ema_monitor.node.publish.actuators import Actuators
 from ema_monitor.node.publish.log import Log
 from ema_monitor.node.publish.outputs import Outputs
 from ema_monitor.node.settings import MonitorSettings
+from ema_monitor.node.work.baselines import Baselines
 from ema_monitor.node.work.calls import MonitorCalls
 from ema_monitor.node.work.follow_ups import FollowUps
 from ema_monitor.node.work.histories import Histories
@@ -30,6 +34,8 @@ class Work:
         Publishes estimates and health.
     worker
         Identifies windows.
+    baselines
+        Learned baselines.
     """
 
     def __init__(
@@ -41,6 +47,7 @@ class Work:
         outputs: Outputs,
         settings: MonitorSettings,
         store: CalibrationStore,
+        baseline_folder: Path | None,
         now_ns: Callable[[], int],
         log: Log,
         *,
@@ -48,17 +55,53 @@ class Work:
     ) -> None:
         self._actuators = actuators
         prognosis = Prognosis(histories, reception, settings.operation, store, now_ns, log)
+        self._prognosis, self._log = prognosis, log
+        self.baselines = Baselines(
+            baseline_folder,
+            settings.operation,
+            store,
+            actuators,
+            outputs,
+            prognosis.alarm,
+            self._announce,
+            log,
+        )
         self._follow_ups = FollowUps(outputs, histories, settings, store, log)
         self.results = Results(
-            node, histories, prognosis, self._follow_ups, actuators, outputs, log
+            node, histories, prognosis, self._follow_ups, actuators, outputs, self.baselines, log
         )
         self.worker = IdentificationWorker(
-            self.results, histories, actuators, settings, store, log, is_simulated=is_simulated
+            self.results,
+            histories,
+            actuators,
+            self.baselines,
+            settings,
+            store,
+            log,
+            is_simulated=is_simulated,
         )
         self.calls = MonitorCalls(
-            node, self.worker, prognosis, self.results, actuators, settings, store, log
+            node,
+            self.worker,
+            prognosis,
+            self.results,
+            actuators,
+            self.baselines,
+            settings,
+            store,
+            log,
         )
         PrognosisCalls(node, histories, prognosis, actuators, log)
+
+    def _announce(self, description: ActuatorDescription, change: Change, is_forced: bool) -> None:
+        """Add the change of a baseline to the history of its unit."""
+        self._log.info(f"{description.actuator_id}: baseline: {change}")
+        calibration_id = change.after or "none, to learn again,"
+        outlook = self._prognosis.change_baseline(
+            description, change.author, calibration_id, is_forced=is_forced
+        )
+        if outlook is not None:
+            self._actuators.add_events(description.actuator_id, outlook.events)
 
     def start(self) -> None:
         """Start identification and publish the health of described units."""

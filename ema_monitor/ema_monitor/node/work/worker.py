@@ -16,6 +16,7 @@ from ema_monitor.node.publish.actuators import Actuators
 from ema_monitor.node.publish.log import Log
 from ema_monitor.node.settings import MonitorSettings
 from ema_monitor.node.work.actuator_work import ActuatorWork
+from ema_monitor.node.work.baselines import Baselines
 from ema_monitor.node.work.histories import Histories
 from ema_monitor.node.work.results import Results
 from ema_monitor.node.work.window_queue import QueueClosedError, WindowQueue
@@ -54,6 +55,7 @@ class IdentificationWorker:
         results: Results,
         histories: Histories,
         actuators: Actuators,
+        baselines: Baselines,
         settings: MonitorSettings,
         store: CalibrationStore,
         log: Log,
@@ -63,6 +65,7 @@ class IdentificationWorker:
         self._results = results
         self._histories = histories
         self._actuators = actuators
+        self._baselines = baselines
         self._settings = settings
         self._store = store
         self._log = log
@@ -205,6 +208,8 @@ class IdentificationWorker:
                 for diagnosed in results:
                     window = None if segment.is_stretch else segment.window
                     self._results.publish(diagnosed, window)
+                    if isinstance(window, Window):
+                        self._baselines.note(diagnosed, window)
                 if reason:
                     self.refuse(segment, reason)
             except Exception as error:
@@ -217,6 +222,9 @@ class IdentificationWorker:
         self, segment: Segment, diagnosis: Diagnosis
     ) -> Iterator[Generation | Diagnosed]:
         """Yield the generations and estimates of a window (see ``Diagnosis.add``)."""
+        if (estimate := self._baselines.learn(segment)) is not None:
+            yield Diagnosed(segment.number, segment.number, segment.description, estimate)
+            return
         combining = self._settings.combining.value if segment.is_stretch else None
         calibration = self._store.of(segment.description)
-        return diagnosis.add(segment, calibration, self._settings.search.value, combining)
+        yield from diagnosis.add(segment, calibration, self._settings.search.value, combining)
