@@ -15,6 +15,7 @@ _COMMANDS: Final = {
     "import": "Write telemetry of other makes, in each FILE, to a bag that all other commands "
     "read.",
     "calibrate": "Calibrate on the windows or records in BAGS of one healthy actuator.",
+    "baseline": "List, show, accept, extend and reset the learned baselines of joints.",
     "estimate": "Name the faults in each window of BAG, with their uncertainty.",
     "verify": "Make each recorded estimate again from the recorded telemetry, and compare both.",
     "label": "Add tests of a unit in a known state, one in each of BAGS, to its CALIBRATION.",
@@ -49,7 +50,7 @@ _COMMANDS: Final = {
 _GROUPS: Final = {
     "Simulate": ("simulate", "lives", "certify", "design"),
     "Import": ("new-actuator", "import", "info", "recover"),
-    "Calibrate": ("calibrate", "label"),
+    "Calibrate": ("calibrate", "label", "baseline"),
     "Diagnose": ("estimate", "moves", "verify", "plot"),
     "Predict": ("predict", "learn-fleet", "report"),
     "Live": ("up", "watch", "record", "play", "demo"),
@@ -66,6 +67,7 @@ _EXAMPLES: Final = {
     "calibrate": "healthy_1.mcap healthy_2.mcap -o calibration.yaml",
     "estimate": "dry.mcap --calibration calibration.yaml",
     "verify": "dry.mcap",
+    "baseline": "list",
     "label": 'calibration.yaml dry.mcap --state "dry 1"',
     "moves": "moves.csv --mapping moves.yaml --limit 1.5",
     "new-actuator": "-o actuator.yaml",

@@ -144,6 +144,13 @@ def node_access(
         # Nodes of commands, which publish nothing, in namespaces of their names.
         _node("/watch", "watch", subscribes=full(_WATCHED), is_managed=False),
         _node(
+            "/baseline",
+            "baseline",
+            subscribes=full((topics.BASELINE,)),
+            requests=full(("monitor/change_baseline",)),
+            is_managed=False,
+        ),
+        _node(
             "/demo",
             "demo",
             subscribes=full(_WATCHED_BY_DEMO),

@@ -129,13 +129,18 @@ def test_what_player_and_bridge_have_is_permitted(graph: Spinning, tmp_path):
         check(observer, access[name])
 
 
-@pytest.mark.parametrize("name", ["watch", "demo"])
+@pytest.mark.parametrize("name", ["watch", "demo", "baseline"])
 def test_what_a_listener_has_is_permitted(name):
+    from ema_cli.processes.baseline_client import BaselineClient
     from ema_cli.processes.health_listener import HealthListener
     from ema_cli.processes.listener import Listener
     from ema_cli.processes.observer import _TOPICS
 
-    listened = _TOPICS if name == "demo" else HealthListener(["/ema"], "watch")._topics
+    listened = {
+        "watch": HealthListener(["/ema"], "watch")._topics,
+        "demo": _TOPICS,
+        "baseline": BaselineClient("/ema/monitor")._topics,
+    }[name]
     access = node_access()[name]
     with Listener(name, listened, lambda *_: None) as listener:
         node = listener._node
@@ -146,7 +151,7 @@ def test_what_a_listener_has_is_permitted(name):
 
 def test_every_node_has_a_policy_that_is_kept():
     made = dict(policy_files("/ema"))
-    assert {f"{name}.policy.xml" for name in (*NODES, "watch", "demo")} == set(made)
+    assert {f"{name}.policy.xml" for name in (*NODES, "watch", "demo", "baseline")} == set(made)
     kept = {path.name: path.read_text() for path in (ROOT / FOLDER).iterdir()}
     assert kept == made, "run `make policies`"
 

@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Final, Self
+from urllib.parse import unquote
 
 import yaml
 
@@ -52,6 +53,18 @@ def unit_folder(folder: Path, actuator_id: str, serial_number: str) -> Path:
 def calibration_pattern(folder: Path) -> str:
     """Return the value of ``calibration_file`` that finds accepted calibrations in a folder."""
     return str(folder / "{actuator_id}" / "{serial_number}" / CALIBRATION_FILE)
+
+
+def stored_units(folder: Path) -> dict[str, Path]:
+    """Return the description file of each actuator's latest unit in a folder of baselines."""
+    files = folder.glob(f"*/*/{DESCRIPTION_FILE}")
+    by_age = sorted(files, key=lambda path: path.stat().st_mtime)
+    return {unquote(path.parent.parent.name): path for path in by_age}
+
+
+def changes_of(folder: Path, actuator_id: str, serial_number: str) -> list[Change]:
+    """Return the history of the changes of a unit's baseline."""
+    return read_changes(unit_folder(folder, actuator_id, serial_number) / _CHANGES)
 
 
 class InUseError(OSError):

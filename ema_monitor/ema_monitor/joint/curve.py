@@ -16,7 +16,7 @@ SLOWEST: Final = 0.06
 """Slowest speed of a curve, relative to the usual speed: slower rows are left out of a record."""
 
 _NEARLY_ONE_SPEED: Final = 0.7
-_POINTS: Final = 16
+_POINTS: Final = 12
 _LEAST_ROWS: Final = 3
 
 
@@ -65,8 +65,8 @@ def friction_of(shape: Shape, signals: Signals, healthy: Array) -> Array:
     fit = fit_record(shape, signals, healthy)
     is_friction = np.zeros(len(COEFFICIENTS), dtype=bool)
     is_friction[[at.DRY, at.VISCOUS]] = True
-    other = np.where(is_friction, 0.0, fit.values)
-    effort = signals.effort - shape.design(signals) @ other - signals.free @ fit.free
+    remainder = np.where(is_friction, 0.0, fit.values)
+    effort = signals.effort - shape.design(signals) @ remainder - signals.free @ fit.free
     load = fit.values[at.DRY] * shape.load_share * shape.load_friction(signals)
     return np.asarray(effort - load, dtype=np.float64)
 

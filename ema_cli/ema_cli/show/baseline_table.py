@@ -1,0 +1,96 @@
+"""Texts about learned baselines: a table of joints, and the details of one joint."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Final
+
+from ema_core.wording import counted, text_table
+from ema_monitor.baselines.changes import Change
+from ema_monitor.baselines.progress import Progress
+
+_HEADINGS: Final = (
+    *("joint", "serial number", "state", "records", "days", "same day", "other day", "accepted"),
+)
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A learned baseline to show."""
+
+    actuator_id: str
+    serial_number: str
+    is_accepted: bool
+    progress: Progress
+    calibration_id: str = ""
+    """Identity of the accepted calibration; empty while learning."""
+    author: str = ""
+    accepted_ns: int = 0
+    """Person or rule that accepted it, and when [ns]; 0 while learning."""
+
+    @property
+    def state(self) -> str:
+        """State in capitals."""
+        return "ACCEPTED" if self.is_accepted else "LEARNING"
+
+
+def table(baselines: Iterable[Baseline]) -> str:
+    """Return a table of baselines."""
+    rows = [
+        (
+            item.actuator_id,
+            item.serial_number,
+            item.state,
+            _records(item.progress),
+            str(item.progress.days),
+            _percent(item.progress.detectable_same_day),
+            _percent(item.progress.detectable_other_day),
+            _accepted(item) or item.progress.reason or "-",
+        )
+        for item in baselines
+    ]
+    note = "same day, other day: smallest change of friction that would show"
+    return f"{text_table(_HEADINGS, rows)}\n{note}"
+
+
+def details(item: Baseline, changes: Sequence[Change] | None) -> str:
+    """Return state, progress and history of a baseline; None for an unknown history."""
+    progress = item.progress
+    lines = [f"{item.actuator_id} ({item.serial_number}): {item.state}"]
+    if item.is_accepted:
+        lines.append(f"calibration {item.calibration_id}, accepted by {_accepted(item)}")
+    lines.append(f"{_records(progress)} records on {counted(progress.days, 'day')}")
+    if math.isfinite(progress.slowest):
+        lines.append(
+            f"usual speeds {progress.slowest:.3g} to {progress.fastest:.3g}; "
+            f"{_percent(progress.forward_share)} of the motion is forward"
+        )
+    if math.isfinite(progress.detectable_other_day):
+        lines.append(
+            f"changes of friction above {_percent(progress.detectable_same_day)} would show on a "
+            f"day with records, above {_percent(progress.detectable_other_day)} on another day"
+        )
+    if progress.reason:
+        lines.append(f"cannot be accepted yet: {progress.reason}")
+    lines += [f"- {sentence}" for sentence in progress.advice]
+    if changes is not None:
+        lines += ["changes:" if changes else "no change so far", *map(str, changes)]
+    return "\n".join(lines)
+
+
+def _records(progress: Progress) -> str:
+    needed = f" of {progress.records_needed}" if progress.records_needed else ""
+    return f"{progress.records}{needed}"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if math.isfinite(share) else "-"
+
+
+def _accepted(item: Baseline) -> str:
+    if not item.is_accepted:
+        return ""
+    date = datetime.fromtimestamp(item.accepted_ns // 1_000_000_000, UTC)
+    when = f", {date:%Y-%m-%d %H:%M} UTC" if item.accepted_ns else ""
+    return f"{item.author or 'unknown'}{when}"
