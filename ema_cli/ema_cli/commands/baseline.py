@@ -29,8 +29,8 @@ def _places(command: Callable[..., Any]) -> Callable[..., Any]:
     folder = click.option(
         "--folder",
         type=click.Path(path_type=Path, file_okay=False),
-        help="Folder of the baselines, without a monitor.  [default: that of the running monitor, "
-        "else ema/baselines in ROS_HOME]",
+        help="Folder of the baselines, without a monitor.  [default: the running monitor "
+        "is asked, else ema/baselines in ROS_HOME]",
     )
     monitor = click.option(
         "--monitor", default=_MONITOR, help="Name of the monitor that is asked if it runs."
@@ -208,7 +208,7 @@ def _source(folder: Path | None, monitor: str, *, network: bool) -> Iterator[_Fo
     if folder is not None:
         yield _Folder(folder)
         return
-    # ROS is imported only to look for a monitor.
+    # ROS is imported only if a monitor may run.
     from ema_cli.processes.baseline_client import BaselineClient
     from ema_cli.processes.reach import set_reach
 
