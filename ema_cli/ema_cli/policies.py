@@ -59,6 +59,7 @@ _STEERING: Final = (
 )
 _WATCHED: Final = (
     topics.HEALTH,
+    topics.BASELINE,
     topics.FAULT_ESTIMATE,
     topics.PLAYBACK_STATE,
     topics.NODE_STATUS,

@@ -19,6 +19,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.wording import time_in_words
 from ema_interfaces.msg import (
+    BaselineStatus,
     FaultEstimate,
     FaultHealth,
     Health,
@@ -65,6 +66,16 @@ def refused(actuator_id: str, stamp_ns: int) -> FaultEstimate:
     message = FaultEstimate(actuator_id=actuator_id, valid=False, reason="no excitation")
     message.header.stamp = stamp_to_message(stamp_ns)
     return message
+
+
+def baseline_of(actuator_id: str, state: int = BaselineStatus.LEARNING) -> BaselineStatus:
+    return BaselineStatus(
+        actuator_id=actuator_id,
+        serial_number=f"{actuator_id}-1",
+        state=state,
+        records=4,
+        records_needed=12,
+    )
 
 
 def status_of(*actuators: str) -> NodeStatus:
@@ -322,3 +333,22 @@ def test_watch_says_where_nothing_is_heard_and_where_something_is(publish, tmp_p
     assert log.read_text().startswith(
         f"no health is published on /wing/left in domain {domain}, but on /ema: choose it with"
     )
+
+
+def test_joint_that_learns_is_shown_with_its_progress_instead_of_stale():
+    stale = health_of("elbow", STALE, None)
+    stale.cause, stale.reason = "", "learning: 4 records on 1 day"
+    latest = received(stale, health_of("wrist", OK, None))
+    for name in ("elbow", "wrist"):
+        latest.add_baseline("/ema", baseline_of(name))
+    latest.add_status("/ema", status_of("elbow", "wrist"), 1.0)
+    rows = {row.actuator_id: row for row in latest.rows(1.0, TEST_NS + 10**9)}
+    assert rows["elbow"].level_text == "◌ LEARNING 4 of 12"
+    assert rows["elbow"].why == "learning: 4 records on 1 day"
+    assert rows["wrist"].level_text == "● OK"
+    # A silent monitor learns nothing, and neither does a unit with an accepted baseline.
+    [silent] = [r for r in latest.rows(60.0, TEST_NS + 60 * 10**9) if r.actuator_id == "elbow"]
+    assert silent.level_text == "○ STALE"
+    latest.add_baseline("/ema", baseline_of("elbow", BaselineStatus.ACCEPTED))
+    rows = {row.actuator_id: row for row in latest.rows(1.0, TEST_NS + 10**9)}
+    assert rows["elbow"].level_text == "○ STALE"

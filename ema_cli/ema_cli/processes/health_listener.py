@@ -10,9 +10,17 @@ from rosgraph_msgs.msg import Clock
 
 from ema_cli.processes.listener import Listener
 from ema_cli.show.health_table import LatestHealths, Row
-from ema_interfaces.msg import FaultEstimate, Health, NodeStatus, PlaybackState, TelemetryStatus
+from ema_interfaces.msg import (
+    BaselineStatus,
+    FaultEstimate,
+    Health,
+    NodeStatus,
+    PlaybackState,
+    TelemetryStatus,
+)
 from ema_ros.stamps import stamp_from_message
 from ema_ros.topics import (
+    BASELINE,
     FAULT_ESTIMATE,
     HEALTH,
     LATCHED_BY_MANY,
@@ -109,12 +117,13 @@ class HealthListener(Listener):
         self.completion = Completion()
         for place in places:
             topics[f"{place.rstrip('/')}/{PLAYBACK_STATE}"] = PlaybackState, LATCHED_BY_MANY
-            for name, kind, qos in (
+            for relative, kind, qos in (
                 (HEALTH, Health, LATCHED_BY_MANY),
+                (BASELINE, BaselineStatus, LATCHED_BY_MANY),
                 (FAULT_ESTIMATE, FaultEstimate, STREAM),
                 (NODE_STATUS, NodeStatus, STREAM),
             ):
-                topic = f"{place.rstrip('/')}/{name}"
+                topic = f"{place.rstrip('/')}/{relative}"
                 topics[topic] = kind, qos
                 self._places[topic] = place
         self.changed = threading.Event()
@@ -147,6 +156,8 @@ class HealthListener(Listener):
                 return
             if isinstance(message, Health):
                 self._healths.add_health(place, message, now_s, self._clock_ns())
+            elif isinstance(message, BaselineStatus):
+                self._healths.add_baseline(place, message)
             else:
                 self._healths.add_estimate(place, message, now_s)
         self.changed.set()

@@ -25,6 +25,7 @@ from ema_ros.stamps import stamp_from_message
 
 _URGENCY: Final = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}
 _LINES_BESIDE: Final = 6
+LEARNING_SHAPE: Final = "◌"
 _REASONS: Final = 3
 """Number of actuators shown with reasons, worst first."""
 
@@ -55,12 +56,23 @@ class Row:
     """Time since the last test, or since its reception if stamps use a different clock [s]."""
     why: str
     """Reason for the level, and for a refusal of the last test."""
+    learning: str = ""
+    """Number of collected records of a unit that is learning its baseline; "" otherwise."""
+
+    @property
+    def level_text(self) -> str:
+        """Level with its shape; of a unit that is learning, its progress instead."""
+        return (
+            f"{LEARNING_SHAPE} LEARNING {self.learning}"
+            if self.learning
+            else level_in_words(self.level)
+        )
 
     @property
     def content(self) -> tuple[Any, ...]:
         """Content that prints a new line when it changes; excludes ages."""
         index = f"{self.health_index:.2f}"
-        return (self.level, index, self.dominant, self.life, self.test_ns, self.why)
+        return (self.level_text, index, self.dominant, self.life, self.test_ns, self.why)
 
 
 @dataclass
@@ -68,6 +80,7 @@ class _Actuator:
     """Latest messages about an actuator, with reception times [s]."""
 
     received: Received | None = None
+    baseline: Any = None
     refused: Any = None
     causes: str = ""
     friction: str = ""
@@ -105,6 +118,10 @@ class LatestHealths:
             )
         else:
             item.refused, item.tested_s = message, now_s
+
+    def add_baseline(self, place: str, message: Any) -> None:
+        """Add a BaselineStatus message, whose progress replaces the level of a learning unit."""
+        self._of(place, message).baseline = message
 
     def add_status(self, place: str, message: Any, now_s: float) -> None:
         """Add a NodeStatus message, which shows that the monitor of its actuators runs."""
@@ -173,7 +190,18 @@ class LatestHealths:
             test_ns=test_ns,
             test_age_s=age_s if age_s >= 0.0 else now_s - actuator.tested_s,
             why="; ".join(filter(None, reasons)),
+            learning="" if is_silent else _learning(actuator.baseline, health),
         )
+
+
+def _learning(baseline: Any, health: Any) -> str:
+    """Return the number of records of a unit that is learning; "" of any other unit."""
+    if baseline is None or baseline.state != baseline.LEARNING or health.level != STALE:
+        return ""
+    if baseline.serial_number != health.serial_number:
+        return ""
+    needed = f" of {baseline.records_needed}" if baseline.records_needed else ""
+    return f"{baseline.records}{needed}"
 
 
 def _order(row: Row) -> tuple[Any, ...]:
@@ -245,7 +273,7 @@ class HealthTable(TerminalDisplay):
         for row in shown:
             table.add_row(
                 Text(f"{row.place}/{row.actuator_id}" if several else row.actuator_id),
-                Text(level_in_words(row.level), COLOURS[row.level]),
+                Text(row.level_text, COLOURS[row.level]),
                 _index(row),
                 Text(row.dominant or "-"),
                 _life(row),
@@ -270,7 +298,7 @@ def _line(row: Row) -> str:
     """Return the row of an actuator as a plain line."""
     life = _life(row)
     parts = (
-        level_in_words(row.level),
+        row.level_text,
         f"{row.place}/{row.actuator_id} ({row.serial_number})",
         f"index {_index(row)}",
         row.dominant,

@@ -18,6 +18,7 @@ from ema_dashboard.hub import Totals
 from ema_dashboard.metrics import MOST_KEPT, Metrics
 from ema_interfaces.msg import (
     ActuatorDescription,
+    BaselineStatus,
     FaultEstimate,
     Health,
     NodeStatus,
@@ -32,8 +33,20 @@ OPEN_METRICS = "application/openmetrics-text; version=1.0.0"
 GRAFANA = Path(get_package_share_directory("ema_dashboard"), "layouts", "grafana.json")
 OWN = Totals(2, 30, 4000, 50, 6, 7)
 BASE_UNITS = ("_seconds", "_ratio", "_bytes", "_info", "_total", "_bucket", "_count", "_sum")
-LABELS = ("namespace", "actuator_id", "serial_number", "model", "quantile", "verdict", "le", "node")
-WITHOUT_UNIT = {"ema_health_level", "ema_dashboard_clients"}
+LABELS = (
+    "namespace",
+    "actuator_id",
+    "serial_number",
+    "model",
+    "quantile",
+    "day",
+    "verdict",
+    "le",
+    "node",
+)
+WITHOUT_UNIT = {
+    *("ema_health_level", "ema_dashboard_clients", "ema_learning", "ema_baseline_records")
+}
 
 
 def parsed(text: bytes, accept: str = OPEN_METRICS) -> dict[str, Metric]:
@@ -73,6 +86,13 @@ TELEMETRY_STATUS = TelemetryStatus(
     estimates_invalid=1,
     latency=0.25,
 )
+BASELINE_STATUS = BaselineStatus(
+    actuator_id="flap",
+    serial_number="7",
+    records=4,
+    detectable_same_day=0.05,
+    detectable_other_day=0.2,
+)
 NODE_STATUS = (
     NodeStatus(
         node="/ema/monitor",
@@ -96,6 +116,7 @@ def metrics() -> Metrics:
     for computing_s in (0.01, 0.07, 0.09, 99.0, math.nan):
         found.note("/ema", estimate(computing_s))
     found.note("/ema", health())
+    found.note("/ema", BASELINE_STATUS)
     for status in NODE_STATUS:
         found.note_node("/ema", status)
     return found
@@ -158,6 +179,10 @@ def test_figures_are_those_of_the_messages_in_base_units(metrics):
     assert lives == [36_000.0, 72_000.0, math.inf]
     assert found["ema_service_time_seconds", *flap] == 360_000.0
     assert found["ema_health_timestamp_seconds", *flap] == 50.0
+    assert found["ema_learning", *flap] == 1
+    assert found["ema_baseline_records", *flap] == 4
+    assert found["ema_baseline_smallest_change_ratio", *flap, "same"] == 0.05
+    assert found["ema_baseline_smallest_change_ratio", *flap, "other"] == 0.2
     assert found["ema_estimate_latency_seconds", *flap] == 0.25
     assert found["ema_estimates_total", *flap, "valid"] == 5
     assert found["ema_estimates_total", *flap, "refused"] == 1

@@ -35,6 +35,7 @@ from ema_ros.run import run
 from ema_ros.stamps import stamp_from_message
 from ema_ros.status import ERROR, OK, WARN, Task
 from ema_ros.topics import (
+    BASELINE,
     DESCRIPTION,
     FAULT_ESTIMATE,
     HEALTH,
@@ -239,6 +240,8 @@ class DashboardNode(ManagedNode):
         if topic.relative in (DESCRIPTION, FAULT_ESTIMATE, HEALTH):
             self._histories[topic.namespace].note(message)
             self._note(topic.namespace, message)
+        elif topic.relative == BASELINE:
+            self._metrics.note(topic.namespace, message)
         elif topic.relative == PLAYBACK_STATE:
             bounds = stamp_from_message(message.start), stamp_from_message(message.end)
             if bounds != self._hub.playback_range:

@@ -4,7 +4,7 @@ import math
 import threading
 import time
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import Any, Final, TypeVar
@@ -24,6 +24,7 @@ from ema_dashboard.contents import Made
 from ema_dashboard.hub import Totals
 from ema_interfaces.msg import (
     ActuatorDescription,
+    BaselineStatus,
     FaultEstimate,
     Health,
     NodeStatus,
@@ -92,6 +93,7 @@ class _Actuator:
     serial_number: str = ""
     model: str = ""
     health: Health | None = None
+    baseline: BaselineStatus | None = None
     status: TelemetryStatus | None = None
     computing: list[int] = field(default_factory=lambda: [0] * (len(COMPUTING_BOUNDS_S) + 1))
     computing_s: float = 0.0
@@ -129,16 +131,19 @@ class Metrics(Collector):
         ProcessCollector(registry=self._registry)
 
     def note(self, namespace: str, message: Any) -> None:
-        """Update the metrics of an actuator with a description, an estimate or a health."""
+        """Update the metrics of an actuator with a description, estimate, health or baseline."""
         key = namespace.rstrip("/") or "/", message.actuator_id
         with self._lock:
             actuator = _latest(self._actuators, key, _Actuator)
             if actuator.serial_number != message.serial_number:
-                actuator.serial_number, actuator.health = message.serial_number, None
+                actuator.serial_number = message.serial_number
+                actuator.health = actuator.baseline = None
             if isinstance(message, ActuatorDescription):
                 actuator.model = message.model
             elif isinstance(message, Health):
                 actuator.health = message
+            elif isinstance(message, BaselineStatus):
+                actuator.baseline = message
             elif isinstance(message, FaultEstimate):
                 taken_s = message.computing_time
                 if math.isfinite(taken_s) and taken_s >= 0.0:
@@ -211,6 +216,9 @@ def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Me
         for labels, health in healths:
             family.add_metric(labels, value(health))
         yield family
+    yield from _of_baselines(
+        [(labels, item.baseline) for labels, item in labelled if item.baseline]
+    )
     life = _gauge(
         "ema_remaining_useful_life",
         "Remaining useful life by quantile; NaN if unknown.",
@@ -244,6 +252,23 @@ def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Me
             counts = zip(_BOUNDS, accumulate(actuator.computing), strict=True)
             computing.add_metric(labels, list(counts), actuator.computing_s)
     yield from (latency, computing)
+
+
+def _of_baselines(baselines: Sequence[tuple[tuple[str, ...], BaselineStatus]]) -> Iterator[Metric]:
+    learning = _gauge("ema_learning", "Whether healthy records are still collected: 1 or 0.", "")
+    records = _gauge("ema_baseline_records", "Healthy records of a joint.", "")
+    smallest = _gauge(
+        "ema_baseline_smallest_change",
+        "Smallest relative change of friction that would show; NaN if unknown.",
+        "ratio",
+        *(*_ACTUATOR, "day"),
+    )
+    for labels, status in baselines:
+        learning.add_metric(labels, status.state == BaselineStatus.LEARNING)
+        records.add_metric(labels, status.records)
+        smallest.add_metric((*labels, "same"), status.detectable_same_day)
+        smallest.add_metric((*labels, "other"), status.detectable_other_day)
+    yield from (learning, records, smallest)
 
 
 def _of_dashboard(totals: Totals) -> Iterator[Metric]:
