@@ -72,7 +72,7 @@ with `stretches` and `of_stretches` applies only to some of the stretches of ord
 |---|---|---|
 """
 _COUNTS: Final = {item.name for item in fields(Reason)}
-_LINE: Final = re.compile(r"^(\S+) (\w+)(?: [^#=\s]+)?\s+# (.*)$", re.MULTILINE)
+_FIELD: Final = re.compile(r"^((?:# .*\n)+)([^#\s]+) (\w+)(?: [^#=\s]+)?$", re.MULTILINE)
 
 
 class MessageField(NamedTuple):
@@ -86,7 +86,10 @@ class MessageField(NamedTuple):
 def message_fields(name: str) -> list[MessageField]:
     """Return the fields of a message of ``ema_interfaces``, in order."""
     path = ROOT / "ema_interfaces" / "msg" / f"{name}.msg"
-    return [MessageField(*one) for one in _LINE.findall(path.read_text(encoding="utf-8"))]
+    return [
+        MessageField(kind, name, " ".join(line[2:] for line in comment.splitlines()))
+        for comment, kind, name in _FIELD.findall(path.read_text(encoding="utf-8"))
+    ]
 
 
 def records_page() -> str:

@@ -24,18 +24,18 @@ def relative(path: Path) -> str:
 
 
 @pytest.mark.parametrize("path", DEFINITIONS, ids=relative)
-def test_every_field_has_a_comment_that_ends_with_its_unit(path: Path):
+def test_every_field_has_a_comment_above_it_that_ends_with_its_unit(path: Path):
     lines = path.read_text(encoding="utf-8").splitlines()
-    assert lines[0].startswith("# "), "the first line says what the interface is for"
-    fields = [i for i, line in enumerate(lines) if line.strip() and line[0] not in "#-"]
+    assert lines[0].startswith("# "), "the first line describes the interface"
+    fields = [n for n, line in enumerate(lines) if line.strip() and line[0] not in "#-"]
     assert fields
-    # On its line, or on the line above.
-    documented = [i for i in fields if "# " in lines[i] or lines[i - 1].startswith("# ")]
-    assert documented == fields
-    # The parser of rosidl takes a unit out of a comment. Where the rest does not follow on, as for
-    # a unit in the middle, `ros2 interface show` cuts the comment off.
-    comments = [line.partition("#")[2] for line in lines]
-    assert [line for line in comments if re.search(r"\[[^,\]]+\] *\S", line)] == []
+    assert [lines[n] for n in fields if not lines[n - 1].startswith("# ")] == []
+    # `ros2 interface show` prints a bare "#" for a comment behind a field with a unit.
+    assert [line for line in lines if "#" in line and not line.startswith("# ")] == []
+    assert [line for line in lines if len(line) > 100] == []
+    # The parser of rosidl removes a unit from its comment.
+    comments = [line for line in lines if line.startswith("#")]
+    assert [line for line in comments if re.search(r"# \[[^,\]]+\]$|\[[^,\]]+\] *\S", line)] == []
 
 
 def test_what_is_not_set_is_healthy_and_no_valid_result():
