@@ -107,7 +107,7 @@ def test_bag_reports_the_pieces_that_are_passed_over(path: Path):
     found = read_windows(recorded(path.with_name("long.mcap"), blocks_of(long, 50)), SETTINGS)
     assert len(found.windows) == 1
     assert found.obstacle == ""
-    assert f"1 piece of the telemetry passed over: {reason}" in found.remarks
+    assert f"1 piece of the telemetry ignored: {reason}" in found.remarks
     assert "1 record" in str(found)
 
 

@@ -318,7 +318,7 @@ def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
             bag.write_block(block)
     record = read_unit([path], ReadingOptions())
     assert [item.hours for item in record.counts] == [40.0]
-    assert record.remarks == [f"{path}: usage of serial number '0002' is passed over"]
+    assert record.remarks == [f"{path}: usage of serial number '0002' is ignored"]
 
 
 def test_usage_that_was_read_after_the_test_is_not_said_to_be_missing(ema, tmp_path):

@@ -214,7 +214,7 @@ def test_wanted_sigma_that_is_not_reached_is_named(certificate):
     assert certificate.unmet({"friction": 0.01}) == []
     assert certificate.unmet({"friction": 0.003, "backlash": 0.1}) == [
         "friction has sigma 0.0040, 0.003 is wanted",
-        "backlash is not shown, sigma 0.1 is wanted",
+        "backlash is not shown, expected sigma 0.1 or less",
     ]
 
 

@@ -48,11 +48,11 @@ def test_listed_actuators_are_dealt_out_evenly_whatever_their_order(count):
 
 
 def test_impossible_shards_and_lists_are_refused_by_name():
-    with pytest.raises(ValueError, match="index = 4: expected at most 3, as count = 4 monitors"):
+    with pytest.raises(ValueError, match="index = 4: expected 0 to 3, because"):
         Shard(4, 4)
     with pytest.raises(ValueError, match="count = 0 is outside"):
         Shard(0, 0)
-    with pytest.raises(ValueError, match=r"actuators = .*'flap' is given twice"):
+    with pytest.raises(ValueError, match=r"actuators = .*'flap' is repeated"):
         Selection(("flap", "left", "flap"))
     with pytest.raises(ValueError, match=r"actuators\[1\] = ' left'"):
         Selection(("flap", " left"))
@@ -74,10 +74,10 @@ def test_listed_actuators_of_other_shards_are_said_and_others_are_ignored():
     assert all(made.ignores(name) for name in others)
     assert made.ignores(NAMES[6])
     assert "not listed" in made.why_not(NAMES[6])
-    assert made.why_not(others[0]) == "it is of shard 1, and this monitor has shard 0 of 2"
+    assert made.why_not(others[0]) == "it belongs to shard 1, this monitor has shard 0 of 2"
     figures = made.figures(mine)
     assert figures["messages of other shards"] == len(others)
-    assert figures["messages of actuators not listed"] == 1
+    assert figures["messages of unlisted actuators"] == 1
     # Neither is wrong.
     assert made.status(mine) == (OK, f"{len(mine)} actuators monitored")
 

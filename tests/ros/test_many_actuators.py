@@ -66,13 +66,13 @@ def test_one_beyond_the_limit_is_refused_and_followed_once_there_is_room():
 
 def test_listed_actuators_are_followed_alone_and_one_that_is_silent_is_seen():
     with monitor({"actuators": ["flap", "rudder"]}) as session:
-        session.until_status("rudder telemetry", "listed, and nothing received", bytes([WARN]))
+        session.until_status("rudder telemetry", "listed, but nothing received", bytes([WARN]))
         blocks = Source().cycle()
         session.describe_from_a_node_of_its_own(described("tab"))
         session.feed(blocks[:2], "tab")
         session.describe()
         session.feed(blocks[:2])
-        session.until(lambda: figure(session, "messages of actuators not listed") == "3")
+        session.until(lambda: figure(session, "messages of unlisted actuators") == "3")
         session.until_status("input", "2 actuators monitored")
         assert set(session.node.actuators) == {"flap", "rudder"}
         assert "not listed in the parameter actuators" in get_history(session, "tab").message
@@ -126,4 +126,4 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
         assert get_history(session, mine).success
         assert get_history(session, theirs, "monitor_1").success
         refused = get_history(session, theirs)
-        assert "it is of shard 1, and this monitor has shard 0 of 2" in refused.message
+        assert "it belongs to shard 1, this monitor has shard 0 of 2" in refused.message

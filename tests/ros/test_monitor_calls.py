@@ -98,7 +98,7 @@ def test_impossible_goal_is_rejected_and_log_and_status_have_the_reason(
     session.node.work.calls._rejections = Throttle(1000.0)
     assert not any(Goal(session, **goal).is_accepted for _ in range(3))
     said = capfd.readouterr().err
-    assert said.count("is rejected") == 1
+    assert said.count("goal of identify_faults rejected") == 1
     assert all(text in said for text in ("rejected", *texts)), said
     [task] = [item for item in session.node.tasks() if item.name == "identification"]
     assert all(text in task.values["goal rejected"] for text in texts)
@@ -108,7 +108,7 @@ def test_impossible_goal_is_rejected_and_log_and_status_have_the_reason(
     ("goal", "texts"),
     [
         ({"budget": 20}, ["budget", "20", "at least"]),
-        ({"next_window": True}, ["no window came for 1 s"]),
+        ({"next_window": True}, ["no window within 1 s"]),
     ],
 )
 def test_goal_that_fails_has_the_reason_and_no_figures(
@@ -226,7 +226,7 @@ def test_calibration_that_does_not_come_about_says_why(session: MonitorSession):
     for request, text in (
         ({"windows": 0}, "windows = 0"),
         ({"windows": 2**31 - 1}, "windows = 2147483647: expected 1 to 200 healthy windows"),
-        ({"windows": 1}, "no healthy window came for 1 s after 0 of 1"),
+        ({"windows": 1}, "no healthy window within 1 s, after 0 of 1"),
         ({"windows": 1, "actuator_id": "rudder"}, "'rudder' is not monitored"),
         ({"load": True, "file": "nowhere.yaml"}, "No such file"),
         ({"windows": 1, "file": "/dev/zero"}, "parameter calibration_folder"),
@@ -320,7 +320,7 @@ def test_calibration_that_waits_keeps_no_other_call_waiting(tmp_path: Path):
         waiting = session.start(Calibrate, NAME, Calibrate.Request(actuator_id="left"))
         wait_for(lambda: waiting_calls(session), "the call to wait for windows")
         again = session.call(Calibrate, NAME, Calibrate.Request(actuator_id="left"))
-        assert again.message == "actuator 'left' is being calibrated already"
+        assert again.message == "actuator 'left' is already being calibrated"
         future = session.start(Calibrate, NAME, Calibrate.Request(actuator_id="flap", windows=1))
         wait_for(lambda: len(waiting_calls(session)) == 2, "both calls to wait")
         session.feed(Source().cycle())

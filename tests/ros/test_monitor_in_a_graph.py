@@ -42,9 +42,9 @@ def test_publishers_of_the_default_quality_are_heard_once_and_latched_ones_too(s
     for hours in (-3.0, -2.0):
         plain.publish(Usage(actuator_id="rudder", flight_hours=hours))
     # The latched publisher is heard by both subscriptions, and counts once.
-    session.until_status("input", "ignored: 3 wrong messages")
+    session.until_status("input", "ignored: 3 malformed messages")
     latched.publish(Usage(actuator_id="rudder", flight_hours=-4.0))
-    session.until_status("input", "ignored: 4 wrong messages")
+    session.until_status("input", "ignored: 4 malformed messages")
     sensor = session.probe.create_publisher(Usage, topics.USAGE, qos_profile_sensor_data)
     wait_for(sensor.get_subscription_count, "the monitor")
     # The subscription may learn of its match after the publisher, and nothing is repeated.
@@ -101,7 +101,7 @@ def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_anew(session
     assert not refused.success
     assert "'rudder' is not monitored; monitored: flap" in refused.message
     assert forget("flap").success
-    session.until_status("input", "no message of an actuator so far")
+    session.until_status("input", "no message from an actuator so far")
     tasks = ("telemetry", "health", "history")
     counts = []
     for _ in range(2):  # a report that was begun before may be published after
@@ -166,7 +166,7 @@ def test_log_has_a_line_for_a_calibration_and_for_each_change_of_level(tmp_path,
         wait_for(lambda: lines("flap: calibration is requested"), "the request")
         session.feed(Source().cycle())
         assert session.result(answer).success
-        wait_for(lambda: lines("calibration: made of 1 window"), "the calibration")
+        wait_for(lambda: lines("calibration: fitted to 1 window"), "the calibration")
         # Once the calibration is there: nothing is known, fine, and at the limit as confirmed.
         source = Source(stamp_ns=START_NS + 10_000_000_000)
         session.next_estimate()
@@ -176,8 +176,8 @@ def test_log_has_a_line_for_a_calibration_and_for_each_change_of_level(tmp_path,
             session.next_estimate()
         changes = ("flap: health STALE -> OK", "flap: health OK -> ERROR: friction")
         wait_for(lambda: all(map(lines, changes)), "the changes of level")
-    assert [len(lines(text)) for text in ("calibration: made of", *changes)] == [1, 1, 1], said
-    assert "has to name it" not in said
+    assert [len(lines(text)) for text in ("calibration: fitted to", *changes)] == [1, 1, 1], said
+    assert "after a restart" not in said
 
 
 def test_impossible_name_makes_no_actuator_and_without_one_answers_have_no_figures(session):

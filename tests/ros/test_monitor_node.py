@@ -134,7 +134,7 @@ def test_health_is_stale_while_the_monitor_is_not_active_and_after_three_expecte
         assert "no valid estimate for more than 0.3 s" in stale.reason
         assert stale.header.stamp == latest.window_end
         session.until_status("flap health", "unknown, last OK (no valid estimate for", b"\x03")
-        session.until_status("flap telemetry", "no telemetry any more", b"\x03")
+        session.until_status("flap telemetry", "telemetry has stopped", b"\x03")
 
 
 def test_parameter_that_does_not_exist_is_answered_once(session: MonitorSession):

@@ -59,4 +59,4 @@ def test_record_that_is_open_when_the_monitor_stops_is_refused_with_the_reason()
         assert session.change_state(Transition.TRANSITION_DEACTIVATE)
         estimate = session.next_estimate()
         assert not estimate.valid
-        assert estimate.reason == "the monitor was stopped within the record"
+        assert estimate.reason == "the monitor was stopped during the record"

@@ -125,7 +125,7 @@ def test_telemetry_waits_for_the_description_and_what_is_wrong_with_one_is_named
     nameless, wrong = description_to_message(FLAP), description_to_message(FLAP)
     nameless.actuator_id, wrong.resistance = "", -1.0
     with monitor() as session:
-        session.until_status("input", "no message of an actuator so far", WARN)
+        session.until_status("input", "no message from an actuator so far", WARN)
         session.feed(source.cycle()[:2], actuator_id="")
         session.until_status("input", "2 messages without actuator_id", WARN)
         session.send(topics.DESCRIPTION, nameless)

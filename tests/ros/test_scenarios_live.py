@@ -131,7 +131,7 @@ def test_live_and_offline_answers_are_equal_to_the_last_digit(session, course):
         ([DutyScenario(name="a", loads=[0.1])], ["loads", "0 shares of 1 values"]),
         (
             [DutyScenario(name="a", loads=[0.1, 0.1], load_shares=[0.5, 0.5])],
-            ["loads = [0.1, 0.1]", "each value once"],
+            ["loads = [0.1, 0.1]", "different values"],
         ),
         ([DutyScenario(name=str(n)) for n in range(21)], ["21 scenarios", "at most 20"]),
     ],

@@ -80,7 +80,7 @@ def test_telemetry_that_stops_is_not_ok_though_estimates_were_valid():
         unit.expire(1e6, Moment(now_s * 10**9, now_s * 10**9))
         task = unit_tasks(unit, 0)[0]
         seen.append((task.level, task.message))
-    assert seen == [(OK, "6 valid estimates"), (STALE, "no telemetry any more; 6 valid estimates")]
+    assert seen == [(OK, "6 valid estimates"), (STALE, "telemetry has stopped; 6 valid estimates")]
 
 
 def test_level_of_a_fault_agrees_with_its_value_or_says_what_is_missing():

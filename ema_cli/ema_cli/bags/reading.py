@@ -65,7 +65,7 @@ class ReadingOptions(Checked):
         "s",
         0.0,
         1e7,
-        "age at the start of a window up to which a measured cause holds for it",
+        "largest age of a measured cause at the start of a window that uses it",
     )
     """Largest age of a recorded measurement at the start of a window [s]."""
     trigger: TriggerSettings = TriggerSettings()  # noqa: RUF009 - frozen

@@ -1,1 +1,1 @@
-"""Judging and designing tests before any is made: which faults a motion shows, and how well."""
+"""Design and assessment of tests before they are run: which faults a motion shows, and how well."""

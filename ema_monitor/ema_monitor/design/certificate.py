@@ -41,11 +41,11 @@ class Naming(StrEnum):
     """Attribution of a hidden cause by an estimate."""
 
     NAMED = "named"
-    """The cause is part of the explanation."""
+    """The estimate names the cause."""
     NOT_SEPARATED = "not separated"
-    """The cause is not part of the explanation, but not separated from a part of it."""
+    """The estimate names something from which the window cannot separate the cause."""
     MISTAKEN = "mistaken"
-    """The explanation does not include the cause."""
+    """The estimate explains the window by other causes or faults."""
     HIDDEN = "hidden"
     """The estimate shows a healthy actuator."""
     REFUSED = "refused"
@@ -62,13 +62,13 @@ class CauseProspect(NamedTuple):
     naming: Naming
     """Attribution of the cause by the estimate."""
     not_told_from: tuple[Part, ...] = ()
-    """Parts of an explanation that are not separated from the cause, a tuple of names each."""
+    """Faults and causes that the test cannot separate from the cause, each a tuple of names."""
     beside: tuple[str, ...] = ()
-    """Names of further causes, and of the faults, that the estimate names."""
+    """Names of the further causes and faults in the estimate."""
 
     @property
     def meaning(self) -> str:
-        """Text on the attribution of the cause."""
+        """Sentence fragment that describes the attribution of the cause."""
         confused = ", ".join(map(part_label, self.not_told_from))
         faults = [name for name in self.beside if name in FAULT_NAMES]
         match self.naming:
@@ -102,9 +102,9 @@ class Certificate:
     sample_period: float
     """Sample period of the telemetry [s]."""
     healthy_rms: float
-    """Scatter of the current in a healthy window, in its band [A]."""
+    """Standard deviation of the band-limited current of healthy windows [A]."""
     healthy_speed_rms: float
-    """Scatter of the speed in a healthy window, in its band [rad/s]."""
+    """Standard deviation of the band-limited speed of healthy windows [rad/s]."""
     faults: tuple[FaultProspect, ...]
     """Expected result for each fault."""
     causes: tuple[CauseProspect, ...]
@@ -121,9 +121,9 @@ class Certificate:
             reached = self.sigma(name)
             label = FAULTS[FAULT_NAMES.index(name)].label
             if not math.isfinite(reached):
-                words.append(f"{label} is not shown, sigma {sigma:g} is wanted")
+                words.append(f"{label} is not shown, expected sigma {sigma:g} or less")
             elif reached > sigma:
-                words.append(f"{label} has sigma {reached:.4f}, {sigma:g} is wanted")
+                words.append(f"{label} has sigma {reached:.4f}, expected {sigma:g} or less")
         return words
 
     def record(self) -> dict[str, Any]:
@@ -201,12 +201,14 @@ def certify(
     *,
     rehearsed: Rehearsed | None = None,
 ) -> Certificate:
-    """Return the expected performance of a test, from windows of actuators with known faults.
+    """Return the certificate of a test: which faults it shows, and with which standard deviation.
+
+    It is computed from windows of actuators with known faults.
 
     Parameters
     ----------
     rig
-        Runs the tests, by simulation as a rule.
+        Runs the tests, usually in simulation.
     command
         Command of the test.
     description
@@ -219,7 +221,7 @@ def certify(
     Raises
     ------
     ValueError
-        If the motion yields no window, or permits no calibration.
+        If the motion gives no window, or does not permit a calibration.
     """
     description = description or ActuatorDescription()
     rehearsed = rehearsed or rehearse(rig, command, description, calibration)

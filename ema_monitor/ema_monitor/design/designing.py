@@ -62,7 +62,7 @@ class Design:
     rehearsed: Rehearsed
     """Rehearsal of the command, which decides whether it reaches the wanted accuracy."""
     reference_s: float | None
-    """Duration of the chirp of the thesis, if its accuracy is the target [s]; else None."""
+    """Duration of the chirp of the thesis [s] if its accuracy is the target, else None."""
     predicted: Mapping[str, float]
     """Standard deviations by fault that the model predicts [-]."""
 
@@ -103,7 +103,7 @@ class Design:
 
     @property
     def verdict(self) -> str:
-        """Whether the wanted accuracy is reached, and the limits that prevent it, as a text."""
+        """Sentence on whether the wanted accuracy is reached, and on the limits that prevent it."""
         if self.reached:
             return "all wanted standard deviations are reached"
         name, _ = self.worst
@@ -124,7 +124,7 @@ def design_command(
     *,
     on_progress: Callable[[str], None] = lambda _: None,
 ) -> Design:
-    """Return the shortest test that reaches wanted standard deviations.
+    """Design the shortest test that reaches wanted standard deviations.
 
     Swings are searched by differential evolution on predictions of the model. The best swing is
     rehearsed, and the prediction is corrected by the result of the rehearsal, until both agree.
@@ -132,7 +132,7 @@ def design_command(
     Parameters
     ----------
     rig
-        Runs the tests, by simulation as a rule.
+        Runs the tests, usually in simulation.
     description
         The actuator.
     limits
@@ -151,7 +151,7 @@ def design_command(
     Raises
     ------
     ValueError
-        If a wanted value is out of range, or no motion within the limits yields a window.
+        If a wanted value is out of range, or no motion within the limits gives a window.
     """
     for name, sigma in (wanted or {}).items():
         if name not in COMPONENTS:
@@ -240,7 +240,7 @@ class _Search:
         predicted = self._information.sigma(self._information.windows(command))
         sigmas = {fault.name: fault.sigma for fault in rehearsed.faults}
         errors = np.array([sigmas[name] for name in wanted]) ** 2 - predicted[self._numbers] ** 2
-        # A fault that is not detected has no information about the correction.
+        # A fault that is not detected gives no information about the correction.
         self._corrections = np.nan_to_num(errors, nan=0.0)
         self._wanted = _MARGIN * np.array(list(wanted.values()))
 
@@ -284,7 +284,7 @@ class _Search:
         return self._cost(point) <= 1.0
 
     def words(self, point: Array, cost: float) -> str:
-        """Return the state of the search as a text."""
+        """Return the state of the search for a progress message."""
         if cost <= 1.0:
             return f"{self.command(point).duration:.3f} s"
         if cost < _EXCEEDS_LIMITS:

@@ -1,4 +1,4 @@
-"""Information of a command about the faults, predicted by the model (M31)."""
+"""Information that a command gives about the faults, predicted by the model (M31)."""
 
 from dataclasses import replace
 from typing import Final
@@ -33,7 +33,7 @@ class Information:
     Parameters
     ----------
     calibration
-        Calibration of the unit under any command, with the scatter of healthy windows.
+        Calibration of the unit, under any command, with the scatter of its healthy windows.
     """
 
     def __init__(self, calibration: Calibration) -> None:
@@ -65,7 +65,7 @@ class Information:
         ]
 
     def demands(self, windows: list[Window]) -> Demands:
-        """Return the demands of a command, from its `windows`."""
+        """Return the demands of a command from its `windows`."""
         first = windows[0]
         current = max(float(np.max(np.abs(window.current))) for window in windows)
         return Demands(
@@ -77,7 +77,7 @@ class Information:
         )
 
     def sigma(self, windows: list[Window]) -> Array:
-        """Return the standard deviation of each fault, the largest over actuators, ``(8,)``."""
+        """Return the standard deviation of each fault, ``(8,)``: the largest over the actuators."""
         first = windows[0]
         still = np.zeros(len(first))
         # The state after a calibration under this command.

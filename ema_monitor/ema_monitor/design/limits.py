@@ -20,7 +20,7 @@ _SHARE: Final = 0.9
 
 @dataclass(frozen=True)
 class Demands:
-    """Largest demands of a test; current and torque without the ripple of the inverter."""
+    """Largest demands of a test; current and torque exclude the inverter ripple."""
 
     travel: float
     """Travel of the command, from end to end [rad]."""
@@ -34,7 +34,7 @@ class Demands:
     """Duration of the command [s]."""
 
     def shares(self, limits: "Demands") -> dict[str, float]:
-        """Return the demands divided by limits, by name [-]."""
+        """Return the ratio of each demand to its limit, by name [-]."""
         return {name: value / getattr(limits, name) for name, value in asdict(self).items()}
 
 

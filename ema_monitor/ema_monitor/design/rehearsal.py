@@ -45,12 +45,12 @@ REHEARSED_WINDOWS: Final = _HEALTHY + len(COMPONENTS) * _SINGLE + N_COMBINED * _
 
 
 class ActuatorRig(Protocol):
-    """Runs tests of an actuator with chosen faults, usually a simulated actuator."""
+    """Runs tests of an actuator with chosen faults; the actuator is usually simulated."""
 
     def __call__(
         self, command: Command, faults: Array, cycles: int, causes: Mapping[str, float]
     ) -> list[Window]:
-        """Return a window from each test cycle.
+        """Return one window per test cycle.
 
         Parameters
         ----------
@@ -72,7 +72,7 @@ class ActuatorRig(Protocol):
 
 
 def single_faults() -> dict[str, Array]:
-    """Return fault vectors with each fault alone, half-way to its limit, by name of the fault."""
+    """Return a fault vector for each fault alone, half-way to its limit, by name of the fault."""
     result = {}
     for i, fault in enumerate(FAULTS):
         if fault.limit is not None:
@@ -101,7 +101,10 @@ def combined_faults(number: int) -> Array:
 
 
 def present(faults: Array) -> Flags:
-    """Return which components differ from healthy, ``(8,)``; the phase if the eccentricity does."""
+    """Return which components differ from healthy, ``(8,)``.
+
+    The phase differs if the eccentricity does.
+    """
     differs = faults != healthy_faults()
     differs[ECCENTRICITY_PHASE] = differs[ECCENTRICITY]
     return differs
@@ -140,14 +143,14 @@ class FaultProspect(NamedTuple):
     shown: bool
     """Whether a test detects the fault half-way to its limit."""
     sigma: float
-    """Standard deviation of an estimate, in the least favourable actuator; NaN if the fault is not
+    """Standard deviation of an estimate for the least favourable actuator; NaN if the fault is not
     detected."""
     error: float
     """RMS error of the estimates of the rehearsed windows [-]."""
     smallest: float
     """Smallest distance from healthy that a test detects [-]."""
     not_told_from: tuple[Part, ...]
-    """Parts of explanations that a test cannot distinguish from the fault, by name."""
+    """Faults and causes that a test cannot separate from the fault, each a tuple of names."""
 
     @property
     def effective(self) -> float:
@@ -238,7 +241,7 @@ def rehearse(
 
 
 def confused_with(estimate: Estimate, name: str) -> set[Part]:
-    """Return the parts that an estimate cannot distinguish from a fault or a cause."""
+    """Return the faults and causes that an estimate cannot separate from a fault or cause."""
     pairs = [pair for part, stand_in in estimate.alternatives for pair in _both(part, stand_in)]
     return {stand_in for part, stand_in in pairs if name in part}
 
@@ -248,13 +251,13 @@ def _both(part: Part, stand_in: Part) -> tuple[tuple[Part, Part], tuple[Part, Pa
 
 
 def fewest(parts: Iterable[Part]) -> tuple[Part, ...]:
-    """Return parts without the combinations whose names all occur as single parts."""
+    """Return parts without combinations whose names all occur as single parts."""
     alone = {part[0] for part in parts if len(part) == 1}
     return tuple(sorted(part for part in parts if len(part) == 1 or not alone.issuperset(part)))
 
 
 def claimed(estimate: Estimate) -> list[int]:
-    """Return the numbers of the faults that a valid estimate detects."""
+    """Return the indices of the faults that a valid estimate detects."""
     return [int(i) for i in np.flatnonzero(_claims(estimate)) if FAULT_NAMES[i] in COMPONENTS]
 
 
@@ -263,7 +266,7 @@ def _claims(estimate: Estimate) -> Flags:
 
 
 def _correlated(prospect: Prospect, i: int) -> list[int]:
-    """Return the numbers of the faults whose estimates strongly correlate with fault ``i``."""
+    """Return the indices of the faults whose estimates correlate strongly with fault ``i``."""
     correlated = np.zeros(len(FAULTS), dtype=bool)
     for estimate in prospect.estimates:
         sigma = np.sqrt(np.diag(estimate.covariance))

@@ -25,7 +25,7 @@ from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.node_parameters import LiveSettings
 
 IN_MEMORY: Final = "memory"
-"""Value of ``history_folder`` for histories in memory; launch files reject empty arguments."""
+"""Value of ``history_folder`` that keeps histories in memory only; launch files reject ""."""
 
 _PERIODS: Final = 3.0
 
@@ -40,15 +40,14 @@ class Files(Checked):
         "actuator; empty: the shipped calibration of the built-in actuator",
     )
     calibration_folder: str = text(
-        "$ROS_HOME/ema",
-        "folder of the calibrations that ~/calibrate makes or loads by a name of its request",
+        "$ROS_HOME/ema", "folder of the calibration files that ~/calibrate writes, or loads by name"
     )
     actuator_file: str = text(
-        "", "actuator file for actuators that publish no description; empty: none"
+        "", "actuator file for actuators that do not publish a description; empty: none"
     )
     history_folder: str = text(
         "$ROS_HOME/ema/history",
-        f"folder for the tests of each unit; {IN_MEMORY!r}, and in simulated time: none is kept",
+        f"folder of the unit histories; {IN_MEMORY!r}, or simulated time: kept in memory only",
     )
     baseline_folder: str = text(
         "",
@@ -56,8 +55,7 @@ class Files(Checked):
         "calibration_file; empty: none is learned",
     )
     fleet_file: str = text(
-        "",
-        "how other units of the model grew, a file that `ema learn-fleet` wrote; empty: not known",
+        "", "growth of the faults of other units: file written by `ema learn-fleet`; empty: none"
     )
 
     @property
@@ -79,14 +77,14 @@ class Operation(Checked):
     """Actuators, queue, staleness, calibration, measured causes and histories of a monitor."""
 
     most_actuators: int = quantity(
-        100, "-", 1, 10_000, "actuators that are followed at most; others are refused and counted"
+        100, "-", 1, 10_000, "largest number of actuators to monitor; further ones are refused"
     )
     waiting_windows: int = quantity(
         2,
         "-",
         1,
         10_000,
-        "queue length for each actuator; the oldest window is dropped, not in simulated time",
+        "queue length per actuator; if full, the oldest window is dropped (not in simulated time)",
     )
     expected_period_s: float = quantity(
         10.0, "s", 0.1, 1e7, "expected time between estimates; health is stale after three"
@@ -94,20 +92,20 @@ class Operation(Checked):
     calibration_timeout_s: float = quantity(
         60.0, "s", 1.0, 1e5, "timeout of a calibration for its next window"
     )
-    level_confirmations: int = quantity(2, "-", 1, 100, "tests in a row that lower a level")
+    level_confirmations: int = quantity(2, "-", 1, 100, "consecutive tests that lower a level")
     measured_max_age_s: float = quantity(
         MAX_AGE_S,
         "s",
         0.0,
         1e7,
-        "age at the start of a window up to which a measured cause holds for it",
+        "largest age of a measured cause at the start of a window that uses it",
     )
     history_max_offset_s: float = quantity(
         3600.0,
         "s",
         1.0,
         1e10,
-        "largest difference of a stamp from the clock of the node: other tests enter no history",
+        "largest difference between stamp and node clock; other tests are not recorded",
     )
 
     accept_after: int = quantity(
@@ -123,8 +121,8 @@ class Operation(Checked):
 
     has_clock: bool = flag(
         True,
-        "whether stamps come from a clock; if false, as for a drive whose stamps restart, tests "
-        "count in the order of reception",
+        "whether stamps come from a clock; if false (stamps restart with the drive), tests are "
+        "ordered by reception",
     )
 
     @property
@@ -178,6 +176,6 @@ class MonitorSettings:
 
 
 def folder_of(text: str) -> Path:
-    """Return the folder named by a parameter, with variables and ``~`` expanded."""
+    """Return the path in a parameter, with environment variables and ``~`` expanded."""
     ros_home = os.environ.get("ROS_HOME") or "~/.ros"
     return Path(os.path.expandvars(text.replace("$ROS_HOME", ros_home))).expanduser()

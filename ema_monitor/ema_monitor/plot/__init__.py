@@ -1,4 +1,4 @@
-"""Pictures of an identification. They need matplotlib (``pip install ema_monitor[plot]``)."""
+"""Figures of an estimate. They need matplotlib (``pip install ema_monitor[plot]``)."""
 
 from ema_monitor.plot.fit import plot_fit
 

@@ -1,4 +1,4 @@
-"""Picture of an estimate: measured signals, model signals, and the faults."""
+"""Figure of an estimate: measured and modelled signals, and the faults."""
 
 from typing import Any, Final
 
@@ -29,7 +29,11 @@ _RESIDUAL: Final[dict[str, Any]] = {
     "lw": 0.5,
     "label": "measured − model",
 }
-_SMOOTH: Final[dict[str, Any]] = {"color": INK, "lw": 1.0, "label": "the same, band-limited"}
+_SMOOTH: Final[dict[str, Any]] = {
+    "color": INK,
+    "lw": 1.0,
+    "label": "measured − model, band-limited",
+}
 _BAR: Final = "estimate, 90 % interval"
 
 
@@ -40,14 +44,12 @@ def plot_fit(
     *,
     since_ns: int | None = None,
 ) -> Figure:
-    """Return a figure of current and speed, measured and modelled, and the faults.
+    """Return a figure with measured and modelled current and speed, and the estimated faults.
 
     Parameters
     ----------
     window
-        The window.
-    estimate
-        The valid estimate in it.
+        The window. estimate A valid estimate of the window.
     calibration
         Calibration of the estimate; None for the built-in actuator.
     since_ns
@@ -59,7 +61,7 @@ def plot_fit(
         If the estimate is not valid.
     """
     if not estimate.valid:
-        raise ValueError(f"no picture without a valid estimate: {estimate.reason}")
+        raise ValueError(f"cannot plot an estimate that is not valid: {estimate.reason}")
     calibration = calibration or Calibration.builtin()
     start_s = 0.0 if since_ns is None else (window.start_ns - since_ns) * 1e-9
     t = start_s + window.sample_period * np.arange(1, len(window) + 1)
@@ -74,7 +76,7 @@ def plot_fit(
         _draw_signal(pair, t, window.sample_period, measured[number], modelled[number])
         column = Response._fields[number]
         if column in window.telemetry.missing:
-            remark = {"current": "not measured", "speed": "by the position"}[column]
+            remark = {"current": "not measured", "speed": "derived from the position"}[column]
             pair[0].set_title(remark, loc="right", fontsize="small")
         for axes, quantity in zip(pair, (column, "residual"), strict=True):
             axes.set_ylabel(f"{quantity} [{unit}]")
@@ -97,7 +99,7 @@ def plot_fit(
 def _draw_signal(
     panels: list[Axes], t: NDArray[np.floating], period: float, measured: Array, modelled: Array
 ) -> None:
-    """Draw a measured signal with the model signals, and the residuals below, if measured."""
+    """Draw the measured and modelled signal, and below it the residual, if measured."""
     both, rest = panels
     if len(measured):
         both.plot(t, measured, **_MEASURED)

@@ -1,4 +1,4 @@
-"""Colours, markers and panels shared by all pictures."""
+"""Colours, markers and panels shared by all figures."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -21,11 +21,11 @@ PURPLE: Final = "#cc79a7"
 SKY: Final = "#56b4e9"
 BROWN: Final = "#8c510a"
 GREY: Final = "#7f7f7f"
-"""Colours from the palette of Okabe and Ito, which is distinct for the colour-blind, plus brown and
-grey. Line style, marker or place always support the colour."""
+"""Colours of the palette of Okabe and Ito, which the colour-blind can distinguish, plus brown and
+grey. Lines also differ in style, marker or place."""
 
 INK: Final = "#1a1a1a"
-"""Colour of true values and of text in a picture."""
+"""Colour of true values and of text."""
 
 LEVEL_COLOURS: Final[Mapping[int, str]] = MappingProxyType(
     {WARN: ORANGE, ERROR: VERMILION, STALE: GREY}
@@ -41,18 +41,18 @@ LIMIT: Final[Mapping[str, Any]] = MappingProxyType(
 ESTIMATES: Final[Mapping[str, Any]] = MappingProxyType(
     {"fmt": "o", "ms": 3.5, "elinewidth": 1.0, "zorder": 3, "label": "estimate, 90 % interval"}
 )
-"""Styles shared by several pictures."""
+"""Plot styles shared by several figures."""
 
 
 def stacked_panels(heights: list[float], height_scale: float) -> tuple[Figure, list[Axes]]:
-    """Return a figure and its panels, stacked with a common abscissa.
+    """Return a figure and its panels, stacked with a common horizontal axis.
 
     Parameters
     ----------
     heights
         Relative heights of the panels.
     height_scale
-        Height of the figure per unit of ``heights`` [inch].
+        Figure height per unit of ``heights`` [inch].
     """
     figure = Figure(figsize=(10.5, 1.2 + height_scale * sum(heights)), layout="constrained")
     grid = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights, squeeze=False)
@@ -65,14 +65,14 @@ def stacked_panels(heights: list[float], height_scale: float) -> tuple[Figure, l
 def draw_legend(
     figure: Figure, panels: list[Axes], bands: Mapping[str, tuple[str, str]] = MappingProxyType({})
 ) -> None:
-    """Draw a legend of the labelled lines of panels, each label once.
+    """Draw a figure's legend: each label of the lines in its panels once.
 
     Parameters
     ----------
     figure, panels
         The figure, and its panels.
     bands
-        By label of a line: label of the band around the line, and common label of both.
+        Label of the band around a line, and common label of line and band, by label of the line.
     """
     marks: dict[str, Any] = {}
     for axes in panels:
@@ -94,7 +94,7 @@ def tidy(axes: Axes, direction: Any = "both") -> None:
 def draw_estimates(
     axes: Axes, place: ArrayLike, value: ArrayLike, sigma: ArrayLike, **style: Any
 ) -> ErrorbarContainer:
-    """Draw estimates with their 90 % intervals, between the one-sided 95 % bounds.
+    """Draw estimates with error bars of their 90 % intervals (between the one-sided 95 % bounds).
 
     Parameters
     ----------

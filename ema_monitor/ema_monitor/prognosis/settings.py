@@ -32,6 +32,6 @@ class PrognosisSettings:
     good_for_s: float = 0.0
     """Validity of a level after its test [s]; 0 for a record, whose level does not expire."""
     level_confirmations: int = 2
-    """Number of tests in a row that lower a level."""
+    """Number of consecutive tests that lower a level."""
     has_clock: bool = True
     """Whether a clock gives the stamps; otherwise tests are ordered and dated by reception."""

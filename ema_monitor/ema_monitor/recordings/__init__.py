@@ -1,6 +1,7 @@
-"""Windows and counts of the service life in a recording.
+"""Windows and service-life counts of a recording.
 
-This package needs ``ema_bags``, of the extra ``bags``.
+This package needs ``ema_bags``: install the
+extra ``bags``.
 """
 
 from ema_monitor.recordings.finding import read_windows as read_windows

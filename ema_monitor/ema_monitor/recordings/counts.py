@@ -1,4 +1,4 @@
-"""Counts of the service life of a unit in a recording."""
+"""Service-life counts of a unit in a recording."""
 
 from ema_bags.recording import Recording
 from ema_bags.telemetry import USAGE_TYPE
@@ -8,7 +8,7 @@ from ema_ros.stamps import stamp_from_message
 
 
 def read_counts(bag: Recording, unit: ActuatorDescription) -> tuple[list[Count], list[str]]:
-    """Return the counts of a unit, and the defects of the counts in a bag.
+    """Read the service-life counts of a unit from a bag. Return the counts and their defects.
 
     Parameters
     ----------
@@ -28,9 +28,9 @@ def read_counts(bag: Recording, unit: ActuatorDescription) -> tuple[list[Count],
         message = item.message
         if message.actuator_id != unit.actuator_id:
             continue
-        # A count without a serial number is of the described unit.
+        # A count without a serial number belongs to the described unit.
         if message.serial_number not in ("", unit.serial_number):
-            remarks[f"usage of serial number {message.serial_number!r} is passed over"] = None
+            remarks[f"usage of serial number {message.serial_number!r} is ignored"] = None
             continue
         # A count without a stamp was read when it was recorded.
         stamp_ns = stamp_from_message(message.header.stamp) or item.log_time_ns

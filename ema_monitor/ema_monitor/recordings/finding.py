@@ -1,4 +1,4 @@
-"""Detection of the windows in a recording without keeping its telemetry."""
+"""Detection of the windows in a recording, with only its latest telemetry in memory."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -25,7 +25,7 @@ from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
 from ema_ros.messages import StampedFaults, measured_from_message, stamped_faults_from_message
 
 _MOST_DEFECTS: Final = 5
-# Place, index of the first sample, and index after the last one, of each block.
+# Place of each block, index of its first sample, and index after its last sample.
 _Places = deque[tuple[MessagePlace, int, int]]
 
 
@@ -47,11 +47,11 @@ def read_windows(
     settings
         Settings of the detection; default settings if None.
     topic, actuator_id
-        Telemetry to read, if the recording has a choice.
+        Topic and actuator to read, if the recording has telemetry of several.
     description
         Description of the actuator; None for the description in the recording.
     measured_max_age_s
-        Age at the start of a window up to which a recorded measurement holds for it [s].
+        Largest age of a recorded measurement at the start of a window that uses it [s].
 
     Raises
     ------
@@ -60,7 +60,7 @@ def read_windows(
     OSError
         If the recording cannot be opened.
     """
-    from ema_bags.reader import Bag  # rosbags and mcap only for bags
+    from ema_bags.reader import Bag  # imports rosbags and mcap, which only bags need
 
     recorded = read_telemetry(Bag(path), topic, actuator_id)
     return find_recorded_windows(
@@ -92,11 +92,11 @@ def find_recorded_windows(
         Measured causes for the whole recording; they replace recorded measurements of the same
         causes.
     measured_max_age_s
-        Age at the start of a window up to which a recorded measurement holds for it [s].
+        Largest age of a recorded measurement at the start of a window that uses it [s].
     on_block
         Called with each block of telemetry.
     with_duty
-        Whether to measure the flown duty, for which kernels are compiled.
+        Whether to measure the flown duty, which compiles kernels.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def find_recorded_windows(
     """
     bag, unit = recorded.bag, recorded.actuator_id
     if description is None and not recorded.descriptions:
-        reason = f"{bag.path} has no description of actuator {unit!r}: give one"
+        reason = f"{bag.path} has no description of actuator {unit!r}: pass one"
         raise ValueError("; ".join(filter(None, (reason, bag.damage))))
     measurements, wrong = _recorded_measurements(recorded)
     intake = Intake(
@@ -119,7 +119,7 @@ def find_recorded_windows(
         measures_duty=with_duty,
     )
     finder = intake.finder
-    # Places of the latest blocks, as many as a window may span.
+    # Places of the latest blocks that a window may span.
     latest: _Places = deque()
     first: Telemetry | None = None
     blocks = samples = last_ns = 0
@@ -166,7 +166,7 @@ def find_recorded_windows(
         remarks.append(f"{counted(lost, 'lost sample')} of {samples + lost} interpolated")
     if windows and finder.shortfall:
         pieces = counted(finder.passed_over, "piece")
-        remarks.append(f"{pieces} of the telemetry passed over: {finder.shortfall}")
+        remarks.append(f"{pieces} of the telemetry ignored: {finder.shortfall}")
     if wrong:
         count = counted(len(wrong), "impossible measurement")
         remarks.append(f"ignored: {count}, the latest: {wrong[-1]}")
@@ -192,7 +192,7 @@ def find_recorded_windows(
 def _recorded_window(
     segment: Segment, recorded: RecordedTelemetry, latest: _Places
 ) -> RecordedWindow:
-    """Return a window that the last block completed, with the place of its samples."""
+    """Return the window that the last block completed, with the place of its samples in the bag."""
     window, play = segment.window, None
     measured: tuple[CauseEstimate, ...] = ()
     place: WindowPlace | Refusal
@@ -200,7 +200,7 @@ def _recorded_window(
         place = window
     else:
         start, samples = window.telemetry.first_index, len(window.telemetry)
-        # A window may begin or end among interpolated samples, which are between two blocks.
+        # A window may begin or end at interpolated samples, which lie between two blocks.
         first, index, _ = [item for item in latest if item[1] <= start][-1]
         last = next((item for item in latest if item[2] >= start + samples), latest[-1])
         place = WindowPlace(recorded, first, last[0], start - index, samples)
@@ -211,7 +211,7 @@ def _recorded_window(
 
 
 def _recorded_measurements(recorded: RecordedTelemetry) -> tuple[MeasurementLog, list[str]]:
-    """Return the measurements of the actuator, and the defects of its other messages."""
+    """Return the measured causes of the actuator, and the defects of malformed messages."""
     log, wrong = MeasurementLog(), []
     for item in recorded.bag.messages(recorded.bag.topics_of(MEASURED_TYPE)):
         if item.message.actuator_id == recorded.actuator_id:

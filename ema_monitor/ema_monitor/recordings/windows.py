@@ -20,7 +20,7 @@ from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 from ema_ros.messages import StampedFaults
 
-if TYPE_CHECKING:  # the import of an estimate needs no prognosis
+if TYPE_CHECKING:  # an estimate alone needs no prognosis
     from ema_monitor.prognosis.duty.damage import FlownDuty
 
 _KEPT_WINDOWS: Final = 64
@@ -61,7 +61,7 @@ class RecordedWindow:
     end_ns: int
     """Stamp of the last sample [ns]."""
     play: float | None
-    """Position of the motor in its play at the start [half-widths]; None if unknown."""
+    """Position of the motor within its backlash at the start [half-widths]; None if unknown."""
     place: WindowPlace | Refusal
     """Place of the samples, or the refusal of the window."""
     measured: tuple[CauseEstimate, ...] = ()
@@ -92,22 +92,22 @@ class BagWindows:
     windows: list[RecordedWindow]
     """Usable and refused windows, in order of time."""
     remarks: list[str]
-    """Defects of the bag, or of its telemetry outside of any window."""
+    """Defects of the bag, and of its telemetry outside of windows."""
     longest_motion_s: float
-    """Longest motion of the command, or for records of the position, without a window [s]."""
+    """Longest motion that gave no window [s], of the command or, for records, of the position."""
     has_rested: bool
-    """Whether the command, or for records the position, was ever at rest."""
+    """Whether the command (for records, the position) was ever at rest."""
     obstacle: str
     """Reason why no window could be complete; empty if one could, or if it is unknown."""
     truths: list[StampedFaults]
     """True faults of the actuator by test cycle, in order, if the bag records them."""
     flown: "dict[UnitKey, list[tuple[int, FlownDuty]]]" = field(default_factory=dict)
-    """Flown duty by unit, up to the end of each window and of the bag, by stamp [ns]; empty if it
-    was not measured."""
+    """Flown duty by unit: pairs of a stamp [ns], the end of a window or of the bag, and the duty up
+    to it. Empty if it was not measured."""
 
     @property
     def usable(self) -> Sequence[Window]:
-        """Usable windows, each read from the recording at its access."""
+        """Usable windows; each is read from the recording when it is accessed."""
         return WindowsOnDemand(self.windows)
 
     @property

@@ -89,7 +89,7 @@ class ActuatorStatus:
 
     @property
     def description(self) -> ActuatorDescription | None:
-        """The latest description of the actuator; None before the first one."""
+        """The latest description of the actuator; None until it is described."""
         return self.finder.description
 
     @property
@@ -111,7 +111,7 @@ class ActuatorStatus:
     def calibrating(self) -> Iterator[None]:
         """Show a running calibration in the status; raise ValueError if one runs already."""
         if self.is_calibrating:
-            raise ValueError(f"actuator {self.actuator_id!r} is being calibrated already")
+            raise ValueError(f"actuator {self.actuator_id!r} is already being calibrated")
         self.is_calibrating = True
         try:
             yield
@@ -129,15 +129,15 @@ class ActuatorStatus:
         self._since_exchange = 0
         if new not in self._exchanged:
             return False
-        both = ", ".join(sorted({old, new}))
+        units = ", ".join(sorted({old, new}))
         self.alternation = (
-            f"units {both} alternate under this actuator_id: give each actuator its own, or call "
-            "~/forget_actuator if the unit was mounted again"
+            f"units {units} alternate under this actuator_id: give each actuator its own "
+            "actuator_id, or call ~/forget_actuator if the unit was mounted again"
         )
         return True
 
     def add_defect(self, reason: str, before_window: int | None = None) -> bool:
-        """Record a defect; return whether it is the only open one.
+        """Record a defect. Return whether it is the only open defect.
 
         ``before_window`` is the number of the first window that the defect does not affect; None
         for the next window.

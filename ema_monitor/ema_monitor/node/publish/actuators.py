@@ -37,11 +37,11 @@ class Actuators(dict[str, ActuatorStatus]):
     read_clock
         Returns the time and the backward clock step since the previous call [ns].
     why_not
-        Returns why this monitor does not follow an actuator; empty if it does.
+        Returns why an actuator is not monitored; empty if it may be.
     rewind
         Discards tests later than a time [ns] to which simulated time has stepped back.
     mark_clock_step
-        Marks all tests so far as from before a step of the clock.
+        Marks all tests so far as measured before a step of the clock.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class Actuators(dict[str, ActuatorStatus]):
         with self.lock:
             if not actuator_id and len(self) != 1:
                 raise ValueError(
-                    f"actuator_id is empty: expected one of those monitored: {self._listing()}"
+                    f"actuator_id is empty: expected a monitored actuator: {self._listing()}"
                 )
             status = self.get(actuator_id or next(iter(self)))
         if status is None:
@@ -211,7 +211,7 @@ class Actuators(dict[str, ActuatorStatus]):
             return any(status.finder.blocks and not status.is_silent for status in self.values())
 
     def telemetry(self, dropped: dict[str, int]) -> list[TelemetryStatus]:
-        """Return the counts of each actuator; ``dropped``: dropped windows by name."""
+        """Return the message counts of each actuator; ``dropped`` has its dropped windows."""
         with self.lock:
             return [telemetry_status(status, dropped.get(name, 0)) for name, status in self.items()]
 

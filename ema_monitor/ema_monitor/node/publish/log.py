@@ -57,7 +57,7 @@ class Log:
             self.report_on(actuator_id)
 
     def failed(self, where: str, what: str, error: Exception) -> str:
-        """Log the failure of a step with its traceback, and return the reason."""
+        """Log the failure of a step with its traceback. Return the reason."""
         reason = f"{what} failed: {error!r}"
         self.error(f"{where or 'actuator'}: {reason}\n{traceback.format_exc()}")
         return reason

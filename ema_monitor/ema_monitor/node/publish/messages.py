@@ -88,7 +88,7 @@ def _quantities(comparison: Comparison | None) -> list[QuantityChange]:
 
 
 def _hidden_cause(inferred: CauseEstimate, estimate: Estimate | None = None) -> HiddenCause:
-    """Return a cause as a message, with its alternatives in an estimate."""
+    """Return a hidden cause as a message, with the alternatives that an estimate names for it."""
     cause = CAUSE_BY_NAME[inferred.name]
     pairs = estimate.alternatives if estimate else ()
     stand_ins = [part_label(stand_in) for part, stand_in in pairs if part == (inferred.name,)]
@@ -96,7 +96,7 @@ def _hidden_cause(inferred: CauseEstimate, estimate: Estimate | None = None) -> 
 
 
 def fault_bits(message_class: Any, name: str, components: Flags) -> int:
-    """Return components of the fault vector, ``(n,)``, as bits of a field of a message.
+    """Return a message's bit field with one bit for each component of the fault vector, ``(n,)``.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def fault_bits(message_class: Any, name: str, components: Flags) -> int:
 
 
 _ALL: Final = np.ones(N_FAULTS, dtype=np.bool_)
-# An import fails if a fault has no bit.
+# Computed at import: a fault without a bit is reported at once.
 _ALL_UNOBSERVABLE: Final = fault_bits(FaultEstimate, "unobservable", _ALL)
 fault_bits(FaultEstimate, "insignificant", _ALL)
 fault_bits(UnitTest, "insignificant", _ALL)
@@ -145,7 +145,7 @@ def _made(message_class: Any, *sources: Any, stamp_ns: int | None = None, **valu
 
 
 def _field(kind: str, value: Any) -> Any:
-    """Return a value converted for a field of a message; ``kind`` is the ROS type."""
+    """Return a value converted to the type of a message field; ``kind`` is the ROS type."""
     if (plain := _PLAIN.get(kind)) is not None:
         return plain(value)
     if isinstance(value, np.ndarray):
@@ -165,7 +165,7 @@ def _field(kind: str, value: Any) -> Any:
 
 
 def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription) -> HealthForecast:
-    """Return the forecast of the faults as a message; without faults if hours are unknown."""
+    """Return the fault forecast as a message; without faults if service hours are unknown."""
     outlook, fan = forecaster.outlook, forecaster.fan()
     return _made(
         HealthForecast,
@@ -185,7 +185,7 @@ def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription
 def advice_to_message(
     advice: Advice, outlook: Outlook, cost_unit: str, description: ActuatorDescription
 ) -> AdviceMessage:
-    """Return a removal advice, computed from ``outlook``, as a message."""
+    """Return the removal advice computed from ``outlook`` as a message."""
     return _made(
         AdviceMessage,
         description,
@@ -201,7 +201,7 @@ def advice_to_message(
 
 
 def window_fit_to_message(fit: WindowFit, diagnosed: Diagnosed) -> WindowFitMessage:
-    """Return a window with the response of the model as a message."""
+    """Return the signals of a window, measured and modelled, as a message."""
     verdict = VERDICTS.index(diagnosed.estimate.verdict)
     return _made(
         WindowFitMessage,
@@ -289,7 +289,7 @@ def curve_to_message(
 
 
 def summary_of(health: HealthMessage) -> HealthSummary:
-    """Return the summary of a health."""
+    """Return the summary of a health message."""
     life = health.rul.hours_50 if health.rul.known else math.nan
     words = LEVEL_NAMES[health.level]
     if health.dominant_fault:
@@ -303,7 +303,7 @@ def summary_of(health: HealthMessage) -> HealthSummary:
 
 
 def unknown_estimate(actuator_id: str, reason: str) -> FaultEstimate:
-    """Return the estimate for a response without a result: every figure is NaN."""
+    """Return an estimate message for a failed call: every number is NaN."""
     message = _without_figures(FaultEstimate())
     message.actuator_id, message.reason = actuator_id, reason
     message.verdict, message.unobservable = FaultEstimate.REFUSED, _ALL_UNOBSERVABLE
@@ -311,7 +311,7 @@ def unknown_estimate(actuator_id: str, reason: str) -> FaultEstimate:
 
 
 def unknown_health(actuator_id: str, reason: str) -> HealthMessage:
-    """Return the health for a response without a result: every figure is NaN."""
+    """Return a health message for a failed call: every number is NaN."""
     message = _without_figures(HealthMessage())
     message.actuator_id, message.reason = actuator_id, reason
     message.level = HealthMessage.STALE
@@ -362,7 +362,9 @@ def scenarios_from_messages(messages: Sequence[Any]) -> tuple[Scenario, ...]:
 
 def _shares(name: str, values: Sequence[float], shares: Sequence[float]) -> dict[float, float]:
     if len(values) != len(shares):
-        raise ValueError(f"{name}: {len(shares)} shares of {len(values)} values: expected as many")
+        raise ValueError(
+            f"{name}: {len(shares)} shares for {len(values)} values: expected one share per value"
+        )
     if len(set(values)) < len(values):
-        raise ValueError(f"{name} = {list(values)[:10]}: expected each value once")
+        raise ValueError(f"{name} = {list(values)[:10]}: expected different values")
     return dict(zip(values, shares, strict=True))

@@ -91,7 +91,7 @@ class Outputs:
         self._publish(topics.HEALTH_SUMMARY, summary_of(health))
 
     def publish_fit(self, fit: WindowFit, diagnosed: Diagnosed) -> None:
-        """Publish a window with the response of the model."""
+        """Publish the signals of a window, measured and modelled."""
         self._publish(topics.WINDOW_FIT, window_fit_to_message(fit, diagnosed))
 
     def publish_baseline(self, status: BaselineStatus) -> None:
@@ -103,7 +103,7 @@ class Outputs:
         self._publish(topics.FRICTION_CURVE, curve)
 
     def publish_forecast(self, forecaster: Forecaster, description: ActuatorDescription) -> None:
-        """Publish the forecast of the faults of a unit."""
+        """Publish the fault forecast of a unit."""
         self._publish(topics.HEALTH_FORECAST, forecast_to_message(forecaster, description))
 
     def publish_advice(

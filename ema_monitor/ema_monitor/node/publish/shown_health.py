@@ -34,7 +34,7 @@ class ShownHealth:
     steady_ns
         Current monotonic time [ns].
     described
-        Returns the latest description of the actuator; None before the first one.
+        Returns the latest description of the actuator; None until it is described.
     stream
         Reception state of its telemetry.
 
@@ -61,7 +61,7 @@ class ShownHealth:
     def reset(self, steady_ns: int) -> None:
         """Reset the health after the unit was replaced."""
         self.comparison: Comparison | None = None
-        # Newest test of the outlook, time of its first display, and the reason why it is invalid.
+        # Newest test of the outlook, when it was first published, and why its level is invalid.
         self._claimed_test, self._claimed_at = (0, 0), Moment(0, 0)
         self._end_of_claim = self._doubt = ""
         self._added_ns = steady_ns
@@ -84,8 +84,8 @@ class ShownHealth:
     def resume(self, description: ActuatorDescription, outlook: Outlook, now: Moment) -> str | None:
         """Publish the health after the newest test in the history, unless already published.
 
-        It is published again when requirements become available. Return a description of the
-        change of the level, empty without a change; None if nothing was published.
+        It is published again when requirements become available. Return a description of the level
+        change, "" if the level is unchanged, or None if nothing was published.
         """
         if not self._is_mounted(description):
             return None
@@ -169,8 +169,8 @@ class ShownHealth:
             return "the monitor was started after the newest test: the next test gives the level"
         if claim.measured_ns <= now.passed_ns:
             return (
-                "the newest test may be from before the clock went back: the next test that is "
-                "received while it is measured gives the level"
+                "the newest test may have been measured before the clock went back: the next test "
+                "that is received while it is measured gives the level"
             )
         if claim.is_ahead or (self._stream.has_streamed and not claim.is_dated):
             return (
@@ -197,7 +197,7 @@ class ShownHealth:
         return latest is not None and latest.serial_number == description.serial_number
 
     def _publish_as_is(self) -> HealthMessage | None:
-        """Publish and return the health of the last assessed, or else the described, unit."""
+        """Publish and return the health of the last assessed, else of the described unit."""
         description = self._assessed or self._described()
         if description is None:
             return None

@@ -27,7 +27,7 @@ _LARGEST_COUNT: Final = 2**64 - 1
 
 
 def telemetry_status(unit: ActuatorStatus, dropped: int = 0) -> TelemetryStatus:
-    """Return the counts of an actuator; ``dropped`` is the number of its dropped windows."""
+    """Return an actuator's counts as a message; ``dropped`` is its number of dropped windows."""
     return TelemetryStatus(
         actuator_id=unit.actuator_id,
         serial_number=unit.description.serial_number if unit.description else "",
@@ -99,7 +99,7 @@ def _shown_by(
 
 
 def _figures_of(comparison: Comparison) -> dict[str, float]:
-    """Return change and smallest detectable change of each quantity by key."""
+    """Return the change and the smallest detectable change of each quantity, by status key."""
     figures: dict[str, float] = {}
     for quantity in comparison.quantities:
         scale, unit = (100.0, "%") if quantity.unit == "-" else (1.0, quantity.unit)
@@ -112,10 +112,10 @@ def _figures_of(comparison: Comparison) -> dict[str, float]:
 def _telemetry_task(unit: ActuatorStatus, waiting: int, dropped: int) -> Task:
     finder, category = unit.finder, ""
     if unit.is_listed and unit.description is None and not finder.blocks:
-        level, message = WARN, "listed, and nothing received from it yet"
+        level, message = WARN, "listed, but nothing received so far"
     elif unit.description is None:
         level, category = ERROR, CHECK_FUNCTION
-        waits = "no description of the actuator: the telemetry has to wait"
+        waits = "no description of the actuator: its telemetry cannot be used yet"
         message = "; ".join(filter(None, [waits, unit.defects]))
     elif unit.alternation or unit.defects:
         level, message = WARN, "; ".join(filter(None, [unit.alternation, unit.defects]))
@@ -129,7 +129,7 @@ def _telemetry_task(unit: ActuatorStatus, waiting: int, dropped: int) -> Task:
     else:
         level, message = OK, f"{unit.valid} valid estimates"
     if unit.is_silent and finder.blocks:
-        level, message = STALE, f"no telemetry any more; {message}"
+        level, message = STALE, f"telemetry has stopped; {message}"
     if unit.is_calibrating:
         category = DIAGNOSTICS_ACTIVE
     status = telemetry_status(unit, dropped)
@@ -181,7 +181,7 @@ def _item_task(unit: ActuatorStatus, item: FaultHealth, end: str) -> Task:
 
 
 def _unit(item: FaultHealth, form: str) -> str:
-    """Return the formatted unit of a requirement; empty for a fault or share."""
+    """Return the unit of a requirement, formatted by ``form``; empty for a fault or share."""
     unit = RequirementLimits.unit(item.name)
     return "" if unit == "1" else form.format(unit)
 

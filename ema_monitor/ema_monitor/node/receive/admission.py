@@ -14,9 +14,9 @@ from ema_monitor.node.settings import Operation
 from ema_ros.node_parameters import LiveSettings
 
 _UNNAMED: Final = "messages without actuator_id"
-_UNKNOWN: Final = "wrong messages of actuators that are not monitored"
+_UNKNOWN: Final = "malformed messages of actuators that are not monitored"
 _OTHER_SHARDS: Final = "messages of other shards"
-_NOT_LISTED: Final = "messages of actuators not listed"
+_NOT_LISTED: Final = "messages of unlisted actuators"
 _REFUSED: Final = "messages of actuators beyond the limit"
 
 
@@ -41,15 +41,17 @@ def _number_of(actuator_id: str) -> int:
 class Shard(Checked):
     """A monitor's share of the actuators when several monitors divide them."""
 
-    index: int = quantity(0, "-", 0, 255, "which share of the actuators is followed, from 0")
-    count: int = quantity(1, "-", 1, 256, "number of monitors that share the actuators")
+    index: int = quantity(0, "-", 0, 255, "number of the shard that this monitor follows, from 0")
+    count: int = quantity(
+        1, "-", 1, 256, "number of monitors among which the actuators are divided"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.index >= self.count:
             raise ValueError(
-                f"index = {self.index}: expected at most {self.count - 1}, as count = {self.count} "
-                "monitors share the actuators and the first one is 0"
+                f"index = {self.index}: expected 0 to {self.count - 1}, because the actuators are "
+                f"divided among count = {self.count} monitors"
             )
 
     def has(self, actuator_id: str, listed: Collection[str] = ()) -> bool:
@@ -65,7 +67,7 @@ class Selection(Checked):
     """The list of actuators to monitor."""
 
     actuators: tuple[str, ...] = texts(
-        "actuators to monitor, each by its actuator_id; empty: all that publish"
+        "actuator_id of each actuator to monitor; empty: every actuator that publishes"
     )
 
     def __post_init__(self) -> None:
@@ -74,7 +76,7 @@ class Selection(Checked):
             check_name(f"actuators[{number}]", name)
         twice = [name for name in dict.fromkeys(self.actuators) if self.actuators.count(name) > 1]
         if twice:
-            raise ValueError(f"actuators = {list(self.actuators)}: {twice[0]!r} is given twice")
+            raise ValueError(f"actuators = {list(self.actuators)}: {twice[0]!r} is repeated")
 
     def of(self, shard: Shard) -> tuple[str, ...]:
         """Return the listed actuators of a shard."""
@@ -114,7 +116,7 @@ class Admission:
             )
 
     def describe_list(self) -> str:
-        """Return a text with the listed actuators by shard; empty without a list."""
+        """Return a log line with the listed actuators by shard; empty without a list."""
         if not self._all_listed:
             return ""
         elsewhere = [name for name in self._all_listed if name not in self.listed]
@@ -122,11 +124,11 @@ class Admission:
         return f"{words}; of other shards: {', '.join(elsewhere)}" if elsewhere else words
 
     def why_not(self, actuator_id: str) -> str:
-        """Return why this monitor does not follow an actuator; empty if it does."""
+        """Return why this monitor does not monitor an actuator; empty if it may."""
         kind = self._kind(actuator_id)
         if kind == _OTHER_SHARDS:
             shard = shard_of(actuator_id, self._shard.count, self._all_listed)
-            return f"it is of shard {shard}, and this monitor has {self._shard}"
+            return f"it belongs to shard {shard}, this monitor has {self._shard}"
         return "it is not listed in the parameter actuators" if kind == _NOT_LISTED else ""
 
     def ignores(self, actuator_id: str) -> bool:
@@ -145,7 +147,7 @@ class Admission:
         return "" if self._shard.has(actuator_id) else _OTHER_SHARDS
 
     def refuse(self, actuator_id: str, followed: Collection[str]) -> str | None:
-        """Return None if one more actuator may be monitored, or else the reason for refusal.
+        """Return None if one more actuator may be monitored, or else why it is refused.
 
         The reason is empty after the first refusal.
         """
@@ -163,13 +165,13 @@ class Admission:
         return self._counts[kind] == 1
 
     def status(self, followed: Collection[str], *, is_receiving: bool = True) -> tuple[int, str]:
-        """Return level and message of the reception from all actuators.
+        """Return status level and message of the reception from all actuators.
 
         ``is_receiving`` states whether any actuator sends telemetry.
         """
         remarks = []
         if not followed and not self._counts[_OTHER_SHARDS]:
-            remarks.append("no message of an actuator so far")
+            remarks.append("no message from an actuator so far")
         remarks += [
             f"ignored: {self._counts[kind]} {kind}, the latest of {self._latest[kind]}"
             for kind in (_UNNAMED, _UNKNOWN, _REFUSED)
@@ -183,7 +185,7 @@ class Admission:
         return OK, monitored
 
     def figures(self, followed: Collection[str]) -> dict[str, Any]:
-        """Return the figures of the status."""
+        """Return the key-value pairs of the status."""
         return {
             "shard": f"{self._shard.index} of {self._shard.count}",
             "actuators": len(followed),

@@ -84,7 +84,7 @@ class Receiver:
             node.create_subscription(kind, name, callback, topics.STREAM, callback_group=group)
 
     def receive_telemetry(self, message: Any) -> None:
-        """Detect windows in ``ema_interfaces/msg/TelemetryBlock``."""
+        """Process ``ema_interfaces/msg/TelemetryBlock`` and detect windows."""
         with self._receiving():
             source = self._sources.get(message.actuator_id) or self._admit(message)
             if source is None:
@@ -124,7 +124,7 @@ class Receiver:
         actuator_id = message.actuator_id
         status = self._actuators.get(actuator_id)
         described = status.description if status else None
-        # A count without a stamp, or from an actuator without a clock, was read just now.
+        # A count without a stamp, or from an actuator without a clock, gets the present time.
         has_clock = self._operation.value.has_clock
         stamp_ns = stamp_from_message(message.header.stamp) if has_clock else 0
         try:
@@ -149,7 +149,7 @@ class Receiver:
         """Apply the configured actuator file for actuators that publish no description."""
         if reason := self._admission.why_not(described.actuator_id):
             name = described.actuator_id
-            self._log.info(f"{name} of actuator_file is not followed: {reason}")
+            self._log.info(f"{name} of actuator_file is not monitored: {reason}")
         else:
             self.describe(described)
 
@@ -185,7 +185,7 @@ class Receiver:
                 self._deliver(source, [event for event in events if isinstance(event, Segment)])
 
     def check(self) -> None:
-        """Publish each health that has become stale, and end records of silent actuators."""
+        """Publish health that has become stale, and end the records of silent actuators."""
         if not self._actuators.is_active:
             return
         with self._receiving():
@@ -266,7 +266,7 @@ class Receiver:
     def _get_or_add(
         self, actuator_id: str, description: ActuatorDescription | None = None
     ) -> Source | None:
-        """Return the actuator's source, adding it if new; None if admission refuses it."""
+        """Return an actuator's source, created if new; None if admission refuses the actuator."""
         if (source := self._sources.get(actuator_id)) is not None:
             return source
         if (reason := self._admission.refuse(actuator_id, self._sources)) is not None:
@@ -336,7 +336,7 @@ class Receiver:
         self._log.info(f"{request.actuator_id}: forgotten")
         response.success = True
         response.message = (
-            f"{request.actuator_id!r} is forgotten; it is monitored again with its next message"
+            f"{request.actuator_id!r} is forgotten; its next message starts the monitoring again"
         )
         return response
 
@@ -346,5 +346,5 @@ def _cut_off(segment: Segment) -> Segment:
     window = segment.window
     if isinstance(window, Refusal):
         return segment
-    reason = "the monitor was stopped within the record"
+    reason = "the monitor was stopped during the record"
     return replace(segment, window=Refusal(window.start_ns, window.end_ns, reason, is_cut_off=True))

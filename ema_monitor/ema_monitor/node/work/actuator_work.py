@@ -15,11 +15,11 @@ class ActuatorWork:
     Attributes
     ----------
     latest
-        Its latest complete window; None before the first one.
+        Its latest complete window; None before the first window.
     awaiting
         Queues of the calls that wait for its next windows.
     diagnosis
-        Identifies its windows; None before the first one.
+        Identifies its windows; None before the first window.
     """
 
     def __init__(self) -> None:

@@ -51,7 +51,7 @@ _KINDS: Final = {
 class MonitorCalls:
     """The services ``~/calibrate`` and ``~/change_baseline``, and the action ``~/identify_faults``.
 
-    Calibration and identification may last long, in threads that receive no telemetry.
+    Both may take long; they run in threads that do not receive telemetry.
 
     Attributes
     ----------
@@ -131,12 +131,12 @@ class MonitorCalls:
                 windows = [window.without_date() for window in windows]
             calibration = calibrate(windows, description, accepted_by=accepted_by)
             self._store.keep(description, calibration, path)
-            message = f"made of {counted(len(windows), 'window')}"
+            message = f"fitted to {counted(len(windows), 'window')}"
             if taken := measured_ranges(window.measured for window in windows):
                 message += f"; measured causes: {taken}"
             message += f" and stored in {path}"
             if not self._store.is_used_again(description, path):
-                message += "; calibration_file has to name it for it to be used after a restart"
+                message += "; to use it after a restart, set calibration_file to this path"
             if isinstance(calibration, JointCalibration) and calibration.outliers:
                 message += f"; {'; '.join(map(str, calibration.outliers))}"
         if calibration.not_learned:
@@ -173,8 +173,8 @@ class MonitorCalls:
         if alarm := self._prognosis.alarm(description):
             raise ValueError(
                 f"unit {description.serial_number!r} of {description.actuator_id!r} is not "
-                f"healthy: {alarm}; a calibration would take its present state for healthy: repair "
-                "it first, or set force and person"
+                f"healthy: {alarm}; a calibration would define its present state as healthy: "
+                "repair it first, or set force and person"
             )
 
     def _healthy_windows(self, actuator_id: str, number: int) -> Iterator[Window]:
@@ -195,7 +195,7 @@ class MonitorCalls:
                     refused = f"; the latest was refused: {segment.window.reason}"
                 else:
                     raise ValueError(
-                        f"no healthy window came for {timeout_s:g} s after {made} of "
+                        f"no healthy window within {timeout_s:g} s, after {made} of "
                         f"{number}{refused}"
                     )
 
@@ -229,10 +229,10 @@ class MonitorCalls:
             if not request.next_window:
                 self._latest(unit)
             if not self._free_goals.acquire(blocking=False):
-                raise ValueError(f"{_MOST_GOALS} run already")
+                raise ValueError(f"{_MOST_GOALS} goals are already running")
         except ValueError as error:
             self.rejected = str(error)
-            text = f"a goal of identify_faults is rejected: {error}"
+            text = f"goal of identify_faults rejected: {error}"
             if (passed := self._rejections.passed(text, time.monotonic())) is not None:
                 self._log.warning(passed)
                 self._log.report()
@@ -271,9 +271,9 @@ class MonitorCalls:
             return
         if segment.is_stretch:
             raise ValueError(
-                "windows = 'any_motion': a stretch of ordinary motion alone is no test cycle; "
-                "fault_estimate has the faults of the stretches combined, by the parameter "
-                "`algorithm`; for a test cycle set `windows` to 'test_cycle'"
+                "windows = 'any_motion': a single stretch of ordinary motion does not determine "
+                "the faults; topic fault_estimate has the estimate from combined stretches; to "
+                "identify a test cycle, set `windows` to 'test_cycle'"
             )
         # No warm start: the result depends on the window and the goal alone.
         calibration = self._store.of(segment.description)
@@ -311,11 +311,11 @@ class MonitorCalls:
         with self._worker.of(unit.actuator_id).next_windows() as windows:
             segment = self._next(windows, time.monotonic() + timeout_s, goal)
         if segment is None and not goal.is_cancel_requested:
-            raise ValueError(f"no window came for {timeout_s:g} s")
+            raise ValueError(f"no window within {timeout_s:g} s")
         return segment
 
     def _latest(self, unit: ActuatorStatus) -> Segment:
         latest = self._worker.of(unit.actuator_id).latest
         if latest is None:
-            raise ValueError(f"actuator {unit.actuator_id!r} has had no complete window so far")
+            raise ValueError(f"actuator {unit.actuator_id!r} has no complete window so far")
         return latest

@@ -27,7 +27,7 @@ MOST_WAITING: Final = 400
 
 
 class FollowUps:
-    """Publishes forecasts, advice and fits, and writes assessments, in the order of the tests.
+    """Publishes forecasts, advice and window fits, and writes assessments, in test order.
 
     Identification never waits for follow-ups. If the thread cannot keep up, it drops the oldest:
     later tests soon replace them, and assessments are written with the next test. A new thread
@@ -144,4 +144,4 @@ class FollowUps:
             try:
                 job()
             except Exception as error:
-                self._log.failed("follow-ups", "what follows from a test", error)
+                self._log.failed("follow-ups", "publishing the results of a test", error)

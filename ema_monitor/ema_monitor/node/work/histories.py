@@ -37,7 +37,7 @@ class Histories:
     is_serving
         Whether histories may be opened.
     refusals
-        Reason why the latest test of a unit was not recorded; empty if it was recorded.
+        Reason why the latest test was not recorded, by unit; empty if it was.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class Histories:
                 self._units.pop(key).history.close()
 
     def mark_clock_step(self) -> None:
-        """Mark all tests so far as from before a step of the clock."""
+        """Mark all tests so far as measured before a step of the clock."""
         for unit in list(self._units.values()):
             unit.mark_clock_step()
 

@@ -44,20 +44,20 @@ def compile_monitor_kernels(
 ) -> None:
     """Compile the kernels, or load them from the cache, and return when all are ready.
 
-    They are compiled in a separate thread, which cannot be interrupted: if the node ends, the
+    They are compiled in a separate thread, which cannot be interrupted: if the node shuts down, the
     thread is abandoned.
 
     Parameters
     ----------
     is_ending
-        Returns whether the node ends.
+        Returns whether the node is shutting down.
     report_progress
-        Called once a second with a text about the current step.
+        Called once a second with a description of the current step.
 
     Raises
     ------
     ValueError
-        If a kernel cannot be compiled, or the node ends.
+        If a kernel cannot be compiled, or the node shuts down.
     """
     reported_s = begun_s = time.monotonic()
     failures: list[BaseException] = []
@@ -76,7 +76,7 @@ def compile_monitor_kernels(
             thread.join(0.1)
             now_s = time.monotonic()
             if is_ending():
-                raise ValueError("the node ends while its kernels are compiled")
+                raise ValueError("the node was shut down while its kernels were compiled")
             if now_s - reported_s >= _REPORT_PERIOD_S:
                 took = f"{now_s - begun_s:.0f} s"
                 report_progress(f"compiling kernels, once for this version: {words}, {took}")

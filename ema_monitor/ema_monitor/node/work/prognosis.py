@@ -55,13 +55,13 @@ class Prognosis:
     def record(self, description: ActuatorDescription, estimate: Estimate) -> Outlook | None:
         """Record a test. Return the updated health and life; None if they are unchanged.
 
-        If the test may not enter the history and the history is empty, the outlook of this test
-        alone is returned, with the reason.
+        If the test cannot be recorded and the history is empty, the outlook of this test alone is
+        returned, with the reason.
         """
         settings, now_ns, key = self._histories.settings(), self._now_ns(), description.unit_key
         try:
             unit = self._histories.of(description)
-            # Also for a test that may not enter: its use must not count for the next test.
+            # Also for a test that is not recorded: its use must not count for the next test.
             end_ns = estimate.end_ns if settings.has_clock else now_ns
             use = self._reception.take_use(key, end_ns)
             self._histories.refusals[key] = reason = self._why_not_recorded(end_ns, now_ns)
@@ -72,7 +72,7 @@ class Prognosis:
                 self._histories.log(description, unit, outlook.events if outlook else ())
                 return outlook
             self._log.warn(description.actuator_id, reason)
-            # Its place in the order of the history is uncertain, and so is the level.
+            # Whether it is the newest test is uncertain, and so is the level.
             if unit.history.newest is not None:
                 resumed = unit.resume(self.parameters(description), settings)
                 return None if estimate.verdict == SKIPPED or not resumed else resumed.stale(reason)
@@ -97,8 +97,9 @@ class Prognosis:
         return (
             f"the test of {stamp:%Y-%m-%d %H:%M:%S} UTC is not recorded: its stamp is "
             f"{_span(abs(offset_s))} {'after' if offset_s > 0.0 else 'before'} the clock of the "
-            f"monitor, allowed are {_span(limit_s)}; set use_sim_time for a replay, else set the "
-            "clock of the actuator, history_max_offset_s, or has_clock = false if it has none"
+            f"monitor, at most {_span(limit_s)} are allowed; set use_sim_time for a replay, or "
+            "else the clock of the actuator, history_max_offset_s, or has_clock = false if the "
+            "actuator has no clock"
         )
 
     def forecaster(self, description: ActuatorDescription, outlook: Outlook) -> Forecaster | None:
@@ -117,7 +118,7 @@ class Prognosis:
         return None if isinstance(calibration, str) else calibration.unit_parameters
 
     def alarm(self, description: ActuatorDescription) -> str:
-        """Return the reason for a unit's WARN or ERROR as text; "" at other levels."""
+        """Return why a unit's level is WARN or ERROR; "" for other levels."""
         unit, settings = self._histories.of(description), self._histories.settings()
         return unit.alarm(self.parameters(description), settings)
 

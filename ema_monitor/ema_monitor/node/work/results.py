@@ -68,7 +68,7 @@ class Results:
         if not (estimate.valid or estimate.is_learning):
             reason = f"window {diagnosed.number} has no valid estimate: {estimate.reason}"
             self._log.warn(actuator_id, reason)
-        # The status of all of many actuators would take longer than an identification.
+        # Publishing the status of every actuator could take longer than an identification.
         self._log.report_on(actuator_id)
 
     def prepare(self, description: ActuatorDescription) -> None:

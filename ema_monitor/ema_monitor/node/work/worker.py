@@ -104,7 +104,7 @@ class IdentificationWorker:
         self.queue.forget(actuator_id)
 
     def of(self, actuator_id: str) -> ActuatorWork:
-        """Return the work on an actuator; empty work if it has just been forgotten."""
+        """Return the identification state of an actuator; a new state if it was just forgotten."""
         return self.works.get(actuator_id) or ActuatorWork()
 
     def add(self, segment: Segment) -> bool:
@@ -121,7 +121,7 @@ class IdentificationWorker:
             return False
         for displaced in dropped:
             what = "stretch" if displaced.is_stretch else "window"
-            text = f"{what} {displaced.number} is dropped, {len(self.queue)} wait"
+            text = f"{what} {displaced.number} is dropped, {len(self.queue)} queued"
             self._log.warn(displaced.description.actuator_id, text)
         return True
 
@@ -143,7 +143,7 @@ class IdentificationWorker:
             reason = "the monitor was stopped before the window was identified"
             self.refuse(segment, reason, is_dropped=True)
         for work in list(self.works.values()):
-            # A thread that still computes has the old diagnosis, and publishes nothing.
+            # A thread that still computes uses the old diagnosis, and publishes nothing.
             if (diagnosis := work.diagnosis) is not None:
                 work.diagnosis = diagnosis.stopped()
                 for diagnosed in diagnosis.finish():

@@ -24,7 +24,7 @@ def generate_launch_description() -> LaunchDescription:
         ("monitor",),
         actuator_file=(
             ema.AS_CONFIGURED,
-            "actuator file for actuators that publish no description",
+            "actuator file for actuators that do not publish a description",
         ),
         monitors=ema.MONITORS,
     )
