@@ -55,7 +55,7 @@ def test_what_is_no_history_is_named(ema, fleet, tmp_path: Path):
     for source, output, reason in (
         (tmp_path, "a.npz", "in it: give a history_folder"),
         (fleet, "a.json", "expected a name that ends in .npz"),
-        (__file__, "a.npz", "expected a history named ACTUATOR+SERIAL.sqlite"),
+        (__file__, "a.npz", "expected a file name of the form ACTUATOR+SERIAL"),
     ):
         result = ema("learn-fleet", source, "-o", tmp_path / output)
         assert (result.exit_code > 0, reason in result.stderr) == (True, True), result.stderr

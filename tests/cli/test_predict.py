@@ -277,7 +277,7 @@ def test_reason_that_holds_for_all_is_told_once_and_how_to_mend_it(ema, written)
     silent = ema("predict", written("uncounted.mcap", counted=False))
     assert silent.exit_code == 0
     assert "--hours-per-cycle" in silent.stderr
-    assert silent.stdout.count("no count on topic usage was read before the test") == 1
+    assert silent.stdout.count("no count was received on topic usage") == 1
 
 
 def test_two_actuators_are_refused_by_name_unless_one_is_chosen(ema, written):

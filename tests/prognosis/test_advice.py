@@ -239,7 +239,7 @@ def test_without_usable_costs_there_is_no_advice(life, costs: Costs, words: str)
 def test_advice_over_a_life_goes_from_continue_to_remove_before_the_limit(life):
     early = advise(life.outlooks[2], COSTS)
     assert (early.action, math.isnan(early.rate)) == ("continue", True)
-    assert "no remaining life is known" in early.reason
+    assert "the remaining life is unknown" in early.reason
     actions = {}
     for tests in (26, 34, 40, 44):
         outlook = life.outlooks[tests - 1]
@@ -295,8 +295,8 @@ def test_cause_names_what_has_the_level_with_value_and_limit():
     # A failure that the latest test contradicts, as after a repair, is said with what that shows.
     repaired = outlook(ERROR, PLAY, replace(FRICTION, held=0.0))
     assert cause_of_level(repaired) == (
-        "free play 0.6 mrad (failed: above 0.5 mrad), friction 0 in the latest test, which the "
-        "next one has to confirm, 0.2 before (warns above 0.1, fails above 0.5)"
+        "free play 0.6 mrad (failed: above 0.5 mrad), friction 0 in the latest test, to be "
+        "confirmed by the next test, 0.2 before (warns above 0.1, fails above 0.5)"
     )
 
 
@@ -316,7 +316,7 @@ def test_life_that_ends_beyond_the_horizon_has_no_hour_of_its_median():
     removal = Removal(hours=20.0)
     words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=removal))
     assert words.startswith("Remove before 120 service hours (in 20 h; 5 % risk")
-    assert "median end of life beyond what is looked ahead" in words
+    assert "median end of life beyond the horizon" in words
 
 
 def test_a_removal_is_told_in_hours_cycles_and_days_at_the_risk_that_is_accepted():

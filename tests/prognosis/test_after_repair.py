@@ -69,7 +69,7 @@ def test_no_life_is_given_before_five_tests_after_a_repair(law, seed):
         assert not any(life.known for life in one.lives.values())
         assert math.isnan(one.removal.hours)
         assert not one.lifetimes.size
-        assert removal_in_words(one).startswith("No date of removal yet: fewer than 5 tests")
+        assert removal_in_words(one).startswith("No removal date yet: fewer than 5 tests")
     assert "repair" not in made[last + LEAST_TESTS].rul.reason
     # A replay of the tests gives the same.
     again = Unit(unit.history, TEN_HOURS).resume(None, TEN_HOURS)

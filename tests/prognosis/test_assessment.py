@@ -146,7 +146,7 @@ def test_notes_of_one_person_leave_room_for_those_of_others(path: Path):
     unit.note("Mallory, again", "is another person")
     for number in range(3, MOST_PERSONS):
         unit.note(f"person {number}", "seen")
-    with pytest.raises(ValueError, match=f"notes of {MOST_PERSONS} persons already, and none of"):
+    with pytest.raises(ValueError, match=f"notes of {MOST_PERSONS} persons other than"):
         unit.note("Grace", "seen")
     unit.note("Ada", "seen")
     unit.history.close()

@@ -174,7 +174,7 @@ def test_example_in_the_documents_is_read(tmp_path):
         ("{name: a, loads: {0.1: 2}}", ["loads", "share 2 at 0.1", "[0, 1]"]),
         ("{name: a, winding: {900: 1}}", ["winding", "900", "[-60, 300] degC"]),
         ("{name: a, travel: 3}", ["unknown key 'travel'", "travel_per_hour"]),
-        ("a", ["scenario 2: a", "keys with values"]),
+        ("a", ["scenario 2: a", "a mapping of keys"]),
     ],
 )
 def test_wrong_scenario_is_refused_by_name(tmp_path, row: str, texts: list[str]):
@@ -189,7 +189,7 @@ def test_wrong_scenario_is_refused_by_name(tmp_path, row: str, texts: list[str])
         ("", ["None", "expected one key, scenarios, with a list"]),
         ("duties: []", ["duties", "expected one key, scenarios"]),
         ("scenarios: {name: a}", ["'a'", "with a list"]),
-        ("scenarios: [{name: a}, {name: a}]", ["scenario 2", "name = 'a'", "expected once"]),
+        ("scenarios: [{name: a}, {name: a}]", ["scenario 2", "name = 'a' is repeated"]),
         (f"scenarios: [{', '.join(f'{{name: s{n}}}' for n in range(21))}]", ["21", "at most 20"]),
     ],
 )

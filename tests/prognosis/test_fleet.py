@@ -130,7 +130,7 @@ def test_a_file_gives_back_what_was_written_and_no_name_of_a_unit(tmp_path: Path
 def test_what_is_no_fleet_is_refused_by_name(tmp_path: Path, content, reason):
     path = tmp_path / "fleet.npz"
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=f"{path}: no file of a fleet: .*{reason}"):
+    with pytest.raises(ValueError, match=f"{path} is not a fleet file:  .*{reason}"):
         FleetGrowth.read(path)
 
 
@@ -148,11 +148,11 @@ def test_arrays_of_another_kind_are_refused_by_name(tmp_path: Path, units):
         ({"tests": arrays["tests"][:-1]}, "shorter"),
     ):
         np.savez(path, **{**arrays, **change})
-        with pytest.raises(ValueError, match=f"{path}: no file of a fleet: .*{reason}"):
+        with pytest.raises(ValueError, match=f"{path} is not a fleet file:  .*{reason}"):
             FleetGrowth.read(path)
     del arrays["grid"]
     np.savez(path, **arrays)
-    with pytest.raises(ValueError, match="no file of a fleet: 'grid"):
+    with pytest.raises(ValueError, match="is not a fleet file:  'grid"):
         FleetGrowth.read(path)
 
 
@@ -167,7 +167,7 @@ def test_other_limits_are_refused_and_said_and_the_prognosis_goes_on(units):
     settings = PrognosisSettings(limits=other, fleet=fleet)
     outlook = Unit(history, settings).resume(None, settings)
     assert outlook is not None
-    assert "the fleet is not used: the fleet is about other limits" in outlook.assumption
+    assert "the fleet is not used: the fleet has different limits" in outlook.assumption
     assert outlook.rul_faults.known
 
 
@@ -212,7 +212,7 @@ def test_a_history_is_read_without_a_change_even_while_a_monitor_has_it(tmp_path
     assert (read.unit, len(read.entries)) == (("left/flap", "1"), 1)
     assert path.read_bytes() == before
     in_use.close()
-    with pytest.raises(ValueError, match=r"expected a history named ACTUATOR\+SERIAL.sqlite"):
+    with pytest.raises(ValueError, match=r"expected a file name of the form ACTUATOR\+SERIAL"):
         read_history(tmp_path / "fleet.npz")
     damaged = history_path(tmp_path, "flap", "2")
     damaged.write_bytes(b"no database" * 100)

@@ -154,7 +154,8 @@ def test_history_of_another_process_is_left_alone_until_that_process_is_killed(p
         second = History(*UNIT, path)
         owner.kill()
     assert second.problem == (
-        f"the history {path} is in use by another monitor; this one's is in memory only"
+        f"the history {path} is in use by another monitor; this monitor keeps its tests in "
+        "memory only"
     )
     assert (len(second.entries), second.path) == (0, None)
     third = History(*UNIT, path)
@@ -274,7 +275,7 @@ def test_damaged_record_is_found_and_the_other_tests_are_kept(path: Path, damage
     history = History(*UNIT, path)
     aside = path.with_name("flap.set_aside_1.sqlite")
     assert [item.hours for item in history.entries] == [0.0, 20.0]
-    for words in (str(path), aside.name, "test 2 is damaged", "the 2 test cycles that are intact"):
+    for words in (str(path), aside.name, "test 2 is damaged", "the 2 intact test cycles"):
         assert words in history.problem
     assert aside.read_bytes() == damaged
     history.append(entry(4))
@@ -289,7 +290,7 @@ def test_truncated_file_is_set_aside_whole(path: Path, share: float):
     path.write_bytes(damaged)
     found, problem = hours(path)
     assert found == [10.0 * number for number in range(len(found))]
-    assert "set aside as flap.set_aside_1.sqlite" in problem
+    assert "renamed to flap.set_aside_1.sqlite" in problem
     assert path.with_name("flap.set_aside_1.sqlite").read_bytes() == damaged
     # What could be read of it is in the new file.
     assert hours(path) == (found, "") if found else not path.exists()
@@ -359,7 +360,7 @@ def test_history_of_another_unit_is_set_aside_and_none_is_overwritten(path: Path
     other = ("flap", "SIM-0002")
     found, problem = hours(path, other)
     assert found == []
-    assert "it is of unit [('flap', 'SIM-0001')], not ('flap', 'SIM-0002')" in problem
+    assert "it belongs to unit [('flap', 'SIM-0001')], not ('flap', 'SIM-0002')" in problem
     second = kept(path, 1)
     hours(path, other)
     assert path.with_name("flap.set_aside_1.sqlite").read_bytes() == first
@@ -381,7 +382,7 @@ COPIED = "INSERT INTO test SELECT {1}, record, crc32 FROM test WHERE number = {0
         # The numbers closed up behind it.
         (
             [DELETED.format(2), *(MOVED.format(n, n - 1) for n in (3, 4, 5))],
-            "test 2 is damaged: its checksum is wrong, and 3 more of the kind",
+            "test 2 is damaged: its checksum is wrong, and 3 further defects",
             [1],
         ),
         ([COPIED.format(5, 6)], "test 6 is damaged", [1, 2, 3, 4, 5]),
@@ -427,7 +428,7 @@ def test_history_that_lacks_a_table_is_set_aside_with_its_tests_kept(path: Path,
         db.execute(f"DROP TABLE {table}")
     found, problem = hours(path)
     assert f"no such table: {table}" in problem
-    assert "set aside" in problem
+    assert "renamed to" in problem
     # Of whom it is nobody knows without the table of the unit.
     assert found == ([] if table == "unit" else [0.0, 10.0, 20.0])
     assert hours(path) == (found, "")

@@ -138,7 +138,7 @@ def test_failure_that_comes_and_goes_is_never_ok_again(settings: PrognosisSettin
     assert max(one.health.health_index for one in made[again:]) < 1.0
     words = cause_of_level(made[-1])
     assert "an intermittent failure: " in words
-    assert "the latest by a phase is open; a note of a person on its event" in words
+    assert "the latest by a phase is open; a person's note on its event" in words
 
 
 def test_failure_ends_with_as_many_tests_as_a_level_needs_to_fall():

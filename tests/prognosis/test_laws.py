@@ -37,7 +37,7 @@ def test_figures_are_rate_and_second_figure_of_the_law():
         ("frction", "linear:1e-3", "unknown fault 'frction'"),
         ("friction", "cubic", "unknown law of friction 'cubic'"),
         ("friction", "constant", "unknown law of friction 'constant'"),
-        ("friction", "archard", "median rate of friction is known for law exponential only"),
+        ("friction", "archard", "default rate of friction exists for law exponential only"),
         ("friction", "linear:fast", "'linear:fast' of friction: could not convert"),
         ("friction", "linear:-1", "rate"),
         ("friction", "power:900", "law power needs a second figure"),

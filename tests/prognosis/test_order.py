@@ -175,5 +175,5 @@ def test_tests_without_a_date_at_the_same_time_advise_to_give_the_date(first_ns,
     reasons = unordered(tests)
     assert set(reasons) == {"a", "b"}
     assert all(
-        ("give the time of records with its date" in one) == advises for one in reasons.values()
+        ("specify the time of records with its date" in one) == advises for one in reasons.values()
     )

@@ -393,5 +393,5 @@ def test_life_is_not_known_when_less_than_half_of_the_samples_fail(failures):
     for life in (*lives.values(), overall):
         assert not life.known
         assert np.isnan(life.hours_50)
-        assert life.reason == "not within the 1000 h looked ahead"
+        assert life.reason == "not within the horizon of 1000 h"
     assert dominant == ""

@@ -177,7 +177,7 @@ def test_hours_never_go_back_and_do_not_depend_on_when_tests_are_added(seed: int
 
 def test_without_count_and_hours_per_cycle_hours_are_unknown():
     service, _ = added(counted_at([STALE, STALE]))
-    assert "no count on topic usage was read before the test" in service.unknown
+    assert "no count was received on topic usage" in service.unknown
     assert "hours_per_cycle is 0" in service.unknown
     assert len(service.used) == 0
 
@@ -198,7 +198,7 @@ def test_tests_at_hours_by_cycles_are_left_out_once_hours_are_counted():
     guessed = [by_cycles(number, 10.0 * number) for number in range(3)]
     service, events = added([*guessed, *entries[3:]])
     assert [text for _, text in events] == [
-        "counted from now on: the 3 tests before, at hours by hours_per_cycle, left out"
+        "counted from now on: the 3 tests before, with hours from hours_per_cycle, left out"
     ]
     assert [test.hours for test in service.used] == [500.0, 510.0]
 

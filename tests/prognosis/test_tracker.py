@@ -333,7 +333,7 @@ def test_measurement_of_an_estimate_has_its_figures():
 
 
 def test_invalid_estimate_measures_nothing():
-    with pytest.raises(ValueError, match="measures nothing: a gap"):
+    with pytest.raises(ValueError, match="cannot use an estimate that is not valid: a gap"):
         Measurement.of(made_test(0, valid=False), 10.0)
 
 

@@ -186,7 +186,7 @@ def test_step_is_a_warning_at_once_and_an_error_when_it_is_confirmed():
     assert (healths[0].level, healths[0].value < 0.1) == (WARN, True)
     # What is told is the value of the test, and not the one before.
     words = cause_of_level(outlooks[0])
-    assert "friction 0.7 in the latest test, which the next one has to confirm" in words
+    assert "friction 0.7 in the latest test, to be confirmed by the next test" in words
     assert any(str(event).startswith("step: friction") for event in second)
     assert healths[1].level == ERROR
     assert healths[1].value == pytest.approx(0.7, abs=0.02)
@@ -226,7 +226,7 @@ def test_set_aside_history_is_told_with_the_first_test(tmp_path: Path):
     path.write_text("nothing\n")
     prognostics, outlooks = lived(2, path=path)
     prognostics.history.close()
-    assert "set aside" in outlooks[0].events[0].text
+    assert "renamed to" in outlooks[0].events[0].text
     assert outlooks[1].events == ()
 
 
@@ -415,7 +415,7 @@ def test_count_that_was_read_after_the_test_does_not_count_for_it():
     late = Count(FIRST_NS + 1000 * PERIOD_NS, 50.0, 0)
     outlook = prognostics.update(made_test(0), None, COUNTED, late)
     assert outlook is not None
-    assert "no count on topic usage was read before the test" in outlook.rul.reason
+    assert "no count was received on topic usage" in outlook.rul.reason
 
 
 def test_missed_tests_count_and_are_told():

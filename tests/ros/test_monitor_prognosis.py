@@ -117,7 +117,7 @@ def test_advice_follows_the_costs(session: MonitorSession):
     (first, *_, last), health = session.received(topics.ADVICE), session.healths()[-1]
     # After one test nothing is known to grow; after the last one, life is, and its end is far away.
     assert first.action == Advice.CONTINUE
-    assert "no remaining life is known" in first.reason
+    assert "the remaining life is unknown" in first.reason
     assert math.isnan(first.flight_hours)
     assert health.rul.known, health.rul.reason
     assert (last.action, last.cost_unit) == (Advice.CONTINUE, "removals")

@@ -335,12 +335,12 @@ def advice(unit: Unit, stamp_ns: int) -> Advice:
     from_now = min(low, 0.8 * middle) if action != Advice.CONTINUE else HOURS_PER_TEST
     grounds = "risk of failure until a removal can follow the next test, in 20 h"
     words = {  # those of the monitor (ema_monitor.prognosis.advice)
-        Advice.REMOVE: f"the removal must not wait: 41 % {grounds}; 21.3 EUR/h when it waits, "
-        "11.4 EUR/h when not",
-        Advice.INSPECT: "an inspection now, which measures friction, lowers the expected cost from "
-        "12.9 EUR/h to 11.4 EUR/h",
+        Advice.REMOVE: f"the removal must not wait: 41 % {grounds}; 21.3 EUR/h if the decision "
+        "waits, 11.4 EUR/h if not",
+        Advice.INSPECT: "an inspection now, which measures friction, reduces the expected cost "
+        "from 12.9 EUR/h to 11.4 EUR/h",
         Advice.CONTINUE: f"the decision can wait for the next test: 0.1 % {grounds}; 11.4 EUR/h "
-        "when it waits, 12.6 EUR/h when not",
+        "if the decision waits, 12.6 EUR/h if not",
     }
     return _of(
         unit,

@@ -14,7 +14,7 @@ from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.sentences import label_of, removal_in_words
 
 Action = Literal["unknown", "continue", "inspect", "remove"]
-"""Possible advice."""
+"""Kinds of advice."""
 
 _GROUPS: Final = 10
 _MOST_MISSING: Final = 8
@@ -25,7 +25,7 @@ class Costs(Checked):
     """Costs of removal, failure and inspection, in a common unit chosen by the user."""
 
     inspection: float = quantity(
-        0.0, "-", 0.0, 1e12, "cost of an inspection, in costs.unit; 0: none is offered"
+        0.0, "-", 0.0, 1e12, "cost of an inspection, in costs.unit; 0: no inspection is advised"
     )
     removal: float = quantity(
         0.0, "-", 0.0, 1e12, "cost of a planned removal, in costs.unit; 0: no advice is given"
@@ -38,13 +38,13 @@ class Costs(Checked):
 
     @property
     def defect(self) -> str:
-        """Reason why the costs permit no advice; empty if they do."""
+        """Reason why the costs do not permit advice; empty if they do."""
         if self.removal == 0.0:
             return "no costs are given: costs.removal and costs.failure are not set"
         if self.failure <= self.removal:
             return (
                 f"costs.failure = {self.failure:g}: expected more than costs.removal = "
-                f"{self.removal:g}; else a removal never pays"
+                f"{self.removal:g}; otherwise a planned removal never pays"
             )
         return ""
 
@@ -85,7 +85,7 @@ class Decision:
     """Whether the next test will show the dominant fault."""
 
     def remove(self) -> Choice:
-        """Return the best removal that has to be decided before the next test (P18)."""
+        """Return the best removal among those that must be decided before the next test (P18)."""
         lead = self.costs.lead_time
         between = self.lives[(self.lives > lead) & (self.lives < lead + self.interval_hours)]
         return self.removed_at(np.concatenate([[lead], np.sort(between)]))
@@ -98,7 +98,7 @@ class Decision:
         removal one test interval before the failure. If the test does not show the fault, the best
         removal according to current knowledge is used.
         """
-        # Hours until the first, second, ... test from now: the next one with an estimate.
+        # Hours until the first, second, ... test from now, each possibly the next with an estimate.
         waits = self.costs.lead_time + self.interval_hours * np.arange(1, _MOST_MISSING + 1)
         earliest = float(waits[0])
         if not self.tests_tell:
@@ -118,7 +118,7 @@ class Decision:
         Parameters
         ----------
         levels
-            Current level of the dominant fault in each of ``lives``, ``(n,)`` [-].
+            Current distance of the dominant fault from healthy in each of ``lives``, ``(n,)`` [-].
         """
         order = np.argsort(levels, kind="stable")
         chosen = [
@@ -162,7 +162,7 @@ class Advice:
     action: Action
     """"unknown", "continue", "inspect" or "remove"."""
     reason: str
-    """Reason as a sentence."""
+    """Reason for the advice, as a sentence."""
     hours: float = math.nan
     from_now: float = math.nan
     """Service hour of the action or of the next decision, and hours from the latest test to it [h];
@@ -186,7 +186,10 @@ def advise(outlook: Outlook, costs: Costs) -> Advice:
     if math.isnan(now):
         return Advice("unknown", rul.reason)
     if not rul.known:
-        return Advice("continue", f"no remaining life is known: {rul.reason}; decide anew then")
+        return Advice(
+            "continue",
+            f"the remaining life is unknown: {rul.reason}; decide again after the next test",
+        )
     test = outlook.hours_per_cycle
     if not test > 0.0:
         return Advice("unknown", "the flight hours from test to test are unknown")
@@ -203,14 +206,14 @@ def advise(outlook: Outlook, costs: Costs) -> Advice:
         inspection = decision.inspect(outlook.levels)
         if inspection.rate < least:
             reason = (
-                f"an inspection now, which measures {label_of(outlook.dominant)}, lowers the "
+                f"an inspection now, which measures {label_of(outlook.dominant)}, reduces the "
                 f"expected cost from {per_hour(least)} to {per_hour(inspection.rate)}"
             )
             return Advice("inspect", reason, now, 0.0, 0.0, inspection.rate, at_once.rate)
     grounds = (
         f"{100.0 * waiting.risk:.2g} % risk of failure until a removal can follow the next test, "
-        f"in {waiting.removal_hours:,.0f} h; {per_hour(waiting.rate)} when it waits, "
-        f"{per_hour(removal.rate)} when not"
+        f"in {waiting.removal_hours:,.0f} h; {per_hour(waiting.rate)} if the decision waits, "
+        f"{per_hour(removal.rate)} if not"
     )
     if waiting.rate < removal.rate:
         reason = f"the decision can wait for the next test: {grounds}"

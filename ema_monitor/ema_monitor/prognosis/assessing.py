@@ -14,7 +14,7 @@ def assessment_of(
     findings: Iterable[Finding],
     events: Iterable[UnitEvent],
 ) -> Assessment:
-    """Create the assessment of an outlook, with an event for each fault that got worse.
+    """Return the assessment of an outlook, with an event for each fault whose level rose.
 
     Parameters
     ----------

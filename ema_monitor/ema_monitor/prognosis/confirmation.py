@@ -11,7 +11,7 @@ from ema_monitor.prognosis.outlook import Outlook
 
 
 def confirmed(outlook: Outlook, earlier: Iterable[Assessment]) -> Outlook:
-    """Return an outlook whose levels are not lower than in any of the earlier tests.
+    """Return an outlook whose levels are not below the levels of any of the earlier tests.
 
     Levels rise immediately. They fall once the newest test and all ``earlier`` tests show the lower
     level.
@@ -48,7 +48,7 @@ def confirmed(outlook: Outlook, earlier: Iterable[Assessment]) -> Outlook:
 
 
 def _confirmed(item: FaultHealth, before: int) -> FaultHealth:
-    """Return the item, with its level raised to the level of earlier tests if that is worse."""
+    """Return the item, with its level raised to the level of earlier tests if they were worse."""
     if item.level == STALE:
         return item
     level, shown = max(item.level, before), min(_level_of_test(item), item.level)

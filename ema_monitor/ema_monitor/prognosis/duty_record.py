@@ -26,7 +26,7 @@ class DutyRecord:
         self._until[entry.stamp_ns] = self._total
 
     def course(self, used: Sequence[TimedTest]) -> DutyCourse | None:
-        """Return the duty between tests, which are in order of service hours; None if unknown."""
+        """Return the duty between tests, given in order of service hours; None if unknown."""
         if len(used) <= REFERENCE_TESTS or not self._total[0]:
             return None
         hours = np.array([test.hours for test in used])
@@ -35,7 +35,7 @@ class DutyRecord:
         elapsed = np.diff(hours)
         least = np.maximum(self._settings.least_coverage * elapsed, 1e-12)
         least = np.where(elapsed > 0.0, least, np.inf)
-        # Telemetry in excess of service hours is ground operation; gaps are assumed to be similar.
+        # Telemetry beyond the service hours is ground operation; gaps are assumed to be similar.
         within = np.minimum(np.where(telemetry >= least, telemetry, np.nan), elapsed)
         ageing /= np.where(warm >= least, warm, np.nan)
         course = DutyCourse(

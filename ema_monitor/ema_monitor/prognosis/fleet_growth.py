@@ -50,7 +50,7 @@ class FleetGrowth:
     """Names of the fleets that were merged."""
 
     def together(self, other: "FleetGrowth") -> "FleetGrowth":
-        """Merge two fleets; if both contain a unit, keep the entry with more tests.
+        """Return two merged fleets; if both contain a unit, the entry with more tests is kept.
 
         Raises
         ------
@@ -59,7 +59,7 @@ class FleetGrowth:
         """
         if self.grid != other.grid:
             raise ValueError(
-                "the fleets are about other limits, or by another version: grid "
+                "the fleets have different limits, or were written by different versions: grids "
                 f"{other.grid} and {self.grid}"
             )
         units = dict(self.units)
@@ -70,7 +70,7 @@ class FleetGrowth:
         return FleetGrowth(self.grid, units, self.names | other.names)
 
     def prior(self, limits: HealthLimits, without: UnitKey | None = None) -> FleetPrior:
-        """Fit the distribution of curves and rates over the units.
+        """Return the distribution of curves and rates over the units, fitted to their evidence.
 
         Parameters
         ----------
@@ -86,8 +86,8 @@ class FleetGrowth:
         """
         if self.grid != (expected := grid_digest(limits)):
             raise ValueError(
-                f"the fleet is about other limits, or by another version: grid {self.grid}, "
-                f"expected {expected}"
+                f"the fleet has different limits, or was written by a different version: grid "
+                f"{self.grid}, expected {expected}"
             )
         excluded = unit_digest(*without) if without else ""
         grown: dict[str, list[GrownFault]] = {}
@@ -156,12 +156,12 @@ class FleetGrowth:
                 # A small file may expand to large arrays: check sizes first.
                 size = sum(item.file_size for item in file.zip.infolist())
                 if size > _MOST_BYTES:
-                    raise ValueError(f"it opens to {size} bytes, at most {_MOST_BYTES}")
+                    raise ValueError(f"it expands to {size} bytes, expected at most {_MOST_BYTES}")
                 return cls._of_arrays(dict(file))
         except OSError:
             raise
         except Exception as error:  # numpy and zipfile raise many types for damaged archives
-            raise ValueError(f"{path}: no file of a fleet: {error}") from error
+            raise ValueError(f"{path} is not a fleet file: {error}") from error
 
     @classmethod
     def _of_arrays(cls, arrays: dict[str, np.ndarray]) -> "FleetGrowth":
@@ -200,7 +200,7 @@ def unit_digest(actuator_id: str, serial_number: str) -> str:
 
 
 def fleet_of(histories: Iterable[History], limits: HealthLimits, name: str = "") -> FleetGrowth:
-    """Collect the growth evidence from unit histories.
+    """Return the growth evidence from unit histories.
 
     Parameters
     ----------

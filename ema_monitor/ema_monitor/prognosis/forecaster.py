@@ -1,4 +1,4 @@
-"""Outlook of a unit, computed from the growth of its faults."""
+"""Computation of a unit's outlook (health and remaining life) from the growth of its faults."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -48,7 +48,7 @@ class Forecaster:
     """Limits at which life ends."""
 
     def fan(self) -> Fan | None:
-        """Return quantiles of the future faults; None if the service hours are unknown."""
+        """Return the quantiles of the future faults; None if the service hours are unknown."""
         if self.tracker is None:
             return None
         ahead = hours_ahead(self.outlook.rul, self.outlook.observed_hours)
@@ -57,7 +57,7 @@ class Forecaster:
 
 
 def hours_ahead(life: RemainingLife, observed_hours: float) -> float:
-    """Return the time span to plot ahead [h]; it includes the likely end of life if that is near.
+    """Return the time span of a forecast plot [h]; it includes a near end of life.
 
     The span is limited by the time for which the unit has been observed.
 
@@ -81,7 +81,7 @@ def outlook_of(
     recent: Collection[str],
     intermittent: Mapping[str, Recurrence],
 ) -> Outlook:
-    """Compute health and remaining life after the latest test, without events.
+    """Return the outlook (health and remaining life) after the latest test, without events.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def outlook_of(
         prognosis = growth.tracker.predict(future)
     tracker = settings.tracker
     horizon = min(tracker.horizon_hours, tracker.horizon_factor * observed) / future.factor
-    # Alarms must not wait for a service hour count.
+    # Alarms must not wait for a count of service hours.
     judged = {
         item.name: Tracked(
             item.value, item.sigma, item.name in growth.doubtful, item.name in recent
@@ -186,7 +186,7 @@ def outlook_of(
 
 
 def warned_if_due(health: Health, removal: Removal) -> Health:
-    """Raise an OK level to a warning if the unit should be removed now."""
+    """Return health whose OK is raised to a warning if the unit should be removed now."""
     if health.level != OK or not removal.hours < SOON_HOURS:
         return health
     words = f"removal is due: {100.0 * removal.risk:.3g} % risk of failure in {removal.hours:.2g} h"
@@ -225,9 +225,9 @@ def _required(
 def _latest_faults(
     growth: GrowthRecord, estimate: Estimate, tracked: tuple[TrackedFault, ...]
 ) -> tuple[Array, Array]:
-    """Return faults, ``(8,)``, and covariance from all tests, or from the last if none is tracked.
+    """Return the fault vector, ``(8,)``, and its covariance after all tests, ``(8, 8)``.
 
-    Unknown values are NaN.
+    They are from the latest test if no fault is tracked. Unknown values are NaN.
     """
     faults = np.array(estimate.faults)
     if not tracked:
@@ -244,14 +244,14 @@ def _latest_faults(
 def earlier(
     by_faults: RemainingLife, by_requirements: RemainingLife, together: RemainingLife
 ) -> RemainingLife:
-    """Combine two lives into the life that ends with the first; the shorter gives the criterion.
+    """Return the life that ends with the first of two lives; the shorter determines the criterion.
 
     Parameters
     ----------
     by_faults, by_requirements
         Lives of the same actuator.
     together
-        Life that ends with the first of them, computed from common samples. As it may be based on
+        Life that ends with the first of both, computed from common samples. As it may be based on
         fewer samples, the result is limited to the shorter of both lives.
     """
     lives = [life for life in (by_faults, by_requirements) if life.known]
@@ -270,7 +270,7 @@ def earlier(
 
 
 def lifetimes_of(by_faults: Array, by_requirements: Array) -> Array:
-    """Combine samples of two lives into samples of the shorter life, by quantile (P12).
+    """Return samples of the shorter of two lives, combined by quantile (P12).
 
     Parameters
     ----------
@@ -296,7 +296,7 @@ def lifetimes_of(by_faults: Array, by_requirements: Array) -> Array:
 def removal_of(
     life: RemainingLife, lifetimes: Array, risk: float, hours_per_cycle: float, hours_a_day: float
 ) -> Removal:
-    """Compute the removal deadline of a unit.
+    """Return the removal deadline of a unit.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ def removal_of(
     risk
         Accepted probability of a failure before the removal [-].
     hours_per_cycle, hours_a_day
-        Flight hours of a test cycle [h] and of a day [h/d]; NaN when unknown.
+        Flight hours per test cycle [h] and per day [h/d]; NaN if unknown.
     """
     if not life.known or not lifetimes.size:
         return Removal(risk, hours_a_day=hours_a_day)

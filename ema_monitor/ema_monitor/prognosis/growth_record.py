@@ -42,7 +42,7 @@ class GrowthRecord:
         Result of ``state`` of an earlier record. It is used if settings and code are unchanged and
         it was computed from the first of these tests.
     damage
-        Relation of damage to duty.
+        Settings that relate damage to duty.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class GrowthRecord:
     kept_tests
         Number of tests included in ``kept``.
     doubtful
-        Components whose latest value growth does not explain.
+        Components whose latest value is not explained by growth.
     phase
         Direction of eccentricity in the latest test, and its variance; NaN if unknown.
     """
@@ -90,7 +90,7 @@ class GrowthRecord:
         return latest is not None and bool(used) and used[-1].stamp_ns == latest.stamp_ns
 
     def add(self, entry: Entry) -> list[Finding]:
-        """Add the next test; return its findings."""
+        """Add the next test. Return its findings."""
         findings = self._note(entry)
         self.duty = self._damage.course(self.service.used)
         return findings + self._update()
@@ -167,7 +167,7 @@ class GrowthRecord:
         return all(np.array_equal(before, present[:n]) for before, present in pairs)
 
     def _update(self) -> list[Finding]:
-        """Process new tests with the tracker; return their events."""
+        """Process new tests with the tracker. Return their events as findings."""
         reported = set[int]()
         # Once the reference duty is known, earlier tests must be counted by damage as well.
         if not self._begins_with(self._fed):
@@ -209,7 +209,7 @@ class GrowthRecord:
 def _finding(event: Event, *, is_new_baseline: bool) -> Finding:
     """Return the finding of an event; a change due to a new baseline is no repair or step."""
     if is_new_baseline and event.kind in (REPAIR, STEP):
-        words = f"the baseline changed, and with it what is healthy: {event.text}"
+        words = f"the baseline changed, so that values relate to a new healthy state: {event.text}"
         return Finding(CALIBRATION, words)
     return Finding(event.kind, event.text)
 

@@ -66,20 +66,20 @@ class History:
     unit
         Actuator and serial number.
     tests
-        All tests in order of arrival.
+        All tests in the order in which they were added.
     entries
         Valid tests in order of their stamps.
     late
-        Valid tests that arrived late and are not in ``entries`` yet. They are inserted together
+        Valid tests that were added late and are not in ``entries`` yet. They are inserted together
         once they exceed 5 % of the entries, because all results after them are then recomputed.
     unused
-        Test cycles without a valid estimate after the latest entry, in the order of arrival.
+        Test cycles without a valid estimate after the latest entry, in the order of addition.
     assessments
         Assessment after each valid test, by its stamp [ns].
     growth
-        State stored by ``keep_growth``; empty without any.
+        State stored by ``keep_growth``; empty if none was stored.
     path
-        The file in use; None when the history is in memory alone.
+        The file in use; None if the history is in memory only.
     """
 
     def __init__(self, actuator_id: str, serial_number: str, path: Path | None = None) -> None:
@@ -94,7 +94,7 @@ class History:
         self._db: sqlite3.Connection | None = None
         self._file_id = (0, 0)
         self.tests: list[Test] = []
-        # Whether a test is valid, by its stamp; and the number of tests in the file.
+        # Validity of each test by its stamp, and the number of tests in the file.
         self._is_valid: dict[int, bool] = {}
         self._written = 0
         # Stamps of assessments that differ from the file.
@@ -109,12 +109,12 @@ class History:
 
     @property
     def problem(self) -> str:
-        """Current or repaired problem with the file; empty if none."""
+        """Current or repaired problem with the file; empty if there was none."""
         return "; ".join(filter(None, [self._mended, self._trouble]))
 
     @property
     def newest(self) -> Test | None:
-        """The test with the latest stamp, valid or refused; None when there is none."""
+        """The test with the latest stamp, valid or refused; None for an empty history."""
         refused = [test for test in self.unused if test.verdict != SKIPPED]
         return max([*self.entries[-1:], *refused], key=lambda test: test.stamp_ns, default=None)
 
@@ -210,8 +210,8 @@ class History:
             )
         except ValueError:
             self._trouble = (
-                f"the history {self.path} was written by another monitor since this one "
-                "began; this one's is in memory only until it starts again"
+                f"the history {self.path} was written by another monitor after this monitor "
+                "opened it; this monitor keeps its tests in memory only until it is restarted"
             )
             self.close()
 
@@ -220,7 +220,7 @@ class History:
         if self._db is not None and _file_id(path) != self._file_id:
             self._mended = (
                 f"the history {path} was deleted or moved while it was in use; a new file with "
-                "all its tests is begun"
+                "all its tests was created"
             )
             self._forget_written()
         db = self._db
@@ -228,7 +228,7 @@ class History:
             path.parent.mkdir(parents=True, exist_ok=True)
             db = self._connect(path)
             if db.execute("SELECT count(*) FROM test").fetchone()[0]:
-                raise ValueError("it holds tests that were not read")
+                raise ValueError("it contains tests that were not read")
         tests = enumerate(self.tests[self._written :], self._written + 1)
         assessments = (self.assessments[stamp_ns] for stamp_ns in self._changed)
         with db:
@@ -250,7 +250,7 @@ class History:
         return key, record, zlib.crc32(f"{self.unit} {key} {record}".encode())
 
     def _open(self, path: Path) -> None:
-        """Read a file; set it aside if it is damaged."""
+        """Read a file, or rename it if it is damaged."""
         try:
             self._read(self._connect(path))
         except (sqlite3.DatabaseError, ValueError) as error:
@@ -261,14 +261,14 @@ class History:
                 self._write_pending(path)
 
     def _connect(self, path: Path) -> sqlite3.Connection:
-        """Open the database for this process alone, and make its tables if it has none.
+        """Open the database exclusively, and create its tables if they are missing.
 
         Raises
         ------
         sqlite3.Error
             If another process uses the file, or it cannot be written.
         ValueError
-            If the file belongs to another unit, or is of another kind.
+            If the file belongs to another unit, or is not a history.
         """
         self._release()
         db = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
@@ -304,7 +304,7 @@ class History:
             raise ValueError(f"its schema version is {version}, expected {SCHEMA_VERSION}")
         units = db.execute("SELECT actuator_id, serial_number FROM unit").fetchall()
         if units != [self.unit]:
-            raise ValueError(f"it is of unit {units}, not {self.unit}")
+            raise ValueError(f"it belongs to unit {units}, not {self.unit}")
 
     def _read(self, db: sqlite3.Connection) -> None:
         """Add the intact records of the file; raise ValueError for the rest."""
@@ -343,7 +343,7 @@ class History:
         for state, crc32 in db.execute("SELECT state, crc32 FROM growth"):
             self.growth = state if zlib.crc32(state) == crc32 else b""
         if damage:
-            more = f", and {len(damage) - 1} more of the kind" if len(damage) > 1 else ""
+            more = f", and {len(damage) - 1} further defects" if len(damage) > 1 else ""
             raise ValueError(f"{damage[0]}{more}")
 
     def _read_copy(self, path: Path, error: Exception) -> None:
@@ -351,7 +351,8 @@ class History:
         self.close()
         if _code_of(error) == sqlite3.SQLITE_BUSY:
             self._trouble = (
-                f"the history {path} is in use by another monitor; this one's is in memory only"
+                f"the history {path} is in use by another monitor; this monitor keeps its tests in "
+                "memory only"
             )
             return
         unread = ""
@@ -374,9 +375,9 @@ class History:
         for suffix in ("-wal", ""):
             if (source := _with_suffix(path, suffix)).exists():
                 source.rename(_with_suffix(aside, suffix))
-        kept = f" with the {len(self.tests)} test cycles that are intact" if self.tests else ""
+        kept = f" with the {len(self.tests)} intact test cycles" if self.tests else ""
         self._mended = (
-            f"the history {path} is set aside as {aside.name} and a new one is begun{kept}: "
+            f"the history {path} was renamed to {aside.name}, and a new file was created{kept}: "
             f"{_reason_of(error)}"
         )
 
@@ -408,18 +409,18 @@ def read_history(path: Path) -> History:
 
 
 def read_intact_history(path: Path) -> tuple[History, str]:
-    """Return the intact records of a file, and a message about its damage, or "".
+    """Return the intact records of a history file, and a message about its damage, or "".
 
     Raises
     ------
     ValueError
-        If the file is not named as a history.
+        If the file name is not the name of a history.
     OSError
         If the file cannot be read.
     """
     actuator_id, plus, serial_number = path.name.removesuffix(".sqlite").partition("+")
     if not plus or path.suffix != ".sqlite":
-        raise ValueError(f"{path}: expected a history named ACTUATOR+SERIAL.sqlite")
+        raise ValueError(f"{path}: expected a file name of the form ACTUATOR+SERIAL.sqlite")
     with TemporaryDirectory() as folder:
         copy = _copied(path, folder)
         history = History(unquote(actuator_id), unquote(serial_number), copy)
@@ -433,7 +434,7 @@ def history_path(folder: Path, actuator_id: str, serial_number: str) -> Path:
 
 
 def _copied(path: Path, folder: str) -> Path:
-    """Copy a file, with its log if it has one, to a folder; return the path of the copy."""
+    """Copy a file and its write-ahead log, if any, to a folder. Return the path of the copy."""
     copy = Path(folder) / path.name
     for suffix in ("", "-wal"):
         if (source := _with_suffix(path, suffix)).exists():
@@ -442,7 +443,7 @@ def _copied(path: Path, folder: str) -> Path:
 
 
 def _missing(before: int, last: int) -> list[str]:
-    """Return a message about the tests missing between two numbers; empty without any."""
+    """Return a message about the tests missing between two numbers; empty if none is missing."""
     if last <= before:
         return []
     if last == before + 1:
@@ -467,7 +468,7 @@ def _with_suffix(path: Path, suffix: str) -> Path:
 
 
 def _file_id(path: Path) -> tuple[int, int]:
-    """Return device and inode of a file; zeros when there is none."""
+    """Return device and inode of a file; zeros if it does not exist."""
     try:
         status = os.stat(path)
     except FileNotFoundError:

@@ -53,7 +53,7 @@ class Count:
     hours: float
     """Hours in service since new [h], at most 1e7."""
     cycles: int
-    """Test cycles since new, at most 1e12; 0 when not counted."""
+    """Test cycles since new, at most 1e12; 0 if they are not counted."""
 
     def __post_init__(self) -> None:
         if not is_finite_number(self.hours) or not 0.0 <= self.hours <= _MOST_HOURS:
@@ -79,7 +79,7 @@ class Entry:
     estimate: Estimate
     """Estimate of its window."""
     hours: float
-    """Service hour of the test by ``hours_per_cycle`` [h]; NaN when counted or unknown."""
+    """Service hour of the test according to ``hours_per_cycle`` [h]; NaN if counted or unknown."""
     cycles: int
     """Test cycles up to and including the test."""
     count: Count | None = None
@@ -88,7 +88,7 @@ class Entry:
     flown: FlownDuty = NOTHING_FLOWN
     """Duty since the previous valid test, as far as telemetry covers it."""
     shift_ns: int = 0
-    """Correction that was added to the stamps of its estimate to put the test in order [ns]."""
+    """Correction added to the stamps of its estimate to put the test in order [ns]."""
 
     def __post_init__(self) -> None:
         Measurement.of(self.estimate, 0.0 if math.isnan(self.hours) else self.hours)
@@ -129,7 +129,7 @@ class UnusedCycle:
     comparison: Comparison | None = None
     """Figures and comparison of its estimate."""
     shift_ns: int = 0
-    """Correction that was added to its stamps to put the test in order [ns]."""
+    """Correction added to its stamps to put the test in order [ns]."""
     is_ordered: bool = True
     """Whether its place among the tests is known."""
 
@@ -137,7 +137,7 @@ class UnusedCycle:
     def of(
         cls, estimate: Estimate, flown: FlownDuty = NOTHING_FLOWN, shift_ns: int = 0
     ) -> "UnusedCycle":
-        """Return the test cycle of an estimate that is not valid."""
+        """Return the unused test cycle of an estimate that is not valid."""
         return cls(
             estimate.end_ns,
             estimate.verdict,
@@ -155,7 +155,7 @@ class UnusedCycle:
 
     @property
     def reason(self) -> str:
-        """Text of the reasons that there is no valid estimate."""
+        """Why there is no valid estimate, as a sentence."""
         return joined(self.reasons)
 
 
@@ -163,7 +163,7 @@ Test = Entry | UnusedCycle
 
 
 class Finding(NamedTuple):
-    """Result of a test that is worth an event."""
+    """Result of a test that becomes an event."""
 
     kind: str
     """Kind as in ``ema_interfaces/msg/UnitEvent``."""
@@ -243,7 +243,7 @@ def as_text(test: Test) -> str:
 
 
 def read_test(text: str) -> Test:
-    """Return the test that ``as_text`` describes."""
+    """Parse the output of ``as_text``. Return the test."""
     record: dict[str, Any] = json.loads(text)
     flown = NOTHING_FLOWN
     if "duty" in record:
@@ -279,7 +279,7 @@ def assessment_text(assessment: Assessment) -> str:
 
 
 def read_assessment(text: str) -> Assessment:
-    """Return the assessment that ``assessment_text`` describes."""
+    """Parse the output of ``assessment_text``. Return the assessment."""
     record: dict[str, Any] = json.loads(text)
     life, events = record.pop("life"), record.pop("events")
     return Assessment(
@@ -300,12 +300,12 @@ class StampedTest(NamedTuple):
     content: Any
     """Identity of the test, which its copies share."""
     is_refused: bool = False
-    """Whether the test is refused. A refused test may overlap other tests: a cut recording has
-    parts of tests."""
+    """Whether the test is refused. A refused test may overlap other tests, because a truncated
+    recording contains parts of tests."""
 
 
 def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
-    """Return why the order of tests is unknown, by bag.
+    """Return the bags in which the order of tests is unknown, with the reason by bag.
 
     Tests must not overlap in time unless they are copies, and stamps must not go back within a bag.
 
@@ -325,9 +325,9 @@ def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
                 bags = dict.fromkeys((overlapping.bag, test.bag))
                 end_s = min(overlapping.end_ns, test.end_ns) * 1e-9
                 clash = f"{' and '.join(bags)}: different tests at the same time, {end_s:.4f} s"
-                hint = "`ema simulate --start` dates simulated ones"
+                hint = "`ema simulate --start` sets the date of simulated tests"
                 if not has_date(test.end_ns):
-                    hint = f"give the time of records with its date; {hint}"
+                    hint = f"specify the time of records with its date; {hint}"
                 reason = f"{clash}: their stamps must show which came first; {hint}"
                 reasons = dict.fromkeys(bags, reason) | reasons
         earlier.append(test)
@@ -335,7 +335,7 @@ def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
 
 
 def _stepped_back(tests: Iterable[StampedTest]) -> dict[str, str]:
-    """Return the bags in which the stamp of a test is before an earlier test's, and why.
+    """Return the bags in which a test is stamped before an earlier test, with the reason by bag.
 
     A repeated test, as in a recording of a playback, does not count.
     """

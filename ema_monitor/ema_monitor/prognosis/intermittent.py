@@ -11,13 +11,14 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import NOTE, Entry
 
 LATEST_TESTS: Final = 20
-"""Number of latest tests that are searched for intermittent faults."""
+"""Number of latest tests in which intermittent faults are searched."""
 
 GONE_SHARE: Final = 0.5
 """Share of the limit below which a fault is absent [-]."""
 
 OCCURRENCES: Final = 2
-"""Fewest occurrences of an intermittent fault, as a single one may be an estimation error."""
+"""Smallest number of occurrences of an intermittent fault: a single one may be an estimation
+error."""
 
 
 class _Sign:
@@ -42,7 +43,7 @@ class _Sign:
         self._judge(stamp_ns if distance else 0)
 
     def acknowledge(self, stamp_ns: int) -> None:
-        """Reset the sign if it was present in the test of a stamp [ns]; later tests count."""
+        """Reset the sign if it was present in the test at ``stamp_ns``; later tests count."""
         if stamp_ns not in self._stamps_ns:
             return
         later = [test for test in self._latest if test[0] > stamp_ns]
@@ -52,7 +53,7 @@ class _Sign:
         self._judge(0)
 
     def _judge(self, present_ns: int) -> None:
-        """Update the recurrence after a test; its stamp [ns] if the sign was present, else 0."""
+        """Update the recurrence after a test; ``present_ns`` is its stamp, 0 without the sign."""
         distances = [distance for _, distance in self._latest]
         if self.recurrence is None and _times(distances) < OCCURRENCES:
             return
@@ -88,7 +89,7 @@ class Intermittent:
 
     @property
     def failure(self) -> Recurrence | None:
-        """Recurrence of failures if they are intermittent, else None; ignore its ``worst``."""
+        """Recurrence of failures if they are intermittent, else None; ``worst`` is unused."""
         return self._failure.recurrence
 
     def add(self, estimate: Estimate) -> None:
@@ -100,11 +101,11 @@ class Intermittent:
                 sign.add(estimate.end_ns, distance)
 
     def add_failure(self, stamp_ns: int) -> None:
-        """Add the next test, at a stamp [ns], which shows a failed actuator or sensor."""
+        """Add the next test, stamped ``stamp_ns`` [ns], which shows a failed actuator or sensor."""
         self._failure.add(stamp_ns, 1.0)
 
     def acknowledge(self, stamp_ns: int) -> None:
-        """Reset intermittent faults and failures that were present in the test of a stamp [ns]."""
+        """Reset intermittent faults and failures that the test at ``stamp_ns`` [ns] showed."""
         for sign in (*self._faults.values(), self._failure):
             sign.acknowledge(stamp_ns)
 
@@ -132,7 +133,7 @@ def intermittent_of(history: History, limits: HealthLimits) -> Intermittent:
 
 
 def _times(distances: Iterable[float]) -> int:
-    """Return the number of times that a fault appeared, at the start or after an absence."""
+    """Return how often a fault appeared, at the start or after an absence."""
     before, times = 0.0, 0
     for distance in distances:
         times += distance > 0.0 and before == 0.0

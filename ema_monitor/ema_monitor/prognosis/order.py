@@ -13,7 +13,7 @@ from ema_monitor.prognosis.history_entry import Test, UnusedCycle
 from ema_monitor.reasons import OrderUnknown, codes
 
 SAME_TEST_SIGMAS: Final = 4.0
-"""Largest difference of a fault between estimates of the same test, in standard deviations [-]."""
+"""Largest difference of a fault between two estimates of one test [standard deviations]."""
 
 _LEAST_AHEAD_NS: Final = 1_000_000_000
 
@@ -28,7 +28,7 @@ class Place(NamedTuple):
     is_known: bool = False
     """Whether the history already contains the test."""
     is_ordered: bool = True
-    """Whether later tests with stamps like this one may be put after it."""
+    """Whether later tests with the same kind of stamps may be ordered after this test."""
 
 
 def place_of(
@@ -39,13 +39,13 @@ def place_of(
     by_clock: bool,
     is_live: bool = False,
 ) -> Place:
-    """Determine the position of a test among the tests of its unit.
+    """Return the position of a test among the tests of its unit.
 
     Tests are ordered by stamp. If the stamp is not later than the newest stamp, the order of
     reception counts in two cases: the clock went back, so that the receiver's clock is behind the
     reception of the newest test, or the test was received while it was measured. Otherwise the
-    order is unknown. A test of a recording has the place of its stamp, unless another test has the
-    same stamp.
+    order is unknown. A test of a recording is placed by its stamp, unless another test has the same
+    stamp.
 
     Parameters
     ----------
@@ -54,11 +54,11 @@ def place_of(
     history
         Tests so far.
     received_ns
-        Time of reception of the test by the clock of the receiver [ns]; 0 for a recording.
+        Reception time of the test on the receiver's clock [ns]; 0 for a recording.
     newest_received_ns
-        Time of reception of the newest test so far [ns]; 0 if unknown.
+        Reception time of the newest test so far [ns]; 0 if unknown.
     by_clock
-        Whether a clock gives the stamps; otherwise the order of reception always counts.
+        Whether stamps come from a clock; otherwise tests are always ordered by reception.
     is_live
         Whether the test was received while it was measured.
     """
@@ -84,7 +84,7 @@ def place_of(
     if is_live or (has_gone_back and not is_ahead):
         return Place(shift_ns)
     if not estimate.valid:
-        # A failure is a failure, whenever it was, but later tests of its recording stay unordered.
+        # A failure counts at any time, but later tests of its recording stay unordered.
         return Place(shift_ns, is_ordered=False)
     return Place(shift_ns, _problem(end_ns, newest))
 
@@ -114,7 +114,7 @@ def since_clock_step_ns(tests: Sequence[Test], from_ns: int, by_clock: bool) -> 
 
 
 def moved(estimate: Estimate, shift_ns: int) -> Estimate:
-    """Return an estimate with its stamps moved by ``shift_ns`` [ns]."""
+    """Return an estimate with its stamps shifted by ``shift_ns`` [ns]."""
     if not shift_ns:
         return estimate
     return replace(

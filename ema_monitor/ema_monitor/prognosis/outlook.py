@@ -29,16 +29,16 @@ class Claim(NamedTuple):
     """Stamp of the newest test, valid or refused [ns]: the level describes the unit at that
     time."""
     received_ns: int = 0
-    """Time at which the author received that test [ns]; 0 when unknown, as after a restart."""
+    """Time at which the author received the newest test [ns]; 0 if unknown, as after a restart."""
     author: str = ""
     """Node that published the level; empty for a command."""
     good_for_s: float = 0.0
     """Validity of the level after the test [s]; 0 for a record, whose level does not expire."""
     oldest_ns: int = 0
-    """Stamp since when tests have shown every fault [ns], which an OK needs; 0 if only the newest
+    """Stamp [ns] since which tests have shown every fault, as OK requires; 0 if only the newest
     test counts."""
     is_live: bool = False
-    """Whether the newest test was received while it was measured, for any stamp."""
+    """Whether the newest test was received while it was measured, regardless of its stamp."""
 
     @property
     def is_ahead(self) -> bool:
@@ -52,8 +52,8 @@ class Claim(NamedTuple):
 
     @property
     def begin_ns(self) -> int:
-        """Time at which the newest test was measured, by the clock of its receiver [ns]."""
-        # A stamp that is ahead, or years behind, comes from another clock: use the reception.
+        """Time at which the newest test was measured [ns], on the receiver's clock."""
+        # A stamp that is ahead, or years behind, comes from another clock: use the reception time.
         if self.received_ns and not 0 <= self.received_ns - self.measured_ns <= _OTHER_CLOCK_NS:
             return self.received_ns
         return self.measured_ns
@@ -91,20 +91,20 @@ class Outlook(Displayed):
     """Health and remaining life of an actuator."""
 
     stamp_ns: int = 0
-    """Stamp of the latest valid test, which gives the figures [ns]."""
+    """Stamp of the latest valid test [ns], from which all values are computed."""
     hours: float = math.nan
-    """Service hours at that test [h]; NaN when unknown."""
+    """Service hours at the latest valid test [h]; NaN if unknown."""
     cycles: int = 0
-    """Test cycles up to that test."""
+    """Number of test cycles up to the latest valid test."""
     hours_per_cycle: float = math.nan
-    """Flight hours of a test cycle [h]; NaN when unknown."""
+    """Flight hours per test cycle [h]; NaN if unknown."""
     health: Health
-    """Levels, index and grade."""
+    """Levels, health index and severity."""
     trends: Mapping[str, float] = field(default_factory=dict)
     """Growth rate of each fault and requirement, in its unit per flight hour, if known."""
     lives: Mapping[str, RemainingLife] = field(default_factory=dict)
-    """Remaining life until each fault or requirement reaches its limit, by name; ``rul`` gives the
-    reason for missing names."""
+    """Remaining life until each fault or requirement reaches its limit, by name; for missing names,
+    ``rul`` has the reason."""
     rul_faults: RemainingLife
     """Remaining life until the first fault reaches its limit."""
     rul_requirements: RemainingLife
@@ -112,16 +112,16 @@ class Outlook(Displayed):
     rul: RemainingLife
     """The shorter of ``rul_faults`` and ``rul_requirements``."""
     dominant: str = ""
-    """Fault or requirement that ends life first; if unknown, the worst with a warning; else
-    empty."""
+    """Fault or requirement that ends life first. If unknown, the worst with a warning; empty
+    without a warning."""
     future: FutureDuty = STEADY
     """Assumed future duty."""
     assumption: str = AS_BEFORE
-    """Text on the assumed future duty and further assumptions."""
+    """Assumed future duty and further assumptions, as a phrase."""
     observed_hours: float = 0.0
     """Hours over which the unit has been observed [h]."""
     horizon_hours: float = 0.0
-    """Horizon of the prognosis: longest life that is published [h]."""
+    """Horizon of the prognosis [h]: the longest life that is published."""
     missing_share: float = 0.0
     """Probability that a test gives no valid estimate [-]."""
     failed_since: float = math.nan
@@ -142,9 +142,9 @@ class Outlook(Displayed):
     calibrations: Mapping[str, TrackRecord] = field(default_factory=dict)
     """Calibration of each fault's past predictions, if known."""
     failure: str = ""
-    """Failure of drive or shaft that the newest test shows; empty for none."""
+    """Failure of drive or shaft in the newest test; empty if there is none."""
     departure: str = ""
-    """Unexplained difference of the newest test from healthy ones; empty without any."""
+    """Unexplained difference of the newest test from healthy tests; empty if there is none."""
     claim: Claim = field(default_factory=Claim)
     """Origin and validity of the level."""
     last_level: int = STALE
@@ -162,7 +162,7 @@ class Outlook(Displayed):
 
     @property
     def finding(self) -> str:
-        """Finding of the newest test other than a fault: a failure or a departure."""
+        """Failure or departure in the newest test; empty if there is none."""
         return self.failure or self.departure
 
     @property
@@ -234,14 +234,14 @@ class Outlook(Displayed):
 
 
 def unknown_outlook(reason: str) -> Outlook:
-    """Create the outlook of a unit without tests, with a reason."""
+    """Return the outlook of a unit without tests, with the reason why it is unknown."""
     health = Health(STALE, math.nan, 0, 0.0, "", reason=reason)
     life = RemainingLife.unknown("", reason)
     return Outlook(health=health, rul_faults=life, rul_requirements=life, rul=life)
 
 
 def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Outlook:
-    """Create the outlook of a single valid estimate, with the reason why it has no prognosis."""
+    """Return the outlook of a single valid estimate, with the reason why it has no prognosis."""
     health = assess(estimate, limits)
     return replace(
         unknown_outlook(reason),

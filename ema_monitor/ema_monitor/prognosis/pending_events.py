@@ -126,11 +126,11 @@ def _check_notes(person: str, events: Iterable[UnitEvent]) -> None:
     notes = Counter(event.person for event in events if event.kind == NOTE)
     if notes[person] >= MOST_NOTES:
         raise ValueError(
-            f"the newest test has {MOST_NOTES} notes of {person} already; the next valid test "
-            "takes further ones"
+            f"the newest test already has {MOST_NOTES} notes of {person}; add further notes "
+            "after the next valid test"
         )
     if person not in notes and len(notes) >= MOST_PERSONS:
         raise ValueError(
-            f"the newest test has notes of {MOST_PERSONS} persons already, and none of "
-            f"{person}; the next valid test takes further ones"
+            f"the newest test already has notes of {MOST_PERSONS} persons other than {person}; "
+            "add further notes after the next valid test"
         )

@@ -1,4 +1,4 @@
-"""Health and remaining life in sentences for maintenance planners."""
+"""Sentences on health and remaining life for maintenance planners."""
 
 import math
 from typing import Final
@@ -12,7 +12,7 @@ from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 
 TREND_HOURS: Final = 1000.0
-"""Hours over which growth is shown [h]."""
+"""Hours over which growth is displayed [h]."""
 
 SOON_HOURS: Final = 0.5
 """Time to a removal below which the unit is to be removed now [h]."""
@@ -27,7 +27,7 @@ def label_of(name: str) -> str:
 
 
 def shown_in(unit: str) -> tuple[str, float]:
-    """Return the unit to append to a shown value, empty for "1", and the factor of the value."""
+    """Return the suffix for a displayed value (its unit; empty for "1") and the value's factor."""
     return {"rad": (" mrad", 1e3), "1": ("", 1.0)}.get(unit, (f" {unit}", 1.0))
 
 
@@ -50,7 +50,7 @@ def cause_of_level(outlook: Outlook) -> str:
 
 
 def in_words(item: FaultHealth) -> str:
-    """Return value and limit of a fault or requirement that gives a warning or has failed."""
+    """Return a phrase with value and limit of a fault or requirement in WARN or ERROR."""
     unit, scale = shown_in(RequirementLimits.unit(item.name))
     side = "below" if item.limit_is_lower else "above"
     value, limit = beside_limit(scale * item.value, scale * item.limit)
@@ -62,8 +62,8 @@ def in_words(item: FaultHealth) -> str:
     if math.isfinite(item.held):
         held = scale * item.held
         return (
-            f"{label_of(item.name)} {held:.3g}{unit} in the latest test, which the next one has to "
-            f"confirm, {value}{unit} before ({ends})"
+            f"{label_of(item.name)} {held:.3g}{unit} in the latest test, to be confirmed by the "
+            f"next test, {value}{unit} before ({ends})"
         )
     words = f"{label_of(item.name)} {value}{unit} ({ends})"
     if item.unconfirmed is not None:
@@ -72,19 +72,19 @@ def in_words(item: FaultHealth) -> str:
 
 
 def recurrence_in_words(name: str, recurrence: Recurrence) -> str:
-    """Return the sentence on an intermittent fault, with the way to acknowledge it."""
+    """Return a sentence on an intermittent fault and on how to acknowledge it."""
     latest = f"the latest {recurrence.tests} tests"
     often = f"in {recurrence.times} of {latest}"
     if not recurrence.times:
         often = f"repeatedly, but not in {latest}"
     return (
-        f"{label_of(name)} is intermittent: beyond its limit {often}; a note of a person on its "
-        "event acknowledges it"
+        f"{label_of(name)} is intermittent: beyond its limit {often}; a person's note on its event "
+        "acknowledges it"
     )
 
 
 def failures_in_words(reason: str, recurrence: Recurrence) -> str:
-    """Return the sentence on an intermittent failure, with the way to acknowledge it.
+    """Return a sentence on an intermittent failure and on how to acknowledge it.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def failures_in_words(reason: str, recurrence: Recurrence) -> str:
         often = f"tests failed repeatedly, but none of {latest_tests}"
     words = f"an intermittent failure: {often}"
     latest = f", the latest by {reason}" if reason else ""
-    return f"{words}{latest}; a note of a person on its event acknowledges it"
+    return f"{words}{latest}; a person's note on its event acknowledges it"
 
 
 def reason_of(outlook: Outlook) -> str:
@@ -108,7 +108,7 @@ def reason_of(outlook: Outlook) -> str:
 
 
 def removal_in_words(outlook: Outlook) -> str:
-    """Return the latest time for the removal of a unit and its reason, as a sentence."""
+    """Return a sentence with the latest time to remove a unit, and the reason."""
     if outlook.failure:
         return f"Remove now: {outlook.failure}"
     life, hours = outlook.rul, outlook.hours
@@ -121,8 +121,8 @@ def removal_in_words(outlook: Outlook) -> str:
         criteria = [outlook.lives.get(name, life).criterion or label_of(name) for name in failed]
         return f"Remove now: failed{since}: {', '.join(criteria)}"
     if not life.known:
-        return f"No date of removal yet: {life.reason}"
-    end = "beyond what is looked ahead"
+        return f"No removal date yet: {life.reason}"
+    end = "beyond the horizon"
     if math.isfinite(life.hours_50):
         end = f"{hours + life.hours_50:,.0f} h"
     removal = outlook.removal

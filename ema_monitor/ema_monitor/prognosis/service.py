@@ -1,4 +1,4 @@
-"""Service life of a unit: received counts, and the service hours at its tests."""
+"""Service life of a unit: received counts, and service hours at the tests."""
 
 import math
 import threading
@@ -14,7 +14,7 @@ from ema_core.wording import counted
 from ema_monitor.prognosis.history_entry import SERVICE_HOURS, Count, Entry, Finding
 
 UNKNOWN_HOURS: Final = (
-    "service hours are unknown: no count on topic usage was read before the test, and the "
+    "service hours are unknown: no count was received on topic usage before the test, and the "
     "parameter hours_per_cycle is 0"
 )
 """Reason why a test without a count has no service hours."""
@@ -35,21 +35,21 @@ _MOST_HOURS_A_DAY: Final = 24.0
 
 @dataclass(frozen=True)
 class Service(Checked):
-    """Assumptions of a monitor about usage."""
+    """Assumptions about the usage of a unit."""
 
     duty: float = quantity(
         1.0, "-", 1e-3, 1e3, "growth of the faults in a future flight hour, relative to a past one"
     )
     hours_per_cycle: float = quantity(
-        0.0, "h", 0.0, 1e6, "flight hours for each test cycle; 0: from topic usage"
+        0.0, "h", 0.0, 1e6, "flight hours per test cycle; 0: from topic usage"
     )
     removal_risk: float = quantity(
-        0.05, "-", 1e-3, 0.5, "probability of a failure before the removal that is accepted"
+        0.05, "-", 1e-3, 0.5, "accepted probability of a failure before the removal"
     )
 
 
 class CountLog:
-    """Counts by unit, the first of each second; thread-safe.
+    """Service-life counts by unit: the first count in each second. Thread-safe.
 
     A count without serial number that is received before the actuator is described belongs to the
     unit that is described first. Beyond a thousand units, the unit with the oldest latest count is
@@ -58,17 +58,17 @@ class CountLog:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        # The units, ordered by their latest count.
+        # By unit, ordered by the latest count.
         self._counts: dict[UnitKey, dict[int, Count]] = {}
 
     def add(self, unit: UnitKey, count: Count) -> None:
-        """Add a count of a unit, with an empty serial number while it is unknown.
+        """Add a count of a unit, whose serial number is empty while it is unknown.
 
         A count replaces an earlier count with the same stamp.
         """
         with self._lock:
             counts = self._counts[unit] = self._counts.pop(unit, {})
-            # The first of each second.
+            # Keep the first count in each second.
             second = count.stamp_ns // _NS_PER_S
             if second not in counts or count.stamp_ns <= counts[second].stamp_ns:
                 counts[second] = count
@@ -78,11 +78,11 @@ class CountLog:
                 del self._counts[next(iter(self._counts))]
 
     def assign(self, unit: UnitKey) -> None:
-        """Move counts without serial number of an actuator to its unit."""
+        """Assign an actuator's counts without serial number to its unit."""
         with self._lock:
             early = self._counts.pop((unit[0], ""), {})
             named = self._counts.pop(unit, {})
-        # For equal stamps, the count with the serial number replaces the count without.
+        # For equal stamps, the count with serial number replaces the count without.
         for count in (*early.values(), *named.values()):
             self.add(unit, count)
 
@@ -108,7 +108,7 @@ class TimedTest(NamedTuple):
 
     @classmethod
     def of(cls, entry: Entry, hours: float) -> Self:
-        """Return a test of a history at a service hour [h]."""
+        """Return a test of a history with its service hour [h]."""
         return cls(entry.stamp_ns, hours, entry.cycles, entry.count is not None)
 
 
@@ -138,7 +138,7 @@ class ServiceHours:
         self.used: list[TimedTest] = []
         self.latest: Entry | None = None
         self.unknown = ""
-        # Tests since the latest used one, including the test with the held count.
+        # Tests since the latest used test, including the test with the held count.
         self._waiting: list[TimedTest] = []
         self._held: TimedTest | None = None
         # The first test with the latest count.
@@ -155,7 +155,7 @@ class ServiceHours:
 
     @property
     def mean_hours_per_cycle(self) -> float:
-        """Mean flight hours of a test cycle [h]; 0 when unknown."""
+        """Mean flight hours per test cycle [h]; 0 if unknown."""
         cycles = self.used[-1].cycles - self.used[0].cycles if self.used else 0
         return max((self.used[-1].hours - self.used[0].hours) / cycles, 0.0) if cycles > 0 else 0.0
 
@@ -182,14 +182,12 @@ class ServiceHours:
         return {test.stamp_ns: test.hours for test in self.used}
 
     def after(self, cycles: int, hours_per_cycle: float) -> float:
-        """Return the service hours at a further test, extrapolated by its test cycles [h].
+        """Return the service hours at a later test [h], extrapolated by test cycles.
 
         Parameters
         ----------
         cycles
-            Test cycles up to the test.
-        hours_per_cycle
-            Flight hours of a test cycle [h].
+            Number of test cycles up to the test. hours_per_cycle Flight hours per test cycle [h].
         """
         if not self.used:
             # A unit without known service hours counts as new.
@@ -198,7 +196,7 @@ class ServiceHours:
         return latest.hours + hours_per_cycle * max(cycles - latest.cycles, 0)
 
     def add(self, entry: Entry) -> list[Finding]:
-        """Add the next test; return the findings about its hours."""
+        """Add the next test. Return the findings about its hours."""
         self.latest = entry
         if entry.count is None:
             if math.isnan(entry.hours):
@@ -218,7 +216,7 @@ class ServiceHours:
         return self._drop_uncounted() + self._check(TimedTest.of(entry, entry.count.hours))
 
     def _drop_uncounted(self) -> list[Finding]:
-        """Drop tests whose hours were derived from test cycles: they do not mix with counts."""
+        """Drop tests whose hours follow from test cycles, because these do not mix with counts."""
         if not (dropped := self._uncounted):
             return []
         self.used = [test for test in self.used if test.is_counted]
@@ -226,13 +224,13 @@ class ServiceHours:
         return [
             Finding(
                 SERVICE_HOURS,
-                f"counted from now on: {_tests(dropped)} before, at hours by hours_per_cycle, "
+                f"counted from now on: {_tests(dropped)} before, with hours from hours_per_cycle, "
                 "left out",
             )
         ]
 
     def _check(self, test: TimedTest) -> list[Finding]:
-        """Use a test with a new count, or hold it until the next count."""
+        """Use a test with a new count, or hold the test back until the next count."""
         held = self._held
         if not self.used or self._is_plausible(self.used[-1], test):
             self._accept(test)
@@ -272,7 +270,7 @@ class ServiceHours:
         return 0.0 <= elapsed <= _IMPLAUSIBLE * most * _cycles(before, after)
 
     def _accept(self, test: TimedTest) -> None:
-        """Use a test, and its hours per test cycle to judge later tests."""
+        """Use a test, and use its hours per test cycle to judge later tests."""
         rate = 0.0
         if self.used:
             rate = (test.hours - self.used[-1].hours) / _cycles(self.used[-1], test)

@@ -16,7 +16,7 @@ class PrognosisSettings:
     """Settings of a prognosis."""
 
     limits: HealthLimits = field(default_factory=HealthLimits)
-    """Limits of the faults, at which life ends."""
+    """Fault limits at which life ends."""
     requirements: RequirementLimits = field(default_factory=RequirementLimits)
     """Limits of the required performance."""
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
@@ -24,9 +24,9 @@ class PrognosisSettings:
     service: Service = field(default_factory=Service)
     """Assumptions on use."""
     fleet: FleetGrowth | None = None
-    """Growth evidence of other units; None without any."""
+    """Growth evidence of other units; None if there is none."""
     damage: DamageSettings = field(default_factory=DamageSettings)
-    """Relation of damage to duty."""
+    """Settings that relate damage to duty."""
     scenario: Scenario = AS_FLOWN
     """Future duty; as in the past by default."""
     good_for_s: float = 0.0
@@ -34,4 +34,4 @@ class PrognosisSettings:
     level_confirmations: int = 2
     """Number of consecutive tests that lower a level."""
     has_clock: bool = True
-    """Whether a clock gives the stamps; otherwise tests are ordered and dated by reception."""
+    """Whether stamps come from a clock; otherwise tests are ordered and dated by reception."""

@@ -9,7 +9,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history_entry import Entry
 
 RECENT_TESTS: Final = 3
-"""Number of latest tests that count as recent, if levels do not expire."""
+"""Number of latest tests that count as recent if levels do not expire."""
 
 
 class LastShown:
@@ -18,15 +18,15 @@ class LastShown:
     Parameters
     ----------
     limits
-        Limits at which life ends: a test shows a fault if it decides whether the limit is reached.
+        Limits at which life ends. A test shows a fault if it decides whether its limit is reached.
     entries
         Tests so far, in any order.
 
     Attributes
     ----------
     estimates
-        Estimate of the latest test that has shown a fault, by fault; faults that no test has shown
-        are missing.
+        Estimate of the latest test that has shown each fault, by fault name; faults that no test
+        has shown are missing.
     """
 
     def __init__(self, limits: HealthLimits, entries: Iterable[Entry] = ()) -> None:
@@ -36,7 +36,7 @@ class LastShown:
             self.add(entry.estimate)
 
     def add(self, estimate: Estimate) -> None:
-        """Add a test, which may be older than earlier additions."""
+        """Add a test, which may be older than tests already added."""
         for name in COMPONENTS:
             latest = self.estimates.get(name)
             is_later = latest is None or estimate.end_ns >= latest.end_ns
@@ -44,7 +44,7 @@ class LastShown:
                 self.estimates[name] = estimate
 
     def oldest_ns(self) -> int:
-        """Return the time since which every fault has been shown [ns]; 0 if one was never shown."""
+        """Return the stamp since which tests show every fault [ns]; 0 if they never did."""
         if len(self.estimates) < len(COMPONENTS):
             return 0
         return min(estimate.end_ns for estimate in self.estimates.values())

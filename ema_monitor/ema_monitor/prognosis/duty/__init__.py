@@ -1,1 +1,1 @@
-"""Flown duty: its measurement, the damage it causes, and future duties."""
+"""Duty of a unit: its measurement, the damage it causes, and future duties."""

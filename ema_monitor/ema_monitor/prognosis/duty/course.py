@@ -12,7 +12,8 @@ from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.duty.damage import MEASURE, DamageSettings
 
 REFERENCE_TESTS: Final = 10
-"""Intervals of known duty whose mean is the reference; with fewer, hours count as growth."""
+"""Number of intervals of known duty whose mean is the reference; with fewer intervals, growth is
+counted in service hours."""
 
 AS_BEFORE: Final = "future use as in the past"
 
@@ -21,7 +22,8 @@ _LEAST_SINCE: Final = 2
 _LEAST_SPREAD: Final = 0.03
 _MOST_CUT: Final = 1000
 _SIGMA_OF_MEDIAN: Final = 1.4826 / np.sqrt(2.0)
-"""Standard deviation over the median magnitude of differences, of independent normal values."""
+"""Ratio of the standard deviation to the median magnitude of differences, for independent normal
+values [-]."""
 _PATHS: Final = 100
 _BY_HOURS: Final = np.ones((len(COMPONENTS), 1))
 
@@ -40,17 +42,17 @@ class FutureDuty:
     """Factor of growth in addition to the paths [-]."""
     present: Array = field(default_factory=lambda: _BY_HOURS)
     later: Array = field(default_factory=lambda: _BY_HOURS)
-    """Hours of growth of each component in an hour, during the present duty and after its end, on
-    one or several paths, ``(7, p)`` [-]."""
+    """Growth hours of each component per service hour after the end of the present duty, on one or
+    several paths, ``(7, p)`` [-]."""
     lasting: Array = field(default_factory=lambda: np.full(1, np.inf))
-    """Hours of service that the present duty lasts on each path, ``(p,)`` [h]."""
+    """Service hours for which the present duty lasts on each path, ``(p,)`` [h]."""
     since_hours: float = np.nan
-    """Service hours since which the duty flown is repeated [h]; NaN when unknown."""
+    """Service hour from which the flown duty is repeated [h]; NaN if unknown."""
     changes: int = 0
-    """Number of changes of duty so far, expected at the same rate in future; 0 for less than
-    two."""
+    """Number of duty changes so far, which are expected at the same rate in future; 0 for fewer
+    than two."""
     planned: Mapping[str, object] = field(default_factory=dict)
-    """Figures of a scenario that replace the flown figures, by name."""
+    """Values of a scenario that replace flown values, by name."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.factor < np.inf:
@@ -80,7 +82,7 @@ class FutureDuty:
         Parameters
         ----------
         growth_hours
-            Hours of growth [h], ``(7, n)``; a column has the same path for all components.
+            Growth hours [h], ``(7, n)``; each column is one path, common to all components.
         """
         path = np.arange(growth_hours.shape[1]) % self.lasting.size
         growth_hours, lasting = growth_hours / self.factor, self.lasting[path]
@@ -96,14 +98,14 @@ class FutureDuty:
         Parameters
         ----------
         hours
-            Ascending hours of service from now on [h], ``(m,)``.
+            Ascending service hours from now [h], ``(m,)``.
         n
             Number of samples.
 
         Returns
         -------
         numpy.ndarray
-            Hours of growth [h], in a form that broadcasts to ``(m, 7, n)``.
+            Growth hours [h], in a shape that broadcasts to ``(m, 7, n)``.
         """
         path = np.arange(n) % self.lasting.size
         at_first = np.minimum(hours[:, None, None], self.lasting[path])
@@ -120,23 +122,23 @@ class DutyCourse:
     Parameters
     ----------
     settings
-        Relation of damage to duty.
+        Settings that relate damage to duty.
     hours
         Service hours of the tests [h], ``(n,)``.
     hourly
-        Wear [rad/h], ageing [-] and travel of the user shaft [rad/h] in an hour of each interval,
-        ``(3, n - 1)``; NaN where not known.
+        Wear [rad/h], ageing [-] and travel of the user shaft [rad/h] per service hour in each
+        interval, ``(3, n - 1)``; NaN where unknown.
 
     Attributes
     ----------
     elapsed
-        Service hours of the intervals [h], ``(n - 1,)``.
+        Service hours in each interval [h], ``(n - 1,)``.
     reference
-        Wear and ageing in an hour at the reference duty, ``(2,)``; NaN without a reference.
+        Wear and ageing per service hour at the reference duty, ``(2,)``; NaN without a reference.
     relative
-        Hours of growth in an hour of each interval, by wear, ageing and hours, ``(3, n - 1)``.
+        Growth hours per service hour in each interval, by wear, ageing and hours, ``(3, n - 1)``.
     changes
-        Numbers of the first intervals after changes of duty, for the measure that changed last.
+        Index of the first interval after each duty change, for the measure that changed last.
     """
 
     def __init__(self, settings: DamageSettings, hours: Array, hourly: Array) -> None:
@@ -160,7 +162,7 @@ class DutyCourse:
 
     @property
     def own_hours(self) -> Array:
-        """Hours of growth of each component at the tests [h], ``(n, 7)``."""
+        """Growth hours of each component at the tests [h], ``(n, 7)``."""
         grown = np.cumsum(self.relative * self.elapsed, axis=1)
         growth_hours = np.concatenate([np.zeros((3, 1)), grown], axis=1) + self.hours[0]
         growth_hours[~np.append(np.isfinite(self.reference), False)] = self.hours
@@ -168,22 +170,22 @@ class DutyCourse:
 
     @property
     def present(self) -> Array:
-        """Hours of growth of each component in an hour since the latest change, ``(7,)`` [-]."""
+        """Growth hours per service hour of each component since the latest change, ``(7,)`` [-]."""
         return self.lately(self.relative)[MEASURE]
 
     def lately(self, figures: Array) -> Array:
-        """Return the means of figures since the latest change, ``(k,)``; NaN where not known."""
+        """Return row means of figures since the latest duty change, ``(k,)``; NaN if unknown."""
         recent = figures[:, self.since :]
         elapsed = np.where(np.isfinite(recent), self.elapsed[self.since :], 0.0)
         hours = np.sum(elapsed, axis=1)
         return np.nansum(recent * elapsed, axis=1) / np.where(hours > 0.0, hours, np.nan)
 
     def as_flown(self, factor: float) -> FutureDuty:
-        """Return the future duty, drawn from the duty flown (P24).
+        """Return a future duty drawn from the flown duty (P24).
 
         Each path begins with the duty since the latest change. With k > 1 changes in T hours, it
-        continues with the duty of the whole past, after an exponentially distributed time of mean
-        T / (k - 1). A single change may last.
+        continues with the duty of the whole past after an exponentially distributed time with mean
+        T / (k - 1). A single change may be permanent.
 
         Parameters
         ----------
@@ -201,7 +203,7 @@ class DutyCourse:
         return FutureDuty(factor, present, later, lasting, since_hours, repeated)
 
     def _drawn_since(self, since: int, rng: np.random.Generator) -> Array:
-        """Return mean hours of growth in an hour of each path, ``(7, p)``: a block bootstrap."""
+        """Return mean growth hours per service hour of each path, ``(7, p)``: block bootstrap."""
         intervals = since + np.flatnonzero(self.elapsed[since:] > 0.0)
         # Successive intervals are correlated: draw blocks of them.
         n = intervals.size
@@ -216,14 +218,14 @@ class DutyCourse:
 def duty_changes(relative: Array) -> NDArray[np.intp]:
     """Detect changes of duty; return the index of the first interval after each change.
 
-    The logarithm of the duty is cut into parts of the least sum of squares about their means, in
-    units of its scatter from one interval to the next, and 4 ln n for each of its n intervals'
-    cuts (optimal partitioning, Jackson et al. 2005). A part has two intervals at least.
+    The logarithm of the duty of n intervals is divided into parts. Their sum of squares about their
+    means, in units of the scatter from one interval to the next, plus 4 ln n for each cut is
+    minimised (optimal partitioning, Jackson et al. 2005). A part has at least two intervals.
 
     Parameters
     ----------
     relative
-        Duty of the intervals, ``(n,)`` [-]; only the latest thousand are searched.
+        Duty of each interval, ``(n,)`` [-]; only the latest thousand intervals are searched.
     """
     before = max(relative.size - _MOST_CUT, 0)
     value = np.log(np.maximum(relative[before:], 1.0 / _FASTEST))

@@ -1,4 +1,4 @@
-"""Duty measured from telemetry, block by block."""
+"""Measurement of the duty from telemetry, block by block."""
 
 from collections import deque
 from dataclasses import replace
@@ -13,7 +13,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.prognosis.duty.damage import CLASS_KELVIN, LEAST_RISE, WINDING_CLASSES, FlownDuty
 
 RESOLUTION: Final = 5e-4
-"""Travel of the user shaft below which a motion is noise of its sensor [rad]."""
+"""Travel of the user shaft below which a motion is sensor noise [rad]."""
 
 _MOST_LOAD: Final = 10.0
 _S_PER_HOUR: Final = 3600.0
@@ -23,20 +23,20 @@ _S_PER_HOUR: Final = 3600.0
 def count_travel(
     position: Array, current: Array, limit: float, last: float, amount: Array, moment: Array
 ) -> float:
-    """Count the travel of a shaft by load, in place; return the angle up to which it is counted.
+    """Add the travel of a shaft to load classes, in place. Return the last counted angle.
 
     Parameters
     ----------
     position
         Angles of the user shaft [rad], ``(n,)``.
     current
-        Currents [A], ``(n,)``; ``(0,)`` if not measured: then the load is 1.
+        Currents [A], ``(n,)``, or ``(0,)`` if the current is not measured; the load is then 1.
     limit
         Current at which the load is 1 [A].
     last
         Angle up to which travel was counted before [rad]; NaN at the start.
     amount, moment
-        Travel [rad], and the sum of travel times load [rad], by class, ``(k,)``.
+        Travel [rad], and sum of travel times load [rad], by load class, ``(k,)``; updated in place.
     """
     for i in range(position.size):
         load = min(abs(current[i]) / limit, _MOST_LOAD) if current.size else 1.0
@@ -62,7 +62,7 @@ class DutyMeter:
     Parameters
     ----------
     pieces
-        Queue of duty by the stamp of its window [ns], to which ``cut`` appends.
+        Queue of pairs of a window's stamp [ns] and the duty up to it, to which ``cut`` appends.
     most_pieces
         Largest length of the queue; beyond it, the two oldest pieces are merged.
     """
@@ -80,7 +80,7 @@ class DutyMeter:
     def add(
         self, block: Telemetry, parameters: ActuatorParameters, rise: float | None = None
     ) -> None:
-        """Add a block, and the rise of the winding over its calibrated state [K], if known."""
+        """Add a block, and the winding's rise over the calibrated temperature [K] if known."""
         if block.first_index != self._next_index:
             self._last = np.nan
         self._next_index = block.first_index + len(block)
@@ -99,7 +99,7 @@ class DutyMeter:
             self._flown.winding[:, number] += hours, hours * rise
 
     def cut(self, end_ns: int) -> None:
-        """Assign the duty since the last cut to a window by the stamp of its end [ns]."""
+        """Assign the duty since the last cut to the window that ends at ``end_ns`` [ns]."""
         self.pieces.append((end_ns, replace(self._flown, hours=self._hours)))
         if self._most_pieces and len(self.pieces) > self._most_pieces:
             (_, oldest), (stamp_ns, second) = self.pieces.popleft(), self.pieces.popleft()
@@ -108,7 +108,7 @@ class DutyMeter:
         self._flown = FlownDuty()
 
     def take(self, end_ns: int) -> FlownDuty:
-        """Remove and return the duty of all windows up to a stamp [ns]."""
+        """Remove and return the duty of all windows up to the stamp ``end_ns`` [ns]."""
         # The queue may be out of order: a wrong stamp must not block other windows.
         taken = [piece for piece in self.pieces if piece[0] <= end_ns]
         for piece in taken:

@@ -1,4 +1,4 @@
-"""Scenarios: future duties defined by a planner, their checks, and the resulting growth."""
+"""Scenarios: future duties specified by a planner, their validation, and the resulting growth."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -32,21 +32,23 @@ class Scenario(Checked):
         If a value is impossible; the message names its key, the value and the expected values.
     """
 
-    name: str = text("", "name of the scenario in the answer")
-    duty: float = quantity(1.0, "-", 1e-3, 1e3, "factor of growth in addition to other figures")
+    name: str = text("", "name of the scenario in the result")
+    duty: float = quantity(
+        1.0, "-", 1e-3, 1e3, "factor of growth in addition to the effect of other values"
+    )
     travel_per_hour: float = quantity(
-        0.0, "rad/h", 0.0, 1e7, "travel of the user shaft in a flight hour; 0: as in the past"
+        0.0, "rad/h", 0.0, 1e7, "travel of the user shaft per flight hour; 0: as in the past"
     )
     loads: Mapping[float, float] = field(default_factory=dict)
-    """Share of the travel by load, the magnitude of the current over its limit; empty: as in the
-    past."""
+    """Share of the travel by load, the ratio of the current magnitude to its limit; empty: as in
+    the past."""
     winding: Mapping[float, float] = field(default_factory=dict)
-    """Share of the flight hours by temperature of the winding [degC]; empty: as in the past."""
+    """Share of the flight hours by winding temperature [degC]; empty: as in the past."""
     hours_per_cycle: float = quantity(
-        0.0, "h", 0.0, 1e6, "flight hours of a test cycle; 0: as in the past"
+        0.0, "h", 0.0, 1e6, "flight hours per test cycle; 0: as in the past"
     )
     hours_per_day: float = quantity(
-        0.0, "h/d", 0.0, 24.0, "flight hours in a day of the calendar; 0: as in the past"
+        0.0, "h/d", 0.0, 24.0, "flight hours per calendar day; 0: as in the past"
     )
 
     def __post_init__(self) -> None:
@@ -59,19 +61,19 @@ class Scenario(Checked):
         _check_shares("winding", self.winding, -60.0, 300.0, "degC")
 
     def future(self, course: DutyCourse | None, factor: float) -> FutureDuty:
-        """Return the future duty.
+        """Return the future duty of a unit under the scenario.
 
         Parameters
         ----------
         course
-            Duty of the unit so far; None when it is not known.
+            Duty of the unit so far; None if unknown.
         factor
             Factor of growth in addition to the scenario's factor [-].
 
         Raises
         ------
         NotComparableError
-            If the scenario has figures for which the unit has no data.
+            If the scenario has values for which the unit has no data.
         """
         factor = factor * self.duty
         names = ("travel_per_hour", "loads", "winding")
@@ -103,12 +105,12 @@ class Scenario(Checked):
 
 
 class NotComparableError(ValueError):
-    """The unit has no data for a figure of a scenario."""
+    """The unit has no data to which a value of a scenario could be compared."""
 
     def __init__(self, figure: str) -> None:
         super().__init__(
-            f"{figure} is not known, with which the scenario is compared: growth is counted by "
-            "hours"
+            f"{figure} is unknown, but the scenario is relative to it: growth is counted in "
+            "service hours"
         )
 
 
@@ -133,7 +135,7 @@ AS_FLOWN: Final = Scenario("as flown")
 
 
 def scenarios_of(rows: Sequence[Any]) -> tuple[Scenario, ...]:
-    """Return the scenarios of rows of keys and values, as read from a file.
+    """Return the scenarios defined by mappings of keys to values, as read from a file.
 
     Raises
     ------
@@ -148,13 +150,13 @@ def scenarios_of(rows: Sequence[Any]) -> tuple[Scenario, ...]:
     for number, row in enumerate(rows, 1):
         try:
             if not isinstance(row, dict):
-                raise ValueError(f"{str(row)[:80]}: expected keys with values")
+                raise ValueError(f"{str(row)[:80]}: expected a mapping of keys to values")
             for key in row:
                 if key not in keys:
                     raise ValueError(unknown_name("key", key, keys))
             scenario = Scenario(**row)
             if scenario.name in scenarios:
-                raise ValueError(f"name = {scenario.name!r}: expected once")
+                raise ValueError(f"name = {scenario.name!r} is repeated")
             scenarios[scenario.name] = scenario
         except ValueError as error:
             raise ValueError(f"scenario {number}: {error}") from error

@@ -48,8 +48,8 @@ class Bank(Kept):
         self._laws = [
             (cells.laws[name], at, cells.figures(at)) for name, at in cells.slices.items()
         ]
-        # A change rarely leads to no growth: false growth must be reversible, but a few tests that
-        # do not show real growth must not end it.
+        # A change seldom leads to no growth: false growth must be reversible, but a few tests that
+        # do not show real growth must not stop it.
         arriving = cells.prior * np.where(self._is_constant, _STANDSTILL, 1.0)
         self._arriving = arriving / self._sums(arriving)[cells.component]
         self._leaving = np.where(
@@ -65,7 +65,7 @@ class Bank(Kept):
         return rates
 
     def advance(self, weight: Array, hours: Array) -> None:
-        """Propagate all cells in time, by the hours of each component, ``(7,)`` [h]; mix paces."""
+        """Propagate all cells by the growth hours of each component, ``(7,)`` [h]; mix paces."""
         cell_hours = hours[self.cells.component]
         if cell_hours.any():
             mix_paces(
@@ -106,8 +106,8 @@ class Bank(Kept):
         Returns
         -------
         tuple of numpy.ndarray
-            Log-likelihood of each cell and its predicted probability of a smaller value, ``(n,)``
-            each; 0 for components that the test does not show.
+            Log-likelihood of each cell, and predicted probability of a value below the measured
+            value, ``(n,)`` each; 0 for components that the test does not show.
         """
         owner = self.cells.component
         log_likelihood, below = np.zeros_like(self.mean), np.zeros_like(self.mean)

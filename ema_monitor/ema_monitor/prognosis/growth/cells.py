@@ -29,9 +29,9 @@ CONSTANT_PRIOR: Final = 0.5
 """Prior probability that a component does not grow [-]."""
 
 N_RATES: Final = 33
-"""Number of nominal rates per curve for wandering rates and for fleet priors."""
+"""Number of nominal rates per curve, for wandering rates and fleet priors."""
 RATE_SPACING: Final = math.log(LIFE_HOURS[-1] / LIFE_HOURS[0]) / (N_RATES - 1)
-"""Spacing of the logarithms of these rates [-]."""
+"""Spacing of the logarithms of the nominal rates [-]."""
 
 _CONSISTENT: Final = 1e-3
 """Relative tolerance for consistency of the methods of a user-defined law [-]."""
@@ -58,7 +58,7 @@ class Cells:
     is_random: Flags
     """Whether the law is random by nature (drift or jumps)."""
     limit: Array
-    """Distance from healthy at which life ends [-]."""
+    """Distance from healthy at which life ends (limit) [-]."""
     prior: Array
     """Prior probability; sums to 1 over the cells of a component."""
     base: Array
@@ -79,14 +79,14 @@ class Cells:
 
 
 class Owners:
-    """Fast summation of cell values by component, given that its cells form few runs."""
+    """Fast summation of cell values by component, for components whose cells form few runs."""
 
     def __init__(self, component: NDArray[np.intp]) -> None:
         self._starts = np.flatnonzero(np.diff(component, prepend=-1))
         self._of_runs = component[self._starts]
 
     def sums(self, values: Array) -> Array:
-        """Sum the values, ``(n,)``, by component; return ``(7,)``."""
+        """Return the sum of values, ``(n,)``, over the cells of each component, ``(7,)``."""
         sums = np.bincount(self._of_runs, np.add.reduceat(values, self._starts), len(COMPONENTS))
         return sums.astype(np.float64, copy=False)
 
@@ -104,7 +104,7 @@ _ROW: Final = np.dtype(
 def grid(
     limits: HealthLimits, settings: TrackerSettings, mechanisms: Mechanisms = MECHANISMS
 ) -> Cells:
-    """Build the grid for the given limits, known laws and growth mechanisms.
+    """Return the grid for the given limits, known laws and growth mechanisms.
 
     The grid is cached and shared between units, so its columns are read-only.
     """
@@ -149,7 +149,9 @@ def _grid(
     return Cells(every, slices, **columns)
 
 
-Block = tuple[str, NDArray[np.void]]  # the law of a curve, and its cells on the upper side
+Block = tuple[
+    str, NDArray[np.void]
+]  # name of a curve's law, and its cells for growth above healthy
 
 
 def _known_blocks(

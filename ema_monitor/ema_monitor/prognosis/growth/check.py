@@ -1,9 +1,9 @@
 """Calibration check: comparison of a unit's predictions with its later tests (P13a).
 
 The probability integral transform (PIT) of a test is the predicted probability of a value below the
-measured one. It is uniformly distributed if predictions are calibrated (Dawid 1984; Diebold,
-Gunther and Tay 1998). It is recorded for predictions one test and twenty tests ahead. The latter
-can widen intervals but never narrow them.
+measured value. It is uniformly distributed if predictions are calibrated (Dawid 1984; Diebold,
+Gunther and Tay 1998). It is recorded for predictions one test and twenty tests ahead. Predictions
+twenty tests ahead can widen intervals but never narrow them.
 """
 
 import math
@@ -39,10 +39,10 @@ _KEPT: Final = 0.98
 """Discount applied to earlier tests at each new test [-]."""
 
 _LEAST: Final = 5.0
-"""Fewest tests for reporting calibration."""
+"""Smallest (discounted) number of tests for which calibration is reported."""
 
 _PENDING: Final = AHEAD // EVERY
-_SLOTS: Final = _PENDING + 1  # one more: a component may miss the test that is due
+_SLOTS: Final = _PENDING + 1  # one spare: a component may miss the test that is due
 _QUANTILES: Final = (np.arange(16) + 0.5) / 16.0
 _LADDER: Final = np.array([0.4, 0.7, 1.0, 1.5, 2.5, 4.0])
 _EDGE: Final = 1e-6
@@ -58,7 +58,7 @@ class TrackRecord:
 
     one_step: float = math.nan
     ahead: float = math.nan
-    """RMS of the PIT's normal scores, for predictions one and twenty tests ahead [-].
+    """RMS of the normal scores of the PIT, for predictions one test and twenty tests ahead [-].
 
     1 if intervals are right, above 1 if they are too narrow, NaN if there are too few tests.
     """
@@ -78,7 +78,7 @@ class PredictionCheck(Kept):
         self._large = settings.occasional_error
         self._rare = settings.occasional_probability
         n = len(COMPONENTS)
-        # Count and sum of squared scores, for predictions one test and AHEAD tests ahead.
+        # Count and sum of squares of the scores, for predictions one test and AHEAD tests ahead.
         self._scores = np.zeros((2, n, 2))
         self._log_widths = np.tile(LOG_PRIOR, (n, 1))
         # Growth hours at which each prediction was made, and its horizons in hours.
@@ -194,7 +194,7 @@ class PredictionCheck(Kept):
 
 
 def widened_lives(hours: Array, factor: Array) -> Array:
-    """Widen the distribution of remaining lives around the median of each component [h].
+    """Return remaining lives [h], widened around the median of each component.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def widened_lives(hours: Array, factor: Array) -> Array:
 
 
 def widened(values: Array, factor: Array) -> Array:
-    """Scale the distance of samples, ``(m, 7, n)``, from their median by ``factor``, ``(7,)``."""
+    """Return samples, ``(m, 7, n)``, spread about their median by ``factor``, ``(7,)``."""
     within = np.clip(values, -_FARTHEST, _FARTHEST)
     middle = np.median(within, axis=2, keepdims=True)
     return middle + factor[:, None] * (within - middle)

@@ -31,7 +31,7 @@ class Correction(NamedTuple):
 
 
 def corrected(innovation: Array, usual: Array, settings: TrackerSettings) -> Correction:
-    """Compute the updates for innovations whose noise has occasional large errors."""
+    """Return the state updates for innovations whose noise has occasional large errors."""
     rare, squared = settings.occasional_probability, innovation**2
     wide = usual + settings.occasional_error**2
     log_usual = math.log1p(-rare) - 0.5 * (squared / usual + np.log(usual))

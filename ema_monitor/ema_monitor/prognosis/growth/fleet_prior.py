@@ -1,4 +1,4 @@
-"""Prior of a unit's growth curves and rates, learnt from a fleet (P26).
+"""Prior of the growth curves and rates of a unit, learnt from a fleet (P26).
 
 Each unit contributes, for each growing fault, the likelihood of its tests under every curve and
 rate of the grid. The fleet distribution is fitted to these by empirical Bayes (Laird 1978), with
@@ -22,7 +22,7 @@ from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 LEAST_LOG: Final = -30.0
 """Lower bound of log-likelihoods relative to the maximum [-]."""
 _KEPT: Final = 0.8
-"""Weight of the fleet-independent prior, because the unit may differ from the fleet [-]."""
+"""Weight of the fleet-independent prior [-]: the unit may differ from the fleet."""
 _UNITS_OF_CURVES: Final = 4.0
 _UNITS_OF_RATES: Final = 2.0
 """Equivalent number of units by which the fleet-independent prior is weighted."""
@@ -41,7 +41,7 @@ class GrownFault(NamedTuple):
 
 
 def _table(cells: Cells, number: int, values: Array) -> Array:
-    """Sum the values of a component's growing cells by curve and rate, ``(curves, rates)``."""
+    """Return the sums of a component's growing cells by curve and rate, ``(curves, rates)``."""
     at = np.flatnonzero((cells.component == number) & (cells.place >= 0))
     sums = np.bincount(cells.place[at], values[at]).astype(np.float64, copy=False)
     return sums.reshape(-1, N_RATES)
@@ -85,7 +85,9 @@ def with_fleet(cells: Cells, settings: TrackerSettings) -> Cells:
             continue
         before = _table(cells, number, cells.prior)
         if share.shape != before.shape:
-            raise ValueError(f"the fleet's {name} has {share.shape} curves, not {before.shape}")
+            raise ValueError(
+                f"the fleet prior of {name} has shape {share.shape}, expected {before.shape}"
+            )
         factor = np.divide(share * before.sum(), before, out=np.zeros_like(share), where=before > 0)
         at = np.flatnonzero((cells.component == number) & (cells.place >= 0))
         prior[at] *= factor.ravel()[cells.place[at]]
@@ -104,7 +106,7 @@ def grid_digest(limits: HealthLimits) -> str:
 
 
 def distribution(likelihoods: Sequence[NDArray[np.float16]], prior: Array) -> Array:
-    """Fit the fleet's distribution of curves and rates, ``(curves, rates)``; it sums to 1.
+    """Return the fleet's distribution of curves and rates, ``(curves, rates)``; it sums to 1.
 
     Parameters
     ----------

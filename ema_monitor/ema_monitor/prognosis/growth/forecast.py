@@ -60,7 +60,7 @@ class Draw:
 
 
 def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) -> Draw:
-    """Draw samples of the state and growth of a unit.
+    """Return random samples of the state and growth of a unit.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def draw(mixture: Mixture, n: int, observed: Array, rng: np.random.Generator) ->
     # Spread rates and paces uniformly between grid points.
     rate = cells.base[cell] * np.exp(cells.spacing[cell] * (rng.random(cell.shape) - 0.5))
     pace = cells.pace[cell] + cells.wanders[cell] * _PACE_SPACING * (rng.random(cell.shape) - 0.5)
-    # Growth observed for u hours continues for at least t more with probability u / (u + t).
+    # Growth observed for u hours continues for t more hours with probability u / (u + t).
     change = observed[:, None] * np.expm1(rng.standard_exponential(cell.shape))
     slowest, fastest = mixture.mechanisms.changed
     changed = slowest * (fastest / slowest) ** rng.random(cell.shape)
@@ -120,7 +120,7 @@ def lives(sample: Draw, rng: np.random.Generator) -> Array:
 
 
 def futures(sample: Draw, hours: Array, rng: np.random.Generator) -> Array:
-    """Return future signed distances from healthy, ``(m, 7, n)``.
+    """Return samples of the future signed distances from healthy, ``(m, 7, n)``.
 
     Parameters
     ----------

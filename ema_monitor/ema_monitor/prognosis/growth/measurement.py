@@ -54,7 +54,9 @@ class Measurement:
         ):
             values = np.array(getattr(self, name), dtype=kind)
             if values.shape != shape:
-                raise ValueError(f"{name} of a measurement has shape {values.shape}, not {shape}")
+                raise ValueError(
+                    f"{name} of a measurement has shape {values.shape}, expected {shape}"
+                )
             object.__setattr__(self, name, values)
         if not self.own_hours.size:
             object.__setattr__(self, "own_hours", np.full(len(INDICES), self.hours))
@@ -67,7 +69,7 @@ class Measurement:
 
     @classmethod
     def of(cls, estimate: Estimate, hours: float, own_hours: Array = _AS_SERVICE) -> Self:
-        """Convert a valid estimate to a measurement.
+        """Return the measurement of a valid estimate.
 
         Raises
         ------
@@ -75,18 +77,18 @@ class Measurement:
             If the estimate is invalid, or the hours are negative or NaN.
         """
         if not estimate.valid:
-            raise ValueError(f"an invalid estimate measures nothing: {estimate.reason}")
+            raise ValueError(f"cannot use an estimate that is not valid: {estimate.reason}")
         faults, covariance = np.array(estimate.faults), estimate.covariance
         return cls(float(hours), faults, covariance, estimate.unobservable, own_hours)
 
     def as_row(self) -> Array:
-        """Serialize the measurement to an array."""
+        """Return the measurement as an array, for ``of_row``."""
         figures = (self.faults, self.unobservable, self.own_hours, self.covariance.ravel())
         return np.concatenate([[self.hours], *figures])
 
     @classmethod
     def of_row(cls, row: Array) -> Self:
-        """Restore a measurement from the result of ``as_row``."""
+        """Return the measurement from the result of ``as_row``."""
         ends = np.cumsum([1, N_FAULTS, N_FAULTS, len(INDICES)])
         (hours,), faults, unobservable, growth_hours, covariance = np.split(row, ends)
         square, hidden = covariance.reshape(N_FAULTS, N_FAULTS), unobservable.astype(np.bool_)

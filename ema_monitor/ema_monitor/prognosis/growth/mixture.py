@@ -67,12 +67,12 @@ class Mixture(Kept):
         self._power = np.where(self.is_known, 1.0, settings.forgetting)
 
     def _split(self, values: Array) -> tuple[Array, Array]:
-        """Split values into views for cells, ``(n,)``, and waves, ``(7, k)``."""
+        """Return views of values for cells, ``(n,)``, and waves, ``(7, k)``."""
         n = self.bank.mean.size
         return values[:n], values[n:].reshape(_N, -1)
 
     def _of_kinds(self, values: Array) -> Array:
-        """Sum values by kind of growth and component, ``(4, 7)``."""
+        """Return the sums of values by kind of growth and component, ``(4, 7)``."""
         sums = np.bincount(self._kind, values, 4 * _N).astype(np.float64, copy=False)
         return sums.reshape(4, _N)
 
@@ -97,7 +97,7 @@ class Mixture(Kept):
         return self._sums(self.weight * self._is_random)
 
     def advance(self, hours: Array) -> None:
-        """Propagate each component in time by its growth hours, at least 0, ``(7,)`` [h]."""
+        """Propagate each component by its growth hours, at least 0, ``(7,)`` [h]."""
         of_cells, of_waves = self._split(self.weight)
         self.bank.advance(of_cells, hours)
         self.waves.advance(of_waves, hours)
@@ -117,7 +117,7 @@ class Mixture(Kept):
     def measure(self, test: Measurement, used: Flags) -> Array:
         """Update with a test, for the components in ``used``, ``(7,)``.
 
-        Return the predicted probability of values below the measured ones, ``(7,)``. It is
+        Return the predicted probability of a value below the measured value, ``(7,)``. It is
         meaningless for components that are not used or that were set to healthy.
         """
         self._forget(used)

@@ -1,4 +1,4 @@
-"""Detection of outliers, repairs and steps: abrupt values that growth does not explain."""
+"""Detection of outliers, repairs and steps: abrupt changes that growth does not explain."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -19,7 +19,7 @@ OUTLIER: Final = "outlier"
 _AGREEMENT: Final = 4.0
 _JUMP_SHARE: Final = 0.1
 PATIENCE: Final = 4
-"""Consecutive odd tests after which a component's level is considered changed."""
+"""Number of consecutive odd tests after which the level of a component is considered changed."""
 
 
 @dataclass(frozen=True)
@@ -37,15 +37,15 @@ class Event:
     hours: float
     """Service hour of the first test that showed the value [h]."""
     text: str
-    """Description shown to users."""
+    """Description of the event for the user."""
 
 
 class OutlierDetector(Kept):
     """Detects and classifies values that growth does not explain.
 
-    Tracking starts with the first two tests that agree, because either of two disagreeing tests may
-    be wrong. Later, a test with an odd value is held back as a whole, because a wrong estimate of
-    one component corrupts the others.
+    Tracking starts with the first two tests that agree: of two disagreeing tests, either may be
+    wrong. Later, a test with an odd value is held back as a whole, because a wrong estimate of one
+    component corrupts the others.
 
     If the next test agrees in all odd components and no other component is odd, their levels have
     changed. If the next test is as expected, the held test is discarded. A jump small enough to be
@@ -64,7 +64,7 @@ class OutlierDetector(Kept):
         self._patience = 0
 
     def begin(self, measurement: Measurement) -> tuple[Measurement | None, list[Event]]:
-        """Return the first held test that agrees with this test, or None; and events."""
+        """Return the first held test that agrees with this test (or None), and the events."""
         name, events = COMPONENTS, list[Event]()
         for earlier in map(Measurement.of_row, self._held):
             variance = earlier.noise + 2.0 * self._settings.occasional_error**2
@@ -90,7 +90,7 @@ class OutlierDetector(Kept):
     def judge(
         self, measurement: Measurement, mean: Array, variance: Array, tests: NDArray[np.intp]
     ) -> tuple[list[Event], Flags, Flags]:
-        """Return events, and masks, ``(7,)``, of components that changed and that are held back.
+        """Return events and two masks, ``(7,)``: components that changed, and components held back.
 
         Parameters
         ----------

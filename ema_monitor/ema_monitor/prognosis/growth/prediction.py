@@ -16,11 +16,12 @@ from ema_monitor.prognosis.growth.cells import CONSTANT_PRIOR
 from ema_monitor.prognosis.growth.check import TrackRecord
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
-NOT_SHOWN: Final = "fewer than two tests that agree so far"
+NOT_SHOWN: Final = "fewer than two tests agree so far"
 """Reason given if no test has shown the fault."""
 
 LEAST_TESTS: Final = 5
-"""Fewest tests for a component to be considered growing, and for a life after a repair."""
+"""Smallest number of tests to consider a component growing, and to predict a life after a
+repair."""
 BEGINS_BELOW: Final = 1e-4
 """Probability of no growth below which a component is considered growing [-].
 
@@ -49,7 +50,8 @@ class TrackedFault:
     """Number of tests used for the component."""
     value: float
     sigma: float
-    """Mean and standard deviation, in the units of the fault vector [-]; NaN before any test."""
+    """Mean and standard deviation, in the units of the fault vector [-]; NaN before the first
+    test."""
     trend: float
     """Growth rate of the value [1/h]."""
     calibration: TrackRecord
@@ -65,20 +67,20 @@ class RemainingLife:
     hours_05: float
     hours_50: float
     hours_95: float
-    """5 %, 50 % and 95 % quantiles, counted from the latest test [h]; NaN if unknown."""
+    """5, 50 and 95 % quantiles, counted from the latest test [h]; NaN if unknown."""
     criterion: str
-    """End-of-life criterion, as text."""
+    """End-of-life criterion, as a phrase."""
     reason: str = ""
     """Reason why the life is unknown; empty if known."""
 
     @classmethod
     def unknown(cls, criterion: str, reason: str) -> "RemainingLife":
-        """Create an unknown life with a reason."""
+        """Return an unknown life with a reason."""
         return cls(False, math.nan, math.nan, math.nan, criterion, reason)
 
     @classmethod
     def of_samples(cls, hours: Array, criterion: str) -> "RemainingLife":
-        """Create a known life from samples, ``(n,)`` [h]."""
+        """Return a known life with the quantiles of samples, ``(n,)`` [h]."""
         low, median, high = np.quantile(hours, [0.05, 0.5, 0.95], method="inverted_cdf")
         return cls(True, float(low), float(median), float(high), criterion)
 
@@ -88,7 +90,7 @@ class Prognosis:
     """Remaining useful life of an actuator, counted from its latest test."""
 
     hours: float
-    """Service hour of the latest test [h]; NaN if there was none."""
+    """Service hour of the latest test [h]; NaN if there was no test."""
     components: Mapping[str, RemainingLife]
     """Life until each component reaches its limit, by component name."""
     overall: RemainingLife
@@ -107,7 +109,7 @@ class Prognosis:
 
     @classmethod
     def unknown(cls, reason: str, limits: HealthLimits, duty: FutureDuty) -> "Prognosis":
-        """Create an unknown prognosis with a reason."""
+        """Return an unknown prognosis with a reason."""
         components = {
             name: RemainingLife.unknown(_criterion(name, limits.of(name)), reason)
             for name in COMPONENTS
@@ -121,7 +123,7 @@ class Prognosis:
 
     def __str__(self) -> str:
         lives = {life.criterion: life for life in self.components.values()}
-        lives["the first of these"] = self.overall
+        lives["first of these"] = self.overall
         rows = [
             (
                 criterion,
@@ -131,7 +133,7 @@ class Prognosis:
             for criterion, life in lives.items()
         ]
         table = text_table(("until", "5 %", "50 %", "95 %", ""), rows)
-        return f"remaining useful life from {self.hours:g} h on [h], {self.future}\n{table}"
+        return f"remaining useful life after {self.hours:g} h [h], {self.future}\n{table}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +155,7 @@ def prognosis_of(
     duty: FutureDuty,
     levels: Array,
 ) -> Prognosis:
-    """Compute the prognosis from samples of component lives.
+    """Return the prognosis computed from samples of component lives.
 
     If the life of any component is known, the overall life includes every component that a test has
     shown, weighted by its probability of growth, so that nearly certain growth is not ignored.
@@ -195,7 +197,7 @@ def prognosis_of(
 
 
 def _criterion(name: str, limit: float) -> str:
-    """Return the end-of-life criterion of a fault as text."""
+    """Return the end-of-life criterion of a fault as a phrase."""
     fault = FAULTS[FAULT_NAMES.index(name)]
     if fault.is_two_sided:
         return f"{fault.label} differs from {fault.healthy:g} by more than {limit:g}"
@@ -203,7 +205,7 @@ def _criterion(name: str, limit: float) -> str:
 
 
 def growth_not_certain(constant: float, tests: int) -> str:
-    """Explain why a fault is not considered growing, with an estimate of the tests still needed.
+    """Return why a fault is not considered growing, and about how many tests are still needed.
 
     The estimate is conservative: evidence accumulates faster the longer growth lasts.
 
@@ -224,7 +226,7 @@ def growth_not_certain(constant: float, tests: int) -> str:
 
 
 def too_soon_after(repair_hours: float, missing: int) -> str:
-    """Explain why no life is given soon after a repair or a new baseline.
+    """Return why no life is predicted soon after a repair or a new baseline.
 
     Parameters
     ----------
@@ -241,7 +243,7 @@ def too_soon_after(repair_hours: float, missing: int) -> str:
 def beyond_horizon(
     median_hours: float, observed_hours: float, tests: int, settings: TrackerSettings
 ) -> str:
-    """Explain why a life beyond the horizon is not given; return "" within the horizon.
+    """Return why a life beyond the horizon is not published; "" for a life within the horizon.
 
     Parameters
     ----------
@@ -266,5 +268,5 @@ def beyond_horizon(
 
 
 def _after(tests: int) -> str:
-    """Return a text with the number of tests still needed; "" if above ``_MOST_TESTS``."""
+    """Return a phrase with the number of tests still needed; "" above ``_MOST_TESTS``."""
     return "" if tests > _MOST_TESTS else f" (about {counted(tests, 'more test')})"

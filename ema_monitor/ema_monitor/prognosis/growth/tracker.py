@@ -50,7 +50,7 @@ from ema_monitor.prognosis.growth.prediction import (
 from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 
 KEPT_AFTER_STEP: Final = 0.5
-"""Fraction of evidence about laws and rates retained after a step, as an exponent [-]."""
+"""Exponent of the evidence about laws and rates that is retained after a step [-]."""
 
 MOST_RANDOM: Final = 0.5
 """Probability of growth by jumps or drift above which a step counts as growth [-]."""
@@ -164,7 +164,7 @@ class Tracker(Kept):
         for number in np.flatnonzero(changed):
             rose = abs(measurement.value[number]) > abs(mean[number])
             if rose and self._mixture.is_random()[number] > MOST_RANDOM:
-                changed[number] = False  # it is one of the jumps by which the fault grows
+                changed[number] = False  # the step is one of the jumps by which the fault grows
             else:
                 self._restart(int(number), measurement, keep=KEPT_AFTER_STEP if rose else 0.0)
                 if not rose:
@@ -195,7 +195,7 @@ class Tracker(Kept):
             self._keep_prediction(measurement.own_hours)
 
     def _keep_prediction(self, own_hours: Array) -> None:
-        """Store a prediction, to be evaluated by later tests."""
+        """Store a prediction, which later tests evaluate."""
         rng = np.random.default_rng([1, self.updates])
         sample = draw(self._mixture, SAMPLES, self._observed(), rng)
         ahead = self._check.hours_ahead(self.hours)
@@ -228,7 +228,7 @@ class Tracker(Kept):
         )
 
     def predict(self, duty: FutureDuty = STEADY) -> Prognosis:
-        """Predict the remaining useful life, counted from the latest test.
+        """Return the remaining useful life, counted from the latest test.
 
         Parameters
         ----------
@@ -252,7 +252,7 @@ class Tracker(Kept):
 
     @property
     def unsupported(self) -> str:
-        """Reason why no life is given soon after a repair; "" if enough tests followed.
+        """Reason why no life is predicted soon after a repair; "" after enough tests.
 
         A repair may have affected more than the faults that decreased, so earlier tests are no
         evidence about the growth of any fault of the repaired unit.
@@ -278,7 +278,7 @@ class Tracker(Kept):
         return np.where(self._growing, self._own_hours - self._first_hours, 0.0)
 
     def futures(self, hours: ArrayLike, n: int = 500, duty: FutureDuty = STEADY) -> Array:
-        """Sample future fault vectors.
+        """Return samples of the future fault vectors.
 
         Parameters
         ----------

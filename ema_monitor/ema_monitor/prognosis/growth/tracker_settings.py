@@ -16,7 +16,7 @@ from ema_core.wording import unknown_name
 from ema_monitor.health import HealthLimits
 
 FORM: Final = "LAW[:RATE[:SHAPE]]"
-"""Syntax of a law in user input."""
+"""Syntax of a growth law in user input."""
 
 LIFE_HOURS: Final = np.geomspace(50.0, 30_000.0, 97)
 """Grid of hours from healthy to the limit [h]; every second value is used if the law is unknown."""
@@ -102,7 +102,7 @@ class KnownLaw(Checked):
     The names are ``"linear"``, ``"exponential"``, ``"archard"``, ``"self_heating"``, ``"power"``
     and ``"drift"``.
     """
-    rate: float = quantity(1e-3, "1/h", 1e-9, 1e6, "median of the rate, of law power of c in h")
+    rate: float = quantity(1e-3, "1/h", 1e-9, 1e6, "median of the rate; for law power, of c in h")
     """Median of the rate a [1/h], or of the time scale c [h] for law ``power``."""
     rate_sigma: float = quantity(0.5, "-", 0.05, 3.0, "sigma of the rate's logarithm")
     """Standard deviation of the logarithm of the rate [-]."""
@@ -115,7 +115,7 @@ class KnownLaw(Checked):
         super().__post_init__()
         if isinstance(self.law, str):
             if self.law not in GROWING_LAWS:
-                raise ValueError(f"law = {self.law!r} is unknown; known: {', '.join(GROWING_LAWS)}")
+                raise ValueError(f"law = {self.law!r}: expected one of {', '.join(GROWING_LAWS)}")
         elif isinstance(self.law, type) or not (
             isinstance(self.law, GrowthLaw) and isinstance(self.law, Hashable)
         ):
@@ -126,11 +126,13 @@ class KnownLaw(Checked):
         if self.law == "power" and self.shape == 0.0:
             raise ValueError("shape = 0: the law power requires an exponent p above 0")
         if self.law == "exponential" and self.shape == 0.0:
-            raise ValueError("shape = 0: law exponential needs an x_0 above 0 to begin at all")
+            raise ValueError(
+                "shape = 0: law exponential needs an x_0 above 0, or growth never begins"
+            )
 
     @classmethod
     def of(cls, law: str, rate: float, second: float, rate_sigma: float = 0.5) -> "KnownLaw":
-        """Create a law; ``second`` is the diffusion of ``drift``, or else the shape."""
+        """Return a law; ``second`` is the diffusion for ``drift``, else the shape."""
         if law == "drift":
             return cls(law, rate, rate_sigma, diffusion=second)
         return cls(law, rate, rate_sigma, shape=second)
@@ -147,7 +149,7 @@ NOMINAL_LAWS: Final[Mapping[str, KnownLaw]] = MappingProxyType(
 
 
 def known_law(fault: str, written: str) -> KnownLaw:
-    """Parse a law written by a user.
+    """Return the law that a user specified as text.
 
     Parameters
     ----------
@@ -174,8 +176,8 @@ def known_law(fault: str, written: str) -> KnownLaw:
     if not figures:
         if law != nominal.law:
             raise ValueError(
-                f"{written!r}: the median rate of {fault} is known for law {nominal.law} only; "
-                f"give it as {FORM}"
+                f"{written!r}: a default rate of {fault} exists for law {nominal.law} only; "
+                f"specify the rate as {FORM}"
             )
         return nominal
     try:
@@ -198,8 +200,8 @@ def known_law(fault: str, written: str) -> KnownLaw:
 
 
 def _law_of(kind: str) -> Any:
-    grows = "each phase's grows" if len(KINDS[kind]) > 1 else "it grows"
-    return text("", f"law by which {grows}, {FORM}; empty: unknown")
+    of = " of each phase" if len(KINDS[kind]) > 1 else ""
+    return text("", f"growth law{of}, {FORM}; empty: unknown")
 
 
 @dataclass(frozen=True)
@@ -250,7 +252,7 @@ class FleetPrior:
     """
 
     def in_words(self) -> str:
-        """Return a short description of the origin of the prior."""
+        """Return a phrase that describes the origin of the prior."""
         origin = f"{self.units} other{'' if self.units == 1 else 's'}"
         return f"growth prior from {origin}" + (f" ({self.names})" if self.names else "")
 
@@ -272,23 +274,31 @@ class TrackerSettings(Checked):
     laws: Mapping[str, KnownLaw] = field(default_factory=dict)
     fleet: FleetPrior | None = None
     process_noise: float = quantity(0.3, "-", 0.0, 3.0, "sigma of an increment's lognormal factor")
-    process_noise_hours: float = quantity(10.0, "h", 1e-3, 1e5, "hours for which a factor holds")
-    onset_probability: float = quantity(5e-3, "-", 0.0, 0.5, "probability of onset, each test")
-    change_probability: float = quantity(1e-3, "-", 0.0, 0.5, "probability of change, each test")
-    forgetting: float = quantity(0.98, "-", 0.5, 1.0, "power of what was learnt, each test")
-    sigma_floor: float = quantity(1e-3, "-", 0.0, 0.1, "sigma added to the estimate's")
+    process_noise_hours: float = quantity(10.0, "h", 1e-3, 1e5, "hours for which a factor applies")
+    onset_probability: float = quantity(
+        5e-3, "-", 0.0, 0.5, "probability per test that growth begins"
+    )
+    change_probability: float = quantity(
+        1e-3, "-", 0.0, 0.5, "probability per test that growth changes"
+    )
+    forgetting: float = quantity(0.98, "-", 0.5, 1.0, "exponent of the old evidence, per test")
+    sigma_floor: float = quantity(1e-3, "-", 0.0, 0.1, "sigma added to the sigma of an estimate")
     occasional_error: float = quantity(0.01, "-", 0.0, 1.0, "sigma of an occasional error")
-    occasional_probability: float = quantity(0.05, "-", 0.0, 0.5, "its probability")
+    occasional_probability: float = quantity(
+        0.05, "-", 0.0, 0.5, "probability of an occasional error"
+    )
     event_sigmas: float = quantity(5.0, "-", 3.0, 20.0, "deviation at which an event is suspected")
     horizon_hours: float = quantity(20_000.0, "h", 1.0, 1e7, "longest life that is published")
-    horizon_factor: float = quantity(3.0, "-", 1.0, 1e3, "the same, over hours observed")
-    samples: int = quantity(2000, "-", 100, 100_000, "samples of a prediction")
+    horizon_factor: float = quantity(3.0, "-", 1.0, 1e3, "longest published life per observed hour")
+    samples: int = quantity(2000, "-", 100, 100_000, "number of samples of a prediction")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in self.laws:
             if name not in COMPONENTS:
-                raise ValueError(f"law of unknown fault {name!r}; known: {', '.join(COMPONENTS)}")
+                raise ValueError(
+                    f"law of unknown fault {name!r}: expected one of {', '.join(COMPONENTS)}"
+                )
 
     @property
     def noise_hours(self) -> float:

@@ -88,7 +88,7 @@ def mix_paces(
 
 @kernel()
 def followed(pace: Array, steps: Array, normal: Array) -> Array:
-    """Simulate wandering paces; return the effective growth time in each step, ``(m, n)`` [h].
+    """Return the effective growth time in each step of simulated paces, ``(m, n)`` [h].
 
     ``pace`` is the current log-pace, ``(n,)`` [-]. ``steps`` are step durations [h], and ``normal``
     standard normal samples, ``(m, n)`` each.

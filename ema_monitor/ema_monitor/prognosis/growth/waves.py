@@ -1,4 +1,4 @@
-"""Kalman filters for faults with a superimposed periodic disturbance, or wave (P6c).
+"""Kalman filters for faults with a superimposed wave, a periodic disturbance (P6c).
 
 Waves represent seasonal, temperature or load effects. The state has the level x, the rate v, and
 the wave w, which has a known period and slowly varying amplitude and phase. A test measures x + w.
@@ -81,7 +81,7 @@ class Waves(Kept):
             self.restart(number, 0.0, 1.0)
 
     def moments(self) -> tuple[Array, Array]:
-        """Return mean and variance of each filter's predicted measurement, ``(7, k)`` each."""
+        """Return predicted mean and variance of a measurement by filter, ``(7, k)`` each."""
         return self.mean @ _SEEN, self.covariance @ _SEEN @ _SEEN
 
     def restart(self, number: int, value: float, variance: float) -> None:
@@ -101,7 +101,7 @@ class Waves(Kept):
         return np.where(self.grows, self.mean[..., 1], 0.0)
 
     def advance(self, weight: Array, hours: Array) -> None:
-        """Propagate the filters by the hours of each component, ``(7,)`` [h], with onset."""
+        """Propagate all filters by the hours of each component, ``(7,)`` [h]; growth may begin."""
         self._begin(weight)
         hours = hours[:, None]
         rate, turn = self.rates(), hours * self.omega
@@ -152,8 +152,8 @@ class Waves(Kept):
         Returns
         -------
         tuple of numpy.ndarray
-            Log-likelihood of each filter and its predicted probability of a smaller value, ``(7,
-            k)`` each; 0 for components that the test does not show.
+            Log-likelihood of each filter, and predicted probability of a value below the measured
+            value, ``(7, k)`` each; 0 for components that the test does not show.
         """
         log_likelihood, below = np.zeros_like(self.prior), np.zeros_like(self.prior)
         at, (mean, variance) = plain, self.moments()
@@ -178,7 +178,7 @@ class Waves(Kept):
     def drawn(
         self, number: NDArray[np.intp], of_it: NDArray[np.intp], rng: np.random.Generator
     ) -> "WaveDraw":
-        """Draw one sample for each pair of component number and filter number, ``(m,)`` each."""
+        """Return a random sample for each pair of component and filter index, ``(m,)`` each."""
         pairs, which = np.unique(number * self.omega.size + of_it, return_inverse=True)
         covariance = self.covariance.reshape(-1, 4, 4)[pairs]
         values, vectors = np.linalg.eigh(covariance)

@@ -37,13 +37,13 @@ from ema_monitor.model.kernel import ModelState, advance
 from ema_monitor.model.threads import run_in_threads
 
 LONGEST_STEP: Final = 5e-5
-"""Longest integration step; against 1 us it changes no performance by more than 0.5 % [s]."""
+"""Longest integration step [s]; compared with 1 us, no performance changes by more than 0.5 %."""
 
 HALF_POWER: Final = math.sqrt(0.5)
 """Amplitude ratio at -3 dB [-]."""
 
 _STEP_OF_SPEED_LOOP = 0.1
-_ARRAYS = 8  # arrays of a command and its phase in memory at a time
+_ARRAYS = 8  # number of arrays of a command and its phase in memory at a time
 _SWEEP_PERIODS = 20
 _SWEEP_RANGE = (1.0 / 3.0, 4.0)
 
@@ -65,13 +65,13 @@ def run_test(
     real,
     imaginary,
 ):
-    """Run `LANES` actuators from row ``first`` on, from rest in the middle of their backlash.
+    """Simulate `LANES` actuators from row ``first`` on, from rest in the middle of their backlash.
 
     ``command`` is the command at the end of each step, ``delayed_command`` the command half a step
-    before its start, both ``(n,)`` [rad]. The results cover the steps between two ``edges``,
-    ``(b + 1,)``, and have shape ``(n_lanes, b)``: ``error_peak`` is the largest error of the user
-    shaft [rad], ``used_peak`` the largest ratio of the current to the available current [-],
-    ``real`` and ``imaginary`` are the sums of the user shaft's angle times ``cos_phase`` and
+    before the start of the step, both ``(n,)`` [rad]. The results cover the steps between two
+    ``edges``, ``(b + 1,)``, and have shape ``(n_lanes, b)``: ``error_peak`` is the largest error of
+    the user shaft [rad], ``used_peak`` the largest ratio of the current to the available current
+    [-], ``real`` and ``imaginary`` are the sums of the user shaft's angle times ``cos_phase`` and
     ``sin_phase``, both ``(n,)`` [rad].
     """
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
@@ -181,8 +181,7 @@ class PerformanceModel:
         check_length(
             max(THESIS_CHIRP.duration, self._sweep.duration) / self.dt,
             f"GAP = {parameters.GAP:g} N.m.s/rad with an inertia of {self._plant.mechanics.J:g} "
-            f"kg.m^2 is simulated in steps of {self.dt:.3g} s, a sweep about {bandwidth_sought:g} "
-            "Hz",
+            f"kg.m^2 requires steps of {self.dt:.3g} s; a sweep around {bandwidth_sought:g} Hz",
             _ARRAYS,
         )
         self._chirp_figures = _Figures(THESIS_CHIRP, self.dt)
@@ -258,7 +257,7 @@ class PerformanceModel:
 
 
 class _Figures:
-    """A command and its phase at each step, and the steps at which its periods begin."""
+    """A command, its phase at each step, and the steps at which its periods begin."""
 
     def __init__(self, command: Command, dt: float) -> None:
         n = round(command.duration / dt)
@@ -291,9 +290,11 @@ def as_faults(faults: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        If they have not eight components.
+        If the vectors do not have eight components.
     """
     array = np.atleast_2d(np.asarray(faults, dtype=np.float64))
     if array.shape[-1] != N_FAULTS:
-        raise ValueError(f"a fault vector has {N_FAULTS} components, not shape {array.shape}")
+        raise ValueError(
+            f"a fault vector has {N_FAULTS} components: shape {array.shape} is not supported"
+        )
     return np.clip(array, 0.0, HIGHEST)

@@ -1,4 +1,4 @@
-"""Remaining life until an actuator fails a requirement, from samples of future faults."""
+"""Remaining life until an actuator fails a requirement, computed from samples of future faults."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -28,23 +28,24 @@ from ema_monitor.prognosis.requirements.requirements import (
 from ema_monitor.prognosis.requirements.surrogate import Surrogate
 
 OVERALL: Final = "any requirement"
-"""Criterion of the life by all requirements, while no requirement is known to fail."""
+"""Criterion of the life by all requirements if no requirement is known to fail."""
 
 NODES: Final = 9
 """Times at which every trajectory is evaluated before the crossing is bisected."""
 
 FIRST: Final = 4
-"""Number of trajectories along which the model is run at first, in addition to their median."""
+"""Number of trajectories along which the model is first run, in addition to the median
+trajectory."""
 
 POINTS: Final = 32
-"""Number of crossings of a requirement that the model checks next."""
+"""Number of predicted crossings of a requirement that the model then checks."""
 
 DOUBT: Final = 0.3
 """Reserve above which a requirement is not checked [-]."""
 
 _SAMPLES: Final = 200
 _TIMES: Final = 33
-# Horizon as a multiple of the life by fault limits.
+# Simulated time as a multiple of the life by fault limits.
 _BEYOND: Final = 2.0
 
 
@@ -53,19 +54,19 @@ class RequiredLife:
     """Health, trends and remaining life with respect to the requirements."""
 
     healths: tuple[FaultHealth, ...]
-    """Health with regard to each requirement; empty when none can be monitored."""
+    """Health with respect to each requirement; empty if no requirement can be monitored."""
     trends: Mapping[str, float]
-    """Growth of each performance by name [its unit per flight hour]."""
+    """Rate of change of each performance by name [its unit per flight hour]."""
     lives: Mapping[str, RemainingLife]
     """Remaining life under each requirement, by name."""
     overall: RemainingLife
     """Remaining life until the first requirement fails."""
     dominant: str
-    """Requirement that fails first in most samples; empty when none is known to fail."""
+    """Requirement that fails first in most samples; empty if no requirement is known to fail."""
     with_limits: RemainingLife
     """Remaining life until the first requirement fails or the first fault reaches its limit."""
     samples: Array = field(default_factory=lambda: np.empty(0))
-    """Samples of ``with_limits`` [h], ``(m,)``; empty when no life is known."""
+    """Samples of ``with_limits`` [h], ``(m,)``; empty if no life is known."""
 
     @classmethod
     def unknown(
@@ -92,7 +93,7 @@ def required_life(
     limits: HealthLimits,
     horizon_hours: float,
 ) -> RequiredLife:
-    """Compute the remaining life with respect to the requirements.
+    """Return the remaining life with respect to the requirements.
 
     Each component grows in the share of the samples given by its probability of growth. If no
     component is known to grow, all keep their possible present values, and a life is given only if
@@ -101,11 +102,11 @@ def required_life(
     Parameters
     ----------
     requirements, compliance
-        Requirements, and the present compliance with them.
+        Requirements of the actuator, and its present compliance.
     faults
         Present fault vector, ``(8,)``.
     tracker, tracked, prognosis
-        Growth, estimate of each component that a test has shown, and life by fault limits.
+        Growth tracker, estimate of each component that a test has shown, and life by fault limits.
     limits
         Limits of the faults.
     horizon_hours
@@ -152,7 +153,7 @@ def lives_by_requirements(
     Parameters
     ----------
     failures
-        Samples of the hours to the failure of each requirement, as ``failure_hours`` returns them.
+        Samples of the hours to the failure of each requirement, from ``failure_hours``.
     required
         Requirements of the actuator.
     horizon_hours
@@ -162,7 +163,7 @@ def lives_by_requirements(
     def life(samples: Array, criterion: str) -> RemainingLife:
         remaining = RemainingLife.of_samples(samples, criterion)
         if np.isinf(remaining.hours_50):
-            reason = f"not within the {horizon_hours:.0f} h looked ahead"
+            reason = f"not within the horizon of {horizon_hours:.0f} h"
             return RemainingLife.unknown(criterion, reason)
         return remaining
 
@@ -177,7 +178,7 @@ def lives_by_requirements(
 
 
 def failure_hours(requirements: Requirements, paths: Array, hours: Array) -> dict[str, Array]:
-    """Return the hours at which samples of the future faults first fail each requirement.
+    """Return the hours at which samples of future faults first fail each requirement.
 
     Parameters
     ----------
@@ -186,23 +187,23 @@ def failure_hours(requirements: Requirements, paths: Array, hours: Array) -> dic
     paths
         Fault vectors within their range, ``(n, t, 8)``; linear between the hours.
     hours
-        Ascending hours of the fault vectors from the latest test on, ``(t,)`` [h].
+        Ascending hours of the fault vectors, counted from the latest test, ``(t,)`` [h].
 
     Returns
     -------
     dict
-        Hours by requirement, infinite if it does not fail within ``hours``, ``(n,)`` [h].
+        Hours by requirement, ``(n,)`` [h]; infinite if it does not fail within ``hours``.
 
     Notes
     -----
     For each sample, the first of ``NODES`` times with a failure is searched, then the crossing
-    before it is bisected. A temporary failure between two nodes is missed. Free play has a closed
-    form at all times. The remaining requirements are judged by a surrogate: the model is run along
-    a few trajectories, then at the predicted crossings of samples spread over the range, and the
-    crossings are searched again, as in active learning of limit states (Echard, Gayton and Lemaire
-    2011, AK-MCS, Structural Safety 33). This takes some 80 runs of the model for each requirement
-    in question; bisecting each sample would take thousands. The resulting hours differ from the
-    full model's by 1 % rms in most cases, by 2.5 % if a reserve falls slowly.
+    before it is bisected. A temporary failure between two nodes is missed. Free play is computed in
+    closed form at all times. The other requirements are judged by a surrogate: the model is run
+    along a few trajectories, then at the predicted crossings of samples spread over the range, and
+    the crossings are searched again, as in active learning of limit states (Echard, Gayton and
+    Lemaire 2011, AK-MCS, Structural Safety 33). This takes about 80 runs of the model for each
+    requirement in question; bisecting each sample would take thousands. The resulting hours differ
+    from the full model's by 1 % rms in most cases, by 2.5 % if a reserve falls slowly.
     """
     play = requirements.reserve("free_play", requirements.model.free_play(paths))
     index = {name: _modelled_crossings(requirements, name, paths) for name in MODELLED}
@@ -211,12 +212,12 @@ def failure_hours(requirements: Requirements, paths: Array, hours: Array) -> dic
 
 
 def _hours_at(index: Array, hours: Array) -> Array:
-    """Return the hours at fractional indices of times; infinite for infinite indices."""
+    """Return the hours at fractional time indices; infinite for infinite indices."""
     return np.where(np.isinf(index), np.inf, np.interp(index, np.arange(len(hours)), hours))
 
 
 def _modelled_crossings(requirements: Requirements, name: str, paths: Array) -> Array:
-    """Return the index of the time at which each sample fails a requirement, or infinity."""
+    """Return the fractional time index at which each sample fails a requirement, or infinity."""
     n, t, _ = paths.shape
     nodes = np.unique(np.linspace(0, t - 1, NODES).round().astype(np.intp))
     faults_at_nodes = paths[:, nodes].reshape(-1, N_FAULTS)
@@ -236,7 +237,7 @@ def _modelled_crossings(requirements: Requirements, name: str, paths: Array) -> 
 
 
 def _doubtful(crossing: Array, coarse: Array, nodes: NDArray[np.intp], paths: Array) -> Array:
-    """Return fault vectors to check by the model: at crossings, or at a doubtful least reserve."""
+    """Return fault vectors to check with the model: at crossings, or at a small least reserve."""
     lowest = nodes[coarse.argmin(axis=1)].astype(float)
     place = np.where(np.isinf(crossing), lowest, crossing)
     order = np.lexsort((place, np.isinf(crossing)))
@@ -251,8 +252,8 @@ def _doubtful(crossing: Array, coarse: Array, nodes: NDArray[np.intp], paths: Ar
 
 
 def _crossing_of(reserves: Array) -> Array:
-    """Return the index of the time at which reserves, ``(n, t)``, first reach 0, or infinity."""
-    # No time is left out: there is nothing to bisect.
+    """Return the fractional time index at which reserves, ``(n, t)``, first are 0, or inf."""
+    # All times are evaluated: no bisection is needed.
     times = np.arange(reserves.shape[1])
     return _first_crossing(lambda faults: faults[:, 0], reserves, times, reserves[..., None])
 
@@ -260,7 +261,7 @@ def _crossing_of(reserves: Array) -> Array:
 def _first_crossing(
     reserve: Callable[[Array], Array], coarse: Array, nodes: NDArray[np.intp], paths: Array
 ) -> Array:
-    """Return the index of the time at which each reserve first reaches 0, or infinity, ``(n,)``."""
+    """Return the time index at which each reserve first reaches 0, or infinity, ``(n,)``."""
     failed = coarse < 0.0
     first = failed.argmax(axis=1)
     crossing = np.where(failed[:, 0], 0.0, np.inf)
@@ -278,24 +279,24 @@ def _first_crossing(
 
 
 def limit_passage(paths: Array, hours: Array, limits: HealthLimits) -> Array:
-    """Return the hours at which samples of the future faults first reach a fault limit.
+    """Return the hours at which samples of future faults first reach a fault limit.
 
     Parameters
     ----------
     paths
         Fault vectors within their range, ``(n, t, 8)``; linear between the hours.
     hours
-        Ascending hours of the fault vectors from the latest test on, ``(t,)`` [h].
+        Ascending hours of the fault vectors, counted from the latest test, ``(t,)`` [h].
     limits
         Limits of the faults.
 
     Returns
     -------
     numpy.ndarray
-        Hours, infinite if no limit is reached, ``(n,)`` [h].
+        Hours, ``(n,)`` [h]; infinite if no limit is reached.
     """
     reach = [limits.of(name) if name in COMPONENTS else np.inf for name in FAULT_NAMES]
-    # The component nearest its limit counts. A range may end at the limit, which must count as 0.
+    # The component nearest to its limit counts. If a range ends at the limit, its end must give 0.
     left = np.nextafter(1.0, 0.0) - np.max(np.abs(paths - healthy_faults()) / reach, axis=2)
     return _hours_at(_crossing_of(left), hours)
 

@@ -19,7 +19,7 @@ REQUIREMENTS: Final = Performance._fields
 """Names of the requirements, in the order of `Performance`."""
 
 MODELLED: Final = ("tracking_error", "bandwidth", "torque_margin")
-"""Requirements for which the model must run; free play has a closed form."""
+"""Requirements that need a run of the model; free play is computed in closed form."""
 
 BELOW: Final = frozenset({"bandwidth", "torque_margin"})
 """Requirements that fail below their limit."""
@@ -42,20 +42,22 @@ class RequirementLimits(Checked):
     """
 
     tracking_error: float = quantity(
-        1.5e-3, "rad", 1e-6, 1.0, "largest increase of the tracking error over healthy"
+        1.5e-3, "rad", 1e-6, 1.0, "largest increase of the tracking error over the healthy value"
     )
     bandwidth: float = quantity(12.0, "Hz", 0.1, 1e3, "smallest bandwidth at -3 dB")
     free_play: float = quantity(5e-4, "rad", 1e-7, 1.0, "largest free play at the user shaft")
-    torque_margin: float = quantity(0.5, "-", 0.0, 0.99, "least unused share of the torque")
+    torque_margin: float = quantity(
+        0.5, "-", 0.0, 0.99, "smallest unused share of the available torque"
+    )
 
     @classmethod
     def unit(cls, name: str) -> str:
-        """Return the unit of a requirement as messages write it; "1" for a share or a fault."""
+        """Return the unit of a requirement, as used in messages; "1" for a share or a fault."""
         units = {item.name: item.metadata["unit"] for item in fields(cls)}
         return units.get(name, "-").replace("-", "1")
 
     def criterion(self, name: str) -> str:
-        """Return the text of the criterion of a requirement, for an unspecified actuator."""
+        """Return the failure criterion of a requirement as a phrase, for any actuator."""
         if name == "tracking_error":
             more = f"{self.tracking_error:.4g} {self.unit(name)}"
             return f"tracking error exceeds the healthy actuator's by more than {more}"
@@ -63,7 +65,7 @@ class RequirementLimits(Checked):
 
 
 WITHOUT_MODEL: Final = "requirements cannot be monitored without a calibration of a known drive"
-"""Reason that no requirement is monitored without a model of the drive."""
+"""Reason why no requirement is monitored without a model of the drive."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +73,10 @@ class Compliance:
     """Compliance of an actuator with its requirements."""
 
     healths: tuple[FaultHealth, ...]
-    """Health with regard to each requirement, in the units of ``RequirementLimits.unit``."""
+    """Health with respect to each requirement, in the units of ``RequirementLimits.unit``."""
     gradients: dict[str, Array]
-    """Gradient of each performance with respect to the faults, ``(8,)``, by name [its unit]; 0 for
-    unobservable components."""
+    """Gradient of each performance with respect to the faults, ``(8,)``, by name [unit of the
+    performance]; 0 for unobservable components."""
 
 
 class Requirements:
@@ -83,7 +85,7 @@ class Requirements:
     Parameters
     ----------
     parameters
-        Parameters of the unit: from ``Calibration.model()`` if there is a calibration.
+        Parameters of the unit; with a calibration, from ``Calibration.model()``.
     limits
         Limits of the required performance.
 
@@ -114,7 +116,7 @@ class Requirements:
                 unit = RequirementLimits.unit(name)
                 raise ValueError(
                     f"{name}: a healthy actuator has {self.healthy[name]:.4g} {unit} and misses "
-                    f"the limit of {self.limit[name]:.4g} {unit}; set one that it meets"
+                    f"the limit of {self.limit[name]:.4g} {unit}; set a limit that it meets"
                 )
 
     def reserve(self, name: str, values: Array) -> Array:
@@ -130,11 +132,11 @@ class Requirements:
         return (self.limit[name] - values) / self._scale[name]
 
     def criterion(self, name: str) -> str:
-        """Return the text of the criterion by which a requirement fails."""
+        """Return the failure criterion of a requirement as a phrase."""
         return _criterion(name, self.limit[name])
 
     def exact_reserves(self, names: tuple[str, ...], faults: ArrayLike) -> Array:
-        """Return reserves of fault vectors, ``(m, 8)``, by the model, ``(m, len(names))``.
+        """Return the reserves of fault vectors, ``(m, 8)``, from the model, ``(m, len(names))``.
 
         Only the parts of the model that ``names`` need are run.
         """
@@ -154,7 +156,7 @@ class Requirements:
         covariance: ArrayLike,
         warn_share: float = HealthLimits().warn_share,
     ) -> Compliance:
-        """Return the compliance with each requirement, and its gradients by the faults.
+        """Return the compliance with each requirement, and the gradients by fault.
 
         Parameters
         ----------
@@ -191,7 +193,7 @@ class Requirements:
             points[1 + ECCENTRICITY_PHASE] = points[1 + N_FAULTS + ECCENTRICITY_PHASE] = k
         # If the vector has a NaN, all points around it are unknown.
         points[1:][np.isnan(k).any() | np.isnan(points[1:]).any(axis=1)] = np.nan
-        # A component at the end of its range varies one way only, which repeats points.
+        # A component at the end of its range varies in one direction only, which repeats points.
         distinct, which = np.unique(points, axis=0, return_inverse=True)
         performance = self.model.performance(distinct)
         healths, gradients = [], {}
@@ -223,7 +225,7 @@ class Requirements:
 def requirements_of(
     parameters: ActuatorParameters, limits: RequirementLimits
 ) -> Requirements | str:
-    """Return the requirements of a unit, cached, or the reason that they cannot be monitored."""
+    """Return the (cached) requirements of a unit, or the reason why they cannot be monitored."""
     try:
         return Requirements(parameters, limits)
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""Surrogate of a slow function of the faults, fitted to its exact values at a few points.
+"""Surrogate for a slow function of the faults, fitted to exact values at a few points.
 
 The surrogate is a linear trend with kriging of its residuals (universal kriging; Santner, Williams
 and Notz, The Design and Analysis of Computer Experiments, Springer 2018, chapter 3).
@@ -20,10 +20,10 @@ from ema_core.faults import (
 )
 
 CORRELATION_LENGTH: Final = 0.5
-"""Correlation length of the error of the trend in ``coordinates`` [-]."""
+"""Correlation length of the trend's error, in ``coordinates`` [-]."""
 
 NUGGET: Final = 1e-3
-"""Share of the variance of this error that is not smooth [-]."""
+"""Share of the trend's error variance that is not smooth [-]."""
 
 _SMALLEST_BACKLASH = 0.005
 _WIDEST_SHORT_CIRCUIT = 0.5
@@ -74,7 +74,7 @@ class Surrogate:
 
 
 def _correlation(rows: Array, columns: Array) -> Array:
-    """Return the correlation between points, ``(m, k)``: rational quadratic, of power 4."""
+    """Return the correlation between points, ``(m, k)``: a rational quadratic kernel of power 4."""
     squares = np.sum(rows**2, axis=1)[:, None] + np.sum(columns**2, axis=1)
     squares -= 2.0 * rows @ columns.T
     return (1.0 + 0.125 * np.maximum(squares, 0.0) / CORRELATION_LENGTH**2) ** -4

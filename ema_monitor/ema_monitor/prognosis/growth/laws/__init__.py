@@ -1,4 +1,4 @@
-"""Growth laws by name, in the order of their cells in the grid.
+"""Tracked growth laws by name, in the order of their cells in the grid.
 
 To add a law, subclass ``interface.Law`` in a new module and list the class here.
 """

@@ -7,7 +7,7 @@ from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Law, bent
 
 _STEEP: Final = 4.0
 _SETTLING: Final = 0.7
-"""Relative decrease of the growth rate from healthy to the limit, for decelerating growth [-]."""
+"""Relative decrease of the growth rate from healthy to the limit, in decelerating growth [-]."""
 
 
 class Archard(Law):

@@ -68,7 +68,7 @@ class Future(NamedTuple):
     """Standard Wiener process [sqrt(h)]."""
 
     def time(self, hours: Array) -> Array:
-        """Return growth hours with process noise added, made non-decreasing [h]."""
+        """Return growth hours with process noise, made non-decreasing [h]."""
         return np.maximum.accumulate(np.maximum(hours + self.noise, 0.0), axis=0)
 
 
@@ -145,7 +145,7 @@ class Law:
 
 
 def bent(bend_of: Callable[[float], float], bend: float) -> float:
-    """Return the argument at which an increasing function reaches ``bend``, by bisection."""
+    """Return the argument at which an increasing function equals ``bend``, found by bisection."""
     low, high = 1e-3, 500.0
     while high > low * (1.0 + 1e-12):
         middle = math.sqrt(low * high)

@@ -14,7 +14,7 @@ from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Figures, F
 from ema_monitor.prognosis.growth.tracker_settings import LIFE_HOURS
 
 JUMPS: Final = (12.0, 35.0, 100.0)
-"""Number of jumps of average size from healthy to the limit [-]."""
+"""Numbers of jumps of average size from healthy to the limit [-]."""
 
 _GROWING: Final = (0.0, 2.0)
 """Increase of the jump rate from healthy to the limit, relative to the healthy rate [-]."""
