@@ -115,7 +115,7 @@ def find_windows(
 
 def _blocks(telemetry: Telemetry | Iterable[Telemetry]) -> list[Telemetry]:
     """Return telemetry as a list of blocks. Raises ValueError for other types."""
-    hint = "Telemetry(stamp_ns, sample_period, ...) takes columns, ema_bags.read_telemetry a bag"
+    hint = "use Telemetry(stamp_ns, sample_period, ...), or ema_bags.read_telemetry for a bag"
     if not isinstance(telemetry, Iterable) or isinstance(telemetry, np.ndarray | str | Path):
         require_type("telemetry", telemetry, Telemetry, hint)
     blocks = [telemetry] if isinstance(telemetry, Telemetry) else list(telemetry)
@@ -132,9 +132,9 @@ def identify_motion(
 ) -> list[Estimate]:
     """Identify the faults in ordinary motion, without a test cycle.
 
-    Stretches of the motion are combined until the faults reach the accuracy of the settings: a few
-    estimates result, each of many stretches. The list is empty if the motion does not determine
-    any fault well enough; `find_windows` and a `Combination` give details.
+    Stretches of the motion are combined until the faults reach the wanted accuracy: the result is a
+    few estimates, each from many stretches. The list is empty if the motion does not determine any
+    fault well enough; `find_windows` and a `Combination` give details.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def track(
     hours
         Service hours of each test [h], ascending.
     limits
-        Faults at which life ends.
+        Fault limits at which life ends.
     settings
         Settings of the growth model; by default no growth law is known.
 
@@ -183,10 +183,10 @@ def track(
     tracker, estimates, hours = Tracker(limits, settings), list(estimates), list(hours)
     if len(estimates) != len(hours):
         raise ValueError(
-            f"{len(estimates)} estimates and {len(hours)} hours: expected an hour for each estimate"
+            f"{len(estimates)} estimates and {len(hours)} hours: expected the hours of each estimate"
         )
     for estimate, hour in zip(estimates, hours, strict=True):
-        require_type("estimate", estimate, Estimate, "identify(window) gives one")
+        require_type("estimate", estimate, Estimate, "identify(window) returns one")
         if estimate.valid:
             tracker.update(Measurement.of(estimate, hour))
     return tracker

@@ -1,4 +1,4 @@
-"""Calibrations of either kind: fitting, reading files, and a store for several units."""
+"""Calibrations of modelled and unknown drives: fit, files, and a store for several units."""
 
 import re
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from ema_monitor.joint.window_baseline import WindowBaseline
 from ema_monitor.windows.window import Window
 
 AnyCalibration = Calibration | JointCalibration
-"""Calibration of a modelled drive, or of a unit whose controller is not modelled."""
+"""Calibration of a modelled drive, or of a unit with an unknown drive."""
 
 CALIBRATION_FILE: Final = "calibration.yaml"
 """Name of the calibration file in the folder of a unit's bags."""
@@ -29,7 +29,7 @@ _SUFFIXES: Final = (".yaml", ".yml")
 
 
 def load_calibration(path: Path) -> AnyCalibration:
-    """Read a calibration of either kind.
+    """Return the calibration in a file, of a modelled or unknown drive.
 
     Raises
     ------
@@ -69,10 +69,9 @@ def calibrate(
     Raises
     ------
     ValueError
-        If there is no window, the motion is too small, or a window has no excitation, a different
-        sample period than the first window, or different columns than the description states. Also
-        if the unit deviates impossibly far from its description, or implausibly far and no person
-        accepts it.
+        If there is no window, or the motion is too small; if a window has no excitation, another
+        sample period than the first window, or other columns than the description; if the unit
+        deviates impossibly far from its description, or implausibly far and no person accepts it.
     """
     description = description or ActuatorDescription()
     if description.drive == "unknown":
@@ -84,7 +83,7 @@ def calibrate(
     if reason:
         raise ValueError(
             f"the windows are implausible for a healthy unit of this description: {reason}; check "
-            "unit and description, or name who accepts it: force and person of ~/calibrate, "
+            "unit and description, or state who accepts it: force and person of ~/calibrate, "
             "--accepted-by of `ema calibrate`"
         )
     return replace(calibration, baseline=WindowBaseline.of(window.telemetry for window in windows))
@@ -113,19 +112,19 @@ class CalibrationStore:
     Parameters
     ----------
     file
-        Path of the calibration of an actuator, in which ``{actuator_id}`` and ``{serial_number}``
-        are replaced. If it is empty, the shipped calibration of the built-in actuator is used.
+        Path of an actuator's calibration, with placeholders ``{actuator_id}`` and
+        ``{serial_number}``; empty for the shipped calibration of the built-in actuator.
     folder
-        Folder of the files that a call names, and of new calibrations if neither ``file`` nor the
-        call names a path.
+        Folder for files named in a call, and for new calibrations if neither ``file`` nor the call
+        names a path.
     learned_file
-        As ``file``, for units with an unknown drive, whose baselines are learned; empty for
+        Like ``file``, for units with an unknown drive, whose baselines are learned; empty for
         ``file``.
 
     Raises
     ------
     ValueError
-        If ``file`` has other names in braces or refers to a home folder that does not exist.
+        If ``file`` has unknown placeholders or refers to a home folder that does not exist.
     """
 
     def __init__(self, file: str, folder: Path, learned_file: str = "") -> None:
@@ -158,7 +157,7 @@ class CalibrationStore:
             self._in_use[description.unit_key] = calibration
 
     def load(self, description: ActuatorDescription, file: str) -> tuple[AnyCalibration, Path]:
-        """Read the calibration of an actuator from a file and use it; return it and its path.
+        """Read an actuator's calibration from a file and use it. Return it with its path.
 
         If an error is raised, the calibration in use remains.
 
@@ -172,7 +171,7 @@ class CalibrationStore:
         Raises
         ------
         ValueError
-            If the file is outside of the folder, not a calibration, or of a different unit.
+            If the file is outside the folder, not a calibration, or belongs to a different unit.
         OSError
             If the file cannot be read.
         """
@@ -196,8 +195,8 @@ class CalibrationStore:
         Raises
         ------
         ValueError
-            If the path is outside of the folder or an existing file that is not a calibration, or
-            if the folder cannot be made.
+            If the path is outside the folder or an existing file that is not a calibration, or if
+            the folder cannot be created.
         """
         path = self._place(description, file)
         if path.exists() and not is_calibration_file(path):
@@ -247,7 +246,7 @@ class CalibrationStore:
         return self._learned_file if is_learned else self._file
 
     def _called_path(self, file: str, description: ActuatorDescription) -> Path:
-        """Return the path named by a call; it must be inside the folder, as any node may call."""
+        """Return the path named in a call, inside the folder: any node may call."""
         try:
             path = (self._folder / _filled(file, description)).resolve()
         except (OSError, RuntimeError, ValueError) as error:
@@ -266,7 +265,7 @@ def _not_stored(path: Path, error: OSError) -> ValueError:
 
 
 def _filled(path: str, description: ActuatorDescription) -> str:
-    """Return a path with the placeholders in braces replaced by an actuator's names."""
+    """Return a path with its placeholders replaced by an actuator's names."""
     names = {
         "actuator_id": file_name(description.actuator_id),
         "serial_number": file_name(description.serial_number),
@@ -274,11 +273,11 @@ def _filled(path: str, description: ActuatorDescription) -> str:
     filled = re.sub(r"\{(\w+)\}", lambda match: names.get(match[1], match[0]), path)
     if "{" in filled or "}" in filled:  # the names are quoted and contain no braces
         raise ValueError(
-            "expected a path, in which {actuator_id} and {serial_number} may stand in braces"
+            "expected a path, with {actuator_id} and {serial_number} as the only placeholders"
         )
     return filled
 
 
-def file_name(name: str) -> str:
-    """Return a name with characters escaped that could lead into another folder."""
+def _as_file_name(name: str) -> str:
+    """Return a name as a file name: characters that could lead to another folder are escaped."""
     return name.replace(".", "%2E") if name in (".", "..") else quote(name, safe=" ")

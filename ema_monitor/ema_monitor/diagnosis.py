@@ -52,7 +52,7 @@ def _identified(
 
 
 def _figures(window: Window | Refusal, calibration: AnyCalibration | str) -> list[WindowFigures]:
-    """Return the figures of a window if the calibration has a baseline to compare them with.
+    """Return the figures of a window, if the calibration has a baseline for the comparison.
 
     If a cause was measured, the list is empty: the load may differ from the baseline.
     """
@@ -67,7 +67,7 @@ def _judged(
     calibration: AnyCalibration | str,
     description: ActuatorDescription,
 ) -> Estimate:
-    """Return the estimate; its verdict is "departed" if nothing explains a departure.
+    """Return the estimate, with the verdict "departed" if nothing explains a departure.
 
     Refused windows are judged as well, unless they belong to another unit.
     """
@@ -113,7 +113,7 @@ class Identification:
     description
         The actuator.
     calibration
-        Its calibration, or why it has none.
+        Its calibration, or the reason why it has none.
     settings
         Settings of the search; unused for an unknown drive, whose record is compared with the
         measured current of healthy records instead.
@@ -156,7 +156,7 @@ def identify(
     previous: ArrayLike | None = None,
     measured: Mapping[str, tuple[float, float]] | None = None,
 ) -> Estimate:
-    """Identify the faults in a window without reporting progress.
+    """Return the estimate of the faults in a window, without reporting progress.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def identify(
     ValueError
         If ``window`` is not a window, or a measured cause is unknown or impossible.
     """
-    hint = "find_windows(telemetry) gives the windows of telemetry"
+    hint = "find_windows(telemetry) returns windows"
     require_type("window", window, (Window, Refusal), hint)
     if measured is not None:
         causes = measured_causes(measured)
@@ -245,10 +245,10 @@ class _Motion:
     """
 
     fruitless: int = 0
-    """Number of handled combinations without an estimate."""
+    """Number of combinations without an estimate that were handled."""
 
     def judged(self, estimate: Estimate) -> Estimate:
-        """Return an estimate judged by all motion since the last estimate.
+        """Return the estimate, judged by all motion since the previous estimate.
 
         Refused stretches count as well: the departure may be something the model cannot explain.
         """
@@ -259,15 +259,15 @@ class _Motion:
 class Diagnosis:
     """Diagnoses one actuator, window by window.
 
-    A search starts at the faults of the last valid estimate, and earlier tests are its prior, if
-    description and calibration are unchanged. Stretches of ordinary motion are combined; a change
+    If description and calibration are unchanged, a search starts at the faults of the latest valid
+    estimate, with earlier tests as its prior. Stretches of ordinary motion are combined; a change
     of description, calibration or settings starts a new combination. The estimates depend only on
     the windows and their order: live, in a replay and offline, the same windows give the same
     estimates.
     """
 
     def __init__(self) -> None:
-        # Description and calibration of the last valid estimate, and its faults.
+        # Description, calibration and faults of the latest valid estimate.
         self._last: tuple[tuple[object, ...], NDArray[np.float64] | None] = (), None
         self._memory = NOTHING
         self._motion: _Motion | None = None
@@ -292,7 +292,7 @@ class Diagnosis:
         segment
             The next window or refusal.
         calibration
-            Calibration of the actuator, or why it has none.
+            Calibration of the actuator, or the reason why it has none.
         search
             Settings of the identification.
         combining
@@ -332,7 +332,7 @@ class Diagnosis:
 
     @property
     def tally(self) -> Tally:
-        """Counts of stretches by result since the combination started."""
+        """Number of stretches by result since the combination started."""
         return Tally() if self._motion is None else self._motion.combination.tally
 
     def begin_at(self, description: ActuatorDescription, estimate: Estimate) -> None:
@@ -349,7 +349,7 @@ class Diagnosis:
             self._last = described, np.array(estimate.faults)
 
     def stopped(self) -> "Diagnosis":
-        """Return a diagnosis that starts at the same faults, without combined stretches."""
+        """Return a new diagnosis that starts at the same faults, without combined stretches."""
         twin = Diagnosis()
         twin._last, twin._memory = self._last, self._memory
         return twin
@@ -388,7 +388,7 @@ class Diagnosis:
         return Diagnosed(self._combined - 1, self._latest, motion.description, estimate)
 
     def _departed_without_estimate(self, motion: _Motion) -> list[Diagnosed]:
-        """Return a refusal if the stretches of a combination without an estimate depart."""
+        """Return a refusal if a combination gave no estimate and its stretches depart."""
         is_new = motion.combination.tally.fruitless > motion.fruitless
         motion.fruitless = motion.combination.tally.fruitless
         if not is_new or not (stretches := list(motion.since.values())):

@@ -1,4 +1,4 @@
-"""Detection of faulty calibration windows: a fault explains them as well as a healthy unit."""
+"""Detection of calibration windows that a fault explains as well as a healthy unit does."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,7 +28,7 @@ _WINDOWS: Final = 2
 def fault_instead(
     calibration: Calibration, windows: Sequence[Window], description: ActuatorDescription
 ) -> str:
-    """Return a text naming the fault that also explains calibration windows; "" if none does.
+    """Return a phrase naming a fault that would explain calibration windows; "" if none would.
 
     The deviations of a calibration may have absorbed a fault. The described unit with faults is
     therefore compared with the fitted healthy unit. A fault counts if it exceeds its limit in each

@@ -1,4 +1,4 @@
-"""Health of an actuator from an estimate: levels, index and grade (docs/faults.md)."""
+"""Health of an actuator from an estimate: levels, health index and severity (docs/faults.md)."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ from ema_monitor.model.deviations import USUAL_SIGMA
 from ema_monitor.unusual_causes import ONE_SIDED_95, TORQUE_CONSTANT, torque_change, unusual_causes
 
 TORQUE_PER_AMPERE: Final = "torque_per_ampere"
-"""Name of an additional requirement: the remaining share of the torque per ampere [-]."""
+"""Name of an additional requirement, the remaining share of the torque per ampere [-]."""
 
 USUAL_TORQUE_CHANGE: Final = USUAL_SIGMA[TORQUE_CONSTANT]
 """Standard deviation of the torque per ampere due to the temperature of the magnets [-]."""
@@ -40,7 +40,7 @@ _GRADES: Final = (0.5, 0.8, 1.0)
 
 def _limit_of(kind: str) -> Any:
     fault = KINDS[kind][0]
-    suffix = f", either way from {fault.healthy:g}" if fault.is_two_sided else ""
+    suffix = f", in both directions from {fault.healthy:g}" if fault.is_two_sided else ""
     if len(KINDS[kind]) > 1:
         suffix = ", each phase"
     words = kind.replace("_", " ")
@@ -51,17 +51,17 @@ def _limit_of(kind: str) -> Any:
 class HealthLimits(Checked, settings_by_kind("_LimitByKind", float, _limit_of)):
     """End-of-life limits, and the share of a limit at which a warning is given.
 
-    There is a limit for each kind of fault, by its name: the largest distance of a component from
-    its healthy value [-].
+    There is one limit for each kind of fault: the largest distance of a component from its healthy
+    value [-].
 
     Raises
     ------
     ValueError
-        If a figure is outside its range; the message names it.
+        If a value is outside its range; the message names it.
     """
 
     warn_share: float = quantity(
-        0.2, "-", 1e-3, 1.0, "share of a limit that a fault's lower 95 % bound exceeds at a warning"
+        0.2, "-", 1e-3, 1.0, "share of a limit at which a fault's lower 95 % bound gives a warning"
     )
 
     def of(self, fault_name: str) -> float:
@@ -76,16 +76,16 @@ class HealthLimits(Checked, settings_by_kind("_LimitByKind", float, _limit_of)):
 
     @property
     def friction_warning(self) -> float:
-        """Relative change of Coulomb friction at which a warning is given [-]: 2 k of the fault."""
+        """Relative change of Coulomb friction that gives a warning [-]: 2 k of the fault."""
         return 2.0 * self.warn_share * self.of("friction")
 
 
 class Recurrence(NamedTuple):
-    """How often an intermittent fault exceeded its limit."""
+    """Recurrence of an intermittent fault: how often it exceeded its limit."""
 
     times: int
     tests: int
-    """Number of tests with the fault beyond its limit, and number of tests considered."""
+    """Number of tests in which the fault exceeded its limit, and number of tests considered."""
     worst: float
     """Largest distance of the fault from healthy [-]."""
 
@@ -97,7 +97,7 @@ class FaultHealth:
     name: str
     """Component of the fault vector."""
     level: int
-    """``OK``, ``WARN`` or ``ERROR``; ``STALE`` when the fault is unknown."""
+    """``OK``, ``WARN`` or ``ERROR``; ``STALE`` if the fault is unknown."""
     value: float
     sigma: float
     """Estimated value and its standard deviation [-]; sigma is NaN if unobservable."""
@@ -109,12 +109,12 @@ class FaultHealth:
     share: float
     """Share of the way from healthy to the limit [-]."""
     held: float = math.nan
-    """Value of the latest test [-] if it disagrees with earlier tests, and either gives a warning
-    or failure: the next test must confirm it; else NaN."""
+    """Value of the latest test [-] that the next test must confirm: it disagrees with earlier
+    tests, and one of the values gives a warning or failure. NaN otherwise."""
     unconfirmed: int | None = None
     """Lower level shown by the latest test that later tests must confirm, or None."""
     recurrence: Recurrence | None = None
-    """How often the fault was beyond its limit, if it is intermittent and not acknowledged."""
+    """Recurrence of the fault, if it is intermittent and not acknowledged."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Health:
     """Health of an actuator."""
 
     level: int
-    """Worst level of all known faults and requirements. ``STALE`` if none is known, or if a
+    """Worst level of all known faults and requirements. ``STALE`` if nothing is known, or if a
     comparison does not show that the unit is healthy."""
     health_index: float
     """Minimum of 1 - share over the faults [-], clipped to [0, 1], and at most 0.99 with a warning.
@@ -142,7 +142,7 @@ class Health:
     """Health with respect to each requirement; empty if there are none."""
 
     def without_ok(self) -> "Health":
-        """Return health with STALE in place of OK for every fault and requirement."""
+        """Return the health with STALE instead of OK for every fault and requirement."""
 
         def unsure(items: tuple[FaultHealth, ...]) -> tuple[FaultHealth, ...]:
             return tuple(replace(item, level=STALE) if item.level == OK else item for item in items)
@@ -153,7 +153,7 @@ class Health:
 
 @dataclass(frozen=True)
 class Tracked:
-    """Value of a fault estimated from all tests."""
+    """Value of a fault, estimated from all tests."""
 
     value: float
     sigma: float
@@ -179,10 +179,10 @@ def assess(
     limits
         Limits at which life ends.
     tracked
-        Values tracked over all tests so far, by component; for missing components, and when None,
-        the estimate is used.
+        Values tracked over all tests so far, by component. The estimate is used for missing
+        components, and for None.
     intermittent
-        Intermittent faults: WARN at least, ERROR in a test that shows them beyond their limit.
+        Intermittent faults: at least WARN, and ERROR in a test that shows them beyond their limit.
 
     Raises
     ------
@@ -191,25 +191,25 @@ def assess(
 
     Notes
     -----
-    WARN when the lower 95 % bound of a fault exceeds a share of its limit, or the estimate has
-    departed; ERROR when a fault's value exceeds the limit. A fault is STALE when no recent test has
-    shown it, or its upper 95 % bound exceeds the limit. For a modelled drive, OK needs every fault:
-    if a fault is STALE, the level is STALE and the health index unknown, unless the level is WARN
-    or ERROR. The direction of eccentricity is not a fault.
+    The level is WARN if the lower 95 % bound of a fault exceeds a share of its limit, or if the
+    estimate has departed, and ERROR if the value of a fault exceeds its limit. A fault is STALE if
+    no recent test has shown it, or if its upper 95 % bound exceeds the limit. For a modelled drive,
+    OK requires every fault: if a fault is STALE, the level is STALE and the health index unknown,
+    unless the level is WARN or ERROR. The direction of eccentricity is not a fault.
 
-    The confidence is the share of faults that the estimate and recent tests show. Where the
-    goodness of fit exceeds half its limit it is reduced, by the excess or by the unexplained share,
-    whichever reduces less; at both limits it is zero. If both the estimate and the tracker see a
-    fault at healthy, the smaller sigma counts. A value that is held back until the next test, and
-    by itself would be WARN or ERROR, is WARN.
+    The confidence is the share of faults that the estimate and recent tests show. If the goodness
+    of fit exceeds half its limit, the confidence is reduced by the excess or by the unexplained
+    share, whichever reduces it less; at both limits it is zero. If the estimate and the tracker
+    both find a fault healthy, the smaller sigma is used. A value that is held back until the next
+    test is WARN if it would be WARN or ERROR by itself.
 
-    A hidden cause beyond its usual range, or of a window that fits poorly, gives a WARN
+    A hidden cause beyond its usual range, or in a window that fits poorly, gives a WARN
     (`unusual_causes`). A torque constant below its healthy value counts as a loss of torque per
-    ampere, in index and requirements.
+    ampere, in health index and requirements.
 
-    If the estimate has a comparison, OK needs a judgement of Coulomb friction whose smallest
-    detectable change is below the warning limit. Otherwise the level is STALE, and health index and
-    confidence are unknown.
+    If the estimate has a comparison, OK requires that the comparison judges Coulomb friction, with
+    a smallest detectable change below the warning limit. Otherwise the level is STALE, and health
+    index and confidence are unknown.
     """
     if not estimate.valid:
         raise ValueError(f"no health without a valid estimate: {estimate.reason}")
@@ -232,7 +232,7 @@ def assess(
     unseen = "" if comparison is not None else _joined(why_not_shown(missing), unseen)
     worst = worst_of(faults)
     limit = estimate.goodness_limit
-    # The fit is unknown when the calibration has no scatter.
+    # The fit is unknown if the calibration has no scatter.
     goodness = np.nan_to_num(estimate.goodness_of_fit, nan=limit)
     fit = np.interp(goodness, [limit / 2.0, limit], [1.0, 0.0])
     if np.isfinite(estimate.unexplained_share):
@@ -281,7 +281,7 @@ def _torque_by_causes(
 ) -> tuple[FaultHealth, ...]:
     """Return health with respect to torque per ampere, reduced by a weaker motor or magnets.
 
-    A window may not separate turns lost in all phases from turns lost in a single phase.
+    A window may not separate lost turns in all phases from lost turns in a single phase.
     """
     cause = torque_change(estimate)
     if cause is None or cause.value >= 0.0:
@@ -297,7 +297,7 @@ def _torque_by_causes(
 
 
 def why_not_shown(names: Sequence[str]) -> str:
-    """Return a text on faults missing from recent tests and the motion they need; "" if none."""
+    """Return a phrase on the faults that recent tests do not show, and on the motion they need."""
     by_motion: dict[str, list[str]] = {}
     for name in names:
         fault = FAULT_BY_NAME[name]
@@ -334,25 +334,25 @@ def _by_comparison(health: Health, comparison: Comparison, limits: HealthLimits)
         level=STALE,
         health_index=math.nan,
         confidence=0.0,
-        reason=missing,  # the comparison itself reports the rest
+        reason=missing,  # the comparison itself reports the other reasons
     )
 
 
 def warned(health: Health) -> Health:
-    """Return health with a warning at least, and an index and severity to match."""
+    """Return the health with at least a warning, and a matching health index and severity."""
     level = WARN if health.level in (OK, STALE) else health.level
     return _limited_by_warning(replace(health, level=level, severity=max(health.severity, 1)))
 
 
 def _limited_by_warning(health: Health) -> Health:
-    """Return health whose index is at most 0.99 with a warning."""
+    """Return the health, with a health index of at most 0.99 if there is a warning."""
     if health.level in (WARN, ERROR) and health.health_index > BEST_INDEX_WITH_WARNING:
         return replace(health, health_index=BEST_INDEX_WITH_WARNING)
     return health
 
 
 def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> Health:
-    """Return health including further requirements, with the worse level and severity.
+    """Return the health with further requirements, and the worse level and severity of both.
 
     Parameters
     ----------
@@ -379,8 +379,8 @@ def _torque_per_ampere(
 ) -> tuple[FaultHealth, ...]:
     """Return health with respect to the torque per ampere of an unknown drive.
 
-    Turns may be lost in all phases as well as in a single phase. Hot magnets are weaker, which is
-    not a fault: unless their effect was measured, it is part of the sigma.
+    Turns may be lost in all phases, not only in a single phase. Hot magnets are weaker, which is
+    not a fault: unless their effect was measured, it is part of sigma.
     """
     change, sigma = _torque_change(comparison)
     if math.isnan(change):
@@ -410,7 +410,7 @@ def _torque_change(comparison: Comparison) -> tuple[float, float]:
 
 
 def worst_of(items: tuple[FaultHealth, ...]) -> FaultHealth | None:
-    """Return the worst fault or requirement that is not STALE; None if all are STALE."""
+    """Return the worst fault or requirement that is not STALE, or None."""
     judged = [item for item in items if item.level != STALE]
     return max(judged, key=lambda item: (item.level, item.share), default=None)
 
@@ -429,7 +429,7 @@ def _assess_fault(
     alone = _alone(number, estimate, limits)
     level, held = alone, math.nan
     if tracked is not None:
-        # If both see the fault at healthy, all tests together are at least as certain as this one.
+        # If both find the fault healthy, all tests together are at least as certain as this test.
         agree = value == fault.healthy and abs(tracked.value - value) < sigma
         sigma = min(sigma, tracked.sigma) if agree else tracked.sigma
         value = tracked.value
@@ -445,7 +445,7 @@ def _assess_fault(
 
 
 def _alone(number: int, estimate: Estimate, limits: HealthLimits) -> int:
-    """Return the level of a fault from the estimate alone."""
+    """Return the level of a fault according to the estimate alone."""
     if estimate.unobservable[number]:
         return STALE
     fault = FAULTS[number]

@@ -1,6 +1,6 @@
-"""Intake of one actuator: windows and use of units from telemetry, measurements and counts.
+"""Intake of one actuator's data: windows and use of units, from telemetry, measurements and counts.
 
-The node, `Monitor`, the commands for bags and the archive share it.
+The node, `Monitor`, the commands that read bags and the archive all use it.
 """
 
 from collections import deque
@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # an estimate alone needs no prognosis
     from ema_monitor.prognosis.service import CountLog
 
 MOST_MEASUREMENTS: Final = 10_000
-"""Number of measurements kept per cause in an endless telemetry stream."""
+"""Number of measurements stored per cause in an endless telemetry stream."""
 
 MOST_PIECES: Final = 1000
 """Number of windows with separately stored duty in an endless telemetry stream."""
@@ -45,8 +45,8 @@ class Use(NamedTuple):
 class Intake:
     """Processes telemetry, measurements and counts of one actuator.
 
-    Each window has the measured causes that are valid at its start. The duty in all telemetry of
-    a unit, and the counts of its service life, are kept until a test of the unit takes them.
+    Each window gets the measured causes that are valid at its start. The duty in all telemetry of a
+    unit and its service-life counts are stored until a test of the unit takes them.
 
     Parameters
     ----------
@@ -57,14 +57,14 @@ class Intake:
     description
         The actuator; None until it is described.
     measurements, counts
-        Logs shared with further actuators; None for separate logs.
+        Logs shared with other actuators; None for separate logs.
     measured
-        Causes measured throughout; each replaces the measurements of the log.
+        Causes that are measured throughout; each replaces the measurements in the log.
     max_age_s
         Returns the largest age of a measurement at the start of a window [s].
     most_pieces
-        Number of the latest windows of a unit whose duty is kept separately; None for all windows
-        of any number of units.
+        Number of latest windows of a unit whose duty is stored separately; None for all windows of
+        any number of units.
     measures_duty
         Whether to measure duty, which compiles a kernel.
 
@@ -97,11 +97,11 @@ class Intake:
         self._max_age_s = max_age_s
         self._most_pieces = most_pieces
         self._measures_duty = measures_duty
-        # By unit mounted as this actuator, the latest last.
+        # By unit mounted as this actuator; the latest unit is last.
         self._meters: dict[UnitKey, DutyMeter] = {}
 
     def describe(self, description: ActuatorDescription) -> list[Segment | Defect]:
-        """Apply a description (see `WindowFinder.describe`); earlier counts belong to its unit."""
+        """Apply a description (see `WindowFinder.describe`); assign earlier counts to its unit."""
         if description == self.finder.description:
             return []
         if self._counts is not None:
@@ -113,7 +113,7 @@ class Intake:
         return self._complete(self.finder.restart(settings, reason))
 
     def feed(self, block: Telemetry) -> list[Segment | Defect]:
-        """Process the next block. Return completed windows and defects of the block."""
+        """Process the next block. Return the completed windows and the defects of the block."""
         described = self.finder.description
         if self._measures_duty and described is not None:
             rise = self._measurements.winding_rise(

@@ -1,4 +1,4 @@
-"""Monitor of one actuator: defects, estimates and health from telemetry, without ROS."""
+"""Monitor of one actuator: estimates, health and defects from telemetry, without ROS."""
 
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -25,7 +25,7 @@ from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, TriggerSettings
 
 Event = Defect | Diagnosed | Outlook
-"""Defect of the telemetry, estimate or refusal of a window, or health and life after a test."""
+"""Defect of the telemetry, estimate (or refusal) of a window, or outlook after a test."""
 
 
 @dataclass(frozen=True)
@@ -95,9 +95,9 @@ class Monitor:
         """Process a block of telemetry; yield defects, estimates and outlooks.
 
         Feed blocks in the order of their reception. If the clock of their stamps steps back, the
-        level is unknown (``STALE``) until tests are later than before the step. If the clock of
-        this computer stepped back as well, or ``has_clock`` is false, tests are ordered by
-        feeding.
+        level is unknown (``STALE``) until the stamps of tests exceed the stamps before the step. If
+        the clock of this computer stepped back as well, or ``has_clock`` is false, tests are
+        ordered by the time at which they were fed.
         """
         return self._follow(self._intake.feed(telemetry))
 
@@ -143,10 +143,10 @@ class Monitor:
             )
 
     def _reception_of(self, estimate: Estimate) -> int:
-        """Return the reception time [ns] if a test must be ordered by reception, or else 0.
+        """Return the reception time [ns] of a test that must be ordered by reception; else 0.
 
-        Telemetry is fed in the order of its reception. A stamp not later than the stamp of the
-        newest test therefore comes from a clock that stepped back, or from another recording.
+        Telemetry is fed in the order of its reception. A stamp that is not later than the newest
+        stamp therefore comes from a clock that stepped back, or from another recording.
         """
         newest = self.unit.history.newest
         is_later = newest is None or estimate.end_ns > newest.stamp_ns

@@ -1,4 +1,4 @@
-"""Hidden causes outside the usual range of healthy units; they exclude the level OK."""
+"""Detection of hidden causes outside their usual range, which exclude the level OK."""
 
 from collections.abc import Iterable, Iterator
 from typing import Final
@@ -18,12 +18,12 @@ ONE_SIDED_95: Final = 1.645
 
 
 def usual_range(name: str) -> float:
-    """Return the half-width of a cause's usual range (90 % probability) [-]."""
+    """Return the half-width of the usual range (90 % probability) of a cause [-]."""
     return ONE_SIDED_95 * USUAL_SIGMA[name]
 
 
 def torque_change(estimate: Estimate) -> CauseEstimate | None:
-    """Return the estimated, or else measured, change of the torque constant, or None.
+    """Return the estimated (or else the measured) change of the torque constant, or None.
 
     Equal short circuits that the window does not separate from a weaker motor are such a change.
     """
@@ -38,12 +38,12 @@ def torque_change(estimate: Estimate) -> CauseEstimate | None:
 
 
 def unusual_causes(estimate: Estimate) -> dict[str, str]:
-    """Return one text per cause of an estimate that excludes the level OK, by cause name.
+    """Return the hidden causes of an estimate that exclude the level OK: a phrase by cause name.
 
     An estimated or measured cause is unusual if its 95 % bound is outside the usual range. For a
     degraded estimate the value is used instead of the bound, as sigma includes the uncertainty of
-    inseparable components. If the fit is poor, every estimated cause counts: it may stand for
-    anything that the model does not explain.
+    inseparable components. If the fit is poor, every estimated cause counts, because it may
+    represent something that the model cannot explain.
     """
     is_poor = estimate.goodness_of_fit > estimate.goodness_limit
     sigmas = 0.0 if estimate.verdict == DEGRADED else ONE_SIDED_95

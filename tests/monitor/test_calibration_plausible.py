@@ -48,7 +48,7 @@ def test_worn_unit_is_refused_unless_a_person_accepts_it(faults: Mapping[str, fl
     with pytest.raises(ValueError, match="implausible for a healthy unit") as refused:
         calibrate(worn, FLAP)
     assert words in str(refused.value)
-    assert "name who accepts it" in str(refused.value)
+    assert "state who accepts it" in str(refused.value)
     assert calibrate(worn, FLAP, accepted_by="Ada").windows == 3
 
 

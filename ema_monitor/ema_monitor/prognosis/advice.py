@@ -85,7 +85,7 @@ class Decision:
     """Whether the next test will show the dominant fault."""
 
     def remove(self) -> Choice:
-        """Return the best removal among those that must be decided before the next test (P18)."""
+        """Return the best of the removals that must be decided before the next test (P18)."""
         lead = self.costs.lead_time
         between = self.lives[(self.lives > lead) & (self.lives < lead + self.interval_hours)]
         return self.removed_at(np.concatenate([[lead], np.sort(between)]))
