@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 
 def kernel(*, nogil: bool = True) -> Callable[[Callable[..., Any]], Any]:
-    """Return the decorator that compiles a kernel.
+    """Return a decorator that compiles a function to a kernel.
 
     Kernels divide by zero according to IEEE 754, release the interpreter lock, never raise and are
     cached on disk if possible. Kernels that take only microseconds should keep the lock
@@ -43,7 +43,7 @@ def kernel(*, nogil: bool = True) -> Callable[[Callable[..., Any]], Any]:
         try:
             cache = _KernelCache(function)
             if not Path(cache.cache_path).is_relative_to(folder):
-                # In another folder the cache would become stale when a called kernel changes.
+                # In another folder, the cache would become stale if a called kernel changes.
                 raise RuntimeError(cache.cache_path)
             # numba has no public interface for a custom cache.
             cast(Any, compiled)._cache = cache
@@ -125,5 +125,5 @@ class _KernelCache(FunctionCache):
         try:
             super().save_overload(sig, data)
         except OSError as error:
-            words = "a compiled kernel cannot be stored in %s and is compiled at each start: %s"
+            words = "a compiled kernel cannot be stored in %s; it is compiled at each start: %s"
             _log.warning(words, self.cache_path, error)

@@ -1,4 +1,4 @@
-"""Acquisition of telemetry: meaning of current samples, and which columns are measured."""
+"""Acquisition of telemetry: meaning of current samples, and measured columns."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -7,17 +7,17 @@ from typing import Final
 from ema_core.quantity import Checked, flag, quantity, text
 
 CURRENT_SAMPLINGS: Final = ("mean", "filtered", "instantaneous", "none")
-"""Meaning of a sample of the current: mean over the sample period, low-pass filtered value
-(first order) at its end, value at its end, or not measured."""
+"""Kinds of current samples: mean over the sample period, low-pass filtered value (first order) at
+its end, instantaneous value at its end, or not measured."""
 
 EFFORT_UNITS: Final = ("A", "N.m", "N")
-"""Units of a recorded effort: current, torque of a joint, or force of a rod. Telemetry always holds
-the equivalent current."""
+"""Units of a recorded effort: current, joint torque, or rod force. Telemetry always contains the
+equivalent current."""
 
 
 @dataclass(frozen=True)
 class Acquisition(Checked):
-    """Acquisition of the columns of telemetry.
+    """How the columns of telemetry are acquired.
 
     Raises
     ------
@@ -26,8 +26,8 @@ class Acquisition(Checked):
         constant is given for an unfiltered current.
     """
 
-    current: str = text("mean", "what a sample of the current stands for", CURRENT_SAMPLINGS)
-    current_filter: float = quantity(0.0, "s", 0.0, 1.0, "time constant of the current's filter")
+    current: str = text("mean", "meaning of a current sample", CURRENT_SAMPLINGS)
+    current_filter: float = quantity(0.0, "s", 0.0, 1.0, "time constant of the current filter")
     speed: bool = flag(True, "the speed is measured")
     command: bool = flag(True, "there is a position command")
     effort_unit: str = text(
@@ -59,7 +59,7 @@ class Acquisition(Checked):
         return tuple(name for name, is_absent in absent.items() if is_absent)
 
     def contradiction(self, missing: Collection[str]) -> str:
-        """Return how these empty telemetry columns contradict the acquisition; "" if they agree."""
+        """Return how empty telemetry columns contradict the acquisition; "" if they agree."""
         reasons = [
             f"the {name} is declared as measured ({self}), but its column is empty"
             if name in missing

@@ -1,9 +1,9 @@
-"""Process environment for medium-sized arrays: single-threaded algebra, memory reuse.
+"""Process environment for medium-sized arrays: single-threaded algebra and reuse of memory.
 
 The programs divide their work among processors themselves. Threads of numpy's linear algebra would
 wait actively and occupy the processor of another worker, and their number may change the last bits
-of a result. By default, the C library returns the memory of each array to the system: a sixth of
-an estimate's time is spent on new pages.
+of a result. By default, the C library returns the memory of each array to the system, and new pages
+take a sixth of the time of an estimate.
 """
 
 import os
@@ -17,7 +17,7 @@ _MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD
 
 
 def array_environment(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Return the variables to add to an environment without overriding existing ones.
+    """Return the variables to add to an environment; existing variables are not overridden.
 
     In the current process they limit threads if numpy is not imported yet. In child processes they
     also affect memory.

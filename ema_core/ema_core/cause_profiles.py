@@ -1,4 +1,4 @@
-"""Time profiles of hidden causes (constant, step or ramp), and their text form."""
+"""Time profiles of hidden causes (constant, step or ramp), and their notation as strings."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -13,14 +13,15 @@ from ema_core.quantity import is_finite_number
 from ema_core.wording import as_identifier, unknown_name
 
 GRAMMAR: Final = "NAME=VALUE[@START[..END]]"
-"""Text form of a cause: value, then optionally the step time or ramp start and end [s]."""
+"""Notation of a cause: value, then optionally the time of a step, or start and end of a ramp
+[s]."""
 
 _TEXT: Final = re.compile(r"\s*([^=]+?)\s*=\s*([^@=\s]+?)(?:@([^@=\s]+?)(?:\.\.([^@=\s]+))?)?\s*")
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Time profile of a cause: 0 before ``start_s``, a linear ramp, ``value`` after ``end_s``."""
+    """Time profile of a cause: 0, then from ``start_s`` a ramp to ``value`` at ``end_s``."""
 
     value: float
     """Final value, in the unit of the cause."""
@@ -43,7 +44,7 @@ class Profile:
 
 
 Causes = Mapping[str, Profile | float] | Iterable[str]
-"""Hidden causes by name, or as texts of the form `GRAMMAR`."""
+"""Hidden causes by name, or as strings in the notation `GRAMMAR`."""
 
 
 def cause_profiles(causes: Causes) -> dict[str, Profile]:
@@ -52,7 +53,7 @@ def cause_profiles(causes: Causes) -> dict[str, Profile]:
     Parameters
     ----------
     causes
-        Values or profiles by name, or texts such as ``"current_offset=0.1@3.0"`` (`GRAMMAR`).
+        Values or profiles by name, or strings such as ``"current_offset=0.1@3.0"`` (`GRAMMAR`).
 
     Raises
     ------
@@ -61,7 +62,7 @@ def cause_profiles(causes: Causes) -> dict[str, Profile]:
         negative or not finite; the message names the cause, its value, unit and range.
     """
     if isinstance(causes, str):
-        raise ValueError(f"causes = {causes!r}: expected a list of texts {GRAMMAR}")
+        raise ValueError(f"causes = {causes!r}: expected a list of strings {GRAMMAR}")
     if isinstance(causes, Mapping):
         pairs = [
             (name, item if isinstance(item, Profile) else Profile(item))
@@ -112,7 +113,7 @@ def _cause(name: str) -> Cause:
 
 
 def _checked(cause: Cause, profile: Profile) -> Profile:
-    """Return the profile with float values. Raises ValueError if it is invalid for its cause."""
+    """Return the profile with float values; raise ValueError if it is invalid for its cause."""
     value, unit = profile.value, cause.unit
     expected = f"[{cause.lowest:g}, {cause.highest:g}] {unit} ({cause.label}: {cause.meaning})"
     if not is_finite_number(value):

@@ -1,4 +1,4 @@
-"""Registry of hidden causes: conditions that change telemetry and are not faults.
+"""Registry of hidden causes: conditions other than faults that change telemetry.
 
 The simulator applies them (equations in docs/model.md). The monitor considers some of them as
 competing explanations. An absent cause has the value 0.
@@ -67,7 +67,7 @@ _PLANT = (
         "K",
         -150.0,
         250.0,
-        "rise over the description's; the resistance follows by 0.393 %/K",
+        "rise over the described temperature; the resistance rises by 0.393 %/K",
     ),
     ("supply_voltage", "supply voltage", "-", -0.9, 1.0, "relative change"),
     ("viscous_friction", "viscous friction", "-", -1.0, 1e3, "relative change"),
@@ -122,7 +122,7 @@ CAUSE_BY_NAME: Final = {cause.name: cause for cause in CAUSES}
 
 
 class CauseEstimate(NamedTuple):
-    """Estimate or measurement of a hidden cause: value and standard deviation in its unit."""
+    """Estimated or measured hidden cause: name, value and standard deviation in its unit."""
 
     name: str
     value: float

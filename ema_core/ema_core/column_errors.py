@@ -18,8 +18,9 @@ between columns by a few per cent, and the factors of most mistakes differ by mo
 share."""
 
 NEAR_MODEL: Final = 0.4
-"""The same tolerance relative to the described actuator's response [-]. Healthy windows of random
-units deviate by at most 8 %; deviations yet to be fitted may add several times that."""
+"""Tolerance for matching a factor relative to the modelled response of the described actuator [-].
+Healthy windows of random units deviate by at most 8 %; deviations that are not yet fitted may be
+several times larger."""
 
 
 class Kind(Enum):
@@ -58,11 +59,11 @@ class Mistake(NamedTuple):
     unit: str = ""
     """Unit or convention of the values."""
     stated: str = ""
-    """Unit or convention as which the values are interpreted."""
+    """Unit or convention in which the values are interpreted."""
 
     @property
     def is_of_si(self) -> bool:
-        """Whether the values are interpreted in SI units, or the unit does not matter."""
+        """Whether the values are interpreted as SI units, or the unit does not matter."""
         return self.kind is not Kind.UNIT or self.stated in ("rad", "rad/s")
 
 
@@ -79,7 +80,7 @@ class ColumnError:
     reference
         Reference that the columns contradict.
     mistakes
-        Common mistakes that together explain the factor; empty if there are none.
+        Common mistakes that together explain the factor; empty if no mistakes do.
     """
 
     columns: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Texts about wrong telemetry columns."""
+"""Messages about wrong telemetry columns."""
 
 from typing import Final
 
@@ -27,15 +27,15 @@ def question(column: str, mistake: Mistake, reference: Reference) -> str:
     """Return a question asking the user whether a column has a given mistake."""
     match mistake.kind:
         case Kind.SIGN:
-            return "is its sign the other one?"
+            return "is its sign reversed?"
         case Kind.SCALE if mistake.factor > 1.0:
             return "are these thousandths read as whole units?"
         case Kind.SCALE:
             return "are whole units read as thousandths?"
         case Kind.GEAR_RATIO:
-            return "is the gear ratio in it twice, or missing?"
+            return "was the gear ratio applied twice, or not at all?"
         case Kind.SHAFT:
-            return "is it of the other side of the gear?"
+            return "does it refer to the other side of the gear?"
         case Kind.AMPLITUDE:
             values = "a peak" if mistake.unit == "peak" else mistake.unit
             return f"is {values} given for {'a peak' if mistake.stated == 'peak' else 'RMS'}?"
@@ -55,7 +55,7 @@ def questions(error: ColumnError) -> str:
 
 
 def error_text(error: ColumnError | UnrelatedColumn) -> str:
-    """Return a text with the wrong column, its factor, and a question about likely mistakes."""
+    """Return a message with the wrong column, its factor, and a question about likely mistakes."""
     reference = _REFERENCES[error.reference]
     if isinstance(error, UnrelatedColumn):
         return (

@@ -18,7 +18,7 @@ from ema_core.quantity import Checked, check_length, finite_samples, hint_of_uni
 COMMAND_SHAPES: Final = ("step", "ramp", "sine", "chirp", "swing", "moves", "custom")
 
 APPROACH_DEPTH: Final = 2e-3
-"""Default distance over which a cycle approaches its start from below [rad]."""
+"""Default distance of the approach from below to the start of a cycle [rad]."""
 
 _SLOWEST_MOVE = 0.1
 _SHORTEST_MOVE_S = 0.05
@@ -32,7 +32,7 @@ _ARRAYS = 2  # simultaneous arrays of the length of the command, without tempora
 
 @dataclass(frozen=True, eq=False)
 class Command(Checked):
-    """A command, defined by its shape and parameters.
+    """A position command, defined by its shape and parameters.
 
     A swing has the frequencies and envelope of a chirp but starts at rest. Its first half period
     moves from the start to the amplitude, each further half period between turning points. After a
@@ -45,19 +45,19 @@ class Command(Checked):
         "rad",
         -10.0,
         10.0,
-        "amplitude, height of the step, end value of the ramp, reach of the moves",
+        "amplitude, height of the step, end value of the ramp, or limit of the moves",
     )
-    duration: float = quantity(0.5, "s", 1e-3, 3600.0, "length of the command")
-    start_time: float = quantity(0.01, "s", 0.0, 3600.0, "when a step or ramp starts")
+    duration: float = quantity(0.5, "s", 1e-3, 3600.0, "duration of the command")
+    start_time: float = quantity(0.01, "s", 0.0, 3600.0, "start time of a step or ramp")
     rate: float = quantity(
-        0.1, "rad/s", 0.0, 100.0, "speed of the ramp, largest speed of the moves"
+        0.1, "rad/s", 0.0, 100.0, "speed of the ramp, or largest speed of the moves"
     )
     start_frequency: float = quantity(
         0.0, "Hz", 0.0, 1e3, "frequency of the sine, or of chirp or swing at its start"
     )
     end_frequency: float = quantity(15.0, "Hz", 0.0, 1e3, "frequency of chirp or swing at its end")
     final_fraction: float = quantity(
-        1.0, "-", 0.0, 1.0, "share of the amplitude of chirp or swing that is left at its end"
+        1.0, "-", 0.0, 1.0, "ratio of final to initial amplitude of chirp or swing"
     )
     seed: int = quantity(0, "-", 0, 2**62, "seed of the moves")
     samples: ArrayLike = field(default=(), repr=False)
@@ -73,7 +73,7 @@ class Command(Checked):
             )
 
     def travel_warning(self, parameters: ActuatorParameters) -> str:
-        """Return a warning if the command exceeds the end stops, else an empty text.
+        """Return a warning if the command exceeds the end stops, else "".
 
         It is not an error, because a test may drive the actuator into its stops on purpose. The
         usual cause is a wrong unit of the angle.
@@ -90,7 +90,7 @@ class Command(Checked):
         )
 
     def sample(self, sample_period: float) -> NDArray[np.float64]:
-        """Sample the command at a period [s]. Return ``(n,)`` angles [rad].
+        """Return the samples of the command at a sample period [s]: angles, ``(n,)`` [rad].
 
         Raises
         ------
@@ -127,7 +127,7 @@ class Command(Checked):
         return self.amplitude * envelope * np.sin(phase)
 
     def _moves(self, n: int, h: float) -> NDArray[np.float64]:
-        """Return smooth moves between random angles, with dwells, ``(n,)``."""
+        """Return the samples of smooth moves between random angles, with dwells, ``(n,)``."""
         rng = np.random.default_rng(self.seed)
         reach, parts, at, done = abs(self.amplitude), [], 0.0, 0
         while done < n:
@@ -145,7 +145,7 @@ THESIS_CHIRP: Final = Command()
 
 
 class Cycle(NamedTuple):
-    """Samples of a whole test cycle [rad], and where the test command lies in it.
+    """Samples of a whole test cycle [rad], and the position of the test command within them.
 
     ``start`` is the index of the last sample at rest before the command, ``stop`` the index after
     the last sample of the command.
@@ -166,7 +166,7 @@ def _smooth_move(
 
 
 def approach_travel(parameters: ActuatorParameters) -> float:
-    """Return the one-way command travel that closes the play [rad].
+    """Return the one-way command travel that takes up the play [rad].
 
     It is the sum of the largest backlash and the position error sustained by the highest friction
     at the lowest gain, both at the user shaft.
@@ -181,7 +181,7 @@ def approach_travel(parameters: ActuatorParameters) -> float:
 
 
 def approach_depth(parameters: ActuatorParameters) -> float:
-    """Return the distance over which a cycle approaches its start from below [rad].
+    """Return the distance of the approach from below to the start of a cycle [rad].
 
     It is 2 mrad, or more if the play of the actuator requires it.
     """

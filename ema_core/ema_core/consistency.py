@@ -1,8 +1,8 @@
 """Consistency checks for coupled parameters of an actuator description.
 
-Changing one parameter of the built-in example without its dependent parameters describes an
-actuator that does not exist. Each coupling is a ratio with its usual range. A ratio outside its
-range gives a remark with the parameters to check, not a refusal: an actuator may be unusual.
+A change of one parameter of the built-in example without its dependent parameters describes an
+actuator that cannot exist. Each coupling is a ratio with its usual range. A ratio outside its range
+gives a remark with the parameters to check, not an error, because an actuator may be unusual.
 """
 
 import math
@@ -41,7 +41,7 @@ _OF_BOTH: Final = (
         lambda p: p.T_max / (p.k_t * p.I_max),
         0.7,
         1.5,
-        "the limit of the torque is about what the largest current makes",
+        "the torque limit is about the torque of the largest current",
     ),
     _Coupling(
         "V_max / (k_e omega_max)",
@@ -76,7 +76,7 @@ _OF_BOTH: Final = (
         lambda p: (p.J_m + p.J_u) * p.omega_max / p.T_max,
         1e-3,
         0.5,
-        "the time to full speed; what the user shaft carries counts tau^2 times at the motor's",
+        "the time to full speed; a load inertia on the user shaft counts tau^2 times at the motor",
         "s",
     ),
     _Coupling(
@@ -134,7 +134,7 @@ def _with_unit(value: float, unit: str = "") -> str:
 
 
 def torque_per_current(parameters: ActuatorParameters, drive: str) -> float:
-    """Return the torque constant of a healthy motor from its back-EMF constant [N.m/A]."""
+    """Return the torque constant that follows from a healthy motor's back-EMF constant [N.m/A]."""
     return TORQUE_PER_EMF[drive] * parameters.k_e
 
 
@@ -154,7 +154,7 @@ def standstill(parameters: ActuatorParameters, drive: str) -> str:
 
 
 def remarks(parameters: ActuatorParameters, drive: str) -> tuple[str, ...]:
-    """Return one sentence per contradiction between coupled parameters of an actuator.
+    """Return a sentence for each contradiction between coupled parameters of an actuator.
 
     Drives with an unknown controller are not checked because most parameters are unused.
     """

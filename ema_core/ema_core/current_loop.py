@@ -1,4 +1,4 @@
-"""Gains of the current loops of a field-oriented drive, set from nominal data."""
+"""Gains of the current loops in a field-oriented drive, computed from nominal data."""
 
 import math
 from typing import Final, NamedTuple

@@ -14,7 +14,7 @@ DRIVES: Final = ("six_step", "field_oriented", "unknown")
 sinusoidal motor, or an unknown controller."""
 
 LONGEST_NAME: Final = 100
-"""Largest number of characters of an id or a serial number."""
+"""Largest number of characters in an id or a serial number."""
 
 SAMPLE_PERIOD = 1e-4
 """Default period of the telemetry [s]."""
@@ -51,7 +51,7 @@ class ActuatorDescription:
 
     @property
     def unit_key(self) -> UnitKey:
-        """Actuator id and serial number: the key for stored data of the unit."""
+        """Actuator id and serial number, the key of the unit's stored data."""
         return self.actuator_id, self.serial_number
 
     def __post_init__(self) -> None:
@@ -83,7 +83,7 @@ def check_name(what: str, name: object) -> None:
     A valid name has 1 to 100 printable characters and no leading or trailing blanks.
     """
     if not isinstance(name, str) or not name:
-        raise ValueError(f"{what} = {name!r}: expected a name (text)")
+        raise ValueError(f"{what} = {name!r}: expected a name (string)")
     if len(name) > LONGEST_NAME:
         raise ValueError(
             f"{what} = {name[:20]!r}...: {len(name)} characters, expected at most {LONGEST_NAME}"

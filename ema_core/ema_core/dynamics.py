@@ -25,7 +25,7 @@ def lag_factor(dt: float) -> float:
 
 
 class CurrentSampling(NamedTuple):
-    """Constants to compute current samples from the values at the steps (M6).
+    """Constants for the computation of current samples from the values at the steps (M6).
 
     A sample starts from ``carry`` times the final state of the previous sample. Each step updates
     the state to ``keep`` times the state plus ``gain`` times the value. The sample is the final
@@ -41,7 +41,7 @@ class CurrentSampling(NamedTuple):
 def current_sampling(acquisition: Acquisition, steps: int, dt: float) -> CurrentSampling:
     """Return the constants for samples of ``steps`` steps of ``dt`` [s].
 
-    An unmeasured current is averaged.
+    A current that is not measured is averaged.
     """
     if acquisition.current == "instantaneous":
         return CurrentSampling(0.0, 0.0, 1.0, 1.0)
@@ -53,19 +53,19 @@ def current_sampling(acquisition: Acquisition, steps: int, dt: float) -> Current
 
 @kernel()
 def clip(x, limit):
-    """Limit ``x`` to plus or minus ``limit``."""
+    """Return ``x``, limited to plus or minus ``limit``."""
     return min(max(x, -limit), limit)
 
 
 @kernel()
 def speed_error(c: ControlConstants, command, theta_user, omega):
-    """Position loop: error of the motor speed [rad/s] (equation M1)."""
+    """Return the error of the motor speed [rad/s], from the position loop (equation M1)."""
     return clip(c.G_prop * (command - theta_user), c.omega_max) - omega
 
 
 @kernel()
 def reference_current(c: ControlConstants, error, integral, last_error, disturbance, dt):
-    """Speed loop: reference current [A] from the speed error [rad/s] (equation M1).
+    """Return the reference current [A] of the speed loop for a speed error [rad/s] (M1).
 
     ``integral`` is the integral of the error [rad]; ``disturbance`` [A] is added before the limit.
     """
@@ -75,7 +75,7 @@ def reference_current(c: ControlConstants, error, integral, last_error, disturba
 
 @kernel()
 def next_speed(m: MechanicalConstants, omega, torque, breakaway, dt):
-    """Motor speed after one step under the net ``torque`` (motor minus load) with friction (M7).
+    """Return the motor speed after a step with net ``torque`` (motor minus load) and friction (M7).
 
     Borello's model: at rest, friction balances any torque up to ``breakaway``, at least ``f_d``; in
     motion it opposes the motion with ``f_d``; a step that would cross zero speed ends at zero.
@@ -92,7 +92,7 @@ def next_speed(m: MechanicalConstants, omega, torque, breakaway, dt):
 
 @kernel()
 def next_speed_of_lanes(m: MechanicalConstants, omega, torque, load, breakaway, friction, dt):
-    """Branch-free version of `next_speed` for lanes (M7).
+    """Return the motor speed after a step, for lanes: a branch-free `next_speed` (M7).
 
     ``friction`` is the dynamic friction, ``load`` opposes the ``torque`` of the motor [N.m]. Lanes
     cannot branch; the reference actuator, a single float, is 6 % faster with branches. The
@@ -108,5 +108,5 @@ def next_speed_of_lanes(m: MechanicalConstants, omega, torque, load, breakaway, 
 
 @kernel()
 def follow_in_play(theta_out, theta_motor, half_backlash):
-    """Fast-shaft angle [rad] on the user side of the backlash, for a motor angle (M8)."""
+    """Return the fast-shaft angle [rad] behind the backlash, for a motor angle (M8)."""
     return min(max(theta_out, theta_motor - half_backlash), theta_motor + half_backlash)

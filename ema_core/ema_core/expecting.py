@@ -13,7 +13,7 @@ def require_type(name: str, value: Any, expected: type | tuple[type, ...], hint:
     expected
         Permitted type, or a tuple of permitted types.
     hint
-        Advice for the message, such as a function that returns this type; "" for none.
+        Hint for the message, such as a function that returns this type; "" for none.
     """
     types = expected if isinstance(expected, tuple) else (expected,)
     if not isinstance(value, types):

@@ -19,7 +19,7 @@ from ema_core.wording import unknown_name
 
 
 class Damage(IntEnum):
-    """Measure of the use that makes a fault grow."""
+    """Measure of use by which the growth of a fault is counted."""
 
     WEAR = 0
     """Travel, weighted by the load."""
@@ -36,7 +36,7 @@ class Fault:
     Raises
     ------
     ValueError
-        When only some of ``limit``, ``growth`` and ``damage`` are set.
+        If only some of ``limit``, ``growth`` and ``damage`` are set.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Fault:
     healthy: float
     """Healthy value of the normalised k [-]."""
     highest: float
-    """Largest normalised value k that can be simulated [-]."""
+    """Largest normalised value k in simulations [-]."""
     quantity: str
     """Physical quantity: ``base`` + ``slope`` k, in ``unit``."""
     base: float
@@ -63,9 +63,9 @@ class Fault:
     growth: TypicalGrowth | None = None
     """Typical growth; None without a limit."""
     damage: Damage | None = None
-    """Measure of the use that makes it grow; None without a limit."""
+    """Measure of use by which its growth is counted; None without a limit."""
     shown_by: str = ""
-    """Motion that reveals the fault, as a phrase; "" without a limit."""
+    """Phrase for the motion that shows the fault; "" without a limit."""
 
     def __post_init__(self) -> None:
         values = {"limit": self.limit, "growth": self.growth, "damage": self.damage}
@@ -94,7 +94,7 @@ class Fault:
         return self.base + self.slope * k
 
     def physical(self, k: float) -> str:
-        """Return the physical value of a normalised value as a text."""
+        """Return the physical value of k as a string, with quantity and unit."""
         return f"{self.quantity} {self.at(k):.3f} {self.unit}".strip()
 
 
@@ -198,11 +198,11 @@ FAULTS: Final = (
         shown_by="motion of changing speed",
     ),
 )
-"""The components in the order of the fault vector.
+"""Components of the fault vector, in order.
 
-With the parameters of these laws and these limits the median life is 100 to 119 tests, ten hours
-apart. Eccentricity with c = 2000 h and gain with a = 1.5e-4 /h would last longer than 200
-tests in 14 % and 27 % of the lives.
+With these laws, parameters and limits, the median life is 100 to 119 tests at intervals of ten
+hours. With c = 2000 h for eccentricity and a = 1.5e-4 /h for the gain, 14 % and 27 % of the lives
+would exceed 200 tests.
 """
 
 FAULT_BY_NAME: Final = {fault.name: fault for fault in FAULTS}
@@ -225,7 +225,7 @@ class FaultVector(NamedTuple):
 
     @classmethod
     def of(cls, values: ArrayLike) -> Self:
-        """Return the vector of eight values, ``(8,)``, without checks."""
+        """Return the fault vector with eight given values, ``(8,)``, without validation."""
         return cls(*np.asarray(values, dtype=np.float64).tolist())
 
 
@@ -283,7 +283,7 @@ def healthy_faults() -> NDArray[np.float64]:
 
 
 def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]:
-    """Return validated fault vectors.
+    """Return a copy of fault vectors after validation.
 
     Parameters
     ----------
@@ -313,7 +313,9 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
     else:
         k = np.array(values, dtype=np.float64)
         if k.shape[-1:] != (N_FAULTS,):
-            raise ValueError(f"a fault vector has {N_FAULTS} components, not shape {k.shape}")
+            raise ValueError(
+                f"a fault vector has {N_FAULTS} components: shape {k.shape} is not supported"
+            )
     bad = np.argwhere(~((k >= 0.0) & (k <= HIGHEST)))
     if bad.size:
         fault = FAULTS[bad[0][-1]]
@@ -349,7 +351,7 @@ def eccentricity_vector(faults: NDArray[np.float64]) -> NDArray[np.float64]:
 def with_eccentricity(
     faults: NDArray[np.float64], vector: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return fault vectors, ``(m, 8)``, with new eccentricities, limited to 1.
+    """Return fault vectors, ``(m, 8)``, with their eccentricity replaced and limited to 1.
 
     Parameters
     ----------
@@ -366,7 +368,7 @@ def with_eccentricity(
 
 
 def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
-    """Return plant constants with faults applied; a healthy vector leaves them unchanged.
+    """Return plant constants with faults applied; they are unchanged for a healthy vector.
 
     Parameters
     ----------
@@ -393,7 +395,7 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
             N_b=plant.motor.N_b * turns_b,
             N_c=plant.motor.N_c * turns_c,
             zeta=plant.motor.zeta + zeta,
-            # The sum keeps phi exactly for the healthy direction.
+            # The sum leaves phi exact for the healthy direction.
             phi=plant.motor.phi + eccentricity_angle(k[..., ECCENTRICITY_PHASE]),
         ),
         plant.mechanics._replace(
@@ -405,7 +407,7 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
 
 
 def random_faults(rng: "np.random.Generator") -> NDArray[np.float64]:
-    """Draw a random multiple fault from the distribution of the thesis, ``(8,)`` (section 7.2).
+    """Return a random multiple fault from the distribution of the thesis, ``(8,)`` (section 7.2).
 
     Most components are small, the phase is uniform, and the gain is near its healthy value.
     """

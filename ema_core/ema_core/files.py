@@ -1,4 +1,4 @@
-"""Atomic writing of files, and safe reading of regular files."""
+"""Atomic writing of files, and reading of regular files only."""
 
 import os
 import stat
@@ -21,8 +21,8 @@ def complete_file(path: Path) -> Iterator[Path]:
     ------
     OSError
         If the file cannot be written; the error names the file, and no partial file remains. If
-        only the directory cannot be synchronised, the new file exists, and the message warns that a
-        power failure may remove it.
+        only the directory cannot be synchronised, the new file exists, and the message warns that
+        it may be lost in a power failure.
     """
     partial = path.with_name(f"{path.name}.partial")
     try:
@@ -36,7 +36,7 @@ def complete_file(path: Path) -> Iterator[Path]:
     try:
         _synchronise(path.parent)  # the old file might reappear after a power failure otherwise
     except OSError as error:
-        words = f"{error.strerror or error}: stored, but a power failure may remove it"
+        words = f"{error.strerror or error}: stored, but it may be lost in a power failure"
         raise OSError(error.errno, words, str(path)) from error
 
 

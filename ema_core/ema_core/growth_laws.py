@@ -1,4 +1,4 @@
-"""Laws of fault growth with service life, solved exactly, for arrays of any shape.
+"""Exact solutions of the laws by which faults grow in service, for arrays of any shape.
 
 u is service hours, x >= 0 the distance of a component from its healthy value. ``rate`` is a [1/h],
 for the power law its time scale c [h]; ``shape`` is the second parameter b, x_0 or p [-] (P3).
@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 EXACT_LAWS: Final = (
     *("constant", "linear", "exponential", "archard", "self_heating", "power", "drift"),
 )
-"""Laws that ``increment`` and ``hours_until`` solve, which can be simulated."""
+"""Names of the laws with an exact solution, which can be simulated."""
 
 GROWING_LAWS: Final = EXACT_LAWS[1:]
-"""Those by which a fault grows, which a user can name as the known law of a fault."""
+"""Names of the laws with growth, which a user can select as the known law of a fault."""
 
 TIME_SCALE_LAWS: Final = frozenset({"power"})
-"""Laws whose rate is a time scale [h]: the longer it is, the slower the growth."""
+"""Names of the laws whose rate is a time scale [h]: the longer it is, the slower the growth."""
 
 _LARGEST: Final = 700.0
 """Largest exponent whose exponential is a finite float [-]."""
@@ -27,7 +27,7 @@ _LARGEST: Final = 700.0
 
 @dataclass(frozen=True)
 class TypicalGrowth:
-    """Typical growth of a fault in a type of actuator."""
+    """Typical growth of a fault."""
 
     law: str
     """One of ``EXACT_LAWS``."""
@@ -46,7 +46,7 @@ class TypicalGrowth:
 def increment(
     law: str, x: ArrayLike, rate: ArrayLike, shape: ArrayLike, hours: ArrayLike
 ) -> NDArray[np.float64]:
-    """Return the increment of a fault over some hours, without process noise.
+    """Return the growth of a fault over a number of hours, without process noise.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def increment(
     shape
         Second parameter of the law [-]; ignored by laws without one.
     hours
-        Duration in service, at least 0 [h].
+        Service hours, at least 0 [h].
 
     Returns
     -------

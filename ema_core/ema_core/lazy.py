@@ -6,7 +6,7 @@ from typing import Any
 
 
 def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return ``__getattr__`` and ``__dir__`` that export ``__all__`` of a package's ``api``.
+    """Return ``__getattr__`` and ``__dir__`` that export ``__all__`` of ``package.api``.
 
     Nodes and commands import single modules and must not load the whole library.
     """
@@ -14,7 +14,7 @@ def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[st
     def get(name: str) -> Any:
         if name == "__all__":  # requested by `from package import *`
             return import_module(f"{package}.api").__all__
-        # Tools that inspect a module request special names; this shall not import the library.
+        # Tools that inspect a module request special names; this must not import the library.
         if not name.startswith("_"):
             api = import_module(f"{package}.api")
             if name in api.__all__:

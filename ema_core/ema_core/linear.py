@@ -1,4 +1,4 @@
-"""Linear actuators: conversion of angle, speed and torque to mm, mm/s and N by the lead."""
+"""Conversion of angle, speed and torque to mm, mm/s and N for linear actuators."""
 
 import math
 import re
@@ -17,20 +17,20 @@ _IN_SI: Final = {
     "N.s/m": ("N.m.s/rad", 1.0, 2),
     "kg": ("kg.m^2", 1.0, 2),
 }
-"""By unit: SI unit, conversion factor, and exponent of the travel per radian."""
+"""SI unit, conversion factor, and exponent of the travel per radian, by unit."""
 
 _WITH_UNIT: Final = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(mm/s|mm|N\.s/m|N|kg)")
 _NEEDED: Final = {"lead": "the travel [m] for one turn of the user shaft", "tau": "the gear ratio"}
 
 
 class DisplayUnit(NamedTuple):
-    """Displayed unit of a quantity, and its scale: displayed units per SI unit."""
+    """Unit in which a quantity is displayed, and its scale (displayed units per SI unit)."""
 
     unit: str
     scale: float
 
     def text(self, value: float) -> str:
-        """Format a value given in SI units."""
+        """Return a value, given in SI units, as a string with the displayed unit."""
         return f"{self.scale * value:.4g} {self.unit}"
 
 
@@ -60,10 +60,10 @@ def motor_shown(parameters: ActuatorParameters) -> DisplayUnit:
 
 
 def physical(name: str, k: float, description: ActuatorDescription) -> str:
-    """Return the physical value of a fault; for a linear actuator also its growth in N or mm.
+    """Return a fault's physical value as a string; for a linear actuator, also in N or mm.
 
-    Friction growth is given as a force at the rod, relative to the nominal friction. An unknown
-    drive has no nominal friction. The text is empty if ``name`` is not a fault.
+    The increase of friction is stated as a force at the rod, relative to the nominal friction,
+    which an unknown drive does not have. The string is empty if ``name`` is not a fault.
     """
     fault, p = FAULT_BY_NAME.get(name), description.parameters
     if fault is None:
@@ -77,7 +77,7 @@ def physical(name: str, k: float, description: ActuatorDescription) -> str:
 
 
 def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert file parameters to SI units; ``lead`` and ``tau`` convert texts like "60 mm".
+    """Return parameters of a file in SI units; strings like "60 mm" need ``lead`` and ``tau``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Figures of whole moves, for drives that do not log samples."""
+"""Figures (scalar measurements) of whole moves, for drives that do not log samples."""
 
 from collections.abc import Mapping
 from typing import NamedTuple

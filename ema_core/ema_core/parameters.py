@@ -97,7 +97,9 @@ class ActuatorParameters(Checked):
     f_ratio: float = quantity(0.5, "-", 0.0, 1.0, "dynamic over static friction")
     BLK: float = quantity(5e-3, "rad", 0.0, 10.0, "backlash, full width at the fast shaft")
     tau: float = quantity(1 / 500, "-", 1e-6, 1.0, "gear ratio, user over motor speed", (1e-4, 0.1))
-    theta_stop: float = quantity(1.2, "rad", 1e-3, 1e6, "end stop of the user shaft, either sign")
+    theta_stop: float = quantity(
+        1.2, "rad", 1e-3, 1e6, "end stop of the user shaft, in either direction"
+    )
     omega_c: float = quantity(
         2000.0 * math.pi,
         "rad/s",
@@ -106,7 +108,9 @@ class ActuatorParameters(Checked):
         "bandwidth of field-oriented current loops",
         (100.0, 5e4),
     )
-    lead: float = quantity(0.0, "m", 0.0, 1.0, "linear: way for one turn of the user shaft, else 0")
+    lead: float = quantity(
+        0.0, "m", 0.0, 1.0, "travel of a linear actuator per turn of the user shaft, else 0"
+    )
 
     @property
     def top_speed(self) -> float:

@@ -17,7 +17,7 @@ _MISTAKEN_UNITS: Final = {
     "V.s/rad": (("mV.s/rad", 1e-3),),
     "kg.m^2": (("kg.cm^2", 1e-4), ("g.cm^2", 1e-7)),
 }
-"""Units often mistaken for each unit, with their size in the correct unit."""
+"""Units that are often confused with each unit, with their size in that unit."""
 
 
 def quantity(
@@ -34,9 +34,9 @@ def quantity(
     Parameters
     ----------
     default
-        Default value; an int makes an integer field.
+        Default value; the field is an integer if the default is an int.
     unit
-        Unit, "-" for a dimensionless number.
+        Unit; "-" for a dimensionless number.
     lowest, highest
         Range, ends included.
     description
@@ -46,7 +46,7 @@ def quantity(
         the unit that was probably meant.
     shown
         Name, unit, and scale (parameter units per ``unit``) of the node parameter. Some tools parse
-        numbers with an exponent as text; a different unit avoids the exponent.
+        numbers with an exponent as strings; a different unit avoids the exponent.
     """
     of_number = {"unit": unit, "range": (lowest, highest), "usual": usual, "shown": shown}
     return field(default=default, metadata={"description": description, **of_number})
@@ -55,7 +55,7 @@ def quantity(
 def text(
     default: str, description: str, choices: tuple[str, ...] = (), *, compare: bool = True
 ) -> Any:
-    """Return a dataclass field for a text, optionally restricted to ``choices``.
+    """Return a dataclass field for a string, optionally restricted to ``choices``.
 
     With ``compare=False``, equality ignores the field.
     """
@@ -64,12 +64,12 @@ def text(
 
 
 def flag(default: bool, description: str) -> Any:
-    """Return a dataclass field that is true or false; ``description`` explains true."""
+    """Return a dataclass field for a boolean; ``description`` explains the meaning of true."""
     return field(default=default, metadata={"flag": True, "description": description})
 
 
 def texts(description: str, default: tuple[str, ...] = ()) -> Any:
-    """Return a dataclass field for any number of texts."""
+    """Return a dataclass field for a tuple of strings."""
     return field(default=default, metadata={"texts": True, "description": description})
 
 
@@ -100,13 +100,13 @@ class Checked:
             elif "texts" in item.metadata and not (
                 isinstance(value, tuple) and all(isinstance(item, str) for item in value)
             ):
-                raise ValueError(f"{item.name} = {value!r}: expected a list of texts")
+                raise ValueError(f"{item.name} = {value!r}: expected a list of strings")
 
 
 def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> str:
-    """Return a hint for a refused value: its usual range and the unit probably meant.
+    """Return a hint for a refused value: the usual range, and the unit that was probably meant.
 
-    The text ends an error message and begins with a semicolon; it is empty without a usual range.
+    The hint is appended to an error message and begins with a semicolon; "" without a usual range.
     For a ratio, unit "-", the inverse is tried.
     """
     if usual is None:
@@ -127,13 +127,13 @@ def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> 
 
 
 MOST_BYTES: Final = 1 << 28
-"""Largest memory of an array with a settings-dependent length [B]."""
+"""Largest memory of an array whose length depends on settings [B]."""
 
 
 def check_length(count: float, what: str, columns: int = 1) -> None:
     """Raise ``ValueError`` if ``columns`` columns of ``count`` samples exceed ``MOST_BYTES``.
 
-    ``count`` may be fractional or infinite; ``what`` names its origin in errors.
+    ``count`` may be fractional or infinite; ``what`` is its origin in the error message.
     """
     size = 8.0 * columns * count
     if not size <= MOST_BYTES:
@@ -151,16 +151,19 @@ def is_finite_number(value: Any) -> bool:
 
 
 def finite_samples(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Return a copy of samples, ``(n,)``.
+    """Return a copy of samples, ``(n,)``, after validation.
 
     Raises
     ------
     ValueError
-        If they are empty, of another shape or not finite; the message begins with ``name``.
+        If there are no samples, or they have another shape or are not finite; the message begins
+        with ``name``.
     """
     samples = np.array(values, dtype=np.float64)
     if samples.ndim != 1 or not samples.size:
-        raise ValueError(f"{name} must be a row of samples, not an array of {samples.shape}")
+        raise ValueError(
+            f"{name} must be a non-empty one-dimensional array, not of shape {samples.shape}"
+        )
     bad = np.flatnonzero(~np.isfinite(samples))
     if bad.size:
         raise ValueError(f"{name} sample {bad[0]} is {samples[bad[0]]}, not a finite number")
@@ -187,6 +190,6 @@ def _check_number(name: str, value: Any, whole: bool, metadata: Any) -> None:
 
 def _check_text(name: str, value: Any, choices: tuple[str, ...]) -> None:
     if not isinstance(value, str):
-        raise ValueError(f"{name} = {value!r}: expected a text")
+        raise ValueError(f"{name} = {value!r}: expected a string")
     if choices and value not in choices:
         raise ValueError(f"{name} = {value!r} is unknown; known: {', '.join(choices)}")

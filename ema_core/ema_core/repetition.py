@@ -1,4 +1,4 @@
-"""Detection of columns that repeat values because they are updated slower than sampled."""
+"""Detection of columns that repeat values because they are updated more slowly than sampled."""
 
 from typing import Final
 
@@ -15,7 +15,7 @@ _ONE_COUNT: Final = 1.5
 
 
 def held_samples(values: Array) -> int:
-    """Return how often a column, ``(n,)``, repeats each value; 1 for no repetition.
+    """Return for how many samples a column, ``(n,)``, holds each value; 1 for no repetition.
 
     A coarse encoder also repeats its value, but changes by one count at a time, less often at lower
     speed. A slowly updated column changes at multiples of a fixed period, by any amount. Returns 0
@@ -31,7 +31,7 @@ def held_samples(values: Array) -> int:
     sizes = np.abs(steps[rows])
     if held < 2 or np.mean(sizes < _ONE_COUNT * np.min(sizes)) > _USUAL:
         return 1
-    # Publisher and source have clocks of their own: a sample more or less.
+    # Publisher and source have separate clocks: allow for one sample more or less.
     loose = 1 if held >= _LOOSE_FROM else 0
     typical = gaps[np.abs(gaps - np.median(gaps)) <= loose]
     held = round(float(np.mean(typical)))
@@ -41,17 +41,17 @@ def held_samples(values: Array) -> int:
 
 
 def between_renewals(values: Array, held: int) -> Array:
-    """Interpolate a column, ``(n,)``, linearly between the samples that update it.
+    """Return a column, ``(n,)``, interpolated linearly between the samples that update it.
 
     Parameters
     ----------
     values
         The column, all finite.
     held
-        Number of samples per value, from `held_samples`.
+        Number of samples for which each value is held, from `held_samples`.
     """
     renewed = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
-    # After a rest, the value was renewed last `held` samples before it changes.
+    # After a rest, the last update is `held` samples before the value changes.
     ends = renewed[1:] - held
     rested = ends[ends > renewed[:-1]]
     rows = np.unique(np.concatenate([renewed, rested]))

@@ -20,7 +20,7 @@ def load_settings(
     prepare: Mapping[str, Callable[[dict[str, Any]], dict[str, Any]]] | None = None,
     complete: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
 ) -> _Settings:
-    """Read a dataclass from a YAML file.
+    """Return a dataclass read from a YAML file.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def load_settings(
     try:
         content = load_yaml(path.expanduser(), _MOST_BYTES)
     except (OSError, RuntimeError) as error:
-        # RuntimeError: ~ of an unknown user.
+        # RuntimeError: the home folder of an unknown user.
         reason = getattr(error, "strerror", None) or error
         raise ValueError(f"{what} {path} cannot be read: {reason}") from error
     try:
@@ -59,10 +59,10 @@ def load_settings(
 
 
 def settings_from(kind: type[_Settings], content: Any, section: str = "") -> _Settings:
-    """Build a dataclass from plain values, as parsed from a YAML file.
+    """Return a dataclass built from plain values, as parsed from a YAML file.
 
-    A field that is a dataclass is a section, which may be empty. A text instead of a section is
-    taken as its ``source``.
+    A field that is a dataclass is a section, which may be empty. A string instead of a section is
+    used as its ``source``.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def settings_from(kind: type[_Settings], content: Any, section: str = "") -> _Se
         if part is not None:
             values[name] = settings_from(cast(Any, part), value, name)
         elif isinstance(definitions[name].default, int | float) and isinstance(value, str):
-            # YAML 1.1 reads 1e5 as a text.
+            # YAML 1.1 reads 1e5 as a string.
             with suppress(ValueError):
                 number = float(value)
                 is_whole = isinstance(definitions[name].default, int) and number.is_integer()

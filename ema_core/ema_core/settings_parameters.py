@@ -1,4 +1,4 @@
-"""Conversion of settings fields to node and command parameters."""
+"""Conversion between fields of settings and parameters of nodes and commands."""
 
 from contextlib import suppress
 from dataclasses import Field, fields
@@ -37,9 +37,9 @@ class SettingsParameter:
         return value / self.scale if self.scale is not None and is_number else value
 
     def number_of(self, value: Any) -> Any:
-        """Convert a number, or its text, to the type of the field.
+        """Return a number, or the number in a string, converted to the type of the field.
 
-        Other values are returned unchanged. YAML 1.1 parses 1e-06 as a text and 4 as an integer.
+        Other values are returned unchanged. YAML 1.1 parses 1e-06 as a string and 4 as an integer.
         """
         if "range" in self.field.metadata and type(value) in (str, int):
             with suppress(ValueError):
@@ -48,7 +48,7 @@ class SettingsParameter:
 
 
 def parameters_of(definition: Any, prefix: str = "") -> list[SettingsParameter]:
-    """Return the parameters of a dataclass or its instance: its fields with a description."""
+    """Return the parameters for the described fields of a dataclass or an instance of it."""
     return [
         SettingsParameter(item, prefix)
         for item in fields(definition)

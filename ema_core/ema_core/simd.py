@@ -34,8 +34,8 @@ _kernel_function: Final[Any] = intrinsic
 _TUPLE: Final[Any] = types.BaseTuple
 
 LANES: Final = 16 if get_host_cpu_features().get("avx512f") else 8
-"""Number of lanes per vector. Operations of a step depend on each other, so that 16 lanes take 1.3
-times as long as 8 lanes in registers of 512 bits, and 1.7 times in registers of 256 bits.
+"""Number of lanes per vector. Since the operations of a step depend on each other, 16 lanes take
+only 1.3 times as long as 8 lanes in 512-bit registers, and 1.7 times as long in 256-bit registers.
 """
 
 _DOUBLES: Final = ir.VectorType(ir.DoubleType(), LANES)

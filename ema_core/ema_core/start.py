@@ -1,4 +1,4 @@
-"""Program start: quiet interruption of imports, single-threaded linear algebra."""
+"""Program start: silent interruption during imports, single-threaded linear algebra."""
 
 import io
 import os
@@ -15,7 +15,7 @@ from ema_core.array_environment import array_environment
 
 @contextmanager
 def quiet_imports() -> Iterator[None]:
-    """Context in which SIGINT ends the process at once instead of raising KeyboardInterrupt."""
+    """Return a context in which SIGINT ends the process at once, without KeyboardInterrupt."""
     before = signal.getsignal(signal.SIGINT)
     is_main = threading.current_thread() is threading.main_thread()
     if is_default := is_main and before is signal.default_int_handler:
@@ -28,7 +28,7 @@ def quiet_imports() -> Iterator[None]:
 
 
 def write_any_text() -> None:
-    """Make standard output and error accept any text under any locale.
+    """Make standard output and standard error accept any string in any locale.
 
     Files and pipes use UTF-8, terminals their own encoding. Undecodable bytes of file names are
     written as escape sequences.

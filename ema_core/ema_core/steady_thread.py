@@ -1,4 +1,4 @@
-"""Thread that is restarted, and reported, when its work ends unexpectedly."""
+"""Thread that is restarted, with a report, if its work ends unexpectedly."""
 
 import threading
 import time
@@ -14,7 +14,7 @@ _SETTLED_S: Final = 10.0
 
 
 class SteadyThread:
-    """Runs work in a thread until ``end`` is called, restarting it if it ends earlier.
+    """Runs work in a thread until ``end`` is called; restarts it if it ends earlier.
 
     The delay before a restart is 1 s, doubling up to 60 s. It resets to 1 s if the work ran for
     longer than the last delay. After each unexpected end, ``on_failure`` is called in the thread
@@ -48,7 +48,7 @@ class SteadyThread:
 
     @property
     def failure(self) -> str:
-        """Reason and number of unexpected ends; empty if none, or from 10 s after a restart."""
+        """Reason and number of unexpected ends; empty without one, or 10 s after a restart."""
         if self._is_working and time.monotonic() - self._begun_s >= _SETTLED_S:
             return ""
         return self._failure

@@ -1,4 +1,4 @@
-"""Common interface to run tasks on local processes, threads or a Dask cluster."""
+"""Common interface for running tasks on local processes, threads or a Dask cluster."""
 
 import multiprocessing
 import os
@@ -31,7 +31,7 @@ _MOST_SILENCES: Final = 30
 
 
 class WorkerLostError(RuntimeError):
-    """A task ended every worker that ran it."""
+    """A task killed every worker that ran it."""
 
 
 class ClusterLostError(RuntimeError):
@@ -42,7 +42,7 @@ class ClusterLostError(RuntimeError):
 class Outcome:
     """Result of a task: the item, and the returned value or raised error.
 
-    The error is ``WorkerLostError`` if the task ended its workers.
+    The error is ``WorkerLostError`` if the task killed its workers.
     """
 
     item: Any
@@ -86,7 +86,7 @@ class Workers(AbstractContextManager["Workers", None]):
         if number < 1:
             raise ValueError(f"workers = {number}: expected at least 1")
         if scheduler and kind != "dask":
-            raise ValueError(f"--scheduler {scheduler} is for the executor dask, not {kind}")
+            raise ValueError(f"--scheduler {scheduler} requires the executor dask, not {kind}")
         self._kind, self._number = kind, number
         self._client: Any = None
         self._alive: Any = None
@@ -133,7 +133,7 @@ class Workers(AbstractContextManager["Workers", None]):
                     except CancelledError as cancelled:
                         # The scheduler has ended; a new scheduler would not know the task.
                         raise self._lost() from cancelled
-                    # By name, because `distributed` is an optional dependency.
+                    # By class name, because `distributed` is an optional dependency.
                     is_death = isinstance(error, BrokenProcessPool)
                     if not is_death and type(error).__name__ != "KilledWorker":
                         yield Outcome(item, None if error else future.result(), error)

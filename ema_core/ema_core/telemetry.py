@@ -57,8 +57,8 @@ class Telemetry:
     speed: NDArray[np.float64]
     """Speed of the motor shaft, ``(n,)`` [rad/s], or ``(0,)`` if it is not measured."""
     interpolated: NDArray[Any] = field(default_factory=_NO_SAMPLES.copy)
-    """Whether a sample was lost and interpolated (`bridged`), ``(n,)``, or ``(0,)`` if all samples
-    were measured."""
+    """Whether each sample was lost and interpolated (`bridged`), ``(n,)``, or ``(0,)`` if all
+    samples were measured."""
 
     def __post_init__(self) -> None:
         check_period(self.sample_period)
@@ -67,7 +67,7 @@ class Telemetry:
         if not n or not {0, n}.issuperset(map(len, optional)):
             listed = ", ".join(f"{name} {len(getattr(self, name))}" for name in COLUMNS)
             raise ValueError(
-                f"telemetry columns must have one length of at least 1, not {listed}; only "
+                f"telemetry columns must have the same length of at least 1, not {listed}; only "
                 f"{', '.join(OPTIONAL)} may be empty, if they are not measured"
             )
 
@@ -91,7 +91,7 @@ class Telemetry:
         return self.stamp_ns + elapsed_ns(self.sample_period, self.first_index, steps)
 
     def stamp_at(self, sample: int) -> int:
-        """Return the end time of a sample, numbered from 0 [ns]."""
+        """Return the end time [ns] of a sample, numbered from 0."""
         return self.stamp_ns + elapsed_ns(self.sample_period, self.first_index, sample)
 
     def part(self, start: int, stop: int) -> "Telemetry":
@@ -103,7 +103,9 @@ class Telemetry:
             If the range is empty or not within the telemetry.
         """
         if not 0 <= start < stop <= len(self):
-            raise ValueError(f"samples {start} to {stop} are no part of {len(self)} samples")
+            raise ValueError(
+                f"samples {start} to {stop} are out of range: there are {len(self)} samples"
+            )
         return Telemetry(
             self.stamp_at(start),
             self.sample_period,
@@ -123,7 +125,7 @@ def check_period(sample_period: float) -> None:
 
 
 def elapsed_ns(sample_period: float, first_index: int, samples: Any) -> Any:
-    """Return the time from the end of a sample to the ends of later samples [ns].
+    """Return the times from the end of a sample to the ends of later samples [ns].
 
     The sample with running index i ends i periods after a common origin, rounded to the nearest
     nanosecond. Integers throughout give a sample the same stamp in every part of the telemetry.
@@ -144,7 +146,7 @@ def elapsed_ns(sample_period: float, first_index: int, samples: Any) -> Any:
 
 @lru_cache
 def _period_ns(sample_period: float) -> tuple[int, int, int]:
-    """Return a period as ``(whole, over, per)``: ``whole + over / per`` nanoseconds.
+    """Return a sample period as ``(whole, over, per)``, for ``whole + over / per`` nanoseconds.
 
     The result is exact for rates of whole hertz up to 1 MHz. The float period is not: at 48 kHz its
     error would reach a nanosecond within days.
@@ -197,7 +199,7 @@ def lost_between(last: Telemetry, block: Telemetry) -> Telemetry | None:
 
 
 def bridged(blocks: Sequence[Telemetry]) -> list[Telemetry]:
-    """Return blocks with the lost samples between them interpolated (`lost_between`)."""
+    """Return blocks in which the lost samples between blocks are interpolated (`lost_between`)."""
     joined = [blocks[0]]
     for block in blocks[1:]:
         lost = lost_between(joined[-1], block)

@@ -1,4 +1,4 @@
-"""Sizes of units in SI units, by the unit names of telemetry mappings."""
+"""Size of each unit in SI units, by its name in telemetry mappings."""
 
 import math
 from typing import Final

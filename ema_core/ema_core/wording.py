@@ -1,4 +1,4 @@
-"""Wording shared by user messages."""
+"""Formatting shared by messages for users."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -6,12 +6,12 @@ from difflib import get_close_matches
 
 
 def counted(number: int, noun: str) -> str:
-    """Return a number with its noun; the plural ends in "s", or "es" after "ch"."""
+    """Return a number with its noun, such as "2 windows"; the plural adds "s", "es" after "ch"."""
     return f"{number} {noun}" + ("" if number == 1 else "es" if noun.endswith("ch") else "s")
 
 
 def beside_limit(value: float, limit: float, digits: int = 3) -> tuple[str, str]:
-    """Return a value and its limit as texts, with enough digits to differ."""
+    """Return a value and its limit as strings, with enough digits to differ."""
     texts = f"{value:.{digits}g}", f"{limit:.{digits}g}"
     if texts[0] == texts[1] and value != limit and digits < 17:
         return beside_limit(value, limit, digits + 1)
@@ -19,7 +19,7 @@ def beside_limit(value: float, limit: float, digits: int = 3) -> tuple[str, str]
 
 
 def one_line(name: str, text: str, most: int) -> str:
-    """Return a text as a single line. Raises ValueError unless it has 1 to ``most`` characters."""
+    """Return a string as one line; raise ValueError unless it has 1 to ``most`` characters."""
     line = " ".join(text.split())
     if not 0 < len(line) <= most or not line.isprintable():
         raise ValueError(f"{name}: expected 1 to {most} printable characters, not {len(line)}")
@@ -27,7 +27,7 @@ def one_line(name: str, text: str, most: int) -> str:
 
 
 def time_in_words(seconds: float) -> str:
-    """Return a duration [s] as a text in a suitable unit: s, min, h or d."""
+    """Return a duration [s] as a string in a suitable unit: s, min, h or d."""
     if not math.isfinite(seconds):
         return "-"
     for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
@@ -37,7 +37,7 @@ def time_in_words(seconds: float) -> str:
 
 
 def unknown_name(kind: str, name: object, names: Iterable[str]) -> str:
-    """Return an error text for an unknown name, with the closest and all valid names."""
+    """Return an error message for an unknown name, with the closest and all valid names."""
     by_lower_case = {item.lower(): item for item in names}
     close = get_close_matches(as_identifier(str(name)), by_lower_case, n=1)
     hint = f"did you mean {by_lower_case[close[0]]!r}? " if close else ""
@@ -50,7 +50,7 @@ def as_identifier(label: str) -> str:
 
 
 def text_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table as plain text: numbers right-aligned, words left-aligned."""
+    """Return a table as plain text, with numbers right-aligned and words left-aligned."""
     columns = list(zip(headings, *rows, strict=True))
     padded = []
     for column in columns:

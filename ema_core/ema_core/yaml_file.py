@@ -1,4 +1,4 @@
-"""Reading of YAML files with bounded size; duplicate keys and huge numbers are refused."""
+"""Reading of YAML files of bounded size, without duplicate keys or huge numbers."""
 
 import re
 from itertools import chain
@@ -28,13 +28,13 @@ class _Loader(_Base):
                 continue
             if key.value in seen:
                 raise yaml.constructor.ConstructorError(
-                    None, None, f"{key.value} is given twice", key.start_mark
+                    None, None, f"{key.value} is repeated", key.start_mark
                 )
             seen.add(key.value)
         return super().construct_mapping(node, deep)
 
     def construct_bounded(self, node: Any) -> int:
-        """Return an integer."""
+        """Return an integer of at most 64 bits."""
         digits = len(node.value)
         value = self.construct_yaml_int(node) if digits < 100 else _LARGEST
         if not -_LARGEST <= value < _LARGEST:
@@ -70,16 +70,16 @@ def load_yaml(path: Path, most_bytes: int | None = None) -> Any:
 
 
 class YamlError(ValueError):
-    """The text is not YAML, or uses YAML that is not accepted."""
+    """The content is not YAML, or uses features of YAML that are not accepted."""
 
 
 def parse_yaml(content: bytes) -> Any:
-    """Return the content of a YAML text as plain values.
+    """Return the content of a YAML document as plain values.
 
     Raises
     ------
     YamlError
-        If the text is not YAML, nested too deeply, or expands to too many values.
+        If the content is not YAML, is nested too deeply, or expands to too many values.
     """
     try:
         if _is_nested_deeply(content):
@@ -95,7 +95,7 @@ def parse_yaml(content: bytes) -> Any:
 
 
 def _is_nested_deeply(content: bytes) -> bool:
-    """Return whether the recursive loader might exhaust the stack, which ends the process."""
+    """Return whether the recursive loader might exhaust the stack, which would kill the process."""
     depth = deepest = 0
     for bracket in re.finditer(rb"[\[\]{}]", content):
         depth += 1 if bracket[0] in b"[{" else -1
@@ -106,7 +106,7 @@ def _is_nested_deeply(content: bytes) -> bool:
 
 
 def _holds_too_much(content: Any) -> bool:
-    """Return whether there are too many values, counting every reference to a value."""
+    """Return whether there are too many values, where each reference to a value counts."""
     count, level = 0, [content]
     while level:
         parts = [

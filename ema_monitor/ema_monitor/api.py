@@ -183,7 +183,7 @@ def track(
     tracker, estimates, hours = Tracker(limits, settings), list(estimates), list(hours)
     if len(estimates) != len(hours):
         raise ValueError(
-            f"{len(estimates)} estimates and {len(hours)} hours: expected the hours of each estimate"
+            f"{len(estimates)} estimates and {len(hours)} hours: expected hours for each estimate"
         )
     for estimate, hour in zip(estimates, hours, strict=True):
         require_type("estimate", estimate, Estimate, "identify(window) returns one")

@@ -75,7 +75,7 @@ def test_value_of_a_unit_is_the_factor_times_what_it_is_taken_for(sizes, unit, s
         ("current", 1.41, Reference.INERTIA, "the inertia asks for: is a peak given for RMS?"),
         ("current", 0.71, Reference.INERTIA, "is RMS given for a peak?"),
         ("speed", 60.0, Reference.RECORDS, "is it per minute, and was per second?"),
-        ("speed", -9.55, Reference.POSITION, "is its sign the other one, and is it in rpm?"),
+        ("speed", -9.55, Reference.POSITION, "is its sign reversed, and is it in rpm?"),
         ("current", 1e-3, Reference.MODEL, "are whole units read as thousandths?"),
         ("current", 3.0, Reference.INERTIA, "is its unit, or its scale, right?"),
         ("current", 3.0, Reference.MODEL, "is its unit, or the gear ratio, right?"),

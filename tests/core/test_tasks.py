@@ -139,7 +139,7 @@ if __name__ == "__main__":
     [
         (("cluster", 2), "executor 'cluster' is unknown; known: processes, threads, dask"),
         (("threads", 0), "workers = 0: expected at least 1"),
-        (("threads", 1, "tcp://x:1"), "--scheduler tcp://x:1 is for the executor dask, not"),
+        (("threads", 1, "tcp://x:1"), "--scheduler tcp://x:1 requires the executor dask, not"),
     ],
 )
 def test_impossible_workers_are_refused(given, message):

@@ -52,7 +52,7 @@ def test_example_is_a_mapping_and_its_text_is_the_same_mapping(path, tmp_path):
         ({"joints": ["a", "a"]}, "joints = ['a', 'a']: expected one joint, or distinct joints"),
         ({"clock": {}}, "clock without source and rate_hz"),
         ({"clock": {"source": "t", "unit": "week"}}, "clock: unit = 'week' is unknown"),
-        ({"accept": "current_zero"}, "accept = 'current_zero': expected a list of texts"),
+        ({"accept": "current_zero"}, "accept = 'current_zero': expected a list of strings"),
         ({"accept": ["curent_zero"]}, "unknown defect 'curent_zero'; did you mean 'current_zero'?"),
     ],
 )

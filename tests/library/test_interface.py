@@ -111,7 +111,7 @@ def test_wrong_arguments_are_refused_with_the_type_that_is_expected(window, esti
     for wrong in (telemetry, [window], telemetry.current):
         with pytest.raises(ValueError, match=r"expected Window or Refusal: find_windows"):
             ema_monitor.identify(wrong)
-    with pytest.raises(ValueError, match="0 estimates and 1 hours: expected the hours of each"):
+    with pytest.raises(ValueError, match="0 estimates and 1 hours: expected hours for each"):
         ema_monitor.track([], [1.0])
     with pytest.raises(ValueError, match="estimate is of type Window, expected Estimate"):
         ema_monitor.track([window], [1.0])

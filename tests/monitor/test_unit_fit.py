@@ -170,15 +170,15 @@ def test_example_values_that_were_left_in_a_description_are_named(description):
 @pytest.mark.parametrize(
     ("column", "factor", "message"),
     [
-        ("current", -1.0, r"is -1\.\d+ times .*: is its sign the other one?"),
+        ("current", -1.0, r"is -1\.\d+ times .*: is its sign reversed?"),
         ("speed", 30.0 / np.pi, r"is 9\.\d+ times what the model expects: is it in rpm?"),
         ("position", 180.0 / np.pi, "is it in degrees?"),
         (
             "current",
             -1000.0,
-            "is its sign the other one, and are these thousandths read as whole units?",
+            "is its sign reversed, and are these thousandths read as whole units?",
         ),
-        ("speed", PARAMETERS.tau, "is the gear ratio in it twice, or missing?"),
+        ("speed", PARAMETERS.tau, "was the gear ratio applied twice, or not at all?"),
         ("speed", 4.0, "is its unit, or the gear ratio, right?"),
         ("current", 0.0, r"little to do with .* \(correlation 0.00\): is it another column?"),
     ],

@@ -320,7 +320,7 @@ def impossible(**parameters: Any) -> str:
         ("growth.gain.law", "power", ("growth.gain.rate", "time scale")),
         ("plant.R_s", -2.0, ("plant.R_s", "-2", "ohm")),
         ("causes", ["load_torque=99"], ("load_torque", "99", "[-10, 10] N.m")),
-        ("causes", "load_torque=1", ("causes", "'load_torque=1'", "list of texts")),
+        ("causes", "load_torque=1", ("causes", "'load_torque=1'", "list of strings")),
         ("actuator_file", "/missing.yaml", ("actuator file", "/missing.yaml", "No such file")),
     ],
 )

@@ -56,7 +56,7 @@ def test_impossible_shards_and_lists_are_refused_by_name():
         Selection(("flap", "left", "flap"))
     with pytest.raises(ValueError, match=r"actuators\[1\] = ' left'"):
         Selection(("flap", " left"))
-    with pytest.raises(ValueError, match="actuators = 'flap': expected a list of texts"):
+    with pytest.raises(ValueError, match="actuators = 'flap': expected a list of strings"):
         Selection("flap")  # type: ignore[arg-type]
 
 

@@ -71,8 +71,8 @@ def test_hold_must_divide_the_sample():
 @pytest.mark.parametrize(
     ("command", "load", "match"),
     [
-        ([], 0.0, "command must be a row"),
-        ([[0.0]], 0.0, "command must be a row"),
+        ([], 0.0, "command must be a non-empty one-dimensional array"),
+        ([[0.0]], 0.0, "command must be a non-empty one-dimensional array"),
         ([0.0, math.nan], 0.0, "command sample 1 is nan"),
         ([0.0, 1.0], [0.0, math.inf], "load sample 1 is inf"),
         ([0.0, 1.0], math.nan, "load sample 0 is nan"),

@@ -484,7 +484,7 @@ def test_changed_friction_is_no_lag(plain):
     [
         (1e3, "thousandths read as whole units"),
         (1e-3, "whole units read as thousandths"),
-        (-1.0, "is its sign the other one"),
+        (-1.0, "is its sign reversed"),
         (17.0, "a wrong unit or sign, or a failed sensor"),
     ],
 )
@@ -546,7 +546,7 @@ def friction_alone() -> JointCalibration:
     [
         (1e3, "thousandths read as whole units"),
         (1e-3, "whole units read as thousandths"),
-        (-1.0, "is its sign the other one"),
+        (-1.0, "is its sign reversed"),
         (0.1, "a wrong unit or sign, or a failed sensor"),
         (30.0, "a wrong unit or sign, or a failed sensor"),
     ],

@@ -224,7 +224,7 @@ class KnownLawTexts(settings_by_kind("_LawByKind", str, _law_of)):
             kind = kind_of(name)
             written = getattr(self, kind)
             if not isinstance(written, str):
-                raise ValueError(f"{kind} = {written!r}: expected a text, {FORM}")
+                raise ValueError(f"{kind} = {written!r}: expected a string, {FORM}")
             try:
                 if written:
                     laws[name] = known_law(name, written)
