@@ -1,1 +1,1 @@
-"""Archive: results from the bags of a fleet, stored as tables."""
+"""Archive: estimates, health and life from the bags of a fleet, stored as tables."""

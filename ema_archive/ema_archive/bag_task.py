@@ -1,4 +1,4 @@
-"""Bag task: turn a bag's telemetry into rows of estimates, counts and duty."""
+"""Bag task: conversion of a bag's telemetry to rows of estimates, counts and duty."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,8 +22,8 @@ DONE: Final = "done"
 INCOMPLETE: Final = "incomplete"
 DAMAGED: Final = "damaged"
 FAILED: Final = "failed"
-"""States of a bag: read completely, read only in part because it is damaged, unreadable, or
-temporarily unreadable."""
+"""States of a bag: read completely, read in part because it is damaged, unreadable, or temporarily
+unreadable."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ class UnitRows:
 
 @dataclass(frozen=True)
 class BagResult:
-    """Result for a bag: its state and, unless ``DONE``, the reason.
+    """Result for a bag: its state and, unless the state is ``DONE``, the reason.
 
-    A bag without a window has a reason as well; remarks list further defects. ``end_ns`` is the log
-    time of the last readable message [ns]; 0 if there is none.
+    A bag without a window also has a reason; remarks list further defects. ``end_ns`` is the log
+    time of the last readable message [ns]; 0 if no message is readable.
     """
 
     task: BagTask
@@ -82,16 +82,16 @@ class BagResult:
 
 
 def unit_name(actuator_id: str, serial_number: str) -> str:
-    """Return the name of a unit in the tables, made from actuator and serial number."""
+    """Return the name of a unit in the tables, from its actuator and serial number."""
     return f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}"
 
 
 def diagnose_bag(task: BagTask) -> BagResult:
-    """Return the estimates of a bag, as computed by ``ema estimate -p warm_start=false``.
+    """Return the estimates of a bag; they equal those of ``ema estimate -p warm_start=false``.
 
-    An unusable bag gives a result with the reason.
+    For an unusable bag, the result states the reason.
     """
-    # Bags are done side by side.
+    # Bags are processed in parallel.
     limit_threads(1)
     copy = Path(task.url)
     try:
@@ -104,7 +104,7 @@ def diagnose_bag(task: BagTask) -> BagResult:
     except OSError as error:
         words = str(error) if error.filename is None else f"{error.filename}: {error.strerror}"
         result = BagResult(task, FAILED, words)
-    # Each is one line that names the bag by its address, not by a copy's path.
+    # Each message is one line, with the address of the bag instead of the path of a copy.
     return replace(
         result,
         reason=_plain(result.reason, copy, task.url),
@@ -116,7 +116,7 @@ def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
     bag = Bag(path)
     present = described_actuators(bag)
     units, reasons, remarks = [], [], []
-    # Without a choice nothing is chosen: that is how a bag of one actuator is read.
+    # A bag of a single actuator is read without a selection.
     for actuator_id in present if len(present) > 1 else [None]:
         try:
             recorded = read_telemetry(bag, None, actuator_id)
@@ -127,7 +127,7 @@ def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
         except ValueError as error:
             reasons.append(str(error))
             continue
-        # Each window is of the unit that was described at its time.
+        # Each window belongs to the unit that was described at its time.
         of_units: dict[UnitKey, list[RecordedWindow]] = {bag_windows.description.unit_key: []}
         for window in bag_windows.windows:
             of_units.setdefault(window.description.unit_key, []).append(window)
@@ -188,7 +188,7 @@ def _without_window(bag_windows: BagWindows) -> str:
     elif bag_windows.longest_motion_s:
         why = f"the command moved for at most {bag_windows.longest_motion_s:.3f} s, or one way only"
     else:
-        why = "the command never left its rest"
+        why = "the command never moved"
     return f"actuator {name!r} has no window to diagnose (no excitation): {why}"
 
 

@@ -20,8 +20,8 @@ _UNITS_OF: Final = "WHERE unit IN (SELECT unnest(?))"
 def commit_bags(store: Store, results: Sequence[BagResult], settings: ArchiveSettings) -> None:
     """Replace the rows of bags and mark their units as due.
 
-    An unreadable bag keeps its earlier rows. A missing bag with the same content as a result was
-    moved, and its old entry is deleted.
+    An unreadable bag keeps its earlier rows. If a missing bag has the same content as a result, it
+    was moved: its old entry is deleted.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def _note_bags(
     for result in results:
         row = {"bag": result.task.url, "state": result.state, "reason": result.reason}
         if result.state != FAILED:
-            # As it was read: a bag that could not be read is due again.
+            # The mark of the read content: a bag that could not be read is due again.
             row |= {"seen": result.task.mark, "software": result.software}
             row |= {"settings": settings.estimation_id}
         if result.state == DAMAGED:
@@ -86,7 +86,7 @@ def _note_bags(
             continue
         values = {name: f"_rows.{name}" for name in rows[0] if name != "bag"}
         if kind == DAMAGED:
-            # Its earlier rows stay, and their time.
+            # The bag keeps its earlier rows and their time.
             values["end_ns"] = "greatest(bag.end_ns, _rows.end_ns)"
         changes = ", ".join(f"{name} = {value}" for name, value in values.items())
         db.register("_rows", pa.Table.from_pylist(rows))
@@ -173,7 +173,7 @@ def commit_units(store: Store, results: Sequence[tuple[UnitEntry, UnitResult]]) 
             "WHERE unit.unit = _rows.unit"
         )
         db.unregister("_rows")
-        # A unit whose bags all belong to other units is unknown.
+        # A unit is unknown if all its bags belong to other units.
         query = "SELECT unit FROM manifest.unit ANTI JOIN manifest.part USING (unit)"
         if unknown := [unit for (unit,) in db.execute(query).fetchall()]:
             for table in ("manifest.unit", *UNIT_TABLES, *HISTORY_TABLES):

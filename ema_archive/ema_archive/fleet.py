@@ -1,4 +1,4 @@
-"""Fleet summary for page and report, from the tables of an archive."""
+"""Summary of a fleet for page and report, from the tables of an archive."""
 
 import math
 import re
@@ -31,7 +31,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class FleetSummary:
-    """State of a fleet. Rows are mappings of plain values, None if unknown.
+    """State of a fleet; rows are mappings of plain values, None if unknown.
 
     Attributes
     ----------
@@ -88,7 +88,8 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
     Raises
     ------
     ValueError
-        If there is no archive, ``most`` is out of range, a table is damaged or it takes too long.
+        If there is no archive, ``most`` is out of range, a table is damaged, or the query takes
+        longer than ``limit_s``.
     """
     if not 1 <= most <= MOST_ROWS:
         raise ValueError(f"most = {most}: expected 1 to {MOST_ROWS}")
@@ -114,7 +115,7 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
     lives = summary.pop("lives")
     columns = ([life[name] for life in lives] for name in ("from_age", "to_age", "has_failed"))
     steps = [_plain(step._asdict()) for step in survival(*columns)]
-    # Not more than a picture can show, the last among them.
+    # No more steps than a figure can show, including the last step.
     every = max(1, math.ceil(len(steps) / _MOST_STEPS))
     summary["months"].reverse()
     return FleetSummary(
@@ -127,7 +128,7 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
 
 
 def state_of_archive(archive: Path) -> tuple[int, ...]:
-    """Return a token that changes whenever the summary of the archive may change.
+    """Return a token that changes whenever the summary of an archive may change.
 
     Raises
     ------
@@ -155,7 +156,7 @@ def _plain(row: Row) -> Row:
 
 
 class SurvivalStep(NamedTuple):
-    """Surviving share [-] beyond an age [h] with failures, and its 90 % interval.
+    """Share of units [-] that survive an age [h] with failures, and its 90 % interval.
 
     The share is constant until the next step. ``at_risk`` units were observed just before the age,
     and ``failed`` of them failed.
@@ -174,12 +175,12 @@ def survival(
 ) -> list[SurvivalStep]:
     """Return the product-limit (Kaplan-Meier) estimate of the survival curve.
 
-    Units count from the age at which they were first observed, because earlier failures could not
-    be observed and would bias the share. The share is conditional on survival to the first failure
-    at which the units at risk number at least the square root of all units: earlier, one failure
-    among few units would dominate the share (Lai and Ying 1991). The interval follows from
-    Greenwood's variance of log(-log share) and stays within 0 and 1. If no unit is left the share
-    is 0, and its interval is unknown.
+    Units count from the age at which they were first observed (left truncation), because earlier
+    failures could not be observed and would bias the share. The share is conditional on survival to
+    the first failure at which the number of units at risk is at least the square root of the number
+    of all units: earlier, one failure among few units would dominate the share (Lai and Ying 1991).
+    The interval follows from Greenwood's variance of log(-log share) and stays within 0 and 1. If
+    no unit is left, the share is 0 and its interval is unknown.
 
     Units with equal first and last age [h] have no observation time and are ignored.
     """

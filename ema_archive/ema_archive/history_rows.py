@@ -42,7 +42,8 @@ ASSESSMENTS: Final = "manifest.assessment"
 GROWTH: Final = "manifest.growth"
 
 _CHUNK: Final = 8192
-"""Size of a stored piece of state [bytes]; DuckDB rewrites neighbouring rows together."""
+"""Size of a stored piece of the growth state [bytes]; DuckDB rewrites neighbouring rows
+together."""
 
 HISTORY_TABLES: Final = {
     TESTS: pa.schema(
@@ -74,8 +75,9 @@ HISTORY_TABLES: Final = {
     GROWTH: pa.schema({"number": pa.int32(), "state": pa.binary()}),
 }
 """Columns of the history tables: one row per test (which refers to its window by ``end_ns``), per
-assessment, and per piece of the growth state. Fields are named as in ``Entry``, ``UnusedCycle`` and
-``Assessment``. ``unordered`` states why the order of tests is unknown; empty if it is known."""
+assessment, and per piece of the growth state. Columns are named like the fields of ``Entry``,
+``UnusedCycle`` and ``Assessment``. ``unordered`` states why the order of tests is unknown; empty if
+it is known."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ class KeptHistory:
 def kept_history(
     history: History, growth: bytes, made_by: str, digest: str, windows: int
 ) -> KeptHistory:
-    """Convert a history to rows without loss, together with its growth state."""
+    """Return a history and its growth state as rows, without loss."""
     tests = [_test_row(number, test) for number, test in enumerate(history.tests)]
     assessments = [_assessment_row(assessment) for assessment in history.assessments.values()]
     pieces = [growth[begin : begin + _CHUNK] for begin in range(0, len(growth), _CHUNK)]
@@ -112,12 +114,12 @@ def kept_history(
 
 
 def history_from(kept: KeptHistory, unit: UnitKey, windows: Iterable[Row]) -> History:
-    """Rebuild a bit-identical in-memory history from rows.
+    """Return the bit-identical in-memory history from its rows.
 
     Parameters
     ----------
     windows
-        Rows of the estimates in the history.
+        Rows of the estimates of its tests.
     """
     history, by_end = History(*unit), {row["end_ns"]: row for row in windows}
     for row in kept.tables[TESTS].to_pylist():
@@ -165,7 +167,7 @@ def _test_from(row: Row, window: Row) -> Test:
 
 
 def _assessment_row(assessment: Assessment) -> dict[str, Any]:
-    # A map of Arrow is a list of pairs.
+    # Arrow represents a map as a list of pairs.
     return asdict(assessment) | {
         "alarms": list(assessment.alarms.items()),
         "unconfirmed": list(assessment.unconfirmed.items()),

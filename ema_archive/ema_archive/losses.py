@@ -21,7 +21,8 @@ whole AS (
     WHERE estimates > 0 AND state = 'done' GROUP BY unit
 )
 """
-"""Query for units of unread bags, also by adjacent calibrations, and their last complete bag."""
+"""Query for the units of unread bags, also by calibrations in the bags' folders, and for the last
+complete bag of each unit."""
 
 _LOST: Final = """
 SELECT unit, bag, state, reason
@@ -34,11 +35,11 @@ _OF_NO_UNIT: Final = "SELECT bag FROM manifest.unread ANTI JOIN suspect USING (b
 
 
 def losses_by_unit(store: Store) -> dict[str, str]:
-    """Return, by unit, why its newest test may be lost; only affected units.
+    """Return the units whose newest test may be lost, with the reason by unit.
 
     A test may be lost in a bag that was not read completely, unless a later complete bag has a
-    window of the unit. A bag without any readable message may be the newest. A bag that was never
-    read may belong to the units of its folder, or to the unit of the calibration there.
+    window of the unit. A bag without any readable message may be the newest bag. A bag that was
+    never read may belong to the units in its folder, or to the unit of the calibration in it.
 
     Raises
     ------
@@ -49,7 +50,7 @@ def losses_by_unit(store: Store) -> dict[str, str]:
 
 
 def unread_of_no_unit(store: Store) -> list[str]:
-    """Return unreadable bags without a known unit; errors as in `losses_by_unit`."""
+    """Return the unreadable bags without a known unit; errors are as in `losses_by_unit`."""
     return [bag for (bag,) in _rows(store, _OF_NO_UNIT)]
 
 
@@ -62,7 +63,7 @@ def _rows(store: Store, query: str) -> list[Any]:
 
 
 def _units_beside(db: duckdb.DuckDBPyConnection) -> pa.Table:
-    """Return the units of calibrations next to bags that were never read."""
+    """Return the units whose calibration is in the folder of a bag that was never read."""
     query = (
         "SELECT DISTINCT beside FROM manifest.unread ANTI JOIN manifest.part USING (bag) "
         "WHERE beside <> ''"

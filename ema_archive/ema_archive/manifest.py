@@ -1,4 +1,4 @@
-"""Manifest of an archive: settings, sources, bags and units, and the work that is due."""
+"""Manifest of an archive: its settings, sources, bags and units, and the work that is due."""
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
@@ -18,7 +18,7 @@ from ema_archive.tables import BAG_TABLES
 from ema_archive.unit_task import UnitEntry, UnitTask, made_by
 
 Criteria = tuple[dict[str, str], pa.Table]
-"""Query parameters for due bags, and the current calibration of each unit by source."""
+"""Query parameters for due bags, and current calibration of each unit by source."""
 
 _DUE: Final = """
 WITH recalibrated AS (
@@ -40,7 +40,7 @@ reasons AS (
 )
 SELECT {} FROM reasons WHERE why IS NOT NULL {}
 """
-"""Query for due bags with the first applicable reason."""
+"""Query for due bags, each with the first applicable reason."""
 
 _PAGE: Final = 20_000
 
@@ -52,15 +52,15 @@ class Status:
     Attributes
     ----------
     bags, gone, due, damaged, incomplete, failed
-        Number of bags in total, missing and due; and of existing bags that are unreadable,
-        incomplete, or temporarily unreadable.
+        Number of bags in total, missing and due, and number of existing bags that are unreadable,
+        incomplete or temporarily unreadable.
     reasons
         Number of due bags by reason.
     units, units_due
         Number of units, and of units with outdated health and life.
     windows, valid, unordered
-        Number of windows; of windows with a valid, used estimate; and of windows whose valid
-        estimate is refused because the order of tests is unknown.
+        Number of windows in total, with a valid and used estimate, and with a valid estimate that
+        is refused because the order of tests is unknown.
     damaged_tables
         Tables with unreadable rows.
     of_no_unit
@@ -110,7 +110,7 @@ class Manifest(Store):
 
     @property
     def sources(self) -> list[str]:
-        """Folders and addresses whose bags are in the archive."""
+        """Folders and addresses of the bags in the archive."""
         [(sources,)] = self._rows("SELECT sources FROM manifest.archive")
         return sources
 
@@ -126,7 +126,7 @@ class Manifest(Store):
             _note_bags(db, bags, scan)
 
     def end_scan(self, number: int, sources: Sequence[str], bags: Iterable[Listed] = ()) -> None:
-        """Record the last bags and end a scan; unlisted bags of these sources become missing."""
+        """Record the last bags and end a scan; unlisted bags of these sources are missing."""
         with self.changing() as db:
             _note_bags(db, bags, number)
             db.execute("UPDATE manifest.archive SET sources = ?, scan = ?", [sources, number])
@@ -214,7 +214,7 @@ class Manifest(Store):
         return number
 
     def due(self, settings: ArchiveSettings) -> Iterator[tuple[str, str, str]]:
-        """Yield address, mark and adjacent calibration of each due bag.
+        """Yield address, mark, and calibration address of each due bag.
 
         Later commits do not affect the iteration.
         """
@@ -253,7 +253,7 @@ class Manifest(Store):
         """Return the units with outdated health and life; errors are as in `status`."""
         losses = losses_by_unit(self)
         rows = self._rows(
-            # Model and calibration of each unit come from its latest bag.
+            # Model and calibration of each unit are from its latest bag.
             "WITH latest AS (SELECT unit, model, bag FROM manifest.part QUALIFY row_number() OVER "
             "(PARTITION BY unit ORDER BY last_ns DESC, bag DESC, model) = 1) "
             "SELECT unit.unit, actuator_id, serial_number, coalesce(latest.model, unit.model), "
@@ -287,7 +287,7 @@ class Manifest(Store):
             )
 
     def _kept_history(self, unit: str) -> KeptHistory | None:
-        """Return the stored history of a unit, to which new tests are added; None if missing."""
+        """Return the stored history of a unit, which new tests extend; None if there is none."""
         rows = self._rows(
             "SELECT made_by, digest, windows FROM manifest.unit WHERE unit = ? AND windows > 0",
             [unit],

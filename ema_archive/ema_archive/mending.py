@@ -24,7 +24,7 @@ def require_whole(store: Store) -> None:
     if damaged := store.damaged_tables():
         raise ValueError(
             f"{counted(len(damaged), 'table')} damaged, {', '.join(damaged)}: "
-            f"`ema archive run {store.archive}` makes them anew"
+            f"run `ema archive run {store.archive}` to recompute them"
         )
 
 
@@ -47,7 +47,7 @@ def mend(store: Store) -> list[str]:
     if not damaged:
         return []
     with store.reading() as db:
-        # Before the change: an error ends a transaction.
+        # Before the transaction, because an error would end it.
         readable = {table: _readable(db, table) for table in damaged}
     with store.changing() as db:
         for table, groups in readable.items():
@@ -55,15 +55,15 @@ def mend(store: Store) -> list[str]:
             if table in BAG_TABLES:
                 db.execute(_LOST.format(table=table))
         if set(damaged) - set(BAG_TABLES):
-            # Health and histories of all units are found from their first tests.
+            # Health and history of each unit are recomputed from its first test.
             db.execute("UPDATE manifest.unit SET is_due = true, windows = 0")
         query = "SELECT bag FROM manifest.bag WHERE state = 'lost' AND NOT is_there ORDER BY bag"
         gone = [bag for (bag,) in db.execute(query).fetchall()]
-    words = [f"{counted(len(damaged), 'table')} damaged, {', '.join(damaged)}: made anew"]
+    words = [f"{counted(len(damaged), 'table')} damaged, {', '.join(damaged)}: recomputed"]
     if gone:
         words.append(
             f"{counted(len(gone), 'bag')} of these tables are missing, such as {gone[0]}: "
-            "bring them back and scan, or their windows are lost"
+            "restore them and scan again, or their windows are lost"
         )
     return words
 
@@ -79,7 +79,7 @@ def _readable(db: duckdb.DuckDBPyConnection, table: str) -> list[str]:
 
 
 def _replace(db: duckdb.DuckDBPyConnection, table: str, readable: list[str]) -> None:
-    """Replace a table by its readable rows."""
+    """Replace a table with its readable rows."""
     schema, _, name = table.rpartition(".")
     db.execute(f"CREATE TABLE {schema or 'main'}._kept AS SELECT * FROM {table} LIMIT 0")
     for rows in readable:

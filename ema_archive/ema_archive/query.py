@@ -1,4 +1,4 @@
-"""Read-only SQL queries of an archive's tables, without access to other files."""
+"""Read-only SQL queries on the tables of an archive, without access to other files."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,8 +25,8 @@ def opened(archive: Path) -> Iterator[duckdb.DuckDBPyConnection]:
     Raises
     ------
     ValueError
-        If there is no archive, a table is damaged, or a query of the block fails: some errors
-        occur only while rows are read.
+        If there is no archive, a table is damaged, or a query in the block fails: some errors occur
+        only while rows are read.
     OSError
         If another program has locked the archive.
     """
@@ -53,12 +53,12 @@ def columns_of(archive: Path) -> dict[str, list[tuple[str, str]]]:
 
 
 def answer(archive: Path, question: str) -> tuple[list[str], list[tuple[Any, ...]]]:
-    """Run an SQL query. Return the column names and rows.
+    """Run an SQL query. Return the column names and the rows.
 
     Raises
     ------
     ValueError
-        If the text is not a query, or the query fails.
+        If ``question`` is not a query, or the query fails.
     """
     with opened(archive) as db:
         relation = _asked(db, question)
@@ -71,7 +71,7 @@ def export(archive: Path, question: str, path: Path) -> int:
     Raises
     ------
     ValueError
-        If the query fails, or the file has an unsupported suffix.
+        If the query fails, or the suffix of the file is not supported.
     OSError
         If the file cannot be written.
     """
@@ -94,7 +94,7 @@ def export(archive: Path, question: str, path: Path) -> int:
 
 
 def _without_formulas(schema: pa.Schema) -> str:
-    """Return SQL columns that quote texts which a spreadsheet would evaluate as formulas."""
+    """Return SQL columns that quote strings which a spreadsheet would evaluate as formulas."""
     columns = []
     for column in schema:
         name = '"' + column.name.replace('"', '""') + '"'

@@ -1,4 +1,4 @@
-"""Update of an archive: bags to estimates, then units to health and life."""
+"""Update of an archive: estimates from bags, then health and life of units."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -20,14 +20,14 @@ _MOST_GATHERED: Final = 2000
 _MOST_FOLLOWED: Final = 50
 _GATHERED_S: Final = 5.0
 _OTHER_SOFTWARE: Final = (
-    "the worker has other software than this command: install the same version on all machines"
+    "the software of the worker differs from this command: install the same version everywhere"
 )
 
 
 Result = TypeVar("Result")
 
 Follow = Callable[[str, int, int, int], None]
-"""Progress callback: "bags" or "units", number done, total number, and number failed."""
+"""Progress callback with "bags" or "units", number done, total number, and number failed."""
 
 
 @dataclass
@@ -37,13 +37,13 @@ class RunTally:
     Attributes
     ----------
     bags, damaged, incomplete, failed
-        Number of processed bags; of these unreadable, incomplete, and temporarily unreadable.
+        Number of processed bags in total, unreadable, incomplete, and temporarily unreadable.
     units, followed
-        Number of units with updated health and life, and of windows processed for them.
+        Number of units with updated health and life, and number of windows processed for them.
     not_followed
         Units whose health and life could not be updated, with the reason.
     mended
-        Repaired defects of the tables, as texts.
+        Messages about repaired defects of the tables.
     """
 
     bags: int = 0
@@ -81,7 +81,7 @@ class _Gathered(Generic[Result]):
 def scan(
     manifest: Manifest, sources: Sequence[str], follow: Callable[[int], None] = lambda _: None
 ) -> int:
-    """List the bags of all old and new sources of an archive. Return their number.
+    """Record the bags of all old and new sources in an archive. Return their number.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def scan(
                 manifest.note(listed, number)
                 listed = []
             follow(count)
-    # Only now: where a store is out of reach, its bags are not gone.
+    # Only after all listings: bags of an unreachable store are not missing.
     manifest.end_scan(number, every, listed)
     return count
 
@@ -148,7 +148,7 @@ def run_bags(
     )
     tasks = (BagTask(*bag, settings) for bag in manifest.due(settings))
     try:
-        # Closed, so that another run may use the workers.
+        # Close the generator, so that another run may use the workers.
         with closing(workers.run(diagnose, tasks)) as outcomes:
             for outcome in outcomes:
                 result = _bag_result(outcome)
@@ -167,7 +167,7 @@ def _bag_result(outcome: Outcome) -> BagResult:
     if error is None and outcome.value.software == estimation_software():
         return outcome.value
     words = _OTHER_SOFTWARE if error is None else f"{type(error).__name__}: {error}"
-    # A bag that ends its worker has no result: the machine may have run out of memory.
+    # A bag that kills its worker has no result: the machine may have run out of memory.
     return BagResult(task, FAILED, str(error) if isinstance(error, WorkerLostError) else words)
 
 
@@ -189,7 +189,7 @@ def run_units(
             for outcome in outcomes:
                 entry, result = outcome.item.entry, outcome.value
                 if outcome.error is not None or result.software != prognosis_software():
-                    # The others are followed all the same; this one stays due.
+                    # The remaining units are processed; this unit stays due.
                     error = outcome.error
                     words = f"{type(error).__name__}: {error}" if error else _OTHER_SOFTWARE
                     tally.not_followed[entry.unit] = words

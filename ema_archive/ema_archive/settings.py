@@ -39,8 +39,9 @@ class ArchiveSettings:
     Attributes
     ----------
     calibration
-        Path of the calibrations, with placeholders ``{actuator_id}`` and ``{serial_number}``. If
-        empty, ``calibration.yaml`` in the bag's folder, or else the shipped calibration.
+        Path of the calibrations, with placeholders ``{actuator_id}`` and ``{serial_number}``. If it
+        is empty, ``calibration.yaml`` in the folder of the bag is used, or else the shipped
+        calibration.
     trigger
         Trigger settings that define the windows of a bag.
     measured_max_age_s
@@ -78,13 +79,13 @@ class ArchiveSettings:
                     f"of {', '.join(GROWING_LAWS)}"
                 )
         values = asdict(self)
-        # An archive knows no other units.
+        # An archive has no data on other units.
         del values["prognosis"]["tracker"]["fleet"]
         return values
 
     @classmethod
     def of_mapping(cls, values: Mapping[str, Any]) -> Self:
-        """Build settings from plain values. Raises ValueError, KeyError or TypeError if invalid."""
+        """Return settings from plain values; raise ValueError, KeyError or TypeError if invalid."""
         prognosis = values["prognosis"]
         tracker = dict(prognosis["tracker"])
         laws = {name: KnownLaw(**law) for name, law in tracker.pop("laws").items()}

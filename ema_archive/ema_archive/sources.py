@@ -1,4 +1,4 @@
-"""Listing and local copies of bags and calibrations in folders and object stores."""
+"""Listing and local copies of bags and calibrations, in folders and object stores."""
 
 import errno
 import hashlib
@@ -35,7 +35,7 @@ class Listed:
     size: int
     """Size [bytes]."""
     mark: str
-    """Token that changes with the content: size, and the store's mark or the modification time."""
+    """Token that changes with the content: size, and checksum of the store or modification time."""
     beside: str
     """Address of the calibration in the same folder; empty if there is none."""
 
@@ -61,7 +61,7 @@ def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
     with _clear_errors(source):
         if not files.isdir(root):
             with suppress(FileNotFoundError):
-                # Raises the error of the store, which looks like a missing folder until here.
+                # Raise the store's own error, which was reported as a missing folder until here.
                 files.info(root)
                 raise NotADirectoryError(f"{source}: this is a file, not a folder of bags")
             raise FileNotFoundError(f"{source} not found: expected a folder of bags")
@@ -73,7 +73,7 @@ def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
 
 
 def _bags_in(files: Any, folders: dict[str, Any], entries: dict[str, Any]) -> list[Listed]:
-    """Return the bags of a folder. Subfolders that are bags are not searched further."""
+    """Return the bags of a folder. Subfolders that are bags themselves are not searched."""
     # Bags in sqlite3 storage are listed so that reading them reports the remedy.
     bags = [(info, [info]) for name, info in entries.items() if name.endswith(BAGS)]
     for name, info in sorted(folders.items()):
@@ -92,7 +92,7 @@ def _bags_in(files: Any, folders: dict[str, Any], entries: dict[str, Any]) -> li
 
 @contextmanager
 def local_copy(url: str) -> Iterator[Path]:
-    """Yield a local path for a file or folder address; remove any copy afterwards.
+    """Yield a local path of a file or folder; a temporary copy is removed afterwards.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def content_digest(path: Path) -> str:
 
 
 def full_url(source: str) -> str:
-    """Return a source's address that is independent of the working directory."""
+    """Return the address of a source, independent of the working directory."""
     return _url(*_opened(source))
 
 
@@ -167,8 +167,9 @@ def calibration_of(source: str, unit: UnitKey) -> AnyCalibration | str:
     Parameters
     ----------
     source
-        Path pattern from the archive's settings, or else the calibration in the bag's folder; empty
-        for the shipped calibration. ``{actuator_id}`` and ``{serial_number}`` are placeholders.
+        Path from the settings of the archive, with placeholders ``{actuator_id}`` and
+        ``{serial_number}``, or else the calibration in the folder of the bag; empty for the shipped
+        calibration.
 
     Raises
     ------
@@ -188,9 +189,10 @@ def calibration_of(source: str, unit: UnitKey) -> AnyCalibration | str:
 
 
 def changed_ns(source: str, unit: UnitKey) -> int | None:
-    """Return when a unit's calibration was changed [ns]; arguments as in `calibration_of`.
+    """Return the modification time of a unit's calibration [ns]; arguments as in `calibration_of`.
 
-    None for the shipped calibration, a missing calibration, or a store without modification times.
+    Returns None for the shipped calibration, a missing calibration, or a store without modification
+    times.
     """
     if not source:
         return None

@@ -22,10 +22,11 @@ FILE: Final = "archive.duckdb"
 """File name of the store in an archive."""
 
 TABLES: Final[Mapping[str, pa.Schema]] = {**BAG_TABLES, **UNIT_TABLES, **HISTORY_TABLES}
-"""Columns of all tables that can be recomputed from bags: bags, units and histories."""
+"""Columns of all tables that can be recomputed from bags: results of bags and units, and
+histories."""
 
 REMEDY: Final = (
-    "where it is damaged, scan the bags to a new archive: all that it has is made of them"
+    "if it is damaged, scan the bags into a new archive: its content is computed from them"
 )
 
 _VERSION: Final = 12
@@ -61,7 +62,7 @@ class Store(AbstractContextManager[Any, None]):
         self.archive, self.path = archive, archive / FILE
         self._writes = writes
         self._mutex = threading.RLock()
-        # In memory: to open a file in it takes half the time of a new connection.
+        # An in-memory engine: attaching a file to it takes half the time of a new connection.
         self._engine, self._is_open = _engine(), False
         self._lock: Any = None
         self._id = uuid.uuid4().hex
@@ -88,7 +89,7 @@ class Store(AbstractContextManager[Any, None]):
             self._lock.close()
 
     def _check(self, is_new: bool) -> None:
-        """Check that there is an archive, or that a new one can be created."""
+        """Raise an error unless there is an archive, or a new archive can be created."""
         archive, path = self.archive, self.path
         for name in (FILE, f"{FILE}.wal", _LOCK):
             _require_file(archive / name)
@@ -99,16 +100,16 @@ class Store(AbstractContextManager[Any, None]):
         if (archive / _EARLIER).exists():
             raise ValueError(
                 f"{archive / _EARLIER} has a version before {_VERSION}, expected {_VERSION} "
-                f"({FILE}): scan the bags to a new archive"
+                f"({FILE}): scan the bags into a new archive"
             )
         if not is_new:
             raise ValueError(
-                f"{archive} is no archive, it has no {FILE}: `ema archive scan {archive} FOLDER` "
-                "makes one"
+                f"{archive} is not an archive, it has no {FILE}: create an archive with `ema "
+                f"archive scan {archive} FOLDER`"
             )
         if archive.exists() and any(not _is_left(path) for path in archive.iterdir()):
             raise ValueError(
-                f"{archive} is a folder with other files: an archive is made in a new folder"
+                f"{archive} is a folder with other files: an archive needs a new folder"
             )
         archive.mkdir(parents=True, exist_ok=True)
 
@@ -123,7 +124,7 @@ class Store(AbstractContextManager[Any, None]):
     def _create(self) -> None:
         for path in self.archive.iterdir():
             if path.name != _LOCK:
-                path.unlink()  # left by a kill
+                path.unlink()  # left by a killed process
         with (
             complete_file(self.path) as partial,
             duckdb.connect(partial, config={"default_block_size": str(_BLOCK_BYTES)}) as db,
@@ -150,13 +151,13 @@ class Store(AbstractContextManager[Any, None]):
         if rows != [(_VERSION,)]:
             version = rows[0][0] if rows else "none"
             raise ValueError(
-                f"{self.path} has version {version}, expected {_VERSION}: scan the bags to a new "
+                f"{self.path} has version {version}, expected {_VERSION}: scan the bags into a new "
                 "archive"
             )
         if (noted := self._noted()[0]) not in ("", self._id):
             raise ValueError(
-                f"{self.path} is the file of another archive, {self.archive / _LOCK} of archive "
-                f"{noted}: put its own file back, or copy the other archive as a folder; {REMEDY}"
+                f"{self.path} belongs to another archive, {self.archive / _LOCK} to archive "
+                f"{noted}: restore its own file, or copy the other archive as a folder; {REMEDY}"
             )
 
     @contextmanager
@@ -204,7 +205,7 @@ class Store(AbstractContextManager[Any, None]):
                 db.execute("CHECKPOINT")
                 self._note()
             except duckdb.Error as error:
-                # A full disk, above all. Uncommitted changes are rolled back.
+                # Usually a full disk. Uncommitted changes are rolled back.
                 raise OSError(f"{self.path} cannot be written: {first_line(error)}") from error
             finally:
                 self._detach()
@@ -236,7 +237,7 @@ class Store(AbstractContextManager[Any, None]):
             db.execute("USE memory")
             db.execute("DETACH archive")
         except duckdb.Error:
-            # After an error that ends the use of the file, as of a full disk.
+            # After an error such as a full disk, DuckDB may have closed the file.
             with suppress(duckdb.Error):
                 db.close()
             self._engine = _engine()
@@ -246,7 +247,7 @@ class Store(AbstractContextManager[Any, None]):
         return f"{self.path} cannot be used: {words}; {REMEDY}"
 
     def _note(self) -> None:
-        """Record size and time of the file just written, and the archive's identity."""
+        """Record size and time of the file after a write, and the identity of the archive."""
         self._lock.truncate(0)
         self._lock.write(f"{self._id} {_marks(self.path)}")
         self._lock.flush()
@@ -297,7 +298,7 @@ class Store(AbstractContextManager[Any, None]):
 
 def _engine() -> duckdb.DuckDBPyConnection:
     db = duckdb.connect()
-    # Its bar would be among the rows that a command prints.
+    # A progress bar would appear among the rows that a command prints.
     db.execute("SET enable_progress_bar = false")
     return db
 
@@ -324,7 +325,7 @@ def damage_of(db: duckdb.DuckDBPyConnection, rows: str) -> str:
 
 
 def _require_file(path: Path) -> None:
-    """Check that an archive file, if it exists, is a regular file."""
+    """Raise an error if an archive file exists and is not a regular file."""
     try:
         require_regular_file(path)
     except OSError:

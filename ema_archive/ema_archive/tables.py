@@ -1,4 +1,4 @@
-"""Table schemas of an archive, and conversion of results to and from rows."""
+"""Table schemas of an archive, and conversion of results to rows and back."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -151,8 +151,8 @@ HEALTH: Final = pa.schema(
 """Columns of health and remaining life, one row per valid or refused test."""
 
 BAG_TABLES: Final = {"estimates": _ESTIMATES, "usage": _USAGE, "duty": _DUTY}
-"""Columns of the tables with rows of bags: one row per window (``tested`` is its end), per count of
-service hours, and per duty up to the end of a window or bag."""
+"""Columns of the tables with results of bags: one row per window (``tested`` is its end), per count
+of service hours, and per duty up to the end of a window or bag."""
 
 STAMPS: Final = {"estimates": "end_ns", "usage": "stamp_ns", "duty": "stamp_ns"}
 """Column with the time of a row [ns], by bag table."""
@@ -175,13 +175,13 @@ UNIT_TABLES: Final = {
     "months": pa.schema({"month": _TEXT, "windows": pa.int32(), "valid": pa.int32()}),
     "unordered": pa.schema({"bag": _TEXT, "number": pa.int32(), "tested": _STAMP, "reason": _TEXT}),
 }
-"""Columns of the tables with rows of units.
+"""Columns of the tables with results of units.
 
 The tables have one row per test; per unit, with the health after its newest test and the
 modification time of its calibration; per fault and requirement of a unit after its latest valid
 test; per life of a unit, from a repair to the first test with ERROR, with start hours, age at the
 first test, and age at the failure or last test; per month with tests of a unit; and per valid
-window refused because the order of tests is unknown.
+window that is refused because the order of tests is unknown.
 """
 
 PLACE: Final = ("model", "unit")
@@ -196,13 +196,13 @@ def placed(rows: pa.Table, model: str, unit: str) -> pa.Table:
 
 
 def estimate_row(estimate: Estimate, number: int) -> dict[str, Any]:
-    """Convert an estimate to a row without loss. The caller adds provenance and unit."""
+    """Return an estimate as a row, without loss. The caller adds provenance and unit."""
     row = estimate_values(estimate)
     row |= row.pop("faults")
     row["reasons"] = reason_rows(estimate.reasons)
     row |= {f"{name}_sigma": value for name, value in estimate.sigma._asdict().items()}
     if row["comparison"] is not None and row["comparison"]["states"] is not None:
-        # A map of Arrow is a list of pairs.
+        # Arrow represents a map as a list of pairs.
         row["comparison"]["states"] = list(row["comparison"]["states"].items())
     for name in ("covariance", "quantiles"):
         row[name] = list(chain.from_iterable(row[name]))
@@ -210,7 +210,7 @@ def estimate_row(estimate: Estimate, number: int) -> dict[str, Any]:
 
 
 def estimate_from(row: Mapping[str, Any]) -> Estimate:
-    """Rebuild a bit-identical estimate from a row of `estimate_row`."""
+    """Return the bit-identical estimate from a row of `estimate_row`."""
     matrices = {name: np.reshape(row[name], (-1, N_FAULTS)) for name in ("covariance", "quantiles")}
     compared = row["comparison"]
     if compared is not None and compared["states"] is not None:
@@ -221,7 +221,7 @@ def estimate_from(row: Mapping[str, Any]) -> Estimate:
 
 
 def reason_rows(reasons: Iterable[Reason]) -> list[dict[str, str]]:
-    """Convert reasons to rows."""
+    """Return reasons as rows."""
     rows = []
     for reason in reasons:
         figures = reason.as_record()
@@ -231,20 +231,20 @@ def reason_rows(reasons: Iterable[Reason]) -> list[dict[str, str]]:
 
 
 def reasons_from(rows: Iterable[Mapping[str, str]]) -> tuple[Reason, ...]:
-    """Rebuild reasons from rows of `reason_rows`."""
+    """Return the reasons from rows of `reason_rows`."""
     return tuple(
         Reason.of_record({"code": row["code"], **json.loads(row["figures"])}) for row in rows
     )
 
 
 def count_row(count: Count, number: int) -> dict[str, Any]:
-    """Convert a count to a row. The caller adds bag and unit."""
+    """Return a service-life count as a row. The caller adds bag and unit."""
     hours = float(count.hours)
     return asdict(count) | {"counted": count.stamp_ns // 1000, "hours": hours, "number": number}
 
 
 def duty_row(stamp_ns: int, flown: FlownDuty, number: int) -> dict[str, Any]:
-    """Convert the duty up to ``stamp_ns`` to a row without loss. The caller adds bag and unit.
+    """Return the duty up to ``stamp_ns`` as a row, without loss. The caller adds bag and unit.
 
     Lists have one item per class of load or winding temperature, as in `FlownDuty`.
     """
@@ -262,7 +262,7 @@ def duty_lists(flown: FlownDuty) -> dict[str, list[float]]:
 
 
 def duty_from(row: Mapping[str, Any]) -> FlownDuty:
-    """Rebuild a bit-identical duty from a row of `duty_row`."""
+    """Return the bit-identical duty from a row of `duty_row`."""
     classes = {
         name: np.array([row[column] for column in columns]) for name, columns in _DUTY_LISTS.items()
     }
@@ -270,7 +270,7 @@ def duty_from(row: Mapping[str, Any]) -> FlownDuty:
 
 
 def health_row(report: HealthReport, calibration_id: str) -> dict[str, Any]:
-    """Convert health and life after a test to a row. The caller adds provenance and unit."""
+    """Return health and life after a test as a row. The caller adds provenance and unit."""
     row = _row_of(report, _OF_HEALTH_ELSEWHERE)
     measured_ns = row["measured_ns"]
     tested = measured_ns // 1000 if measured_ns else None

@@ -1,4 +1,4 @@
-"""Unit task: turn rows of estimates and use into rows of health and life."""
+"""Unit task: conversion of rows of estimates and use to rows of health and life."""
 
 import hashlib
 import math
@@ -99,12 +99,12 @@ class UnitResult:
 
 
 def made_by(settings: ArchiveSettings, calibration_id: str) -> str:
-    """Return the identity of all inputs to health and life except the unit's tests."""
+    """Return the identity of all inputs to health and life, except the tests of the unit."""
     return f"{prognosis_software()} {settings.prognosis_id} {calibration_id}"
 
 
 def follow_unit(task: UnitTask) -> UnitResult:
-    """Return health and life of a unit after each test, as computed by ``ema predict``.
+    """Return health and life of a unit after each test; they equal the results of ``ema predict``.
 
     If tests were only appended, earlier tests are not recomputed.
     """
@@ -121,7 +121,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
     usage = [Count(*values) for values in dict.fromkeys(zip(*columns, strict=True))]
     duty = _pieces(task.duty)
     processed, history = _history_of(task, maker, estimates, usage, duty)
-    # Stamps of a table are dates when they are read.
+    # Stamps are read from a table as dates.
     before = task.health.to_pylist() if processed else []
     rows = [row | {"tested": row["measured_ns"] // 1000} for row in before]
     unit, last = Unit(history, settings), None
@@ -140,11 +140,11 @@ def follow_unit(task: UnitTask) -> UnitResult:
     if last is None:
         last = unit.resume(parameters, settings) or unknown_outlook("no test so far")
     kept = None
-    # If hours by cycle replace counts, the first count reports this, once.
+    # If hours per cycle replace counts, an event reports this once, at the first count.
     if settings.service.hours_per_cycle == 0.0 and history.entries:
         digest = _digest_of(estimates, usage, duty)
         kept = kept_history(history, unit.growth.state(), maker, digest, len(estimates))
-    # The months in which it was tested.
+    # Months in which the unit was tested.
     windows = Counter(month_of(row["end_ns"]) for row in estimates)
     valid = Counter(month_of(row["end_ns"]) for row in estimates if row["valid"])
     changed = changed_ns(entry.source, entry.key)
@@ -174,7 +174,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
 
 
 def _unconfirmed(row: Row, lost: str) -> Row:
-    """Return a health row, adapted to possibly lost tests: alarms stay, OK does not."""
+    """Return a health row adapted to possibly lost tests: alarms are kept, OK becomes STALE."""
     words = {"reason": "; ".join(filter(None, [lost, row["reason"]]))}
     if row["level"] != OK:
         return {**row, **words}
@@ -203,7 +203,7 @@ def month_of(stamp_ns: int) -> str:
 
 
 def _pieces(table: pa.Table) -> list[Row]:
-    """Return duty rows in order of time; for equal stamps, of the bag with most telemetry.
+    """Return duty rows in order of time; of equal stamps, the row with the most telemetry.
 
     A window may be in several bags that started at different times.
     """
@@ -228,9 +228,9 @@ def _digest_of(estimates: Sequence[Row], usage: Sequence[Count], duty: Sequence[
 
 
 def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
-    """Return estimate rows without duplicates, keeping the most informative copy of a window.
+    """Return the estimate rows without duplicates: the most informative copy of each window.
 
-    Valid tests whose order is unknown are refused, and also returned as rows in the second list.
+    Valid tests whose order is unknown are refused, and listed as rows in the second result.
     Failures and departures are kept.
     """
     windows_by_end: dict[int, Row] = {}
@@ -283,8 +283,7 @@ def lives_of(health: Iterable[Row]) -> list[dict[str, Any]]:
         if not math.isfinite(hours):
             continue
         if not lives or lives[-1]["life"] != repairs:
-            # The first one began with the unit; what it went through before its first test is
-            # not known.
+            # The first life began with the unit; events before its first test are unknown.
             begin = hours if repairs else 0.0
             life = {"life": repairs, "begin_hours": begin, "from_age": hours - begin}
             lives.append(life | {"has_failed": False})

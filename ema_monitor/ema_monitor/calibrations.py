@@ -278,6 +278,6 @@ def _filled(path: str, description: ActuatorDescription) -> str:
     return filled
 
 
-def _as_file_name(name: str) -> str:
+def file_name(name: str) -> str:
     """Return a name as a file name: characters that could lead to another folder are escaped."""
     return name.replace(".", "%2E") if name in (".", "..") else quote(name, safe=" ")

@@ -63,7 +63,7 @@ def test_damaged_table_is_named_and_made_anew_whichever_it_is(ema, archive: Path
     assert len(names) == len(TABLES) - 1
     for name in names:
         damage_rows(archive, name)
-        said = f"1 table damaged, {name}: `ema archive run"
+        said = f"1 table damaged, {name}: run `ema archive run"
         for command in commands(archive):
             result = ema(*command)
             assert (result.exit_code, said in result.stderr) == (1, True), (name, result.output)
@@ -73,7 +73,7 @@ def test_damaged_table_is_named_and_made_anew_whichever_it_is(ema, archive: Path
             name
         ]
         result = ema("archive", "run", archive, *HERE)
-        assert (result.exit_code, "made anew" in result.stderr) == (0, True), result.output
+        assert (result.exit_code, "recomputed" in result.stderr) == (0, True), result.output
         assert "all is up to date" in result.stdout
         assert answer(archive, LEVELS) == levels
     assert {name: exactly(archive, name) for name in before} == before
@@ -94,7 +94,7 @@ def test_only_rows_that_cannot_be_read_are_made_anew(tmp_path: Path):
             db.execute("INSERT INTO estimates BY NAME SELECT bag, random() AS friction FROM _rows")
         damage_rows(archive, "estimates")
         [words] = mend(manifest)
-        assert words == "1 table damaged, estimates: made anew"
+        assert words == "1 table damaged, estimates: recomputed"
         with manifest.reading() as db:
             lost = db.execute("SELECT bag FROM manifest.bag WHERE state = 'lost'").fetchall()
             [(kept,)] = db.execute("SELECT count(*) FROM estimates").fetchall()
@@ -116,7 +116,7 @@ def test_damaged_store_is_named_with_the_remedy(ema, archive: Path, damage):
         assert str(archive) in result.stderr
         assert FILE in result.stderr
         if damage is not Path.unlink:
-            assert "scan the bags to a new archive" in result.stderr
+            assert "scan the bags into a new archive" in result.stderr
 
 
 def replace_by(make: Callable[[Path], Any], name: str = FILE) -> Callable[[Path], None]:
@@ -149,7 +149,7 @@ def test_store_of_another_kind_is_refused_at_once(ema, tmp_path: Path, damage):
         result = ema("archive", command, archive, *["from units"] * (command == "query"))
         assert result.exit_code == 1, result.output
         assert str(archive) in result.stderr
-        assert "scan the bags to a new archive" in result.stderr
+        assert "scan the bags into a new archive" in result.stderr
     assert time.monotonic() < before_s + 20.0
 
 
@@ -163,8 +163,8 @@ def test_store_of_another_archive_is_refused(ema, tmp_path: Path):
     for command in ("status", "query", "run", "scan"):
         result = ema("archive", command, archive, *["from units"] * (command == "query"))
         assert result.exit_code == 1, result.output
-        assert f"{archive / FILE} is the file of another archive" in result.stderr
-        assert "put its own file back" in result.stderr
+        assert f"{archive / FILE} belongs to another archive" in result.stderr
+        assert "restore its own file" in result.stderr
     # Its own file, and a copy of the folder, may be used.
     shutil.copy(copy / FILE, archive / FILE)
     for folder in (archive, copy):
@@ -192,12 +192,12 @@ def test_archive_of_an_earlier_version_is_refused(ema, tmp_path: Path):
         result = ema("archive", *command)
         assert result.exit_code == 1
         assert "has a version before 12, expected 12" in result.stderr
-        assert "scan the bags to a new archive" in result.stderr
+        assert "scan the bags into a new archive" in result.stderr
     other = tmp_path / "other"
     with Manifest(other, is_new=True) as manifest, manifest.changing() as db:
         db.execute("UPDATE manifest.archive SET version = 11")
     result = ema("archive", "status", other)
-    assert f"{other / FILE} has version 11, expected 12: scan the bags to a new" in result.stderr
+    assert f"{other / FILE} has version 11, expected 12: scan the bags into a new" in result.stderr
 
 
 def bring_up_to_date(archive: Path, *sources: Path) -> None:

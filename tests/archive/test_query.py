@@ -100,10 +100,10 @@ def test_other_programs_read_tables_and_views(whole):
 def test_folder_that_is_no_archive_is_named(ema, tmp_path):
     result = ema("archive", "query", tmp_path, "select 1")
     assert result.exit_code == 1
-    assert f"{tmp_path} is no archive, it has no archive.duckdb" in result.stderr
+    assert f"{tmp_path} is not an archive, it has no archive.duckdb" in result.stderr
     (tmp_path / "letter.txt").touch()
     result = ema("archive", "scan", tmp_path, tmp_path)
-    assert "is a folder with other files: an archive is made in a new folder" in result.stderr
+    assert "is a folder with other files: an archive needs a new folder" in result.stderr
 
 
 def write_course(archive, levels, repairs):

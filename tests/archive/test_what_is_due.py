@@ -303,7 +303,7 @@ def test_worker_of_other_software_is_refused(fleet, tmp_path):
     assert (tally.bags, tally.failed) == (10, 10)
     assert (status.windows, status.reasons) == (0, {"could not be read": 10})
     _, [(reason,)] = answer(tmp_path / "archive", "select distinct reason from bags")
-    assert reason.startswith("the worker has other software than this command")
+    assert reason.startswith("the software of the worker differs from this command")
 
 
 def diagnosed_elsewhere(task):

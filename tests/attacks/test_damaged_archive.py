@@ -31,7 +31,7 @@ def test_damaged_tables_are_made_anew(archive: Path, table: str):
     damage_rows(archive, table)
     assert "1 table damaged" in ema("archive", "status", archive).stdout
     result = ema("archive", "run", archive, *HERE)
-    assert f"1 table damaged, {table}: made anew" in result.stderr
+    assert f"1 table damaged, {table}: recomputed" in result.stderr
     assert "all is up to date" in result.stdout
     assert {name: exactly(archive, name) for name in whole} == whole
     assert ema("archive", "run", archive, *HERE).stderr == ""
@@ -44,7 +44,7 @@ def test_what_bags_that_are_gone_said_is_named(archive: Path, fleet: Path):
     damage_rows(archive, "estimates")
     result = ema("archive", "run", archive, *HERE)
     assert "10 bags of these tables are missing, such as" in result.stderr
-    assert "bring them back" in result.stderr
+    assert "restore them" in result.stderr
 
 
 @pytest.mark.parametrize("content", [b"", b"not a database" * 1000])

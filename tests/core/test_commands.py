@@ -108,9 +108,9 @@ def test_impossible_figure_is_refused_by_name_value_unit_and_range(name, unit, v
 @pytest.mark.parametrize(
     ("samples", "match"),
     [
-        ([], "row of samples"),
-        ([[0.0, 1.0]], "row of samples"),
-        (0.5, "row of samples"),
+        ([], "one-dimensional array"),
+        ([[0.0, 1.0]], "one-dimensional array"),
+        (0.5, "one-dimensional array"),
         ([0.0, math.nan], "sample 1 is nan"),
         ([math.inf], "sample 0 is inf"),
     ],
