@@ -54,7 +54,7 @@ def test_damaged_store_is_an_error_with_its_remedy(archive: Path, content: bytes
         result = ema("archive", command, archive)
         assert result.exit_code == 1
         assert FILE in result.stderr
-        assert "scan the bags to a new archive" in result.stderr
+        assert "scan the bags into a new archive" in result.stderr
 
 
 def test_no_flipped_byte_and_no_cut_changes_what_an_archive_says(archive: Path):

@@ -141,7 +141,7 @@ def test_overall_life_counts_a_fault_whose_growth_is_not_certain_yet():
 def test_nothing_is_told_before_any_test():
     prognosis = Tracker().predict()
     assert not prognosis.overall.known
-    assert prognosis.overall.reason == "fewer than two tests that agree so far"
+    assert prognosis.overall.reason == "fewer than two tests agree so far"
     assert np.isnan(prognosis.hours)
 
 

@@ -96,7 +96,7 @@ def test_unobservable_component_stays_unknown_and_the_others_do_not_mind():
     assert np.isnan(of(other, "gain").value)
     assert np.isnan(of(other, "gain").trend)
     assert of(other, "gain").tests == 0
-    assert other.predict().components["gain"].reason == "fewer than two tests that agree so far"
+    assert other.predict().components["gain"].reason == "fewer than two tests agree so far"
     # Their track records are unknown alike; values that are no numbers are not equal as such.
     assert repr(of(other, "friction")) == repr(of(one, "friction"))
 
