@@ -130,7 +130,7 @@ def test_a_file_gives_back_what_was_written_and_no_name_of_a_unit(tmp_path: Path
 def test_what_is_no_fleet_is_refused_by_name(tmp_path: Path, content, reason):
     path = tmp_path / "fleet.npz"
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=f"{path} is not a fleet file:  .*{reason}"):
+    with pytest.raises(ValueError, match=f"{path} is not a fleet file: .*{reason}"):
         FleetGrowth.read(path)
 
 
@@ -148,11 +148,11 @@ def test_arrays_of_another_kind_are_refused_by_name(tmp_path: Path, units):
         ({"tests": arrays["tests"][:-1]}, "shorter"),
     ):
         np.savez(path, **{**arrays, **change})
-        with pytest.raises(ValueError, match=f"{path} is not a fleet file:  .*{reason}"):
+        with pytest.raises(ValueError, match=f"{path} is not a fleet file: .*{reason}"):
             FleetGrowth.read(path)
     del arrays["grid"]
     np.savez(path, **arrays)
-    with pytest.raises(ValueError, match="is not a fleet file:  'grid"):
+    with pytest.raises(ValueError, match="is not a fleet file: 'grid"):
         FleetGrowth.read(path)
 
 
