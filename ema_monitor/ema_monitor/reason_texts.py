@@ -1,4 +1,4 @@
-"""Texts of reasons: the sentences of messages, tables and pages."""
+"""Sentences for reasons, in messages, tables and pages."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -13,7 +13,7 @@ from ema_core.wording import counted
 from ema_monitor.reasons import Reason, mistake_of
 
 EQUAL_SHORTS: Final = tuple(FAULT_NAMES[phase] for phase in SHORT_CIRCUITS)
-"""Equal short circuits of all phases, which weaken a motor like a smaller torque constant."""
+"""Names of the short circuits; if equal in all phases, they act like a smaller torque constant."""
 
 EQUAL_SHORTS_LABEL: Final = "equal short circuits of all phases"
 AND: Final = " and "
@@ -36,7 +36,7 @@ def text_of(reason: Reason) -> str:
 
 
 def joined(reasons: Iterable[Reason]) -> str:
-    """Return the sentences of reasons, separated by semicolons."""
+    """Return the sentences for reasons, separated by semicolons."""
     return "; ".join(map(text_of, reasons))
 
 
@@ -66,17 +66,17 @@ def _cause_found(reason: of.CauseFound) -> str:
 def _not_measured(reason: of.NotMeasured) -> str:
     start = f"the {reason.column} is not measured"
     if reason.column == "current":
-        return f"{start}: what the speed does not show is not known"
-    return f"{start}: the speed of the user shaft, from the position, takes its place"
+        return f"{start}: causes that the speed does not show are unknown"
+    return f"{start}: the speed of the user shaft, derived from the position, is used instead"
 
 
 def _order_unknown(reason: of.OrderUnknown) -> str:
-    contradiction = f"its stamp is {reason.before_s:.9g} s before the newest test's"
+    contradiction = f"its stamp is {reason.before_s:.9g} s before the newest stamp"
     if reason.before_s <= 0.0:
         contradiction = "it differs from a test with the same stamp"
     return (
-        f"it is not known which test came first: {contradiction}; set the clock of the actuator, "
-        "or has_clock = false if it has none"
+        f"the order of the tests is unknown: {contradiction}; set the clock of the actuator, "
+        "or has_clock = false if it has no clock"
     )
 
 
@@ -151,7 +151,7 @@ def _joint_still(reason: of.JointStill) -> str:
     if reason.cause == "no_effort":
         return (
             f"{acting}, and the healthy friction is {reason.friction:.2g} {reason.effort_unit}: is "
-            "the drive off, a brake on or a phase open?"
+            "the drive off, a brake applied or a phase open?"
         )
     if reason.cause == "short_command":
         least = f"{reason.least_travel:.2g} {reason.angle_unit}"
@@ -171,7 +171,7 @@ def _effort_shifted(reason: of.EffortShifted) -> str:
     way = "later" if reason.shift_s > 0.0 else "earlier"
     return (
         f"The effort is {1e3 * abs(reason.shift_s):.0f} ms {way} than in the healthy records, "
-        "which is corrected: check whether filter, driver or clock of the effort were changed"
+        "which is corrected: check whether filter, driver or clock of the effort have changed"
     )
 
 
@@ -197,7 +197,7 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     of.EffortMissing: (
         "drive = unknown needs a measured current or torque, and the telemetry has none"
     ),
-    of.SpeedGaps: ("the speed is not measured in some samples: leave them out, or the whole speed"),
+    of.SpeedGaps: ("the speed is missing in some samples: omit these samples, or the whole column"),
     of.NoTravel: (
         "no excitation: the command travels {r.travel:.3g} rad, expected at least {r.least:g} rad"
     ),
@@ -206,8 +206,8 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     of.NoCalibration: "{r.detail}",
     of.Learning: _learning,
     of.DriveUnknown: (
-        "drive = unknown, and the calibration is of a drive that is known; calibrate on healthy "
-        "motion of this unit"
+        "drive = unknown, but the calibration is of a known drive; calibrate on healthy motion of "
+        "this unit"
     ),
     of.OtherUnit: _other_unit,
     of.OtherSamples: "{r.detail}",
@@ -221,32 +221,33 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     ),
     of.JamOrOpenCircuit: (
         f"{LABELS['jam']}, {_OPEN_CIRCUIT}: the motor stands still although the speed loop wants "
-        "{r.wanted:.1f} A; the current, which would show which, is not measured"
+        "{r.wanted:.1f} A; the current, which would distinguish them, is not measured"
     ),
     of.DeadSensor: (
-        "dead {r.column} sensor: it says {r.value:.3g} throughout, although the {r.moving} changes"
+        "dead {r.column} sensor: its value is {r.value:.3g} throughout, although the {r.moving} "
+        "changes"
     ),
     of.WrongScale: lambda r: error_text(r.error),
-    of.NoFiniteCost: "no fault vector gave a finite cost",
+    of.NoFiniteCost: "no fault vector has a finite cost",
     of.UncertaintyUnknown: "the uncertainty cannot be computed: {r.detail}",
     of.NotConverged: "the search was stopped before it converged",
     of.Contradicted: lambda r: f"not used, as the {r.subject} contradicts it: measured {_cause(r)}",
     of.CauseFound: _cause_found,
-    of.SensorBeyondRange: lambda r: f"a sensor is further off than can be corrected: {_cause(r)}",
+    of.SensorBeyondRange: lambda r: f"a sensor error is too large to be corrected: {_cause(r)}",
     of.NotSeparated: _not_separated,
     of.FitUnjudged: (
-        "standard deviations are widened: the fit cannot be judged, as the healthy windows of the "
-        "calibration ({r.calibration_windows}) do not give their scatter: calibrate with several "
-        "that differ"
+        "standard deviations are widened: the fit cannot be judged, because the healthy windows of "
+        "the calibration ({r.calibration_windows}) do not show their scatter: calibrate with "
+        "several different windows"
     ),
     of.PoorFit: lambda r: f"standard deviations are widened: {_residual(r)}",
     of.Unexplained: lambda r: (
         f"neither faults nor known causes explain the {r.subject}: {_residual(r)}"
     ),
     of.MotionEnded: "the motion ended",
-    of.MotionDisagrees: "the motion that followed does not agree with it",
+    of.MotionDisagrees: "the subsequent motion does not agree with the estimate",
     of.FaultsNotShown: _faults_not_shown,
-    of.StretchesInsufficient: "the stretches do not determine the faults as well as wanted",
+    of.StretchesInsufficient: "the stretches do not determine the faults to the wanted accuracy",
     of.FiguresDeparted: "{r.detail}; no fault explains it",
     of.LabelledState: "{r.detail}",
     of.WouldDepart: "{r.detail}",

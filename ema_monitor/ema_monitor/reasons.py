@@ -1,7 +1,7 @@
-"""Typed reasons for a missing estimate, and reservations about an estimate.
+"""Typed reasons why there is no estimate, or why an estimate has reservations.
 
-A program decides by the kind of a reason, its ``code``. `ema_monitor.reason_texts` makes the
-sentence that a person reads.
+Programs use the kind of a reason, its ``code``. `ema_monitor.reason_texts` has the sentences for
+people.
 """
 
 import math
@@ -12,21 +12,20 @@ from typing import Any, ClassVar, Final, Self
 from ema_core.column_errors import ColumnError, Kind, Mistake, Reference
 
 KINDS: Final[dict[str, type["Reason"]]] = {}
-"""Kinds of reasons by their code."""
+"""Classes of reasons by code."""
 
 _COUNTS: Final = ("stretches", "of_stretches")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reason:
-    """Reason for a missing estimate, or reservation about an estimate; each kind is a subclass."""
+    """Reason for a missing estimate, or reservation about an estimate; a subclass per kind."""
 
     code: ClassVar[str]
     """Name of the kind."""
     stretches: int = 0
     of_stretches: int = 0
-    """Number of motion stretches with this reason, and total number of stretches; 0 if not
-    counted."""
+    """Number of stretches with this reason, and total number of stretches; 0 if not counted."""
 
     def __init_subclass__(cls, code: str) -> None:
         super().__init_subclass__()
@@ -42,7 +41,7 @@ class Reason:
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> "Reason":
-        """Return the reason from the output of ``as_record``, also after a JSON round trip.
+        """Return the reason for the output of ``as_record``, also after a JSON round trip.
 
         Raises
         ------
@@ -97,7 +96,7 @@ class StampsContradict(Reason, code="stamps_contradict"):
     """The stamps of recordings do not show which test came first."""
 
     detail: str
-    """Text that names the recordings and the stamps."""
+    """Description with the names of the recordings and the stamps."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +108,7 @@ class NotMeasured(Reason, code="not_measured"):
 
 @dataclass(frozen=True)
 class FitnessNeedsCurrent(Reason, code="fitness_needs_current"):
-    """Current not measured although ``fitness`` compares only currents; ``usable`` is possible."""
+    """Fitness that compares currents, without a measured current; ``usable`` names alternatives."""
 
     fitness: str
     usable: str
@@ -192,7 +191,7 @@ class OtherSamples(Reason, code="other_samples"):
     detail: str
 
 
-# Failures and mistakes that the telemetry shows.
+# Failures and mistakes shown by the telemetry.
 
 
 @dataclass(frozen=True)
@@ -236,7 +235,7 @@ def mistake_row(mistake: Mistake) -> MistakeRow:
 
 
 def mistake_of(row: MistakeRow) -> Mistake:
-    """Return the mistake from the output of ``mistake_row``."""
+    """Return the mistake for the output of ``mistake_row``."""
     kind, factor, unit, stated = row
     return Mistake(Kind(kind), factor, unit, stated)
 
@@ -271,7 +270,7 @@ class WrongScale(Reason, code="wrong_scale"):
 
 @dataclass(frozen=True)
 class NoFiniteCost(Reason, code="no_finite_cost"):
-    """No fault vector gave a finite cost."""
+    """No fault vector has a finite cost."""
 
 
 @dataclass(frozen=True)
@@ -384,29 +383,29 @@ class FiguresDeparted(Reason, code="figures_departed"):
     """Figures of the window depart from healthy, and no fault explains it."""
 
     figures: tuple[str, ...]
-    """Names of the figures that depart, the most significant first."""
+    """Names of the departed figures, most significant first."""
     probability: float
-    """Probability that a healthy test differs as much."""
+    """Probability that a healthy test differs by as much."""
     detail: str
-    """Text on the departed figures and the likely labelled state."""
+    """Description of the departed figures and the likely labelled state."""
 
 
 @dataclass(frozen=True)
 class LabelledState(Reason, code="labelled_state"):
-    """The window resembles labelled states, or resembles none clearly enough."""
+    """The window resembles labelled states, or no labelled state clearly enough."""
 
     detail: str
-    """Text that names the states, or the reason that none is named."""
+    """Description with the names of the states, or with the reason why no state is named."""
 
 
 @dataclass(frozen=True)
 class WouldDepart(Reason, code="would_depart"):
-    """A figure differs, and would depart on a day with healthy tests."""
+    """A figure differs by an amount that would depart on a day with healthy tests."""
 
     figure: str
     """Name of the figure."""
     detail: str
-    """Text on the size of the difference."""
+    """Description of the difference."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Reports on a unit: plain values with the fields of the corresponding ROS messages.
+"""Reports on a unit, as plain values with the fields of the corresponding ROS messages.
 
 The node publishes reports and commands print them, without further computation.
 """
@@ -26,7 +26,7 @@ class Stamp:
 
     @classmethod
     def of(cls, stamp_ns: int) -> "Stamp":
-        """Return the stamp of a time in nanoseconds."""
+        """Return the stamp for a time in nanoseconds."""
         return cls(*divmod(int(stamp_ns), 1_000_000_000))
 
     @property
@@ -215,7 +215,7 @@ def _item(item: FaultHealth, unit: str, outlook: Outlook) -> ItemReport:
 
 
 def scenario_report(scenario: Scenario, outlook: Outlook) -> ScenarioReport:
-    """Return the report on a unit's life under a scenario, from the scenario's outlook."""
+    """Return the report on the remaining life under a scenario, from the outlook under it."""
     life, removal = outlook.rul, outlook.removal
     quantiles = (life.hours_05, life.hours_50, life.hours_95)
     days_05, days_50, days_95 = (hours / removal.hours_a_day for hours in quantiles)

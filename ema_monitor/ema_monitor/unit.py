@@ -1,4 +1,4 @@
-"""State of a unit: from estimates and counts of service to health and remaining life."""
+"""State of a unit: health and remaining life from estimates and service-life counts."""
 
 import math
 import threading
@@ -60,13 +60,13 @@ class KnownTest(NamedTuple):
 
 
 class Unit:
-    """Follows a unit from test to test; thread-safe.
+    """Health and remaining life of a unit, updated by its tests; thread-safe.
 
     The outlook depends only on the tests in the history and on the settings: a replay of the same
     tests, or of the history after a restart, gives the same outlook. The newest test gives the
-    level, whether it is valid or refused. Tests are ordered by stamp, or by reception where stamps
-    go back (``place_of``). In a recording, a late test is inserted into the growth at its stamp,
-    which may move the value of a fault within its sigma.
+    level, whether it is valid or refused. Tests are ordered by stamp, or by reception if stamps go
+    back (``place_of``). In a recording, a late test is inserted into the growth at its stamp, which
+    may change the value of a fault within its sigma.
 
     Parameters
     ----------
@@ -75,8 +75,7 @@ class Unit:
     settings
         Initial settings.
     opened_ns
-        Time at which a history with tests was opened, which becomes an event [ns]; None for no
-        such event.
+        Time at which a history with tests was opened [ns], for a restart event; None for no event.
     author
         Node that publishes the outlooks; empty for a command.
 
@@ -85,7 +84,7 @@ class Unit:
     history
         Tests so far, with their assessments.
     growth
-        Growth of the faults by the tests so far.
+        Growth of the faults over the tests so far.
     """
 
     def __init__(
@@ -97,11 +96,11 @@ class Unit:
     ) -> None:
         self.history = history
         self._author = author
-        # Stamp of the newest test received since the start, its reception [ns], and whether live.
+        # Newest test received since the start: stamp, reception time [ns], and whether it was live.
         self._received = 0, 0, False
-        # Latest time of the tests from before a step of the clock [ns].
+        # Time of the latest test before a step of the clock [ns].
         self._step_ns = 0
-        # Outlook by the valid tests; None once settings or tests have changed.
+        # Outlook from the valid tests; None after settings or tests have changed.
         self._by_valid: Outlook | None = None
         self._lock = threading.RLock()
         self._settings = settings = settings or PrognosisSettings()
@@ -129,8 +128,8 @@ class Unit:
     ) -> Outlook | None:
         """Record the estimate of a test and return the resulting outlook.
 
-        The result is None if the window was skipped, or is refused and older than the newest test.
-        If the order of tests is unknown, the test is refused.
+        The result is None if the window was skipped, or if it is refused and older than the newest
+        test. If the order of tests is unknown, the test is refused.
 
         Parameters
         ----------
@@ -141,9 +140,8 @@ class Unit:
         settings
             Settings to use from this test on.
         count
-            Latest count of service hours read before the test, or None.
-        flown
-            Known duty since the previous test, valid or not.
+            Latest count of service hours that was read before the test, or None. flown Known duty
+            since the previous test, valid or not.
         received_ns
             Reception time on the receiver's clock [ns]; 0 for a recording.
         is_live
@@ -151,9 +149,9 @@ class Unit:
 
         Notes
         -----
-        A repeated test is ignored, unless it was refused before and now has a valid estimate. It
+        A duplicate test is ignored, unless it was refused before and now has a valid estimate. It
         then does not count as another cycle. A test whose service hours are unknown or not yet
-        confirmed is stored but does not enter the prognosis.
+        confirmed is stored, but not used in the prognosis.
         """
         with self._lock:
             self._apply(settings)
@@ -248,7 +246,7 @@ class Unit:
     def _add_late(
         self, estimate: Estimate, latest: Entry, count: Count | None, flown: FlownDuty
     ) -> None:
-        """Record a valid test that is older than the latest one, between its neighbours."""
+        """Record a valid test that is older than the latest test."""
         entries, each = self.history.entries, self._settings.service.hours_per_cycle
         entry = late_entry(estimate, entries, each, count, flown)
         entries_before = len(entries)
@@ -274,15 +272,15 @@ class Unit:
         Parameters
         ----------
         estimates, counts
-            Tests, and counts of service life, each in order of time.
+            Tests and service-life counts, each in order of time.
         parameters
             Parameters of the unit; None if unknown.
         settings
             Settings to use.
         flown
-            Duty up to the end of each window, by stamp [ns], in order of time.
+            Pairs of a window's stamp [ns] and the duty up to its end, in order of time.
         """
-        # The log is limited: at each test it has only the counts that precede the test.
+        # The log is bounded: at each test, it contains only the counts that precede the test.
         waiting, log, pieces = deque(counts), CountLog(), deque(flown)
         for estimate in estimates:
             while waiting and waiting[0].stamp_ns <= estimate.end_ns:
@@ -309,7 +307,7 @@ class Unit:
             return self._outlook_with_events(parameters) if self.history.newest else None
 
     def rewind(self, time_ns: int) -> None:
-        """Discard tests and assessments later than ``time_ns`` after simulated time jumped back."""
+        """Discard tests and assessments after ``time_ns``, to which simulated time jumped back."""
         with self._lock:
             tests, assessments = self.history.tests, self.history.assessments
             self.history.close()
@@ -326,9 +324,9 @@ class Unit:
             self._recompute_growth()
 
     def note(self, person: str, text: str, stamp_ns: int = 0) -> None:
-        """Add a person's note on the event of a test.
+        """Add a person's note on an event of a test.
 
-        The next outlook has the note as an event; ``resume`` returns an outlook at once.
+        The next outlook contains the note as an event; ``resume`` returns an outlook at once.
 
         Parameters
         ----------
@@ -354,7 +352,7 @@ class Unit:
             )
 
     def alarm(self, parameters: ActuatorParameters | None, settings: PrognosisSettings) -> str:
-        """Return the cause of a WARN or ERROR, even if the level has expired; "" if none."""
+        """Return the cause of a WARN or ERROR, even if the level has expired; else ""."""
         with self._lock:
             self._apply(settings)
             if self.history.newest is None:
@@ -368,7 +366,7 @@ class Unit:
         """Record that a person changed the unit's calibration. Return whether it was recorded.
 
         The change becomes an event of the newest valid test; without a valid test it is not
-        recorded. The next outlook has the event; ``resume`` returns an outlook at once.
+        recorded. The next outlook contains the event; ``resume`` returns an outlook at once.
         """
         with self._lock:
             if not self.history.entries:
@@ -399,8 +397,8 @@ class Unit:
     ) -> Outlook:
         """Return the outlook under a scenario without recording it.
 
-        The outlook is unknown, with the reason, if the scenario cannot be compared with the duty
-        flown.
+        The outlook is unknown, with the reason, if the scenario cannot be compared with the flown
+        duty.
 
         Raises
         ------
@@ -437,7 +435,7 @@ class Unit:
             return tests, left_out
 
     def forecaster(self, outlook: Outlook) -> Forecaster | None:
-        """Return a fault forecaster that continues an outlook, independent of later tests.
+        """Return a forecaster of the faults after an outlook, independent of later tests.
 
         The result is None if a later test has been added since the outlook.
         """
@@ -489,7 +487,7 @@ class Unit:
         outlook = self._by_valid = self._outlook(parameters)
         if not self.history.entries:
             return self._claimed(outlook)
-        # The latest test's assessment if it is assessed again, else the previous test's.
+        # Assessment of the latest test if that is assessed again, else of the previous test.
         assessments = self.history.assessments
         stamps_ns = (entry.stamp_ns for entry in reversed(self.history.entries[-2:]))
         before = next((assessments[ns] for ns in stamps_ns if ns in assessments), None)
@@ -509,7 +507,7 @@ class Unit:
         return replace(self._claimed(outlook), events=new)
 
     def _claimed(self, outlook: Outlook) -> Outlook:
-        """Return the outlook from the valid tests, adapted to the newest test, with validity."""
+        """Return an outlook adapted to the newest test, with its validity."""
         newest = self.history.newest
         if newest is None:
             return outlook
@@ -563,9 +561,9 @@ class Unit:
         )
 
     def mark_clock_step(self, until_ns: int | None = None) -> None:
-        """Do not count the faults that tests up to a time have shown as shown recently.
+        """Treat the faults shown by tests up to a time as not shown recently.
 
-        Their stamps are from before a clock stepped back, so that their age is not known.
+        These tests were stamped before a clock stepped back, so that their age is unknown.
 
         Parameters
         ----------

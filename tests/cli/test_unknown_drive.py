@@ -128,5 +128,5 @@ def test_calibration_of_a_known_drive_does_not_serve(ema, folder, tmp_path):
     (tmp_path / "worn.mcap").write_bytes((folder / "worn.mcap").read_bytes())
     refused = ema("estimate", tmp_path / "worn.mcap")
     assert refused.exit_code == 3
-    assert "drive = unknown, and the calibration is of a drive that is known" in refused.stdout
+    assert "drive = unknown, but the calibration is of a known drive" in refused.stdout
     assert "`ema calibrate HEALTHY_BAG -o FILE`" in refused.stdout

@@ -97,7 +97,7 @@ def test_dead_sensor_is_not_taken_for_faults(ema, record, faulty_blocks, column)
     [estimate] = json.loads(result.stdout)
     assert not estimate["valid"]
     assert estimate["verdict"] == "failed"
-    assert f"dead {column} sensor: it says 0 throughout" in estimate["reason"]
+    assert f"dead {column} sensor: its value is 0 throughout" in estimate["reason"]
 
 
 def test_coarse_command_is_still_the_calibrated_one(ema, tmp_path):

@@ -79,7 +79,7 @@ def standing(t: Telemetry, flows: float) -> dict[str, np.ndarray]:
         ),
         (
             lambda t: {"speed": 0.0 * t.speed, "position": t.command},
-            ("dead speed sensor: it says 0 throughout",),
+            ("dead speed sensor: its value is 0 throughout",),
             "failed",
         ),
     ],
@@ -156,4 +156,4 @@ def test_measured_current_that_is_no_number_is_refused(window, calibration, desc
     current = window.telemetry.current.copy()
     current[1234] = np.nan
     estimate = identify(changed(window, current=current), description, calibration)
-    check_refused(estimate, "no fault vector gave a finite cost")
+    check_refused(estimate, "no fault vector has a finite cost")

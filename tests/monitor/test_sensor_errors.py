@@ -78,7 +78,7 @@ def test_faults_are_right_beside_an_error_of_a_sensor(faults, column, error, val
 def test_error_of_a_sensor_at_the_end_of_the_search_is_refused(delay):
     estimate = estimated(RUBBING, "current", "delay", delay)
     assert not estimate.valid
-    assert "a sensor is further off than can be corrected: delay of the current" in estimate.reason
+    assert "a sensor error is too large to be corrected: delay of the current" in estimate.reason
 
 
 @pytest.mark.slow

@@ -116,7 +116,7 @@ def test_same_test_again_changes_nothing(grown):
     again = prognostics.update(same, PARAMETERS, TEN_HOURS)
     assert again is not None
     assert plain(again) == plain(outlooks[-1])
-    assert ["in the history already" in event.text for event in again.events] == [True]
+    assert ["already in the history" in event.text for event in again.events] == [True]
     assert len(prognostics.history.entries) == entries
 
 
@@ -126,7 +126,7 @@ def test_different_test_at_the_time_of_another_makes_the_level_unknown(number: i
     outlook = unit.update(made_test(number, friction=0.9), PARAMETERS, TEN_HOURS)
     assert outlook is not None
     assert (outlook.health.level, outlook.last_level) == (STALE, outlooks[-1].health.level)
-    assert "not known which test came first" in outlook.health.reason
+    assert "the order of the tests is unknown" in outlook.health.reason
     assert len(unit.history.entries) == 20
 
 
@@ -136,7 +136,7 @@ def test_phases_on_both_sides_of_half_a_turn_are_of_the_same_test():
         test = replace(made_test(0, eccentricity_phase=phase), covariance=1e-5 * np.eye(8))
         outlook = unit.update(test, PARAMETERS, TEN_HOURS)
     assert outlook is not None
-    assert "in the history already" in outlook.events[-1].text
+    assert "already in the history" in outlook.events[-1].text
 
 
 def test_other_duty_is_answered_without_changing_anything(grown):
@@ -162,7 +162,7 @@ def test_test_that_comes_late_is_told_and_changes_no_level():
     prognostics, before = lived(3)
     back = prognostics.update(made_test(-5), PARAMETERS, TEN_HOURS)
     assert back is not None
-    assert any("70 s older than the latest one" in event.text for event in back.events)
+    assert any("70 s older than the latest test" in event.text for event in back.events)
     assert (back.hours, back.claim, back.health.level) == (
         before[-1].hours, before[-1].claim, before[-1].health.level,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Changes of a unit's calibration, as events."""
+"""Events about changes of a unit's calibration."""
 
 import math
 from collections.abc import Iterable
@@ -11,22 +11,22 @@ from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.sentences import label_of
 
 SHOWN_SHARE: Final = 0.05
-"""Share of its limit above which a fault is named in a baseline change [-]."""
+"""Share of its limit above which a fault is named in the event of a baseline change [-]."""
 
 
 def baseline_change(
     person: str, calibration_id: str, history: History, faults: Iterable[FaultHealth]
 ) -> UnitEvent:
-    """Return the event that a person changed the calibration of a unit.
+    """Return the event of a calibration change by a person.
 
     Parameters
     ----------
     person
         Person who changed the calibration.
     calibration_id
-        Identity of the calibration used from now on.
+        Identity of the new calibration.
     history
-        Tests of the unit, at least one of them valid.
+        Tests of the unit, with at least one valid test.
     faults
         Health of the faults after the newest valid test; empty if unknown.
     """
@@ -44,7 +44,7 @@ def baseline_change(
 
 
 def other_calibration(outlook: Outlook, history: History) -> list[UnitEvent]:
-    """Return the event of a newest test with another calibration than the test before it."""
+    """Return the event of a calibration change between the two newest tests, if there was one."""
     entries = history.entries
     if len(entries) < 2 or outlook.stamp_ns in history.assessments:
         return []
@@ -56,7 +56,7 @@ def other_calibration(outlook: Outlook, history: History) -> list[UnitEvent]:
 
 
 def worn_baseline(history: History) -> str:
-    """Return who set the current baseline while the unit was worn, or ""."""
+    """Return the person who set the current baseline on a worn unit; "" if nobody did."""
     newest = _baseline(history.entries[-1])
     earlier = (entry for entry in reversed(history.entries) if _baseline(entry) != newest)
     before = next(earlier, None)

@@ -1,4 +1,4 @@
-"""What the levels and departures of earlier tests add to the outlook of the newest test."""
+"""Levels and departures of earlier tests in the outlook of the newest test."""
 
 import math
 from dataclasses import replace
@@ -14,7 +14,7 @@ from ema_monitor.prognosis.outlook import Outlook
 
 
 def with_unconfirmed_levels(outlook: Outlook, history: History, confirmations: int) -> Outlook:
-    """Return the outlook with earlier levels and departures kept until tests confirm their end.
+    """Return the outlook with earlier levels and departures, until tests confirm their end.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def last_level(outlook: Outlook, history: History) -> int:
 
 
 def failed_since(outlook: Outlook, history: History) -> float:
-    """Return the service hour at which the current run of ERROR tests started [h]."""
+    """Return the service hour at which the current run of tests with ERROR began [h]."""
     if outlook.health.level != ERROR:
         return math.nan
     since = outlook.hours
@@ -66,7 +66,7 @@ def failed_since(outlook: Outlook, history: History) -> float:
 
 
 def _counts(estimate: Estimate) -> bool:
-    """Return whether a test counts for the confirmation of a lower level."""
+    """Return whether a test counts towards the confirmation of a lower level."""
     return estimate.comparison is None or _is_judged(estimate)
 
 

@@ -14,18 +14,18 @@ from ema_monitor.prognosis.sentences import failures_in_words
 def with_earlier_failure(
     outlook: Outlook, history: History, recurrence: Recurrence | None, confirmations: int
 ) -> Outlook:
-    """Return the outlook with an earlier failure kept until tests confirm its end.
+    """Return the outlook with an earlier failure, which persists until tests confirm its end.
 
     Parameters
     ----------
     outlook
-        Outlook by the valid tests.
+        Outlook from the valid tests.
     history
-        All tests.
+        All tests of the unit.
     recurrence
-        Occurrences of an intermittent failure, which a person must acknowledge; else None.
+        Recurrence of an intermittent failure, which a person must acknowledge; else None.
     confirmations
-        Number of tests in a row that confirm the end.
+        Number of consecutive tests that confirm the end.
     """
     judged = (test for test in history.tests if isinstance(test, Entry) or history.has_failed(test))
     latest = nlargest(max(confirmations, LATEST_TESTS), judged, key=lambda test: test.stamp_ns)

@@ -1,4 +1,4 @@
-"""Entries of new tests: their service hours and test cycles."""
+"""History entries of new tests, with their service hours and test cycles."""
 
 import math
 from bisect import bisect
@@ -28,7 +28,7 @@ def next_entry(
     service
         Service hours of the tests so far.
     hours_per_cycle
-        Flight hours of a test cycle [h]; 0 if a count gives the service hours.
+        Flight hours per test cycle [h]; 0 if service hours are counted.
     new_cycles
         Test cycles since the latest valid test.
     count
@@ -36,7 +36,7 @@ def next_entry(
     flown
         Duty since the latest valid test.
     shift_ns
-        Correction that was added to the stamps of the estimate [ns].
+        Correction added to the stamps of the estimate [ns].
     """
     latest = service.latest
     cycles = new_cycles + (latest.cycles if latest else 0)
@@ -45,14 +45,14 @@ def next_entry(
         hours = service.after(cycles, hours_per_cycle)
     else:
         before = latest.count if latest else None
-        # After a restart, the latest count may be found in the history only.
+        # After a restart, the latest count may be in the history only.
         newest = _later(count, before, estimate.end_ns)
         if newest is not None and newest != before:
             cycles = newest.cycles or cycles
     findings = []
     missed = cycles - latest.cycles - 1 if latest else 0
     if missed > 0:
-        text = f"{counted(missed, 'test')} without a valid estimate before this one"
+        text = f"{counted(missed, 'test')} without a valid estimate before this test"
         findings.append(Finding(GAP, text))
     return Entry(estimate, hours, cycles, newest, flown, shift_ns), findings
 
@@ -64,20 +64,20 @@ def late_entry(
     count: Count | None,
     flown: FlownDuty,
 ) -> Entry:
-    """Return the entry of a valid test that is older than the latest one, between its neighbours.
+    """Return the entry of a valid test that is older than the latest test.
 
     Parameters
     ----------
     estimate
         Estimate of its window.
     entries
-        Valid tests in order of their stamps, the last one later than this test.
+        Valid tests in order of their stamps; the last test is later than this test.
     hours_per_cycle
-        Flight hours of a test cycle [h]; 0 if a count gives the service hours.
+        Flight hours per test cycle [h]; 0 if service hours are counted.
     count
         Latest count of service hours read before the test, or None.
     flown
-        Duty since the test before it.
+        Duty since the preceding test.
     """
     place = bisect(entries, estimate.end_ns, key=lambda entry: entry.stamp_ns)
     before, after = entries[place - 1] if place else None, entries[place]
@@ -90,6 +90,6 @@ def late_entry(
 
 
 def _later(first: Count | None, second: Count | None, end_ns: int) -> Count | None:
-    """Return the later of two counts that was read before the end of a test [ns]."""
+    """Return the later of the counts that were read before the end of a test [ns], or None."""
     read = [count for count in (first, second) if count and count.stamp_ns <= end_ns]
     return max(read, key=lambda count: count.stamp_ns, default=None)

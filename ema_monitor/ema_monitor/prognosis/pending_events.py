@@ -31,7 +31,7 @@ class PendingEvents:
     findings
         Findings before the first test.
     restarted
-        Time at which a history was opened [ns], and its number of tests; None for no such event.
+        Time at which a history was opened [ns], and its number of tests; None for no restart event.
     """
 
     def __init__(
@@ -47,23 +47,23 @@ class PendingEvents:
         self._findings += findings
 
     def report_repeated(self) -> None:
-        """Add the finding that a test of the history came again."""
-        text = "a test that is in the history already came again and changes nothing"
+        """Add the finding that a test is already in the history."""
+        text = "duplicate test ignored: it is already in the history"
         self.report([Finding(OTHER, text)])
 
     def report_late(self, late_s: float, departure: str) -> None:
-        """Add the findings of a valid test that is older than the latest one.
+        """Add the findings of a valid test that is older than the latest test.
 
         Parameters
         ----------
         late_s
-            Time from the test to the latest one [s].
+            Time from the test to the latest test [s].
         departure
-            Departure that the test shows; empty if none.
+            Departure in the test; empty without a departure.
         """
         text = (
-            f"a test came late, {late_s:g} s older than the latest one: it counts for growth; "
-            "the latest one gives the level"
+            f"a test arrived late, {late_s:g} s older than the latest test: it is used for growth; "
+            "the latest test determines the level"
         )
         self.report([Finding(OTHER, text)])
         if departure:
@@ -95,23 +95,23 @@ class PendingEvents:
         stamp_ns, hours
             Stamp of the test [ns] and its service hours [h].
         published
-            Events of the newest test that are published already.
+            Events of the newest test that are already published.
 
         Raises
         ------
         ValueError
-            If the newest test has too many notes already.
+            If the newest test already has too many notes.
         """
         _check_notes(person, [*self._events, *published])
         self.add(UnitEvent(stamp_ns, hours, NOTE, f"{person}, {text}", person))
 
     def take_findings(self) -> list[Finding]:
-        """Remove and return the findings: each is published once."""
+        """Remove and return the findings, each of which is published once."""
         findings, self._findings = self._findings, []
         return findings
 
     def take_events(self, hours: float) -> list[UnitEvent]:
-        """Remove and return the events, with a restart at these service hours [h]."""
+        """Remove and return the events, with any restart at the service hours ``hours`` [h]."""
         events, self._events = self._events, []
         if self._restarted is not None:
             opened_ns, tests = self._restarted
@@ -122,7 +122,7 @@ class PendingEvents:
 
 
 def _check_notes(person: str, events: Iterable[UnitEvent]) -> None:
-    """Raise ValueError when a person's further note exceeds the limits."""
+    """Raise ValueError if another note of a person would exceed the limits."""
     notes = Counter(event.person for event in events if event.kind == NOTE)
     if notes[person] >= MOST_NOTES:
         raise ValueError(

@@ -289,7 +289,7 @@ def test_record_with_a_gap_in_the_measured_speed_is_refused():
     with_gap = replace(record, telemetry=replace(record.telemetry, speed=speed))
     result = identify_record(with_gap, described(MOTOR_SPEED), healthy)
     assert result.verdict == REFUSED
-    assert "the speed is not measured in some samples" in result.reason
+    assert "the speed is missing in some samples" in result.reason
 
 
 # Other motion and model-free figures
@@ -404,7 +404,7 @@ def test_joint_that_nothing_drives_has_not_failed(plain):
     n = len(measured(PLAIN).telemetry)
     off = identify_record(seized(current=np.full(n, 0.02)), described(), plain)
     assert off.verdict == REFUSED
-    assert "is the drive off, a brake on or a phase open?" in off.reason
+    assert "is the drive off, a brake applied or a phase open?" in off.reason
     small = 0.1 * measured(PLAIN).telemetry.command
     stiction = replace(seized(), telemetry=replace(seized().telemetry, command=small))
     assert identify_record(stiction, described(), plain).verdict == REFUSED
