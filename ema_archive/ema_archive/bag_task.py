@@ -87,7 +87,7 @@ def unit_name(actuator_id: str, serial_number: str) -> str:
 
 
 def diagnose_bag(task: BagTask) -> BagResult:
-    """Return the estimates of a bag; they equal those of ``ema estimate -p warm_start=false``.
+    """Return the estimates of a bag; they equal the output of ``ema estimate -p warm_start=false``.
 
     For an unusable bag, the result states the reason.
     """
@@ -102,8 +102,8 @@ def diagnose_bag(task: BagTask) -> BagResult:
             except ValueError as error:
                 result = BagResult(task, DAMAGED, str(error), sha256)
     except OSError as error:
-        words = str(error) if error.filename is None else f"{error.filename}: {error.strerror}"
-        result = BagResult(task, FAILED, words)
+        text = str(error) if error.filename is None else f"{error.filename}: {error.strerror}"
+        result = BagResult(task, FAILED, text)
     # Each message is one line, with the address of the bag instead of the path of a copy.
     return replace(
         result,

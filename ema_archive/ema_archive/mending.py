@@ -59,13 +59,13 @@ def mend(store: Store) -> list[str]:
             db.execute("UPDATE manifest.unit SET is_due = true, windows = 0")
         query = "SELECT bag FROM manifest.bag WHERE state = 'lost' AND NOT is_there ORDER BY bag"
         gone = [bag for (bag,) in db.execute(query).fetchall()]
-    words = [f"{counted(len(damaged), 'table')} damaged, {', '.join(damaged)}: recomputed"]
+    messages = [f"{counted(len(damaged), 'table')} damaged, {', '.join(damaged)}: recomputed"]
     if gone:
-        words.append(
+        messages.append(
             f"{counted(len(gone), 'bag')} of these tables are missing, such as {gone[0]}: "
             "restore them and scan again, or their windows are lost"
         )
-    return words
+    return messages
 
 
 def _readable(db: duckdb.DuckDBPyConnection, table: str) -> list[str]:

@@ -16,9 +16,9 @@ from ema_archive.unit_task import UnitEntry, UnitResult, follow_unit
 from ema_core.tasks import Outcome, WorkerLostError, Workers
 
 _MOST_LISTED: Final = 20_000
-_MOST_GATHERED: Final = 2000
+_MOST_BATCHED: Final = 2000
 _MOST_FOLLOWED: Final = 50
-_GATHERED_S: Final = 5.0
+_BATCH_S: Final = 5.0
 _OTHER_SOFTWARE: Final = (
     "the software of the worker differs from this command: install the same version everywhere"
 )
@@ -56,7 +56,7 @@ class RunTally:
     mended: list[str] = field(default_factory=list)
 
 
-class _Gathered(Generic[Result]):
+class _Batch(Generic[Result]):
     """Batch of results, committed after some seconds or when it is large."""
 
     def __init__(self, commit: Callable[[Sequence[Result]], None], most: int) -> None:
@@ -67,7 +67,7 @@ class _Gathered(Generic[Result]):
     def add(self, result: Result) -> None:
         """Add a result; commit the batch if it is due."""
         self._results.append(result)
-        is_late = time.monotonic() > self._began_s + _GATHERED_S
+        is_late = time.monotonic() > self._began_s + _BATCH_S
         if is_late or len(self._results) >= self._most:
             self.commit()
 
@@ -143,8 +143,8 @@ def run_bags(
     follow("bags", 0, total, 0)
     if not total:
         return
-    gathered = _Gathered[BagResult](
-        lambda results: commit_bags(manifest, results, settings), _MOST_GATHERED
+    gathered = _Batch[BagResult](
+        lambda results: commit_bags(manifest, results, settings), _MOST_BATCHED
     )
     tasks = (BagTask(*bag, settings) for bag in manifest.due(settings))
     try:
@@ -166,9 +166,9 @@ def _bag_result(outcome: Outcome) -> BagResult:
     task, error = outcome.item, outcome.error
     if error is None and outcome.value.software == estimation_software():
         return outcome.value
-    words = _OTHER_SOFTWARE if error is None else f"{type(error).__name__}: {error}"
+    text = _OTHER_SOFTWARE if error is None else f"{type(error).__name__}: {error}"
     # A bag that kills its worker has no result: the machine may have run out of memory.
-    return BagResult(task, FAILED, str(error) if isinstance(error, WorkerLostError) else words)
+    return BagResult(task, FAILED, str(error) if isinstance(error, WorkerLostError) else text)
 
 
 def run_units(
@@ -180,7 +180,7 @@ def run_units(
     follow("units", 0, len(entries), 0)
     if not entries:
         return
-    gathered = _Gathered[tuple[UnitEntry, UnitResult]](
+    gathered = _Batch[tuple[UnitEntry, UnitResult]](
         lambda results: commit_units(manifest, results), _MOST_FOLLOWED
     )
     tasks = (manifest.unit_task(entry, settings) for entry in entries)
@@ -191,8 +191,8 @@ def run_units(
                 if outcome.error is not None or result.software != prognosis_software():
                     # The remaining units are processed; this unit stays due.
                     error = outcome.error
-                    words = f"{type(error).__name__}: {error}" if error else _OTHER_SOFTWARE
-                    tally.not_followed[entry.unit] = words
+                    text = f"{type(error).__name__}: {error}" if error else _OTHER_SOFTWARE
+                    tally.not_followed[entry.unit] = text
                     continue
                 gathered.add((entry, result))
                 tally.units += 1

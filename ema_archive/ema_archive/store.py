@@ -220,11 +220,11 @@ class Store(AbstractContextManager[Any, None]):
                 self._engine.execute(f"ATTACH '{path}' AS archive {mode}")
                 self._is_open = True
             except duckdb.Error as error:
-                if not any(words in str(error) for words in _IS_HELD):
+                if not any(text in str(error) for text in _IS_HELD):
                     raise ValueError(self._unusable(error)) from error
                 if time.monotonic() > end_s:
-                    words = f"{self.path} is in use by another program: {first_line(error)}"
-                    raise OSError(words) from error
+                    text = f"{self.path} is in use by another program: {first_line(error)}"
+                    raise OSError(text) from error
                 time.sleep(_LOOK_S)
         self._engine.execute("USE archive")
 
@@ -243,8 +243,8 @@ class Store(AbstractContextManager[Any, None]):
             self._engine = _engine()
 
     def _unusable(self, error: Exception | str) -> str:
-        words = error if isinstance(error, str) else first_line(error)
-        return f"{self.path} cannot be used: {words}; {REMEDY}"
+        text = error if isinstance(error, str) else first_line(error)
+        return f"{self.path} cannot be used: {text}; {REMEDY}"
 
     def _note(self) -> None:
         """Record size and time of the file after a write, and the identity of the archive."""

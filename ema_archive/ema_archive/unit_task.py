@@ -175,10 +175,10 @@ def follow_unit(task: UnitTask) -> UnitResult:
 
 def _unconfirmed(row: Row, lost: str) -> Row:
     """Return a health row adapted to possibly lost tests: alarms are kept, OK becomes STALE."""
-    words = {"reason": "; ".join(filter(None, [lost, row["reason"]]))}
+    doubt = {"reason": "; ".join(filter(None, [lost, row["reason"]]))}
     if row["level"] != OK:
-        return {**row, **words}
-    return {**row, **words, "level": STALE, "last_level": OK, "confidence": 0.0}
+        return {**row, **doubt}
+    return {**row, **doubt, "level": STALE, "last_level": OK, "confidence": 0.0}
 
 
 def _history_of(
@@ -237,7 +237,7 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
     rows = table.to_pylist()
     for row in rows:
         best = windows_by_end.setdefault(row["end_ns"], row)
-        if _telling(row) > _telling(best):
+        if _informativeness(row) > _informativeness(best):
             windows_by_end[row["end_ns"]] = row
     reasons = unordered(
         StampedTest(
@@ -268,7 +268,7 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
     return windows, refused
 
 
-def _telling(row: Row) -> int:
+def _informativeness(row: Row) -> int:
     """Return how informative a row is: failures are highest, refused windows lowest."""
     return {FAILED: 3, DEPARTED: 1}.get(row["verdict"], 2 if row["valid"] else 0)
 

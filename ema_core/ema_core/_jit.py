@@ -125,5 +125,5 @@ class _KernelCache(FunctionCache):
         try:
             super().save_overload(sig, data)
         except OSError as error:
-            words = "a compiled kernel cannot be stored in %s; it is compiled at each start: %s"
-            _log.warning(words, self.cache_path, error)
+            text = "a compiled kernel cannot be stored in %s; it is compiled at each start: %s"
+            _log.warning(text, self.cache_path, error)

@@ -50,8 +50,8 @@ def question(column: str, mistake: Mistake, reference: Reference) -> str:
 
 def questions(error: ColumnError) -> str:
     """Return a question asking whether a column has its likely mistakes; "" if there are none."""
-    asked = [question(error.columns[0], item, error.reference) for item in error.mistakes]
-    return ", and ".join(text.rstrip("?") for text in asked) + "?" * bool(asked)
+    parts = [question(error.columns[0], item, error.reference) for item in error.mistakes]
+    return ", and ".join(text.rstrip("?") for text in parts) + "?" * bool(parts)
 
 
 def error_text(error: ColumnError | UnrelatedColumn) -> str:
@@ -62,6 +62,6 @@ def error_text(error: ColumnError | UnrelatedColumn) -> str:
             f"the {error.column} has little to do with what {reference} (correlation "
             f"{error.correlation:.2f}): is it another column?"
         )
-    words = f"the {' and '.join(error.columns)} is {error.factor:.3g} times what {reference}"
+    text = f"the {' and '.join(error.columns)} is {error.factor:.3g} times what {reference}"
     rest = "the gear ratio" if error.reference is Reference.MODEL else "its scale"
-    return f"{words}: {questions(error) or f'is its unit, or {rest}, right?'}"
+    return f"{text}: {questions(error) or f'is its unit, or {rest}, right?'}"

@@ -36,8 +36,8 @@ def complete_file(path: Path) -> Iterator[Path]:
     try:
         _synchronise(path.parent)  # the old file might reappear after a power failure otherwise
     except OSError as error:
-        words = f"{error.strerror or error}: stored, but it may be lost in a power failure"
-        raise OSError(error.errno, words, str(path)) from error
+        text = f"{error.strerror or error}: stored, but it may be lost in a power failure"
+        raise OSError(error.errno, text, str(path)) from error
 
 
 def _synchronise(path: Path) -> None:

@@ -68,12 +68,12 @@ def physical(name: str, k: float, description: ActuatorDescription) -> str:
     fault, p = FAULT_BY_NAME.get(name), description.parameters
     if fault is None:
         return ""
-    words, growth = fault.physical(k), fault.slope * (k - fault.healthy)
+    text, growth = fault.physical(k), fault.slope * (k - fault.healthy)
     if p.lead and name == "friction" and description.drive != "unknown":
-        words += f", {growth * (p.f_sm + p.f_su) / (_travel(p.lead) * p.tau):+.3g} N"
+        text += f", {growth * (p.f_sm + p.f_su) / (_travel(p.lead) * p.tau):+.3g} N"
     elif p.lead and name == "backlash":
-        words += f", {motor_shown(p).scale * growth * p.BLK:+.3g} mm"
-    return words
+        text += f", {motor_shown(p).scale * growth * p.BLK:+.3g} mm"
+    return text
 
 
 def in_si(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -35,8 +35,8 @@ def held_samples(values: Array) -> int:
     loose = 1 if held >= _LOOSE_FROM else 0
     typical = gaps[np.abs(gaps - np.median(gaps)) <= loose]
     held = round(float(np.mean(typical)))
-    off = np.abs(gaps - held * np.maximum(np.rint(gaps / held), 1.0))
-    is_held = np.mean(off <= loose) > _REGULAR and len(typical) > _USUAL * len(gaps)
+    offset = np.abs(gaps - held * np.maximum(np.rint(gaps / held), 1.0))
+    is_held = np.mean(offset <= loose) > _REGULAR and len(typical) > _USUAL * len(gaps)
     return held if is_held else 1
 
 

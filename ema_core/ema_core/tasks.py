@@ -123,7 +123,7 @@ class Workers(AbstractContextManager["Workers", None]):
                 done = wait(pending, _LOOK_S, FIRST_COMPLETED).done
                 if not done:
                     self._replace_workers()
-                silences = 0 if done or self._is_there() else silences + 1
+                silences = 0 if done or self._is_reachable() else silences + 1
                 if silences >= _MOST_SILENCES:
                     raise self._lost()
                 for future in done:
@@ -141,8 +141,8 @@ class Workers(AbstractContextManager["Workers", None]):
                         # One dead worker fails all tasks of the pool: repeat each of them alone.
                         suspects.append((item, deaths + 1))
                     else:
-                        words = f"{deaths + 1} worker processes ended while they worked on it"
-                        yield Outcome(item, error=WorkerLostError(words))
+                        text = f"{deaths + 1} worker processes ended while they worked on it"
+                        yield Outcome(item, error=WorkerLostError(text))
         finally:
             for future in pending:
                 future.cancel()
@@ -187,7 +187,7 @@ class Workers(AbstractContextManager["Workers", None]):
     def _workers(self) -> int:
         if self._client is None:
             return self._number
-        return max(1, sum(self._client.nthreads().values())) if self._is_there() else 1
+        return max(1, sum(self._client.nthreads().values())) if self._is_reachable() else 1
 
     def _replace_workers(self) -> None:
         """Start missing local workers of Dask.
@@ -197,7 +197,7 @@ class Workers(AbstractContextManager["Workers", None]):
         if self._client is not None and self._client.cluster is not None:
             self._client.cluster.scale(self._number)
 
-    def _is_there(self) -> bool:
+    def _is_reachable(self) -> bool:
         return self._client is None or self._client.status == "running"
 
     def _lost(self) -> ClusterLostError:

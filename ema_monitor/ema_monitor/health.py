@@ -43,8 +43,8 @@ def _limit_of(kind: str) -> Any:
     suffix = f", in both directions from {fault.healthy:g}" if fault.is_two_sided else ""
     if len(KINDS[kind]) > 1:
         suffix = ", each phase"
-    words = kind.replace("_", " ")
-    return quantity(LIMITS[kind], "-", 1e-3, 1.0 - fault.healthy, f"limit of {words}{suffix}")
+    text = kind.replace("_", " ")
+    return quantity(LIMITS[kind], "-", 1e-3, 1.0 - fault.healthy, f"limit of {text}{suffix}")
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ def assess(
     faults = tuple(
         _recurring(
             _assess_fault(number, estimate, limits, (tracked or {}).get(fault.name)),
-            _alone(number, estimate, limits),
+            _level_alone(number, estimate, limits),
             (intermittent or {}).get(fault.name),
             limits,
         )
@@ -308,7 +308,7 @@ def why_not_shown(names: Sequence[str]) -> str:
 
 def shows(estimate: Estimate, name: str, limits: HealthLimits) -> bool:
     """Return whether an estimate alone determines if a fault has reached its limit."""
-    return estimate.valid and _alone(FAULT_NAMES.index(name), estimate, limits) != STALE
+    return estimate.valid and _level_alone(FAULT_NAMES.index(name), estimate, limits) != STALE
 
 
 def _joined(*texts: str) -> str:
@@ -426,12 +426,12 @@ def _assess_fault(
 ) -> FaultHealth:
     fault, value, sigma = FAULTS[number], estimate.faults[number], estimate.sigma[number]
     is_unknown = bool(estimate.unobservable[number])
-    alone = _alone(number, estimate, limits)
+    alone = _level_alone(number, estimate, limits)
     level, held = alone, math.nan
     if tracked is not None:
         # If both find the fault healthy, all tests together are at least as certain as this test.
-        agree = value == fault.healthy and abs(tracked.value - value) < sigma
-        sigma = min(sigma, tracked.sigma) if agree else tracked.sigma
+        both_healthy = value == fault.healthy and abs(tracked.value - value) < sigma
+        sigma = min(sigma, tracked.sigma) if both_healthy else tracked.sigma
         value = tracked.value
         level = _level(fault.name, value - fault.healthy, sigma, limits)
         if level == OK and not tracked.is_recent:
@@ -444,7 +444,7 @@ def _assess_fault(
     return FaultHealth(fault.name, level, value, sigma, *ends, way < 0.0, share, held)
 
 
-def _alone(number: int, estimate: Estimate, limits: HealthLimits) -> int:
+def _level_alone(number: int, estimate: Estimate, limits: HealthLimits) -> int:
     """Return the level of a fault according to the estimate alone."""
     if estimate.unobservable[number]:
         return STALE

@@ -45,7 +45,7 @@ def draw(task: BagTask) -> BagResult:
 
 def main(archive: Path) -> None:
     """Bring an archive up to date."""
-    running._GATHERED_S = 0.0
+    running._BATCH_S = 0.0
     print("begun", flush=True)
     with Manifest(archive) as manifest, Workers("threads", 1) as pool:
         running.run(manifest, pool, diagnose=draw)

@@ -89,7 +89,7 @@ from ema_archive import commits, running
 from ema_archive.manifest import Manifest
 from ema_archive.store import Store
 from ema_core.tasks import Workers
-running._MOST_GATHERED, running._GATHERED_S = 3, 600.0
+running._MOST_BATCHED, running._BATCH_S = 3, 600.0
 archive, when = Path(sys.argv[1]), sys.argv[2]
 calls = []
 def insert(db, table, rows):
@@ -177,7 +177,7 @@ def test_full_disk_leaves_what_was_written(scanned, whole, monkeypatch, size, le
             commit_bags(store, results, settings)
 
     monkeypatch.setattr(running, "commit_bags", commit)
-    monkeypatch.setattr(running, "_MOST_GATHERED", 3)
+    monkeypatch.setattr(running, "_MOST_BATCHED", 3)
     with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
         with pytest.raises(OSError, match=r"cannot be written: .*File too large"):
             run(manifest, pool)

@@ -116,15 +116,15 @@ class Certificate:
 
     def unmet(self, wanted: Mapping[str, float]) -> list[str]:
         """Return a message for each fault whose wanted standard deviation is exceeded."""
-        words = []
+        messages = []
         for name, sigma in wanted.items():
             reached = self.sigma(name)
             label = FAULTS[FAULT_NAMES.index(name)].label
             if not math.isfinite(reached):
-                words.append(f"{label} is not shown, expected sigma {sigma:g} or less")
+                messages.append(f"{label} is not shown, expected sigma {sigma:g} or less")
             elif reached > sigma:
-                words.append(f"{label} has sigma {reached:.4f}, expected {sigma:g} or less")
-        return words
+                messages.append(f"{label} has sigma {reached:.4f}, expected {sigma:g} or less")
+        return messages
 
     def record(self) -> dict[str, Any]:
         """Return all fields as plain values; NaN becomes None."""

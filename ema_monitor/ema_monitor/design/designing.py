@@ -109,11 +109,11 @@ class Design:
         name, _ = self.worst
         label, best = FAULTS[FAULT_NAMES.index(name)].label, self.sigma[name]
         reached = f"at best {best:.4f}" if math.isfinite(best) else "not shown at all"
-        words = f"{label}: sigma {self.wanted[name]:g} is not reached, {reached}"
+        text = f"{label}: sigma {self.wanted[name]:g} is not reached, {reached}"
         bounds = [f"{name} {getattr(self.limits, name):g} {UNITS[name]}" for name in self.binding]
         if not bounds:
-            return f"{words}; no limit is active; use a longer test or a different motion"
-        return f"{words}; limited by {', '.join(bounds)}"
+            return f"{text}; no limit is active; use a longer test or a different motion"
+        return f"{text}; limited by {', '.join(bounds)}"
 
 
 def design_command(

@@ -242,11 +242,13 @@ def rehearse(
 
 def confused_with(estimate: Estimate, name: str) -> set[Part]:
     """Return the faults and causes that an estimate cannot separate from a fault or cause."""
-    pairs = [pair for part, stand_in in estimate.alternatives for pair in _both(part, stand_in)]
+    pairs = [
+        pair for part, stand_in in estimate.alternatives for pair in _either_order(part, stand_in)
+    ]
     return {stand_in for part, stand_in in pairs if name in part}
 
 
-def _both(part: Part, stand_in: Part) -> tuple[tuple[Part, Part], tuple[Part, Part]]:
+def _either_order(part: Part, stand_in: Part) -> tuple[tuple[Part, Part], tuple[Part, Part]]:
     return (part, stand_in), (stand_in, part)
 
 

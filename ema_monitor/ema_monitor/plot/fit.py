@@ -67,8 +67,8 @@ def plot_fit(
     t = start_s + window.sample_period * np.arange(1, len(window) + 1)
     modelled = expected_signals(window, estimate, calibration)
     figure = Figure(figsize=(10.5, 11.0), layout="constrained")
-    halves: Any = figure.subfigures(2, 1, height_ratios=(sum(_HEIGHTS[:-1]), _HEIGHTS[-1]))
-    signals, bars = halves
+    subfigures: Any = figure.subfigures(2, 1, height_ratios=(sum(_HEIGHTS[:-1]), _HEIGHTS[-1]))
+    signals, bars = subfigures
     panels = list(signals.subplots(4, 1, sharex=True, height_ratios=_HEIGHTS[:-1]))
     measured = Response(window.current, window.speed(calibration.parameters.tau))
     for number, unit in enumerate(("A", "rad/s")):
@@ -100,43 +100,43 @@ def _draw_signal(
     panels: list[Axes], t: NDArray[np.floating], period: float, measured: Array, modelled: Array
 ) -> None:
     """Draw the measured and modelled signal, and below it the residual, if measured."""
-    both, rest = panels
+    signal_axes, residual_axes = panels
     if len(measured):
-        both.plot(t, measured, **_MEASURED)
+        signal_axes.plot(t, measured, **_MEASURED)
         residual = measured - modelled[0]
-        rest.plot(t, residual, **_RESIDUAL)
+        residual_axes.plot(t, residual, **_RESIDUAL)
         smooth, half = band_limited(residual, period), band_samples(len(t), period)
-        at = t if len(smooth) == len(t) else t[half::half][: len(smooth)]
-        rest.plot(at, smooth, **_SMOOTH)
-    both.plot(t, modelled[1], **_HEALTHY)
-    both.plot(t, modelled[0], **_FITTED)
+        t_smooth = t if len(smooth) == len(t) else t[half::half][: len(smooth)]
+        residual_axes.plot(t_smooth, smooth, **_SMOOTH)
+    signal_axes.plot(t, modelled[1], **_HEALTHY)
+    signal_axes.plot(t, modelled[0], **_FITTED)
     for axes in panels:
         tidy(axes)
 
 
 def _draw_faults(axes: Axes, estimate: Estimate) -> None:
     """Draw each fault from its healthy value to its estimate."""
-    place, healthy = np.arange(len(FAULTS)), healthy_faults()
-    marks: dict[str, Any] = {}
+    positions, healthy = np.arange(len(FAULTS)), healthy_faults()
+    handles: dict[str, Any] = {}
     for is_unknown, colour, name in ((False, VERMILION, _BAR), (True, GREY, "unobservable")):
         chosen = estimate.unobservable == is_unknown
         if chosen.any():
-            above = np.array(estimate.faults)[chosen] - healthy[chosen]
-            axes.bar(place[chosen], above, bottom=healthy[chosen], color=colour)
-            marks[name] = Patch(color=colour)
+            heights = np.array(estimate.faults)[chosen] - healthy[chosen]
+            axes.bar(positions[chosen], heights, bottom=healthy[chosen], color=colour)
+            handles[name] = Patch(color=colour)
     interval = draw_estimates(
-        axes, place, estimate.faults, estimate.sigma, fmt="none", ecolor=INK, capsize=4
+        axes, positions, estimate.faults, estimate.sigma, fmt="none", ecolor=INK, capsize=4
     )
-    if _BAR in marks:
-        marks[_BAR] = (marks[_BAR], interval)
-    [marks["healthy"]] = axes.plot(place, healthy, "_", color=BLUE, ms=28, mew=2)
-    axes.set_xticks(place, [fault.label for fault in FAULTS], rotation=15)
+    if _BAR in handles:
+        handles[_BAR] = (handles[_BAR], interval)
+    [handles["healthy"]] = axes.plot(positions, healthy, "_", color=BLUE, ms=28, mew=2)
+    axes.set_xticks(positions, [fault.label for fault in FAULTS], rotation=15)
     axes.set_ylim(-0.02, 1.05)
     axes.set_ylabel("normalised fault")
     tidy(axes, "y")
     axes.legend(
-        list(marks.values()),
-        list(marks),
+        list(handles.values()),
+        list(handles),
         loc="upper left",
         ncols=3,
         fontsize="small",

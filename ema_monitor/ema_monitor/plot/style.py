@@ -74,15 +74,15 @@ def draw_legend(
     bands
         Label of the band around a line, and common label of line and band, by label of the line.
     """
-    marks: dict[str, Any] = {}
+    handles: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            marks.setdefault(label, handle)
+            handles.setdefault(label, handle)
     for line, (band, both) in bands.items():
-        if line in marks and band in marks:
-            marks[both] = (marks.pop(band), marks.pop(line))
-    place: Any = "outside upper center"
-    figure.legend(list(marks.values()), list(marks), loc=place, ncols=4, frameon=False)
+        if line in handles and band in handles:
+            handles[both] = (handles.pop(band), handles.pop(line))
+    location: Any = "outside upper center"
+    figure.legend(list(handles.values()), list(handles), loc=location, ncols=4, frameon=False)
 
 
 def tidy(axes: Axes, direction: Any = "both") -> None:

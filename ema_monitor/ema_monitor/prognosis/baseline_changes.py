@@ -31,13 +31,13 @@ def baseline_change(
         Health of the faults after the newest valid test; empty if unknown.
     """
     newest = history.entries[-1]
-    seen = [f"{label_of(i.name)} {i.value:.3f}" for i in faults if i.share > SHOWN_SHARE]
-    before = ", ".join(seen) or "no fault above 5 % of its limit"
+    shown = [f"{label_of(i.name)} {i.value:.3f}" for i in faults if i.share > SHOWN_SHARE]
+    before = ", ".join(shown) or "no fault above 5 % of its limit"
     text = (
         f"baseline changed by {person}: {calibration_id} instead of "
         f"{_baseline(newest)}, which showed {before}"
     )
-    worn = calibration_id if seen else ""
+    worn = calibration_id if shown else ""
     assessment = history.assessments.get(newest.stamp_ns)
     hours = assessment.hours if assessment else math.nan
     return UnitEvent(newest.stamp_ns, hours, CALIBRATION, text, person, worn)
@@ -56,7 +56,7 @@ def other_calibration(outlook: Outlook, history: History) -> list[UnitEvent]:
 
 
 def worn_baseline(history: History) -> str:
-    """Return the person who set the current baseline on a worn unit; "" if nobody did."""
+    """Return the person who set the current baseline on a worn unit, or ""."""
     newest = _baseline(history.entries[-1])
     earlier = (entry for entry in reversed(history.entries) if _baseline(entry) != newest)
     before = next(earlier, None)

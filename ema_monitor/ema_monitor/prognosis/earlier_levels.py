@@ -36,8 +36,8 @@ def with_unconfirmed_levels(outlook: Outlook, history: History, confirmations: i
     departure = next((estimate.departure for estimate in latest if estimate.departure), "")
     if not departure:
         return outlook
-    words = f"{departure}, in an earlier record: the next record must confirm that it has ended"
-    return replace(outlook, health=warned(outlook.health), departure=words)
+    text = f"{departure}, in an earlier record: the next record must confirm that it has ended"
+    return replace(outlook, health=warned(outlook.health), departure=text)
 
 
 def last_level(outlook: Outlook, history: History) -> int:

@@ -32,10 +32,10 @@ def with_earlier_failure(
     failed = ((i, test.reason) for i, test in enumerate(latest) if isinstance(test, UnusedCycle))
     tests_since, reason = next(failed, (len(latest), ""))
     if recurrence is not None:
-        words = failures_in_words(reason, recurrence)
+        text = failures_in_words(reason, recurrence)
     elif reason and tests_since < confirmations:
-        words = f"{reason}, in an earlier test: the next test must confirm that it has ended"
+        text = f"{reason}, in an earlier test: the next test must confirm that it has ended"
     else:
         return outlook
-    departure = "; ".join(filter(None, [outlook.departure, words]))
+    departure = "; ".join(filter(None, [outlook.departure, text]))
     return replace(outlook, health=warned(outlook.health), departure=departure)

@@ -189,8 +189,8 @@ def warned_if_due(health: Health, removal: Removal) -> Health:
     """Return health whose OK is raised to a warning if the unit should be removed now."""
     if health.level != OK or not removal.hours < SOON_HOURS:
         return health
-    words = f"removal is due: {100.0 * removal.risk:.3g} % risk of failure in {removal.hours:.2g} h"
-    reason = "; ".join(filter(None, [words, health.reason]))
+    text = f"removal is due: {100.0 * removal.risk:.3g} % risk of failure in {removal.hours:.2g} h"
+    reason = "; ".join(filter(None, [text, health.reason]))
     return replace(warned(health), reason=reason)
 
 

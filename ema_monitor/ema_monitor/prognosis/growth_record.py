@@ -209,8 +209,8 @@ class GrowthRecord:
 def _finding(event: Event, *, is_new_baseline: bool) -> Finding:
     """Return the finding of an event; a change due to a new baseline is no repair or step."""
     if is_new_baseline and event.kind in (REPAIR, STEP):
-        words = f"the baseline changed, so that values relate to a new healthy state: {event.text}"
-        return Finding(CALIBRATION, words)
+        text = f"the baseline changed, so that values relate to a new healthy state: {event.text}"
+        return Finding(CALIBRATION, text)
     return Finding(event.kind, event.text)
 
 

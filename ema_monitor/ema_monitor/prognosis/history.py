@@ -371,13 +371,13 @@ class History:
     def _set_aside(self, path: Path, error: Exception) -> None:
         self._forget_written()
         names = (path.with_name(f"{path.stem}.set_aside_{n}{path.suffix}") for n in count(1))
-        aside = next(name for name in names if not name.exists())
+        new_path = next(name for name in names if not name.exists())
         for suffix in ("-wal", ""):
             if (source := _with_suffix(path, suffix)).exists():
-                source.rename(_with_suffix(aside, suffix))
-        kept = f" with the {len(self.tests)} intact test cycles" if self.tests else ""
+                source.rename(_with_suffix(new_path, suffix))
+        whole = f" with the {len(self.tests)} intact test cycles" if self.tests else ""
         self._mended = (
-            f"the history {path} was renamed to {aside.name}, and a new file was created{kept}: "
+            f"the history {path} was renamed to {new_path.name}, and a new file was created{whole}: "
             f"{_reason_of(error)}"
         )
 

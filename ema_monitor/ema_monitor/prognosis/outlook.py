@@ -154,11 +154,11 @@ class Outlook(Displayed):
     def brief(self) -> str:
         """Summary of level, remaining life and service hours."""
         life, level = self.rul, LEVEL_NAMES[self.health.level]
-        words = f"unknown ({life.reason})" if life.reason else "unknown"
+        text = f"unknown ({life.reason})" if life.reason else "unknown"
         if life.known:
             hours = (life.hours_05, life.hours_50, life.hours_95)
-            words = f"{' / '.join(f'{quantile:.4g}' for quantile in hours)} h (5 / 50 / 95 %)"
-        return f"level {level}, remaining life {words}, {self.hours:.6g} service hours"
+            text = f"{' / '.join(f'{quantile:.4g}' for quantile in hours)} h (5 / 50 / 95 %)"
+        return f"level {level}, remaining life {text}, {self.hours:.6g} service hours"
 
     @property
     def finding(self) -> str:
@@ -186,13 +186,13 @@ class Outlook(Displayed):
             return self.stale(f"the newest test is {ahead_s:.0f} s ahead of the clock")
         if self.health.level == STALE or not 0 < claim.good_until_ns < now_ns:
             return self
-        words = f"no valid estimate for more than {claim.good_for_s:g} s"
+        text = f"no valid estimate for more than {claim.good_for_s:g} s"
         if 0 < claim.oldest_ns < claim.measured_ns:
-            words = f"no test has shown every fault for more than {claim.good_for_s:g} s"
+            text = f"no test has shown every fault for more than {claim.good_for_s:g} s"
         late_s = (claim.received_ns - claim.measured_ns) * 1e-9
         if claim.good_until_ns < claim.received_ns:
-            words += f": the newest test came {late_s:.0f} s after it was measured"
-        return self.stale("; ".join(filter(None, [words, self.health.reason])))
+            text += f": the newest test came {late_s:.0f} s after it was measured"
+        return self.stale("; ".join(filter(None, [text, self.health.reason])))
 
     def after_refusal(self, test: UnusedCycle) -> "Outlook":
         """Return the outlook after a newer test that was refused."""

@@ -106,7 +106,7 @@ class PendingEvents:
         self.add(UnitEvent(stamp_ns, hours, NOTE, f"{person}, {text}", person))
 
     def take_findings(self) -> list[Finding]:
-        """Remove and return the findings, each of which is published once."""
+        """Remove and return the findings, because each finding is published once."""
         findings, self._findings = self._findings, []
         return findings
 

@@ -45,8 +45,8 @@ def cause_of_level(outlook: Outlook) -> str:
     items.sort(key=lambda item: (-item.level, item.name != outlook.dominant))
     causes = [in_words(item) for item in items[:_NAMED_CAUSES]]
     more = len(items) - len(causes)
-    words = ", ".join(causes) + (f" and {more} more" if more else "")
-    return "; ".join(filter(None, [words, outlook.departure]))
+    text = ", ".join(causes) + (f" and {more} more" if more else "")
+    return "; ".join(filter(None, [text, outlook.departure]))
 
 
 def in_words(item: FaultHealth) -> str:
@@ -65,10 +65,10 @@ def in_words(item: FaultHealth) -> str:
             f"{label_of(item.name)} {held:.3g}{unit} in the latest test, to be confirmed by the "
             f"next test, {value}{unit} before ({ends})"
         )
-    words = f"{label_of(item.name)} {value}{unit} ({ends})"
+    text = f"{label_of(item.name)} {value}{unit} ({ends})"
     if item.unconfirmed is not None:
-        words += f", {LEVEL_NAMES[item.unconfirmed]} once the next test confirms it"
-    return words
+        text += f", {LEVEL_NAMES[item.unconfirmed]} once the next test confirms it"
+    return text
 
 
 def recurrence_in_words(name: str, recurrence: Recurrence) -> str:
@@ -97,9 +97,9 @@ def failures_in_words(reason: str, recurrence: Recurrence) -> str:
     often = f"{recurrence.times} of {latest_tests} failed"
     if not recurrence.times:
         often = f"tests failed repeatedly, but none of {latest_tests}"
-    words = f"an intermittent failure: {often}"
+    text = f"an intermittent failure: {often}"
     latest = f", the latest by {reason}" if reason else ""
-    return f"{words}{latest}; a person's note on its event acknowledges it"
+    return f"{text}{latest}; a person's note on its event acknowledges it"
 
 
 def reason_of(outlook: Outlook) -> str:

@@ -59,7 +59,7 @@ def estimate_to_message(
     estimate: Estimate, window: int, description: ActuatorDescription
 ) -> FaultEstimate:
     """Return the estimate of window number ``window`` as a message."""
-    return _made(
+    return _filled_message(
         FaultEstimate,
         description,
         estimate,
@@ -82,7 +82,7 @@ def estimate_to_message(
 
 def _quantities(comparison: Comparison | None) -> list[QuantityChange]:
     return [
-        _made(QuantityChange, quantity, judgement=JUDGEMENTS.index(quantity.judgement))
+        _filled_message(QuantityChange, quantity, judgement=JUDGEMENTS.index(quantity.judgement))
         for quantity in (comparison.quantities if comparison else ())
     ]
 
@@ -92,7 +92,7 @@ def _hidden_cause(inferred: CauseEstimate, estimate: Estimate | None = None) -> 
     cause = CAUSE_BY_NAME[inferred.name]
     pairs = estimate.alternatives if estimate else ()
     stand_ins = [part_label(stand_in) for part, stand_in in pairs if part == (inferred.name,)]
-    return _made(HiddenCause, cause, inferred, alternatives=stand_ins)
+    return _filled_message(HiddenCause, cause, inferred, alternatives=stand_ins)
 
 
 def fault_bits(message_class: Any, name: str, components: Flags) -> int:
@@ -128,10 +128,12 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
 
 def message_of(message_class: Any, report: Any) -> Any:
     """Return a report as a message; the report must have the fields of the class."""
-    return _made(message_class, report)
+    return _filled_message(message_class, report)
 
 
-def _made(message_class: Any, *sources: Any, stamp_ns: int | None = None, **values: Any) -> Any:
+def _filled_message(
+    message_class: Any, *sources: Any, stamp_ns: int | None = None, **values: Any
+) -> Any:
     """Return a message filled from attributes of ``sources`` and from ``values`` by field name."""
     message, kinds = message_class(), message_class.get_fields_and_field_types()
     copied = {
@@ -167,7 +169,7 @@ def _field(kind: str, value: Any) -> Any:
 def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription) -> HealthForecast:
     """Return the fault forecast as a message; without faults if service hours are unknown."""
     outlook, fan = forecaster.outlook, forecaster.fan()
-    return _made(
+    return _filled_message(
         HealthForecast,
         description,
         fan,
@@ -176,7 +178,9 @@ def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription
         duty=outlook.future.factor,
         probabilities=np.array(FAN_LEVELS),
         faults=[
-            _made(FaultForecast, name=name, limit=forecaster.limits.of(name), values=values)
+            _filled_message(
+                FaultForecast, name=name, limit=forecaster.limits.of(name), values=values
+            )
             for name, values in (fan.values.items() if fan else ())
         ],
     )
@@ -186,7 +190,7 @@ def advice_to_message(
     advice: Advice, outlook: Outlook, cost_unit: str, description: ActuatorDescription
 ) -> AdviceMessage:
     """Return the removal advice computed from ``outlook`` as a message."""
-    return _made(
+    return _filled_message(
         AdviceMessage,
         description,
         advice,
@@ -203,7 +207,7 @@ def advice_to_message(
 def window_fit_to_message(fit: WindowFit, diagnosed: Diagnosed) -> WindowFitMessage:
     """Return the signals of a window, measured and modelled, as a message."""
     verdict = VERDICTS.index(diagnosed.estimate.verdict)
-    return _made(
+    return _filled_message(
         WindowFitMessage,
         diagnosed.description,
         fit,
@@ -217,7 +221,7 @@ def history_to_message(
     tests: list[KnownTest], omitted: int, description: ActuatorDescription
 ) -> UnitHistory:
     """Return the latest tests of a unit as a message; ``omitted`` counts its earlier tests."""
-    return _made(
+    return _filled_message(
         UnitHistory,
         description,
         stamp_ns=tests[-1].entry.end_ns if tests else None,
@@ -235,7 +239,7 @@ def _unit_test(test: KnownTest) -> UnitTest:
     estimate, assessment = test.entry.estimate, test.assessment
     unobservable = estimate.unobservable
     life = (assessment.life if assessment else None) or (math.nan,) * 3
-    return _made(
+    return _filled_message(
         UnitTest,
         test.entry,
         assessment,
@@ -291,15 +295,15 @@ def curve_to_message(
 def summary_of(health: HealthMessage) -> HealthSummary:
     """Return the summary of a health message."""
     life = health.rul.hours_50 if health.rul.known else math.nan
-    words = LEVEL_NAMES[health.level]
+    text = LEVEL_NAMES[health.level]
     if health.dominant_fault:
-        words += f": {health.dominant_fault.replace('_', ' ')}"
-    parts = [words]
+        text += f": {health.dominant_fault.replace('_', ' ')}"
+    parts = [text]
     if math.isfinite(life):
         parts.append(f"remaining life {life:.4g} flight hours")
     if health.reason:
         parts.append(health.reason)
-    return _made(HealthSummary, health, rul_50=life, text="; ".join(parts))
+    return _filled_message(HealthSummary, health, rul_50=life, text="; ".join(parts))
 
 
 def unknown_estimate(actuator_id: str, reason: str) -> FaultEstimate:

@@ -115,8 +115,8 @@ def _telemetry_task(unit: ActuatorStatus, waiting: int, dropped: int) -> Task:
         level, message = WARN, "listed, but nothing received so far"
     elif unit.description is None:
         level, category = ERROR, CHECK_FUNCTION
-        waits = "no description of the actuator: its telemetry cannot be used yet"
-        message = "; ".join(filter(None, [waits, unit.defects]))
+        waiting_text = "no description of the actuator: its telemetry cannot be used yet"
+        message = "; ".join(filter(None, [waiting_text, unit.defects]))
     elif unit.alternation or unit.defects:
         level, message = WARN, "; ".join(filter(None, [unit.alternation, unit.defects]))
     elif not finder.blocks:
@@ -124,8 +124,8 @@ def _telemetry_task(unit: ActuatorStatus, waiting: int, dropped: int) -> Task:
     elif unit.tally.reason:
         level, message = WARN, str(unit.tally)
     elif finder.obstacle:
-        lacking = "no record so far" if finder.finds_records else "no window can be complete"
-        level, message = WARN, f"{lacking}: {finder.obstacle}"
+        missing_text = "no record so far" if finder.finds_records else "no window can be complete"
+        level, message = WARN, f"{missing_text}: {finder.obstacle}"
     else:
         level, message = OK, f"{unit.valid} valid estimates"
     if unit.is_silent and finder.blocks:

@@ -74,9 +74,11 @@ class Selection(Checked):
         super().__post_init__()
         for number, name in enumerate(self.actuators):
             check_name(f"actuators[{number}]", name)
-        twice = [name for name in dict.fromkeys(self.actuators) if self.actuators.count(name) > 1]
-        if twice:
-            raise ValueError(f"actuators = {list(self.actuators)}: {twice[0]!r} is repeated")
+        repeated = [
+            name for name in dict.fromkeys(self.actuators) if self.actuators.count(name) > 1
+        ]
+        if repeated:
+            raise ValueError(f"actuators = {list(self.actuators)}: {repeated[0]!r} is repeated")
 
     def of(self, shard: Shard) -> tuple[str, ...]:
         """Return the listed actuators of a shard."""
@@ -108,20 +110,20 @@ class Admission:
 
     def check(self) -> None:
         """Raise ValueError if the list is longer than ``most_actuators``."""
-        most = self._operation.value.most_actuators
-        if len(self.listed) > most:
+        limit = self._operation.value.most_actuators
+        if len(self.listed) > limit:
             raise ValueError(
                 f"actuators lists {len(self.listed)} of {self._shard}: expected at most "
-                f"most_actuators = {most}"
+                f"most_actuators = {limit}"
             )
 
     def describe_list(self) -> str:
         """Return a log line with the listed actuators by shard; empty without a list."""
         if not self._all_listed:
             return ""
-        elsewhere = [name for name in self._all_listed if name not in self.listed]
-        words = f"listed actuators of {self._shard}: {', '.join(self.listed) or 'none'}"
-        return f"{words}; of other shards: {', '.join(elsewhere)}" if elsewhere else words
+        other_shards = [name for name in self._all_listed if name not in self.listed]
+        text = f"listed actuators of {self._shard}: {', '.join(self.listed) or 'none'}"
+        return f"{text}; of other shards: {', '.join(other_shards)}" if other_shards else text
 
     def why_not(self, actuator_id: str) -> str:
         """Return why this monitor does not monitor an actuator; empty if it may."""
@@ -151,12 +153,12 @@ class Admission:
 
         The reason is empty after the first refusal.
         """
-        most = self._operation.value.most_actuators
-        if len(followed) < most:
+        limit = self._operation.value.most_actuators
+        if len(followed) < limit:
             return None
         self._count(_REFUSED, repr(actuator_id))
         is_first = self._counts[_REFUSED] == 1
-        return f"not monitored: the limit most_actuators = {most} is reached" if is_first else ""
+        return f"not monitored: the limit most_actuators = {limit} is reached" if is_first else ""
 
     def note_wrong(self, actuator_id: str, reason: str) -> bool:
         """Count a malformed message of an unmonitored actuator. Return whether it is the first."""

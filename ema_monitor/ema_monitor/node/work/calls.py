@@ -140,8 +140,8 @@ class MonitorCalls:
             if isinstance(calibration, JointCalibration) and calibration.outliers:
                 message += f"; {'; '.join(map(str, calibration.outliers))}"
         if calibration.not_learned:
-            words = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
-            message += f"; not learned from the healthy windows: {words}"
+            text = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
+            message += f"; not learned from the healthy windows: {text}"
         if isinstance(before, str) or before.calibration_id != calibration.calibration_id:
             outlook = self._prognosis.change_baseline(
                 description, person, calibration.calibration_id, is_forced=request.force

@@ -59,10 +59,10 @@ def compile_monitor_kernels(
     ValueError
         If a kernel cannot be compiled, or the node shuts down.
     """
-    reported_s = begun_s = time.monotonic()
+    reported_s = start_s = time.monotonic()
     failures: list[BaseException] = []
     for number, (name, step) in enumerate(STEPS.items(), 1):
-        words = f"{name}, {number} of {len(STEPS)}"
+        text = f"{name}, {number} of {len(STEPS)}"
 
         def compile_it(step: Callable[[], object] = step) -> None:
             try:
@@ -78,8 +78,8 @@ def compile_monitor_kernels(
             if is_ending():
                 raise ValueError("the node was shut down while its kernels were compiled")
             if now_s - reported_s >= _REPORT_PERIOD_S:
-                took = f"{now_s - begun_s:.0f} s"
-                report_progress(f"compiling kernels, once for this version: {words}, {took}")
+                elapsed = f"{now_s - start_s:.0f} s"
+                report_progress(f"compiling kernels, once for this version: {text}, {elapsed}")
                 reported_s = now_s
         if failures:
-            raise ValueError(f"kernels cannot be compiled: {words}: {failures[0]!r}")
+            raise ValueError(f"kernels cannot be compiled: {text}: {failures[0]!r}")

@@ -130,10 +130,10 @@ class Prognosis:
         Returns None if the calibration is already recorded.
         """
         unit, now = self._histories.of(description), datetime.now(UTC)
-        words = (
+        text = (
             f"{person or '~/calibrate'}{', forced' if is_forced else ''}, {now:%Y-%m-%d %H:%M} UTC"
         )
-        if not unit.change_baseline(words, calibration_id):
+        if not unit.change_baseline(text, calibration_id):
             return None
         return unit.resume(self.parameters(description), self._histories.settings())
 

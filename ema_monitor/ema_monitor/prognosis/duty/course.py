@@ -60,21 +60,21 @@ class FutureDuty:
 
     def __str__(self) -> str:
         is_flown = np.isfinite(self.since_hours)
-        words = f"future duty {self._as_flown}" if is_flown else AS_BEFORE
+        text = f"future duty {self._as_flown}" if is_flown else AS_BEFORE
         if self.planned:
             plan = ", ".join(f"{name} = {value}" for name, value in self.planned.items())
-            words = f"future duty: {plan}, the rest {self._as_flown}"
+            text = f"future duty: {plan}, the rest {self._as_flown}"
         if self.factor == 1.0:
-            return words
-        duty = f"by {words}" if is_flown else "in the past"
+            return text
+        duty = f"by {text}" if is_flown else "in the past"
         return f"faults grow {self.factor:g} times as fast in each future flight hour as {duty}"
 
     @property
     def _as_flown(self) -> str:
-        words = f"as flown since {self.since_hours:.6g} h"
+        text = f"as flown since {self.since_hours:.6g} h"
         if self.changes:
-            words += f", and changing as often as it did ({self.changes} times)"
-        return words
+            text += f", and changing as often as it did ({self.changes} times)"
+        return text
 
     def hours_of(self, growth_hours: Array) -> Array:
         """Convert growth hours to service hours, ``(7, n)`` [h].

@@ -177,14 +177,14 @@ def _check(component: str, law: External, shape: float, limit: float) -> None:
     start, twice = np.zeros(1), once._replace(rate=np.full(1, 2.0))
     hours = law.hours_until(start, once)
     if not (np.all(np.isfinite(hours)) and np.all(hours > 0.0)):
-        words = f"hours_until gives {hours} h from 0 to {limit:g} at rate 1: expected more than 0"
+        text = f"hours_until gives {hours} h from 0 to {limit:g} at rate 1: expected more than 0"
     elif not np.allclose(law.hours_until(start, twice), 0.5 * hours, rtol=_CONSISTENT):
-        words = "hours_until at rate 2 is not half of hours_until at rate 1"
+        text = "hours_until at rate 2 is not half of hours_until at rate 1"
     elif not np.allclose(law.increment(start, once, hours), limit, rtol=_CONSISTENT):
-        words = f"increment from 0 within the hours until {limit:g} is not {limit:g}"
+        text = f"increment from 0 within the hours until {limit:g} is not {limit:g}"
     else:
         return
-    raise ValueError(f"law {law} of {component}, shape {shape:g}: {words}")
+    raise ValueError(f"law {law} of {component}, shape {shape:g}: {text}")
 
 
 def _unknown_blocks(limit: float, mechanisms: Mechanisms, *, two_sided: bool) -> Iterator[Block]:

@@ -194,11 +194,11 @@ class Requirements:
         # If the vector has a NaN, all points around it are unknown.
         points[1:][np.isnan(k).any() | np.isnan(points[1:]).any(axis=1)] = np.nan
         # A component at the end of its range varies in one direction only, which repeats points.
-        distinct, which = np.unique(points, axis=0, return_inverse=True)
+        distinct, inverse = np.unique(points, axis=0, return_inverse=True)
         performance = self.model.performance(distinct)
         healths, gradients = [], {}
         for name in REQUIREMENTS:
-            values = getattr(performance, name)[which]
+            values = getattr(performance, name)[inverse]
             change = values[1 : 1 + N_FAULTS] - values[1 + N_FAULTS :]
             gradient = np.where(hidden, 0.0, change / (up - down))
             blind = np.any(hidden & (np.abs(change / self._scale[name]) > _NEGLIGIBLE))
