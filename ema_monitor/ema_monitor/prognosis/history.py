@@ -377,8 +377,8 @@ class History:
                 source.rename(_with_suffix(new_path, suffix))
         whole = f" with the {len(self.tests)} intact test cycles" if self.tests else ""
         self._mended = (
-            f"the history {path} was renamed to {new_path.name}, and a new file was created{whole}: "
-            f"{_reason_of(error)}"
+            f"the history {path} was renamed to {new_path.name}, and a new file was created"
+            f"{whole}: {_reason_of(error)}"
         )
 
     def _forget_written(self) -> None:
