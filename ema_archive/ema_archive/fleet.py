@@ -143,7 +143,7 @@ def state_of_archive(archive: Path) -> tuple[int, ...]:
 
 
 def _plain(row: Row) -> Row:
-    """Return a row as JSON values: times as text, and None for NaN and infinity."""
+    """Return a row as JSON values: times as strings, and None for NaN and infinity."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, datetime):

@@ -114,7 +114,7 @@ def kept_history(
 
 
 def history_from(kept: KeptHistory, unit: UnitKey, windows: Iterable[Row]) -> History:
-    """Return the bit-identical in-memory history from its rows.
+    """Return the history, bit-identical and in memory, rebuilt from its rows.
 
     Parameters
     ----------

@@ -174,7 +174,7 @@ class Manifest(Store):
             )
 
     def criteria(self, settings: ArchiveSettings) -> Criteria:
-        """Return the criteria for due bags, with the current calibrations.
+        """Return the query parameters for due bags, and the current calibrations.
 
         Raises
         ------
@@ -237,7 +237,7 @@ class Manifest(Store):
             last = page[-1][0]
 
     def estimates_of(self, url: str) -> list[dict[str, Any]]:
-        """Return the rows of estimates of a bag.
+        """Return the estimate rows of a bag.
 
         Raises
         ------

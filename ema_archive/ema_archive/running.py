@@ -57,7 +57,7 @@ class RunTally:
 
 
 class _Batch(Generic[Result]):
-    """Batch of results, committed after some seconds or when it is large."""
+    """Batch of results, which is committed after a few seconds or when it is large."""
 
     def __init__(self, commit: Callable[[Sequence[Result]], None], most: int) -> None:
         self._commit, self._most = commit, most

@@ -17,7 +17,7 @@ _MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD
 
 
 def array_environment(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Return the variables to add to an environment; existing variables are not overridden.
+    """Return the variables to add to an environment, without overriding existing variables.
 
     In the current process they limit threads if numpy is not imported yet. In child processes they
     also affect memory.

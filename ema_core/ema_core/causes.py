@@ -13,7 +13,7 @@ COPPER: Final = 3.93e-3
 
 
 class Place(StrEnum):
-    """Where a cause acts."""
+    """Part of the system in which a hidden cause acts."""
 
     PLANT = "plant"
     """Motor, supply, mechanics or load; the cause changes the motion."""

@@ -90,7 +90,7 @@ class ColumnError:
 
     @classmethod
     def of(cls, columns: tuple[str, ...], factor: float, reference: Reference, tau: float) -> Self:
-        """Return the error with the common mistakes that explain it.
+        """Return the column error, with the common mistakes that explain its factor.
 
         Against the model of the described actuator, columns are compared in SI units. Confusion of
         peak and RMS is then ignored: its factor is close to 1 and might also result from a wrong
@@ -105,7 +105,7 @@ class ColumnError:
 
 @dataclass(frozen=True)
 class UnrelatedColumn:
-    """A column that does not follow its reference, with their correlation [-]."""
+    """A column that does not follow its reference, and the correlation of both [-]."""
 
     column: str
     correlation: float

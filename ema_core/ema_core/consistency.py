@@ -134,7 +134,7 @@ def _with_unit(value: float, unit: str = "") -> str:
 
 
 def torque_per_current(parameters: ActuatorParameters, drive: str) -> float:
-    """Return the torque constant that follows from a healthy motor's back-EMF constant [N.m/A]."""
+    """Return the torque constant [N.m/A] that follows from a healthy motor's back-EMF constant."""
     return TORQUE_PER_EMF[drive] * parameters.k_e
 
 

@@ -24,7 +24,7 @@ class CurrentLoop(NamedTuple):
 
 
 def current_loop(parameters: ActuatorParameters) -> CurrentLoop:
-    """Return the constants of current loops with bandwidth ``omega_c`` (M33)."""
+    """Return the constants of the current loops for the bandwidth ``omega_c`` (M33)."""
     p = parameters
     R, L = 0.5 * p.R_s, 0.5 * p.L_s
     return CurrentLoop(p.omega_c * L, p.omega_c * R, L, p.k_e / math.sqrt(3.0), float(p.P))

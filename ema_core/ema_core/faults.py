@@ -90,7 +90,7 @@ class Fault:
         return f"{self.quantity} = ({formula}) {self.unit}".strip()
 
     def at(self, k: Any) -> Any:
-        """Convert normalised values of any shape to physical values in ``unit``."""
+        """Return the physical values, in ``unit``, of normalised values of any shape."""
         return self.base + self.slope * k
 
     def physical(self, k: float) -> str:
@@ -283,7 +283,7 @@ def healthy_faults() -> NDArray[np.float64]:
 
 
 def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]:
-    """Return a copy of fault vectors after validation.
+    """Return fault vectors as an array, after validation.
 
     Parameters
     ----------
@@ -327,7 +327,7 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
 
 
 def eccentricity_angle(phase: Any) -> Any:
-    """Convert normalised eccentricity phases of any shape to directions phi [rad]."""
+    """Return the directions phi [rad] of normalised eccentricity phases, of any shape."""
     return (2.0 * phase - 1.0) * np.pi
 
 

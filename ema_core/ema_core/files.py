@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 @contextmanager
 def complete_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path to write to; it is renamed to ``path`` when the block succeeds.
+    """Yield a temporary path for writing, which is renamed to ``path`` if the block succeeds.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def _synchronise(path: Path) -> None:
 
 @contextmanager
 def open_regular_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a regular file for reading; refuse pipes and devices without blocking.
+    """Yield a regular file opened for reading; refuse pipes and devices without blocking.
 
     Raises
     ------

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 
 class Move(NamedTuple):
-    """Figures of one move, or medians over several equal moves."""
+    """Figures of one move, or their medians over several equal moves."""
 
     stamp_ns: int
     """Stamp of the first move [ns]."""

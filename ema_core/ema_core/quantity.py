@@ -151,7 +151,7 @@ def is_finite_number(value: Any) -> bool:
 
 
 def finite_samples(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Return a copy of samples, ``(n,)``, after validation.
+    """Return samples as a new array, ``(n,)``, after validation.
 
     Raises
     ------

@@ -6,7 +6,7 @@ from typing import Any
 
 
 class SettingsParameter:
-    """Parameter for a dataclass field created by ``quantity``, ``text``, ``texts`` or ``flag``.
+    """Parameter for a dataclass field that ``quantity``, ``text``, ``texts`` or ``flag`` created.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ _IMPORT = re.compile(r"^ *(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?
 
 
 def source_digest(names: Iterable[str]) -> str:
-    """Return a digest of modules, the ``ema_*`` modules that they import, numpy and numba."""
+    """Return a digest of modules, of the ``ema_*`` modules they import, and of numpy and numba."""
     waiting, sources = list(names), dict[str, str]()
     while waiting:
         name = waiting.pop()

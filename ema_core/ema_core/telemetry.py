@@ -91,7 +91,7 @@ class Telemetry:
         return self.stamp_ns + elapsed_ns(self.sample_period, self.first_index, steps)
 
     def stamp_at(self, sample: int) -> int:
-        """Return the end time [ns] of a sample, numbered from 0."""
+        """Return the end time [ns] of the sample with index ``sample``, from 0."""
         return self.stamp_ns + elapsed_ns(self.sample_period, self.first_index, sample)
 
     def part(self, start: int, stop: int) -> "Telemetry":

@@ -114,7 +114,7 @@ def find_windows(
 
 
 def _blocks(telemetry: Telemetry | Iterable[Telemetry]) -> list[Telemetry]:
-    """Return telemetry as a list of blocks. Raises ValueError for other types."""
+    """Return telemetry as a list of blocks; raise ValueError for other types."""
     hint = "use Telemetry(stamp_ns, sample_period, ...), or ema_bags.read_telemetry for a bag"
     if not isinstance(telemetry, Iterable) or isinstance(telemetry, np.ndarray | str | Path):
         require_type("telemetry", telemetry, Telemetry, hint)
@@ -130,7 +130,7 @@ def identify_motion(
     calibration: Calibration | None = None,
     settings: CombinationSettings | None = None,
 ) -> list[Estimate]:
-    """Identify the faults in ordinary motion, without a test cycle.
+    """Return estimates of the faults from ordinary motion, without a test cycle.
 
     Stretches of the motion are combined until the faults reach the wanted accuracy: the result is a
     few estimates, each from many stretches. The list is empty if the motion does not determine any

@@ -29,7 +29,7 @@ _SUFFIXES: Final = (".yaml", ".yml")
 
 
 def load_calibration(path: Path) -> AnyCalibration:
-    """Return the calibration in a file, of a modelled or unknown drive.
+    """Return the calibration read from a file, for a modelled or an unknown drive.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def calibrate(
 
 
 def with_labels_of(calibration: AnyCalibration, replaced: AnyCalibration) -> AnyCalibration:
-    """Return a calibration with the labels copied from the calibration that it replaces.
+    """Return a calibration with the labels of the calibration that it replaces.
 
     It is returned unchanged if the replaced calibration belongs to a different unit.
     """
@@ -215,7 +215,7 @@ class CalibrationStore:
     def keep(
         self, description: ActuatorDescription, calibration: AnyCalibration, path: Path
     ) -> None:
-        """Write a calibration to a file and use it. Raises ValueError if it cannot be written."""
+        """Write a calibration to a file and use it; raise ValueError if it cannot be written."""
         with suppress(OSError, ValueError):
             calibration = with_labels_of(calibration, load_calibration(path))
         try:
@@ -246,7 +246,7 @@ class CalibrationStore:
         return self._learned_file if is_learned else self._file
 
     def _called_path(self, file: str, description: ActuatorDescription) -> Path:
-        """Return the path named in a call, inside the folder: any node may call."""
+        """Return the path named in a call, which must be inside the folder: any node may call."""
         try:
             path = (self._folder / _filled(file, description)).resolve()
         except (OSError, RuntimeError, ValueError) as error:
@@ -279,5 +279,5 @@ def _filled(path: str, description: ActuatorDescription) -> str:
 
 
 def file_name(name: str) -> str:
-    """Return a name as a file name: characters that could lead to another folder are escaped."""
+    """Return a name as a file name, with characters escaped that could lead to another folder."""
     return name.replace(".", "%2E") if name in (".", "..") else quote(name, safe=" ")

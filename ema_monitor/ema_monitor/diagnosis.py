@@ -248,7 +248,7 @@ class _Motion:
     """Number of combinations without an estimate that were handled."""
 
     def judged(self, estimate: Estimate) -> Estimate:
-        """Return the estimate, judged by all motion since the previous estimate.
+        """Return the estimate with a verdict from all motion since the previous estimate.
 
         Refused stretches count as well: the departure may be something the model cannot explain.
         """
@@ -349,7 +349,7 @@ class Diagnosis:
             self._last = described, np.array(estimate.faults)
 
     def stopped(self) -> "Diagnosis":
-        """Return a new diagnosis that starts at the same faults, without combined stretches."""
+        """Return a copy that starts at the same faults, without combined stretches."""
         twin = Diagnosis()
         twin._last, twin._memory = self._last, self._memory
         return twin

@@ -161,7 +161,7 @@ class Intake:
         return Use(counted, flown)
 
     def pieces(self, end_ns: int) -> dict[UnitKey, "list[tuple[int, FlownDuty]]"]:
-        """Return each unit's duty up to the end of each window and up to ``end_ns``."""
+        """Return the duty of each unit up to the end of each window, and up to ``end_ns``."""
         for meter in self._meters.values():
             meter.cut(end_ns)
         return {unit: list(meter.pieces) for unit, meter in self._meters.items()}

@@ -108,7 +108,7 @@ class NotMeasured(Reason, code="not_measured"):
 
 @dataclass(frozen=True)
 class FitnessNeedsCurrent(Reason, code="fitness_needs_current"):
-    """Fitness that compares currents, without a measured current; ``usable`` names alternatives."""
+    """``fitness`` compares currents, but no current is measured; ``usable`` is possible."""
 
     fitness: str
     usable: str
@@ -126,7 +126,7 @@ class SpeedGaps(Reason, code="speed_gaps"):
 
 @dataclass(frozen=True)
 class NoTravel(Reason, code="no_travel"):
-    """The commanded travel is too small to excite the faults. Travel in rad."""
+    """The commanded travel [rad] is too small to excite the faults."""
 
     travel: float
     least: float
@@ -196,14 +196,14 @@ class OtherSamples(Reason, code="other_samples"):
 
 @dataclass(frozen=True)
 class Jam(Reason, code="jam"):
-    """Blocked shaft: the motor stands still while current flows. Currents in A."""
+    """Blocked shaft: the motor stands still while current [A] flows."""
 
     current: float
 
 
 @dataclass(frozen=True)
 class OpenCircuit(Reason, code="open_circuit"):
-    """Dead switch or open phase: almost none of the commanded current flows. Currents in A."""
+    """Dead switch or open phase: almost none of the commanded current [A] flows."""
 
     wanted: float
     current: float
@@ -211,7 +211,7 @@ class OpenCircuit(Reason, code="open_circuit"):
 
 @dataclass(frozen=True)
 class JamOrOpenCircuit(Reason, code="jam_or_open_circuit"):
-    """The motor stands still despite a commanded current; the current is not measured. In A."""
+    """The motor stands still despite a commanded current [A]; the current is not measured."""
 
     wanted: float
 
@@ -380,7 +380,7 @@ class StretchesInsufficient(Reason, code="stretches_insufficient"):
 
 @dataclass(frozen=True)
 class FiguresDeparted(Reason, code="figures_departed"):
-    """Figures of the window depart from healthy, and no fault explains it."""
+    """Figures of the window depart from healthy, and no fault explains the departure."""
 
     figures: tuple[str, ...]
     """Names of the departed figures, most significant first."""
@@ -434,7 +434,7 @@ class TooFewStrokes(Reason, code="too_few_strokes"):
 
 @dataclass(frozen=True)
 class SpeedOutside(Reason, code="speed_outside"):
-    """The speed relative to the healthy records is outside the comparable range. Ratios [-]."""
+    """The ratio of the speed to the healthy records is outside the comparable range [-]."""
 
     ratio: float
     slowest: float

@@ -215,7 +215,7 @@ def _item(item: FaultHealth, unit: str, outlook: Outlook) -> ItemReport:
 
 
 def scenario_report(scenario: Scenario, outlook: Outlook) -> ScenarioReport:
-    """Return the report on the remaining life under a scenario, from the outlook under it."""
+    """Return the report on the remaining life under a scenario, from its outlook."""
     life, removal = outlook.rul, outlook.removal
     quantiles = (life.hours_05, life.hours_50, life.hours_95)
     days_05, days_50, days_95 = (hours / removal.hours_a_day for hours in quantiles)

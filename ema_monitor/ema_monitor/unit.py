@@ -561,7 +561,7 @@ class Unit:
         )
 
     def mark_clock_step(self, until_ns: int | None = None) -> None:
-        """Treat the faults shown by tests up to a time as not shown recently.
+        """Treat faults that were shown by tests up to a time as not shown recently.
 
         These tests were stamped before a clock stepped back, so that their age is unknown.
 

@@ -128,7 +128,7 @@ def test_live_and_offline_answers_are_equal_to_the_last_digit(session, course):
     ("scenarios", "texts"),
     [
         ([DutyScenario(name="a", duty=0.0)], ["scenario 1", "duty = 0", "[0.001, 1000]"]),
-        ([DutyScenario(name="a", loads=[0.1])], ["loads", "0 shares of 1 values"]),
+        ([DutyScenario(name="a", loads=[0.1])], ["loads", "0 shares for 1 values"]),
         (
             [DutyScenario(name="a", loads=[0.1, 0.1], load_shares=[0.5, 0.5])],
             ["loads = [0.1, 0.1]", "different values"],

@@ -131,7 +131,7 @@ class Decision:
         return Choice(cost + self.costs.inspection, hours, removal, risk)
 
     def _judged(self, training: NDArray[np.intp], held_out: NDArray[np.intp]) -> Choice:
-        """Optimize on the training lives and evaluate the choice on the held-out lives."""
+        """Return the optimum for the training lives, evaluated on the held-out lives."""
         planned, real = (replace(self, lives=self.lives[part]) for part in (training, held_out))
         removal, waiting = planned.remove(), planned.wait()
         if waiting.rate < removal.rate:
@@ -176,7 +176,7 @@ class Advice:
 
 
 def advise(outlook: Outlook, costs: Costs) -> Advice:
-    """Advise on a unit after its latest test (docs/prognosis.md, P18 to P20)."""
+    """Return the advice for a unit after its latest test (docs/prognosis.md, P18 to P20)."""
     rul, now = outlook.rul, outlook.hours
     if costs.defect:
         return Advice("unknown", costs.defect)

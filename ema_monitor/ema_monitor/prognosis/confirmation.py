@@ -59,7 +59,7 @@ def _confirmed(item: FaultHealth, before: int) -> FaultHealth:
 
 
 def _level_of_test(item: FaultHealth) -> int:
-    """Return the level according to the newest test, including a value that is held back."""
+    """Return the level according to the newest test, even if its value is held back."""
     if not math.isfinite(item.held):
         return item.level
     sign = -1.0 if item.limit_is_lower else 1.0

@@ -12,7 +12,7 @@ from ema_monitor.prognosis.service import TimedTest
 
 
 class DutyRecord:
-    """Cumulative damage at each test of a unit, for computing its duty over time."""
+    """Cumulative damage at each test of a unit, from which its duty over time follows."""
 
     def __init__(self, settings: DamageSettings) -> None:
         self._settings = settings

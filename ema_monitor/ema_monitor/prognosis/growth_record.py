@@ -27,7 +27,7 @@ from ema_monitor.prognosis.service import ServiceHours
 
 
 class GrowthRecord:
-    """Passes tests to a tracker in order of service hours.
+    """Growth of a unit's faults, from its tests in order of service hours.
 
     If service hours are invalidated later, a new tracker processes all remaining tests, so that its
     state depends only on the tests.
@@ -96,7 +96,7 @@ class GrowthRecord:
         return findings + self._update()
 
     def state(self) -> bytes:
-        """Serialize the state, for the ``kept`` argument of a later record."""
+        """Return the serialized state, for the ``kept`` argument of a later record."""
         stamps_ns, hours = self._used()
         stream = BytesIO()
         np.savez(
@@ -207,7 +207,7 @@ class GrowthRecord:
 
 
 def _finding(event: Event, *, is_new_baseline: bool) -> Finding:
-    """Return the finding of an event; a change due to a new baseline is no repair or step."""
+    """Return the finding of an event; a change due to a new baseline is not a repair or step."""
     if is_new_baseline and event.kind in (REPAIR, STEP):
         text = f"the baseline changed, so that values relate to a new healthy state: {event.text}"
         return Finding(CALIBRATION, text)

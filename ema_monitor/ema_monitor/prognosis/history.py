@@ -170,7 +170,7 @@ class History:
                 self._trouble = f"the history {self.path} cannot be written: {_reason_of(error)}"
 
     def close(self) -> None:
-        """Release the file; later additions are kept in memory only."""
+        """Close the file; later additions are kept in memory only."""
         with self._lock:
             self.path = None
             self._release()

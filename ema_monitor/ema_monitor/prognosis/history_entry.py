@@ -243,7 +243,7 @@ def as_text(test: Test) -> str:
 
 
 def read_test(text: str) -> Test:
-    """Parse the output of ``as_text``. Return the test."""
+    """Return the test parsed from the output of ``as_text``."""
     record: dict[str, Any] = json.loads(text)
     flown = NOTHING_FLOWN
     if "duty" in record:
@@ -274,12 +274,12 @@ def read_test(text: str) -> Test:
 
 
 def assessment_text(assessment: Assessment) -> str:
-    """Return an assessment as JSON, with NaN and Infinity for numbers that are not finite."""
+    """Return an assessment as JSON; non-finite numbers are written as NaN and Infinity."""
     return json.dumps(asdict(assessment), ensure_ascii=False)
 
 
 def read_assessment(text: str) -> Assessment:
-    """Parse the output of ``assessment_text``. Return the assessment."""
+    """Return the assessment parsed from the output of ``assessment_text``."""
     record: dict[str, Any] = json.loads(text)
     life, events = record.pop("life"), record.pop("events")
     return Assessment(

@@ -105,7 +105,7 @@ class Intermittent:
         self._failure.add(stamp_ns, 1.0)
 
     def acknowledge(self, stamp_ns: int) -> None:
-        """Reset intermittent faults and failures that the test at ``stamp_ns`` [ns] showed."""
+        """Reset the intermittent faults and failures shown by the test at ``stamp_ns`` [ns]."""
         for sign in (*self._faults.values(), self._failure):
             sign.acknowledge(stamp_ns)
 

@@ -70,7 +70,7 @@ class PendingEvents:
             self.report([Finding(DEPARTURE, departure)])
 
     def ignored_usage(self, count: Count | None, hours_per_cycle: float) -> list[Finding]:
-        """Return the finding that a count is ignored, once, if ``hours_per_cycle`` is set."""
+        """Return the finding that counts are ignored, once, if ``hours_per_cycle`` is set."""
         if count is None or hours_per_cycle <= 0.0 or self._ignores_usage:
             return []
         self._ignores_usage = True
@@ -111,7 +111,7 @@ class PendingEvents:
         return findings
 
     def take_events(self, hours: float) -> list[UnitEvent]:
-        """Remove and return the events, with any restart at the service hours ``hours`` [h]."""
+        """Remove and return the events, including a restart at the service hours ``hours`` [h]."""
         events, self._events = self._events, []
         if self._restarted is not None:
             opened_ns, tests = self._restarted

@@ -44,14 +44,14 @@ class LastShown:
                 self.estimates[name] = estimate
 
     def oldest_ns(self) -> int:
-        """Return the stamp since which tests show every fault [ns]; 0 if they never did."""
+        """Return the stamp since which tests have shown every fault [ns]; 0 if they have not."""
         if len(self.estimates) < len(COMPONENTS):
             return 0
         return min(estimate.end_ns for estimate in self.estimates.values())
 
 
 def recent_from_ns(entries: Sequence[Entry], good_for_s: float) -> int:
-    """Return the stamp of the oldest test that is recent [ns].
+    """Return the stamp of the oldest recent test [ns].
 
     Parameters
     ----------

@@ -109,7 +109,7 @@ class ActuatorStatus:
 
     @contextmanager
     def calibrating(self) -> Iterator[None]:
-        """Show a running calibration in the status; raise ValueError if one runs already."""
+        """Show a running calibration in the status; raise ValueError if another is running."""
         if self.is_calibrating:
             raise ValueError(f"actuator {self.actuator_id!r} is already being calibrated")
         self.is_calibrating = True

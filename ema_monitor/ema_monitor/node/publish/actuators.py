@@ -134,7 +134,7 @@ class Actuators(dict[str, ActuatorStatus]):
         return status, status.description
 
     def not_monitored(self, actuator_id: str) -> str:
-        """Return an error text for an actuator that is not monitored, with the reason."""
+        """Return an error message for an actuator that is not monitored, with the reason."""
         reason = self._why_not(actuator_id) or f"monitored: {self._listing()}"
         return f"actuator_id = {actuator_id!r} is not monitored; {reason}"
 
@@ -144,7 +144,7 @@ class Actuators(dict[str, ActuatorStatus]):
         return (", ".join(names[:_MOST_NAMED]) or "none") + more
 
     def claimed(self, status: ActuatorStatus, outlook: Outlook) -> Outlook:
-        """Return an outlook with the validity period required by the actuator's tests."""
+        """Return an outlook with the validity period that the actuator's tests require."""
         good_for_s = status.good_for_s(self._operation.value)
         return replace(outlook, claim=outlook.claim._replace(good_for_s=good_for_s))
 

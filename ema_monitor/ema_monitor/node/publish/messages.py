@@ -325,7 +325,7 @@ def unknown_health(actuator_id: str, reason: str) -> HealthMessage:
 
 
 def _without_figures(message: Any) -> Any:
-    """Return a message with NaN in each floating-point field, nested messages included."""
+    """Return a message with NaN in each floating-point field, also in nested messages."""
     for name in message.get_fields_and_field_types():
         value = getattr(message, name)
         if isinstance(value, float):

@@ -197,7 +197,7 @@ class ShownHealth:
         return latest is not None and latest.serial_number == description.serial_number
 
     def _publish_as_is(self) -> HealthMessage | None:
-        """Publish and return the health of the last assessed, else of the described unit."""
+        """Publish and return the health of the latest assessed unit, or of the described unit."""
         description = self._assessed or self._described()
         if description is None:
             return None

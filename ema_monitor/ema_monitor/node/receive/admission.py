@@ -39,7 +39,7 @@ def _number_of(actuator_id: str) -> int:
 
 @dataclass(frozen=True)
 class Shard(Checked):
-    """A monitor's share of the actuators when several monitors divide them."""
+    """The actuators of one monitor, if they are divided among several monitors."""
 
     index: int = quantity(0, "-", 0, 255, "number of the shard that this monitor follows, from 0")
     count: int = quantity(
@@ -126,7 +126,7 @@ class Admission:
         return f"{text}; of other shards: {', '.join(other_shards)}" if other_shards else text
 
     def why_not(self, actuator_id: str) -> str:
-        """Return why this monitor does not monitor an actuator; empty if it may."""
+        """Return why this monitor ignores an actuator; empty if the actuator may be monitored."""
         kind = self._kind(actuator_id)
         if kind == _OTHER_SHARDS:
             shard = shard_of(actuator_id, self._shard.count, self._all_listed)

@@ -138,7 +138,7 @@ class Receiver:
             self.add_defect(actuator_id, reason, is_monitored=status is not None)
 
     def expect_listed(self) -> None:
-        """Add the listed actuators, so that the status shows those without telemetry."""
+        """Add the listed actuators, so that the status also shows actuators without telemetry."""
         self._admission.check()
         for actuator_id in self._admission.listed:
             self._get_or_add(actuator_id)
@@ -146,7 +146,7 @@ class Receiver:
             self._log.info(text)
 
     def expect_described(self, described: ActuatorDescription) -> None:
-        """Apply the configured actuator file for actuators that publish no description."""
+        """Apply the configured actuator file for actuators that do not publish a description."""
         if reason := self._admission.why_not(described.actuator_id):
             name = described.actuator_id
             self._log.info(f"{name} of actuator_file is not monitored: {reason}")

@@ -200,7 +200,7 @@ class MonitorCalls:
                     )
 
     def _timeout_s(self, unit: ActuatorStatus) -> float:
-        """Return the timeout for the next window, or for the next record, which is longer [s]."""
+        """Return the timeout for the next window [s]; it is longer for a record."""
         timeout_s = self._settings.operation.value.calibration_timeout_s
         return timeout_s + unit.finder.longest_s if unit.finder.finds_records else timeout_s
 

@@ -42,7 +42,7 @@ STEPS: Final[Mapping[str, Callable[[], object]]] = MappingProxyType(
 def compile_monitor_kernels(
     is_ending: Callable[[], bool], report_progress: Callable[[str], None]
 ) -> None:
-    """Compile the kernels, or load them from the cache, and return when all are ready.
+    """Compile the kernels or load them from the cache; return when all kernels are ready.
 
     They are compiled in a separate thread, which cannot be interrupted: if the node shuts down, the
     thread is abandoned.

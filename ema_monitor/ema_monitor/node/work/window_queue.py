@@ -116,7 +116,7 @@ class WindowQueue:
 
     @contextmanager
     def publishing(self, segment: Segment) -> Iterator[bool]:
-        """Context that yields whether the estimate of the current window may be published.
+        """Return a context that yields whether the current window's estimate may be published.
 
         The current window is the last that ``next`` returned. Its estimate may be published within
         this context only, and not if the window was abandoned.
@@ -157,7 +157,7 @@ def _surplus(queue: deque[Segment], most: int, counts: Callable[[Segment], bool]
 
 
 def _drop(queue: deque[Segment], is_stretch: bool, most: int) -> list[Segment]:
-    """Replace the oldest windows of a kind beyond ``most`` by refusals. Return the windows."""
+    """Replace the oldest windows of a kind beyond ``most`` with refusals. Return these windows."""
     reason = f"dropped: more than {counted(most, 'stretch' if is_stretch else 'window')} waited"
     dropped = []
     for place in _surplus(

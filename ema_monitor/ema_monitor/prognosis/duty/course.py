@@ -77,7 +77,7 @@ class FutureDuty:
         return text
 
     def hours_of(self, growth_hours: Array) -> Array:
-        """Convert growth hours to service hours, ``(7, n)`` [h].
+        """Return growth hours converted to service hours, ``(7, n)`` [h].
 
         Parameters
         ----------
@@ -93,7 +93,7 @@ class FutureDuty:
         return np.where(at_first <= lasting, at_first, after)
 
     def own_hours(self, hours: Array, n: int) -> Array:
-        """Convert service hours to growth hours [h].
+        """Return service hours converted to growth hours [h].
 
         Parameters
         ----------
@@ -216,7 +216,7 @@ class DutyCourse:
 
 
 def duty_changes(relative: Array) -> NDArray[np.intp]:
-    """Detect changes of duty; return the index of the first interval after each change.
+    """Return the index of the first interval after each detected change of duty.
 
     The logarithm of the duty of n intervals is divided into parts. Their sum of squares about their
     means, in units of the scatter from one interval to the next, plus 4 ln n for each cut is

@@ -24,7 +24,7 @@ _TOLERANCE: Final = 1e-3
 
 @dataclass(frozen=True)
 class Scenario(Checked):
-    """A future duty; omitted figures are as in the unit's past.
+    """A future duty; omitted values are as in the unit's past.
 
     Raises
     ------

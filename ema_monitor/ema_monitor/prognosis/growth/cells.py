@@ -214,7 +214,7 @@ def _unknown_blocks(limit: float, mechanisms: Mechanisms, *, two_sided: bool) ->
 def _rows(
     law: Law, curve: Curve, limit: float, lives: Array, kind: float = 1.0, share: float = 1.0
 ) -> NDArray[np.void]:
-    """Return the cells of a curve, with equal priors, one for each of ``lives`` [h].
+    """Return the cells of a curve: one cell per life in ``lives`` [h], with equal priors.
 
     Their priors sum to ``kind * (1 - CONSTANT_PRIOR) * share``.
     """

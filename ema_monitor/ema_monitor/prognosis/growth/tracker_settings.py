@@ -33,7 +33,7 @@ class GrowthLaw(Protocol):
     """
 
     def increment(self, x: Array, rate: Array, shape: Array, hours: Array) -> Array:
-        """Return the growth from x over the given hours.
+        """Return the growth from x over a number of hours.
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ NOMINAL_LAWS: Final[Mapping[str, KnownLaw]] = MappingProxyType(
 
 
 def known_law(fault: str, written: str) -> KnownLaw:
-    """Return the law that a user specified as text.
+    """Return the growth law specified by a string.
 
     Parameters
     ----------

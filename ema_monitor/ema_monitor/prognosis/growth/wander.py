@@ -108,7 +108,7 @@ def followed(pace: Array, steps: Array, normal: Array) -> Array:
 
 
 def hours_of(paced_hours: Array, pace: Array, rng: np.random.Generator) -> Array:
-    """Return the hours needed for a given effective growth time at a wandering pace, ``(n,)`` [h].
+    """Return the hours needed for an effective growth time at a wandering pace, ``(n,)`` [h].
 
     ``paced_hours`` is the effective growth time [h] and ``pace`` the current log-pace [-]. After
     ``STEPS`` steps, the mean pace is used for the rest, because the pace has reverted to it by

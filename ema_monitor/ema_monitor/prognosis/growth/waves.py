@@ -208,7 +208,7 @@ class WaveDraw:
         return _first_passages(self.state * self.scale[:, None], self.omega)
 
     def values(self, hours: Array) -> Array:
-        """Return the signed distances from healthy after the given hours, ``(k, m)``."""
+        """Return the signed distances from healthy after ``hours``, ``(k, m)``."""
         x, rate, c, s = self.state.T
         turn = hours * self.omega
         return x + rate * hours + c * np.cos(turn) + s * np.sin(turn)

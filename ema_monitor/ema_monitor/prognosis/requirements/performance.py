@@ -205,12 +205,12 @@ class PerformanceModel:
         )
 
     def chirp(self, faults: ArrayLike) -> tuple[Array, Array]:
-        """Return tracking error [rad] and torque margin [-] only, ``(m,)`` each."""
+        """Return only tracking error [rad] and torque margin [-], ``(m,)`` each."""
         error, used, _ = self._run(self._chirp_figures, as_faults(faults))
         return error.max(axis=1), 1.0 - used.max(axis=1)
 
     def bandwidth(self, faults: ArrayLike) -> Array:
-        """Return the bandwidth only, ``(m,)`` [Hz]."""
+        """Return only the bandwidth, ``(m,)`` [Hz]."""
         figures = self._sweep_figures
         _, _, fundamental = self._run(figures, as_faults(faults))
         ratio = np.abs(fundamental) / self._sweep.amplitude
@@ -226,7 +226,7 @@ class PerformanceModel:
         return np.where(np.isnan(ratio).any(axis=1), np.nan, bandwidth)
 
     def free_play(self, faults: ArrayLike) -> Array:
-        """Return the free play only, ``(...,)`` [rad], of fault vectors, ``(..., 8)``."""
+        """Return only the free play, ``(...,)`` [rad], for fault vectors, ``(..., 8)``."""
         backlash = np.asarray(faults, dtype=np.float64)[..., BACKLASH]
         return self._width * FAULTS[BACKLASH].at(np.clip(backlash, 0.0, HIGHEST[BACKLASH]))
 

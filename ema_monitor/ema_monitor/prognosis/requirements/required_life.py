@@ -252,7 +252,7 @@ def _doubtful(crossing: Array, coarse: Array, nodes: NDArray[np.intp], paths: Ar
 
 
 def _crossing_of(reserves: Array) -> Array:
-    """Return the fractional time index at which reserves, ``(n, t)``, first are 0, or inf."""
+    """Return the fractional time index at which reserves, ``(n, t)``, first reach 0, or inf."""
     # All times are evaluated: no bisection is needed.
     times = np.arange(reserves.shape[1])
     return _first_crossing(lambda faults: faults[:, 0], reserves, times, reserves[..., None])

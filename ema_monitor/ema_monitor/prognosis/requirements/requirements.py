@@ -156,7 +156,7 @@ class Requirements:
         covariance: ArrayLike,
         warn_share: float = HealthLimits().warn_share,
     ) -> Compliance:
-        """Return the compliance with each requirement, and the gradients by fault.
+        """Return the compliance with each requirement, with gradients by fault.
 
         Parameters
         ----------
