@@ -213,7 +213,7 @@ def test_smallest_fault_is_told_in_physical_terms(certificate):
 def test_wanted_sigma_that_is_not_reached_is_named(certificate):
     assert certificate.unmet({"friction": 0.01}) == []
     assert certificate.unmet({"friction": 0.003, "backlash": 0.1}) == [
-        "friction has sigma 0.0040, 0.003 is wanted",
+        "friction has sigma 0.0040, expected 0.003 or less",
         "backlash is not shown, expected sigma 0.1 or less",
     ]
 

@@ -262,7 +262,7 @@ def baseline_to_message(
 ) -> BaselineStatus:
     """Return the status of a learned baseline after its latest record."""
     accepted, calibration = baseline.accepted_by, baseline.calibration
-    return _made(
+    return _filled_message(
         BaselineStatus,
         baseline.description,
         progress,
@@ -282,7 +282,7 @@ def curve_to_message(
     lead = calibration.parameters.lead
     way = lead / (2.0 * math.pi) if lead else 1.0
     efforts = {name: scale * getattr(curve, name) for name in curve._fields[1:]}
-    return _made(
+    return _filled_message(
         FrictionCurveMessage,
         diagnosed.description,
         stamp_ns=diagnosed.estimate.end_ns,
