@@ -14,6 +14,8 @@ _COMMANDS: Final = {
     "lives": "Simulate actuators from new until a fault reaches its limit, test by test.",
     "import": "Write telemetry of other makes, in each FILE, to a bag that all other commands "
     "read.",
+    "check": "Recognise the columns of each joint in SOURCE, find defects, and report what can be "
+    "judged.",
     "calibrate": "Calibrate on the windows or records in BAGS of one healthy actuator.",
     "baseline": "List, show, accept, extend and reset the learned baselines of joints.",
     "estimate": "Name the faults in each window of BAG, with their uncertainty.",
@@ -49,7 +51,7 @@ _COMMANDS: Final = {
 
 _GROUPS: Final = {
     "Simulate": ("simulate", "lives", "certify", "design"),
-    "Import": ("new-actuator", "import", "info", "recover"),
+    "Import": ("check", "new-actuator", "import", "info", "recover"),
     "Calibrate": ("calibrate", "label", "baseline"),
     "Diagnose": ("estimate", "moves", "verify", "plot"),
     "Predict": ("predict", "learn-fleet", "report"),
@@ -64,6 +66,7 @@ _EXAMPLES: Final = {
     "simulate": "--fault friction=0.25 -o dry.mcap",
     "lives": "--count 3 -o fleet",
     "import": "log.csv --mapping mapping.yaml --actuator actuator.yaml -o log.mcap",
+    "check": "log.csv -o mapping.yaml",
     "calibrate": "healthy_1.mcap healthy_2.mcap -o calibration.yaml",
     "estimate": "dry.mcap --calibration calibration.yaml",
     "verify": "dry.mcap",

@@ -36,13 +36,13 @@ def test_file_whose_name_is_no_text_is_read_and_written(tmp_path, environment):
 
 
 @pytest.mark.parametrize("environment", [{}, NO_UTF_8], ids=["utf-8", "C"])
-def test_preview_of_a_table_is_a_mapping_in_utf_8(tmp_path, environment):
+def test_mapping_of_a_table_is_in_utf_8(tmp_path, environment):
     table = os.fsdecode(b"t\xff.csv")
     (tmp_path / table).write_text(TABLE, encoding="utf-8")
-    done = run(tmp_path, "import", table, "--preview", **environment)
-    assert done.returncode == 0
-    text = done.stdout.decode("utf-8")
-    assert "column 'Öl'" in text
+    done = run(tmp_path, "check", table, "-o", "m.yaml", **environment)
+    assert done.returncode == 3
+    assert "'Öl'" in done.stdout.decode("utf-8")
+    text = (tmp_path / "m.yaml").read_text(encoding="utf-8")
     assert yaml.safe_load(text)["position"]["source"] == "pos"
 
 

@@ -34,9 +34,10 @@ def command():
     return "import", REAL / "healthy_1.csv", "--actuator", REAL / "actuator.yaml"
 
 
-def test_preview_of_a_real_record_guesses_the_mapping_by_hand(ema, tmp_path, command):
+def test_check_of_a_real_record_recognises_the_mapping_by_hand(ema, tmp_path, command):
     """Position from an error, and a current without sign."""
-    (tmp_path / "mapping.yaml").write_text(ema(*command, "--preview").stdout)
+    done = ema("check", *command[1:], "-o", tmp_path / "mapping.yaml")
+    assert done.exit_code == 0, done.output
     guessed = load_mapping(tmp_path / "mapping.yaml")
     assert replace(guessed, table=Table()) == load_mapping(REAL / "mapping.yaml")
 
@@ -97,7 +98,7 @@ def test_table_without_time_is_asked_for_its_rate(ema, tmp_path, command):
     [
         (("--set", "position.uni=mm"), "unknown entry 'uni'; did you mean 'unit'?"),
         (("--guide", "--mapping", REAL / "mapping.yaml"), "--mapping is complete"),
-        ((), "--guide asks for it"),
+        ((), "--guide asks for them"),
     ],
 )
 def test_wrong_options_are_refused(ema, tmp_path, command, options, words):

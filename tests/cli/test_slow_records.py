@@ -119,9 +119,9 @@ def test_joints_of_one_table_are_imported_at_once_and_told_apart(ema, tmp_path, 
         output = ("-o", tmp_path / f"{name}.mcap")
         result = ema("import", tmp_path / f"{name}.csv", *described, *output)
         assert "1600 samples of knee (R1) at 25 Hz" in result.stdout
-    preview = ema("import", tmp_path / "worn.csv", *described, "--preview").stdout
-    assert "# joint hip" in preview
-    assert "joints:" in preview
+    checked = ema("check", tmp_path / "worn.csv", *described).stdout
+    assert "joint hip" in checked
+    assert "joints:\n- hip\n- knee\n" in checked
     for joint, expected in (("hip", 0.0), ("knee", 0.25)):
         options = ("--actuator-id", joint)
         calibration = tmp_path / f"{joint}.yaml"

@@ -1,4 +1,4 @@
-"""A temperature column of a table, from the preview to the comparison with warmer records."""
+"""A temperature column of a table, from ema check to the comparison with warmer records."""
 
 import json
 from pathlib import Path
@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from tests.monitor.joint.plant import Joint, Sensors, telemetry_of, tones
 
+from ema_bags.inputs.doubts import DoubtKind
 from ema_bags.inputs.files import open_input
 from ema_core.description import ActuatorDescription
 
@@ -60,12 +61,14 @@ def calibrated(ema, folder, mapping):
 
 
 def test_friction_is_compared_at_the_temperature_of_the_record(ema, folder):
-    preview = ema(
-        "import", folder / "healthy_0.csv", "--preview", "--actuator", folder / "actuator.yaml"
-    )
-    assert "# temperature: 18 to 18.12 degC" in preview.stdout
-    assert "temperature:\n  source: Motor temperature [K]\n  unit: K\n" in preview.stdout
-    words = calibrated(ema, folder, preview.stdout)
+    source = folder / "healthy_0.csv"
+    checked = ema("check", source, "--actuator", folder / "actuator.yaml", "--json")
+    [joint] = json.loads(checked.stdout)[0]["joints"]
+    column = next(item for item in joint["columns"] if item["quantity"] == "temperature")
+    assert (column["unit"], column["low"]) == ("K", pytest.approx(291.15, abs=0.01))
+    mapping = joint["mapping"]
+    assert "temperature:\n  source: Motor temperature [K]\n  unit: K\n" in mapping
+    words = calibrated(ema, folder, mapping)
     assert "winding temperature -2 ± 2 K to winding temperature +10 ± 2 K in 8 windows" in words
     hot, estimate = friction(ema, folder, "hot")
     assert hot["judgement"] == "unchanged"
@@ -75,9 +78,8 @@ def test_friction_is_compared_at_the_temperature_of_the_record(ema, folder):
     assert worn["judgement"] == "changed"
     assert worn["change"] == pytest.approx(0.1, abs=0.02)
     # Without the column the same change is within what the temperature may do.
-    start = preview.stdout.index("temperature:\n")
-    end = preview.stdout.index("clock:\n")
-    calibrated(ema, folder, preview.stdout[:start] + preview.stdout[end:])
+    start, end = mapping.index("temperature:\n"), mapping.index("clock:\n")
+    calibrated(ema, folder, mapping[:start] + mapping[end:])
     blind, _ = friction(ema, folder, "worn")
     assert blind["judgement"] != "changed"
     assert blind["smallest_change"] > 3.0 * worn["smallest_change"]
@@ -92,4 +94,4 @@ def test_temperature_of_a_modelled_drive_is_mapped_only_by_its_owner(folder):
     frame.to_csv(folder / "commanded.csv", index=False)
     guess = open_input(folder / "commanded.csv").guess(ActuatorDescription())
     assert guess.mapping.temperature is None
-    assert any("may be the winding temperature" in remark for remark in guess.remarks)
+    assert DoubtKind.WINDING in [doubt.kind for doubt in guess.doubts]

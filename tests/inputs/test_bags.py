@@ -8,6 +8,7 @@ import pytest
 import zstandard
 
 from ema_bags.inputs.bags import SqliteBag
+from ema_bags.inputs.examine import UNKNOWN_JOINT
 from ema_bags.inputs.files import open_input
 from ema_bags.inputs.importing import import_series
 from ema_bags.reader import Bag
@@ -17,6 +18,7 @@ from ..commands import ema
 from . import other_makes
 from .conftest import described, mapping_from
 from .other_makes import START_NS, OtherBag
+from .remarks import remarks_of
 
 FLAP = described(1000)
 
@@ -133,15 +135,15 @@ def test_drive_of_odrive_is_the_telemetry_but_for_its_stamps(telemetry, tmp_path
     assert found.description.acquisition.current == "instantaneous"
 
 
-def test_mapping_of_a_bag_is_guessed(telemetry, tmp_path):
+def test_mapping_of_a_bag_has_the_command_that_the_joint_follows(telemetry, tmp_path):
     with OtherBag(tmp_path / "bag") as bag:
         other_makes.write_joint_states(bag, telemetry)
-    guess = open_input(tmp_path / "bag").guess(FLAP)
-    command = source("/commands", "data[0]", between="hold")
+    file = open_input(tmp_path / "bag")
+    guess = file.guess(FLAP)
+    command = source("/commands", "data[1]", between="hold")
     assert guess.mapping == joint_states(clock="header", command=command)
-    words = "\n".join(guess.remarks)
-    assert "joint 'flap' on /joint_states is a guess: it moves most; alternatives: other" in words
-    assert "command.source data[0] is a guess" in words
+    assert not any("command" in remark for remark in remarks_of(guess))
+    assert [item.joint for item, _ in file.recognised(UNKNOWN_JOINT)] == ["flap", "other"]
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from ema_bags.inputs.names import hint_of
 from ema_bags.inputs.recognition import Recognizer
 
 from .joint_motion import TAU, joint, moves
+from .remarks import remarks_of
 
 DEG = 180.0 / np.pi
 RPM = 60.0 / (2.0 * np.pi)
@@ -118,20 +119,22 @@ def test_columns_are_recognised(guessed, named):
             assert source is not None, quantity
             assert source.source in able
         elif source is not None:
-            assert any(f"{quantity} {source.source!r} is a guess" in line for line in guess.remarks)
+            assert any(
+                f"{quantity} {source.source!r} is a guess" in line for line in remarks_of(guess)
+            )
 
 
 def test_columns_without_names_are_a_guess(guessed):
     guess = guessed(FORMS["no names"])
-    assert "current 'ch2' is a guess from its values alone" in guess.remarks
-    assert "command 'ch5' is a guess from its values alone" in guess.remarks
+    assert "current 'ch2' is a guess from its values alone" in remarks_of(guess)
+    assert "command 'ch5' is a guess from its values alone" in remarks_of(guess)
 
 
 def test_name_that_the_motion_contradicts_is_a_guess(guessed):
     """A speed that is not the derivative of the position is taken by its name alone."""
     guess = guessed({"pos": ("position", 1.0), "vel": ("voltage", 1.0), "tau": ("current", 1.0)})
     assert guess.mapping.speed is not None
-    assert "speed 'vel' is a guess from its name alone" in guess.remarks
+    assert "speed 'vel' is a guess from its name alone" in remarks_of(guess)
 
 
 def test_names_alone_decide_where_nothing_moves(motion, guessed):
@@ -139,7 +142,7 @@ def test_names_alone_decide_where_nothing_moves(motion, guessed):
     assert guess.mapping.position.source == "pos"
     assert (
         "the columns could not be identified from the motion, only from their names"
-        in guess.remarks
+        in remarks_of(guess)
     )
 
 

@@ -10,6 +10,7 @@ from ema_bags.inputs.mapping import Clock
 from ema_bags.inputs.tables import read_columns
 
 from .conftest import described
+from .remarks import remarks_of
 
 DAY = pd.Timestamp("2026-10-23T08:15:00")
 LOST = range(700, 709)
@@ -255,7 +256,7 @@ def test_column_with_another_unit_is_not_taken_for_a_time(tmp_path, name):
     frame = moving(np.arange(300)).rename(columns={"Time": name, "command": "cmd [deg]"})
     frame.to_csv(tmp_path / "a.csv", index=False)
     guess = open_input(tmp_path / "a.csv").guess(described(1000))
-    assert "no column was recognized as the time" in "; ".join(guess.remarks)
+    assert "no column was recognized as the time" in "; ".join(remarks_of(guess))
 
 
 @pytest.mark.parametrize("wrong", ["1970-01-01T00:00:00", "2106-02-07T06:28:00"])

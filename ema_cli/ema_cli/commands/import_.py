@@ -1,17 +1,14 @@
 """``ema import``: import telemetry from third-party files and bags."""
 
 from pathlib import Path
-from typing import Any
 
 import click
 
 from ema_bags.inputs.files import open_input
-from ema_bags.inputs.importing import Imported
-from ema_bags.inputs.mapping import ColumnMapping, load_mapping, mapping_text
-from ema_bags.inputs.temperature import REFERENCE_DEGC
+from ema_bags.inputs.mapping import load_mapping, mapping_text
 from ema_cli.bags.guide import mapping_of
 from ema_cli.bags.reading import ReadingOptions, read_windows
-from ema_cli.bags.records import actuators_of, described, imported_by, read_records, write_records
+from ema_cli.bags.records import actuators_of, described, read_records, write_records
 from ema_cli.output import BAG_TO_WRITE, output_option, require_free
 from ema_core.wording import counted
 
@@ -25,11 +22,6 @@ from ema_core.wording import counted
     "mapping_file",
     type=click.Path(path_type=Path),
     help="YAML file that maps the columns of FILE to telemetry (docs/inputs.md).",
-)
-@click.option(
-    "--preview",
-    is_flag=True,
-    help="Print the mapping, by default a guess, and the defects; write nothing.",
 )
 @click.option(
     "--guide",
@@ -50,49 +42,43 @@ from ema_core.wording import counted
     help="YAML file with the description of the actuator; default: the built-in one.",
 )
 @click.option("--accept-defects", is_flag=True, help="Write the bag despite defects of the data.")
-@output_option(BAG_TO_WRITE, required=False)
+@output_option(BAG_TO_WRITE)
 def import_(
     files: tuple[Path, ...],
     mapping_file: Path | None,
-    preview: bool,
     guide: bool,
     entries: tuple[str, ...],
     actuator_file: Path | None,
     overwrite: bool,
     accept_defects: bool,
-    output: Path | None,
+    output: Path,
 ) -> None:
     """Write telemetry of other makes, in each FILE, to a bag that all other commands read.
 
-    A FILE is CSV, Parquet (.parquet) or a bag of rosbag2, MCAP or sqlite3. With --preview the
-    mapping is guessed and shown as YAML, to be checked, saved and given by --mapping. What is wrong
-    with units, signs, ratio or stamps is named before anything is written.
+    A FILE is a table (CSV, Parquet, .npz), a bag of rosbag2, or the folder of a LeRobot data set.
+    `ema check` recognises the columns and writes the file for --mapping. What is wrong with units,
+    signs, ratio or stamps is named before anything is written.
     """
-    if preview == (output is not None):
-        raise click.UsageError("give either --preview or -o OUTPUT")
     is_asked = guide or bool(entries)
     if is_asked and mapping_file is not None:
         raise click.UsageError("--mapping is complete: it goes with neither --guide nor --set")
-    if output is not None and mapping_file is None and not is_asked:
+    if mapping_file is None and not is_asked:
         raise click.UsageError(
-            f"--mapping is missing: `ema import {files[0]} --preview` guesses one to check and "
-            "save, --guide asks for it"
+            f"--mapping is missing: `ema check {files[0]} -o mapping.yaml` recognises the columns, "
+            "--guide asks for them"
         )
     inputs = [path for path in (*files, mapping_file, actuator_file) if path]
-    written = _beside(output, ".yaml") if output and is_asked else None
-    picture = _beside(output, ".png") if output and guide else None
+    written = _beside(output, ".yaml") if is_asked else None
+    picture = _beside(output, ".png") if guide else None
     for path in filter(None, (output, written, picture)):
         require_free(path, inputs, overwrite=overwrite)
     mapping = load_mapping(mapping_file) if mapping_file else None
     if is_asked:
         source = open_input(files[0])
         if guide:
-            _comment(source.contents())
+            for line in source.contents():
+                click.echo(f"# {line}")
         mapping = mapping_of(source, described(actuator_file), entries, asks=guide)
-    if output is None:
-        for file in files:
-            _preview(file, mapping, actuator_file)
-        return
     assert mapping is not None
     if written is not None:
         # Before the data are checked: the answers are kept even if the data are refused.
@@ -121,7 +107,7 @@ def import_(
             f"{output}: {counted(samples, 'sample')} of {unit.actuator_id} "
             f"({unit.serial_number}) at {1.0 / h:g} Hz, {samples * h:.3f} s of telemetry"
         )
-    if actuator_file is None:
+    if actuator_file is None and not mapping.joints:
         click.echo("note: no --actuator, so the bag describes the built-in actuator", err=True)
 
 
@@ -136,58 +122,3 @@ def _draw(bag: Path, picture: Path) -> None:
 
     outline = Outline()
     save_picture(draw_telemetry(read_windows(bag, ReadingOptions(), outline.add), outline), picture)
-
-
-def _preview(file: Path, mapping: ColumnMapping | None, actuator_file: Path | None) -> None:
-    """Print a mapping as YAML, with remarks and defects as comments."""
-    source = open_input(file, mapping)
-    lines = [str(file), *source.contents()]
-    try:
-        if mapping is None:
-            guess = source.guess(described(actuator_file))
-            mapping = guess.mapping
-            lines += [f"guess: {remark}" for remark in guess.remarks]
-        for actuator in actuators_of(mapping, actuator_file):
-            imported = imported_by(source, *actuator)
-            lines += [f"joint {actuator[0].joint}"] * bool(mapping.joints)
-            lines += [*source.remarks, *_facts(imported)]
-            for defect in imported.defects:
-                lines.append(f"{'ERROR' if defect.is_error else 'note'}: {defect}")
-    except ValueError:
-        _comment(lines, err=True)  # so that a redirected output holds a mapping or nothing
-        raise
-    _comment(lines)
-    click.echo(mapping_text(mapping), nl=False)
-
-
-def _comment(lines: list[str], *, err: bool = False) -> None:
-    for line in lines:
-        click.echo(f"# {' '.join(line.split())}", err=err)
-
-
-def _facts(imported: Imported) -> list[str]:
-    """Return lines on rate, losses and ranges."""
-    rate, losses = imported.rate, imported.stream.losses
-    by = "the stamps" if imported.mapping.clock.source else "clock.rate_hz"
-    processing = "samples used unchanged" if rate.is_regular else "samples interpolated by stamp"
-    lines = [
-        f"{counted(losses.samples, 'sample')}, {1.0 / rate.measured_period:.6g} Hz by {by}, "
-        f"taken as {1.0 / rate.period:.6g} Hz; jitter {1e6 * rate.jitter:.3g} us: {processing}",
-        f"lost {losses.lost} in {counted(losses.gaps, 'gap')} beside {losses.filled} filled in, "
-        f"{counted(losses.pauses, 'pause')}, {counted(losses.jumps, 'jump')} of the clock, "
-        f"{losses.repeated} repeated, {losses.missing} not finite, "
-        f"{counted(imported.rebuilt, 'stamp')} rebuilt",
-    ]
-    units: dict[str, Any] = {"command": "rad", "position": "rad", "speed": "rad/s", "current": "A"}
-    for name, unit in units.items():
-        values = imported.columns[name]
-        values = values[values == values]
-        reach = (
-            f"{values.min():.6g} to {values.max():.6g} {unit}" if len(values) else "not measured"
-        )
-        lines.append(f"{name}: {reach}")
-    if imported.mapping.temperature is not None:
-        degrees = [REFERENCE_DEGC + rise.rise for rise in imported.rises]
-        reach = f"{min(degrees):.4g} to {max(degrees):.4g} degC" if degrees else "no value"
-        lines.append(f"temperature: {reach}")
-    return lines

@@ -9,6 +9,7 @@ import numpy as np
 from ema_core.arrays import Array
 from ema_core.dates import has_date
 from ema_core.description import ActuatorDescription
+from ema_core.record_needs import FEWEST_REVERSING, FEWEST_STROKES
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.figures import figures_of, lost_motion, tracking_lag
 from ema_monitor.joint.lag import UNKNOWN_LAG, EffortLag
@@ -23,11 +24,6 @@ NO_DAY: Final = -1
 """Day number that no healthy record has."""
 
 FEWEST_ROWS: Final = 30
-FEWEST_STROKES: Final = 3
-"""Minimum number of strokes per direction; a long stroke counts once per 2 s."""
-FEWEST_REVERSING: Final = 2
-"""Minimum number of strokes per direction, of any length. Repeated strokes separate effects of the
-position from effects of time."""
 _SAME_RATE: Final = 0.02
 SLOWEST, FASTEST = 0.5, 1.6
 """Permitted range of a record's speed, relative to the healthy records [-]."""

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ema_core.arrays import Array, Flags
 from ema_core.description import ActuatorDescription
+from ema_core.record_needs import LONGEST_STROKE_S
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.smoothing import smoothed
 
@@ -32,7 +33,6 @@ _SLOW: Final = 0.05
 _ONE_WAY: Final = 0.95
 _ENDS: Final = 3.0
 _ROW: Final = 1.5
-_LONGEST_STROKE_S: Final = 2.0
 _USUAL_SPEED: Final = 95.0
 _COLUMNS: Final = (
     *("effort", "position", "speed", "acceleration", "direction", "stribeck", "free", "stroke"),
@@ -301,6 +301,6 @@ def _strokes(direction: Array, step_s: float) -> NDArray[np.intp]:
     begins = np.concatenate([[True], direction[1:] != direction[:-1]])
     first = np.flatnonzero(begins)
     within = np.arange(len(direction)) - first[np.cumsum(begins) - 1]
-    piece = (within * (step_s / _LONGEST_STROKE_S)).astype(np.intp)
+    piece = (within * (step_s / LONGEST_STROKE_S)).astype(np.intp)
     begins[1:] |= piece[1:] != piece[:-1]
     return np.cumsum(begins)

@@ -134,10 +134,7 @@ def read_contents(file: BinaryIO) -> Contents:
             if begin == b"SQLite f"
             else f"a file compressed by lz4; {CONVERT}"
             if begin.startswith(_LZ4_MAGIC)
-            else (
-                "it may be a table or another kind of bag: `ema import FILE --preview` shows how "
-                "to read it"
-            )
+            else ("it may be a table or another kind of bag: `ema check FILE` shows how to read it")
         )
         raise ValueError(f"is not an MCAP file: it starts with {begin!r} ({remedy})")
     is_whole = True

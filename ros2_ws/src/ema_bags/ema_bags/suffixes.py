@@ -5,8 +5,11 @@ from typing import Final
 PARQUET: Final = (".parquet", ".pq")
 """Parquet files."""
 
-TABLES: Final = (".csv", *PARQUET)
-"""Tables; ``ema import`` also reads any file that is neither Parquet nor a bag as CSV."""
+ARCHIVES: Final = (".npz",)
+"""NumPy archives of arrays."""
+
+TABLES: Final = (".csv", *PARQUET, *ARCHIVES)
+"""Tables; ``ema import`` also reads any other file that is no bag as CSV."""
 
 MCAP: Final = ".mcap"
 """Bag in MCAP storage."""

@@ -137,7 +137,7 @@ def _telemetry_topics(bag: Recording, topic: str | None) -> list[str]:
     if not names:
         raise ValueError(
             f"{bag.path} has no topic of {TELEMETRY_TYPE}; topics: {present or 'none'}; "
-            f"`ema import {bag.path} --preview` shows how to import other types"
+            f"`ema check {bag.path}` shows how to import other types"
         )
     if topic is not None and topic not in names:
         raise ValueError(f"{bag.path} has no telemetry on {topic!r}; topics: {present}")

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from ema_bags.inputs.joint_topics import KINDS, JointTopics, TopicJoint
 from ema_bags.inputs.mapping import ColumnMapping
 from ema_bags.inputs.series import Collector, Series
 from ema_bags.metadata import METADATA_FILE, PACKED_SUFFIX
@@ -142,11 +143,12 @@ def bag_series(bag: AnyBag, mapping: ColumnMapping) -> tuple[dict[str, Series], 
     return by_topic, collector.problem()
 
 
-def joints_by_travel(bag: AnyBag, topic: str) -> list[str]:
-    """Return the joints on a joint state topic, in order of decreasing travel."""
-    reach: dict[str, tuple[float, float]] = {}
-    for item in bag.messages([topic]):
-        for name, position in zip(item.message.name, item.message.position, strict=False):
-            low, high = reach.get(name, (position, position))
-            reach[name] = min(low, position), max(high, position)
-    return sorted(reach, key=lambda name: reach[name][0] - reach[name][1])
+def recorded_joints(bag: AnyBag) -> list[TopicJoint]:
+    """Return the joints recognised on the topics of a bag, in order of decreasing travel."""
+    topics = JointTopics()
+    kinds = {name: topic.type_name for name, topic in bag.topics.items()}
+    wanted = [name for name, kind in kinds.items() if kind in KINDS]
+    for item in bag.messages(wanted) if wanted else ():
+        sent_ns = item.publish_time_ns
+        topics.add(item.topic, kinds[item.topic], item.message, sent_ns, item.log_time_ns)
+    return sorted(topics.joints(), key=lambda joint: -joint.travel)

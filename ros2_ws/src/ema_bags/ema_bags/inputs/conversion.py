@@ -80,7 +80,7 @@ def convert(
     """
     p = description.parameters
     raw = {
-        key: _decoded(raw[key], source.encoding)
+        key: decoded(raw[key], source.encoding)
         for key, _, source in mapping.wanted()
         if source is not mapping.temperature
     }
@@ -109,7 +109,7 @@ def convert(
 def degrees_celsius(raw: NDArray[np.float64], source: TemperatureSource) -> NDArray[np.float64]:
     """Convert source values to temperatures, ``(n,)`` [degC]."""
     factor, addition = TEMPERATURES[source.unit]
-    values = _scaled(_decoded(raw, source.encoding), source.sign * source.scale, 0.0)
+    values = _scaled(decoded(raw, source.encoding), source.sign * source.scale, 0.0)
     return _scaled(values, factor, addition + source.offset)
 
 
@@ -176,7 +176,7 @@ def _of_phases(raw: Mapping[str, NDArray[np.float64]], is_sinusoidal: bool) -> N
     return np.sign(raw["torque_sign"]) * magnitude
 
 
-def _decoded(raw: NDArray[np.float64], encoding: str) -> NDArray[np.float64]:
+def decoded(raw: NDArray[np.float64], encoding: str) -> NDArray[np.float64]:
     """Convert unsigned register values to signed numbers."""
     bit, times = ENCODINGS[encoding]
     if not bit:

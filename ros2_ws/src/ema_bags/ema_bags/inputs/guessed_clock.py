@@ -6,6 +6,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_bags.inputs.doubts import Doubt, DoubtKind
 from ema_bags.inputs.mapping import EPOCHS, TIMES_NS, Clock
 from ema_bags.inputs.names import roles_of, unit_in_name, unit_of
 from ema_bags.inputs.series import NO_STAMP
@@ -19,10 +20,13 @@ _LEAST_STEP_S: Final = 9.5e-5
 _FASTEST_NS: Final = 1e4
 _SLOWEST_NS: Final = 1e9
 _NO_UNITS: Final = frozenset(("utc", "gmt", "local", "abs", "absolute", "rel", "relative", "-"))
+_ASSUMED_HZ: Final = 1000.0
+"""Rate of a table without a time [Hz]."""
+
 _STEPS: Final = ((5e4, "ns"), (50.0, "us"), (0.2, "ms"))
 
 
-def guess_clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[str]]:
+def guess_clock(columns: TableColumns, doubts: list[Doubt]) -> tuple[Clock, list[str]]:
     """Guess the clock; return it and the names of the remaining columns.
 
     Raises
@@ -45,9 +49,7 @@ def guess_clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[
             errors.append(error)
             continue
         if clock.unit != unit:
-            remarks.append(
-                f"clock.unit {clock.unit} is inferred from the {'values' if unit else 'steps'}"
-            )
+            doubts.append(Doubt(DoubtKind.CLOCK_UNIT, "clock", clock.source, entry=clock.unit))
         return clock, rest if sums else [item for item in names if item != name]
     if errors:
         raise errors[0]
@@ -62,10 +64,10 @@ def guess_clock(columns: TableColumns, remarks: list[str]) -> tuple[Clock, list[
         step_ns = _step_of(values) * TIMES_NS[clock.unit]
         is_usual = clock.source in columns.dates or _FASTEST_NS < step_ns < _SLOWEST_NS
         if is_usual and not _counts(values) and _is_clock(columns, clock):
-            remarks.append(f"clock.unit {clock.unit} is inferred from the steps")
+            doubts.append(Doubt(DoubtKind.CLOCK_UNIT, "clock", clock.source, entry=clock.unit))
             return clock, [name for name in rest if name != clock.source]
-    remarks.append("no column was recognized as the time: set clock.rate_hz; 1000 is a guess")
-    return Clock(rate_hz=1000.0), rest
+    doubts.append(Doubt(DoubtKind.NO_CLOCK, "clock", value=_ASSUMED_HZ))
+    return Clock(rate_hz=_ASSUMED_HZ), rest
 
 
 def _is_time(columns: TableColumns, name: str) -> bool:

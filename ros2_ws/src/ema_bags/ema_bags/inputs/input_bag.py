@@ -4,11 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Self
 
-from ema_bags.inputs.bags import bag_series, joints_by_travel, open_bag
-from ema_bags.inputs.guess import JOINT_STATE, Guess, guess_topics
+from ema_bags.inputs.bags import bag_series, open_bag, recorded_joints
+from ema_bags.inputs.guess import Guess
 from ema_bags.inputs.input_file import MOST_LISTED, InputFile
+from ema_bags.inputs.joint_finder import JOINT_STATE
 from ema_bags.inputs.mapping import Clock, ColumnMapping
 from ema_bags.inputs.series import Series
+from ema_core.description import ActuatorDescription
 
 
 class InputBag(InputFile):
@@ -50,13 +52,31 @@ class InputBag(InputFile):
         """Raise ValueError: a bag has no columns."""
         raise ValueError(f"{self.path} is a bag: expected a table")
 
-    def guess_sources(self, clock: Clock | None, *, needs_command: bool) -> Guess:
-        """Guess the sources by the types of the topics, and the joint by its travel."""
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the topics."""
+        return tuple(self._bag.topics)
+
+    def recognised(
+        self, description: ActuatorDescription, clock: Clock | None = None
+    ) -> list[tuple[Guess, Mapping[str, Series]]]:
+        """Recognise the joints on the topics, in order of decreasing travel."""
         del clock  # messages have stamps
-        topics = {name: topic.type_name for name, topic in self._bag.topics.items() if topic.count}
-        states = [name for name, kind in topics.items() if kind == JOINT_STATE]
-        joints = {name: joints_by_travel(self._bag, name) for name in states}
-        return guess_topics(topics, joints, needs_command=needs_command)
+        joints = recorded_joints(self._bag)
+        if description.drive != "unknown":
+            joints = [joint for joint in joints if joint.guess.mapping.has_command]
+        if joints:
+            return [(joint.guess, joint.by_topic) for joint in joints]
+        topics = self._bag.topics
+        has_states = any(topic.type_name == JOINT_STATE for topic in topics.values())
+        missing = (
+            "recognized as the command" if has_states else f"of type {JOINT_STATE} with a joint"
+        )
+        listed = ", ".join(f"{name} ({topic.type_name})" for name, topic in topics.items())
+        raise ValueError(
+            f"{self.path}: no topic {missing}; topics: {listed or 'none'}: write a mapping by "
+            "hand, following the examples"
+        )
 
     def contents(self) -> list[str]:
         """Describe the topics, one line each."""

@@ -21,7 +21,7 @@ class InputFile(ABC):
     Attributes
     ----------
     path
-        Path of the file or of the bag folder.
+        Path of the file, or folder of the bag or data set.
     """
 
     path: Path
@@ -55,19 +55,30 @@ class InputFile(ABC):
     def contents(self) -> list[str]:
         """Describe the content of the file, one line per column or topic."""
 
+    @property
     @abstractmethod
-    def guess_sources(self, clock: Clock | None, *, needs_command: bool) -> Guess:
-        """Guess the sources by their names and types, before their values are compared."""
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns or topics."""
+
+    @abstractmethod
+    def recognised(
+        self, description: ActuatorDescription, clock: Clock | None = None
+    ) -> list[tuple[Guess, Mapping[str, Series]]]:
+        """Recognise the sources of each joint, before their units and signs are compared.
+
+        Return the mapping of each joint with its mapped series by topic. Arguments and errors
+        are the same as in ``guess``.
+        """
 
     def guess(self, description: ActuatorDescription, clock: Clock | None = None) -> Guess:
-        """Guess a mapping from the content of the file.
+        """Recognise the mapping of the first joint, or of the joint of a bag that moves most.
 
         Parameters
         ----------
         description
             Description of the actuator.
         clock
-            Known clock of a table; None to guess it.
+            Known clock of a table; None to recognise it.
 
         Raises
         ------
@@ -75,7 +86,6 @@ class InputFile(ABC):
             If no column or topic looks like the position, or like a command that the drive
             requires.
         """
-        first = self.guess_sources(clock, needs_command=description.drive != "unknown")
-        series = self.series(first.mapping)
+        first, series = self.recognised(description, clock)[0]
         stamps, _ = primary_stamps(series[first.mapping.position.topic], first.mapping)
         return refine(first, join_topics(series, first.mapping, stamps), stamps, description)

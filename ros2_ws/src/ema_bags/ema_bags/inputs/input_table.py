@@ -1,4 +1,4 @@
-"""A CSV or Parquet file as mapped series."""
+"""A table as mapped series."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
@@ -7,21 +7,23 @@ from typing import Self
 
 import numpy as np
 
-from ema_bags.inputs.guess import Guess, guess_columns
+from ema_bags.inputs.guess import Guess
 from ema_bags.inputs.input_file import MOST_LISTED, InputFile
 from ema_bags.inputs.mapping import Clock, ColumnMapping
 from ema_bags.inputs.series import Series
+from ema_bags.inputs.table_joints import TableJoints
 from ema_bags.inputs.table_series import table_series
 from ema_bags.inputs.tables import read_columns
+from ema_core.description import ActuatorDescription
 
 
 class InputTable(InputFile):
-    """A CSV or Parquet file.
+    """A table: CSV, Parquet, a NumPy archive, or a LeRobot data set.
 
     Parameters
     ----------
     path
-        Path of the file.
+        Path of the file, or folder of the data set.
     mapping
         Mapping that defines the CSV format; None to detect it.
 
@@ -67,9 +69,17 @@ class InputTable(InputFile):
             part._columns = rows
             yield values, part
 
-    def guess_sources(self, clock: Clock | None, *, needs_command: bool) -> Guess:
-        """Guess the sources by the names and units of the columns."""
-        return guess_columns(self._columns, clock, needs_command=needs_command)
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return *self._columns.values, *self._columns.texts
+
+    def recognised(
+        self, description: ActuatorDescription, clock: Clock | None = None
+    ) -> list[tuple[Guess, Mapping[str, Series]]]:
+        """Recognise the columns of each joint, from the motion and from their names."""
+        guesses = TableJoints(self._columns, clock, description).guesses()
+        return [(guess, self.series(guess.mapping)) for guess in guesses]
 
     def contents(self) -> list[str]:
         """Describe the columns, one line each."""

@@ -157,7 +157,7 @@ class ThinnedMotion:
         the range and strokes shorter than 20 % of the longest are ignored. Without a speed, the
         second column is 0. Whole strokes are nearly insensitive to lag, elasticity and backlash.
         """
-        ends = _reversals(self.position[:, 1])
+        ends = reversals(self.position[:, 1])
         steps = self.position[:, 1] - self.position[:, 0]
         by_speed = self.angle if self.has_speed else np.zeros(len(steps))
         sums = np.array([np.cumsum(steps), np.cumsum(by_speed)])
@@ -254,7 +254,7 @@ class ThinnedMotion:
         return float(size), float(correlation)
 
 
-def _reversals(position: NDArray[np.float64]) -> list[int]:
+def reversals(position: NDArray[np.float64]) -> list[int]:
     """Return the indices of the first sample, all reversals and the last sample."""
     least = _REVERSAL * float(np.ptp(position))
     if least <= 0.0:

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from ema_bags.inputs.array_columns import list_column, split_columns
 from ema_bags.inputs.mapping import Table
 from ema_bags.inputs.on_demand import pd
 from ema_bags.inputs.plain_table import plain_parquet
@@ -11,6 +12,8 @@ from ema_bags.inputs.table_columns import StoredTable
 
 def read_parquet(path: Path, table: Table) -> StoredTable:
     """Read a Parquet file; a named index or an index of times is a column.
+
+    A column of lists of one length becomes the columns ``name_0`` to ``name_{k-1}``.
 
     Parameters
     ----------
@@ -34,6 +37,11 @@ def read_parquet(path: Path, table: Table) -> StoredTable:
             stored = parquet.ParquetFile(file).read()
     except pa.ArrowInvalid as error:
         raise ValueError(f"{path} is not a Parquet file: {error}") from error
+    for name in stored.column_names:
+        if (array := list_column(stored[name])) is not None:
+            stored = stored.drop_columns([name])
+            for part, values in split_columns(name, array).items():
+                stored = stored.append_column(part, pa.array(values))
     if (columns := plain_parquet(stored)) is not None:
         return StoredTable(columns, {}, table)
     frame = stored.to_pandas()

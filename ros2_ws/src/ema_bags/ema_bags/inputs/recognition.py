@@ -161,6 +161,11 @@ class Recognizer:
             taken |= {b for b in range(len(self.names)) if self._is_copy(int(a), b)}
         return joints
 
+    def copies(self, name: str) -> list[str]:
+        """Return the columns that are proportional to the named column."""
+        a = self.names.index(name)
+        return [column for b, column in enumerate(self.names) if self._is_copy(a, b)]
+
     def _joint_of(self, a: int, taken: set[int]) -> JointColumns:
         rates = self._rates_of(a, taken)
         columns = {"position": IdentifiedColumn(self.names[a], bool(rates))}
@@ -332,8 +337,9 @@ class Recognizer:
     def _rate(self) -> list[list[_Relation]]:
         """Relation of each column (second index) to the derivative of each column (first index)."""
         slopes = self._spectra * (1j * self._omega)
-        # The mean rate, excluded here, is the slope between the end points of the position.
-        return self._relations(slopes, self._spectra)
+        # The mean rate, excluded here, is the slope between the end points of the position. A speed
+        # keeps the line between its end points: where a log ends in motion, it is not 0.
+        return self._relations(slopes, np.fft.rfft(self.values, axis=1))
 
     @cached_property
     def _copy(self) -> list[list[_Relation]]:

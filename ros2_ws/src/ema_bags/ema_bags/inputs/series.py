@@ -218,6 +218,15 @@ def join_topics(
     return raw
 
 
+def value_at(
+    series: Series, key: str, at: NDArray[np.int64], *, holds: bool
+) -> NDArray[np.float64]:
+    """Return values of a series at arrival times, ``(n,)``: the latest, or interpolated."""
+    order = np.argsort(series.arrivals_ns, kind="stable")
+    times, values = series.arrivals_ns[order], series.values[key][order]
+    return (_held if holds else _between)(times, values, at)
+
+
 def _held(
     times: NDArray[np.int64], values: NDArray[np.float64], at: NDArray[np.int64]
 ) -> NDArray[np.float64]:

@@ -9,18 +9,20 @@ from typing import Final
 
 import numpy as np
 
+from ema_bags.inputs.array_columns import read_archive
 from ema_bags.inputs.cells import read_numbers, shows_decimals
 from ema_bags.inputs.csv_file import read_csv
 from ema_bags.inputs.dates import WrittenTimes, read_times
+from ema_bags.inputs.lerobot import EPISODE, is_data_set, read_data_set
 from ema_bags.inputs.mapping import Table
 from ema_bags.inputs.on_demand import pd
 from ema_bags.inputs.parquet_file import read_parquet
 from ema_bags.inputs.table_columns import StoredTable, TableColumns
-from ema_bags.suffixes import PARQUET
+from ema_bags.suffixes import ARCHIVES, PARQUET
 from ema_core.files import require_regular_file
 
 READERS: Final[Mapping[str, Callable[[Path, Table], StoredTable]]] = MappingProxyType(
-    dict.fromkeys(PARQUET, read_parquet)
+    {**dict.fromkeys(PARQUET, read_parquet), **dict.fromkeys(ARCHIVES, read_archive)}
 )
 """Reader of a table file by its suffix; any other file is read as CSV."""
 
@@ -28,7 +30,7 @@ _UNIT_OF_NAME: Final = re.compile(r"[\[(]\s*([^\[\]()]+?)\s*[\])]\s*$")
 
 
 def read_columns(path: Path, table: Table | None = None) -> TableColumns:
-    """Read a CSV or Parquet file.
+    """Read a CSV, Parquet or ``.npz`` file, or the folder of a LeRobot data set.
 
     Parameters
     ----------
@@ -42,6 +44,8 @@ def read_columns(path: Path, table: Table | None = None) -> TableColumns:
     OSError
         If the file cannot be opened.
     """
+    if is_data_set(path):
+        return TableColumns(path, read_data_set(path), {}, (), {}, Table(segment=EPISODE))
     require_regular_file(path)
     read_file = READERS.get(path.suffix.lower(), read_csv)
     read, units, written = read_file(path, table or Table())

@@ -1,0 +1,8 @@
+"""Doubts of a recognised mapping in words."""
+
+from ema_bags.inputs.doubt_wording import doubt_text
+from ema_bags.inputs.guess import Guess
+
+
+def remarks_of(guess: Guess) -> list[str]:
+    return [doubt_text(doubt) for doubt in guess.doubts]
