@@ -29,7 +29,7 @@ from ema_monitor.model.threads import limit_threads
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, StampedTest, unordered
 from ema_monitor.prognosis.outlook import unknown_outlook
-from ema_monitor.reasons import StampsContradict
+from ema_monitor.reason_texts import text_of
 from ema_monitor.reports import health_report
 from ema_monitor.unit import Unit
 
@@ -252,17 +252,14 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
     )
     refused = [
         {"bag": row["bag"], "number": row["number"]}
-        | {"tested": row["end_ns"] // 1000, "reason": reasons[first]}
+        | {"tested": row["end_ns"] // 1000, "reason": text_of(reasons[first])}
         for row in rows
         if row["valid"] and (first := windows_by_end[row["end_ns"]]["bag"]) in reasons
     ]
     windows = []
     for row in windows_by_end.values():
         if row["valid"] and row["bag"] in reasons:
-            why = {
-                "verdict": REFUSED,
-                "reasons": reason_rows([StampsContradict(reasons[row["bag"]])]),
-            }
+            why = {"verdict": REFUSED, "reasons": reason_rows([reasons[row["bag"]]])}
             row = {**row, "valid": False} | (why if row["verdict"] != DEPARTED else {})
         windows.append(row)
     return windows, refused

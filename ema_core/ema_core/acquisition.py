@@ -58,16 +58,17 @@ class Acquisition(Checked):
         }
         return tuple(name for name, is_absent in absent.items() if is_absent)
 
-    def contradiction(self, missing: Collection[str]) -> str:
-        """Return how empty telemetry columns contradict the acquisition; "" if they agree."""
-        reasons = [
-            f"the {name} is declared as measured ({self}), but its column is empty"
-            if name in missing
-            else f"the {name} is declared as not measured ({self}), but its column is filled"
-            for name in ("command", "current", "speed")
-            if (name in missing) != (name in self.missing)
-        ]
-        return "; ".join(reasons)
+    def contradicting(self, missing: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the empty columns and the filled columns that contradict the acquisition.
+
+        Parameters
+        ----------
+        missing
+            Empty columns of the telemetry.
+        """
+        names = ("command", "current", "speed")
+        empty = tuple(n for n in names if n in missing and n not in self.missing)
+        return empty, tuple(n for n in names if n not in missing and n in self.missing)
 
 
 USUAL: Final = Acquisition()

@@ -17,6 +17,7 @@ from ema_monitor.calibration.plausible import implausible
 from ema_monitor.calibration.stored import MOST_BYTES, is_calibration_file
 from ema_monitor.faulty_baseline import fault_instead
 from ema_monitor.joint.window_baseline import WindowBaseline
+from ema_monitor.reason_texts import differences_text
 from ema_monitor.windows.window import Window
 
 AnyCalibration = Calibration | JointCalibration
@@ -177,8 +178,8 @@ class CalibrationStore:
         """
         path = self._place(description, file)
         calibration = load_calibration(path)
-        if reason := calibration.unit_mismatch(description):
-            raise ValueError(f"{path}: {reason}")
+        if differences := calibration.unit_mismatch(description):
+            raise ValueError(f"{path}: {differences_text(differences)}")
         self._in_use[description.unit_key] = calibration
         return calibration, path
 

@@ -98,9 +98,61 @@ def _learning(reason: of.Learning) -> str:
     return "; ".join(parts)
 
 
+def _stamps_contradict(reason: of.StampsContradict) -> str:
+    bags = " and ".join(reason.bags)
+    if reason.back_s > 0.0:
+        back = f"the clock went back by {reason.back_s:.4g} s between two tests"
+        return f"{bags}: {back}: their stamps must show which came first"
+    hint = "`ema simulate --start` sets the date of simulated tests"
+    if not reason.has_date:
+        hint = f"specify the time of records with its date; {hint}"
+    return (
+        f"{bags}: different tests at the same time, {reason.end_s:.4f} s: their stamps must show "
+        f"which came first; {hint}"
+    )
+
+
 def _other_unit(reason: of.OtherUnit) -> str:
     start = "forced although " if reason.forced else "the calibration does not fit: "
-    return start + reason.detail
+    return start + differences_text(reason.differences)
+
+
+def differences_text(differences: Iterable[of.Difference]) -> str:
+    """Return how an actuator differs from its calibration; empty without a difference."""
+    return "; ".join(_difference(*difference) for difference in differences)
+
+
+def _difference(name: str, actuator: str | float, calibration: str | float) -> str:
+    if name == "drive" and calibration == "unknown":
+        return (
+            f"the actuator has drive = {actuator}, the calibration is of a unit whose controller "
+            "is not modelled"
+        )
+    if name == "drive":
+        return f"the actuator has drive {actuator!r}, the calibration is for {calibration!r}"
+    if name == "serial_number":
+        return (
+            f"the actuator has serial number {actuator!r}, the calibration was made on "
+            f"{calibration!r}: run `ema calibrate` for this unit"
+        )
+    if name == "acquisition":
+        return f"the actuator has {actuator}, the calibration {calibration}"
+    if name == "speed_measured":
+        return "the speed is measured either in the telemetry or in the calibration, not in both"
+    return f"the actuator has {name} = {actuator:g}, the calibration {calibration:g}"
+
+
+def _columns_contradict(reason: of.ColumnsContradict) -> str:
+    declared = f"({reason.acquisition})"
+    parts = [
+        f"the {name} is declared as measured {declared}, but its column is empty"
+        for name in reason.empty
+    ]
+    parts += [
+        f"the {name} is declared as not measured {declared}, but its column is filled"
+        for name in reason.filled
+    ]
+    return "; ".join(parts)
 
 
 def _not_separated(reason: of.NotSeparated) -> str:
@@ -189,7 +241,7 @@ def _samples_interpolated(reason: of.SamplesInterpolated) -> str:
 _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     of.WindowUnusable: "{r.detail}",
     of.OrderUnknown: _order_unknown,
-    of.StampsContradict: "{r.detail}",
+    of.StampsContradict: _stamps_contradict,
     of.NotMeasured: _not_measured,
     of.FitnessNeedsCurrent: (
         "the current is not measured: fitness {r.fitness} compares currents only, use {r.usable}"
@@ -210,7 +262,15 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
         "this unit"
     ),
     of.OtherUnit: _other_unit,
-    of.OtherSamples: "{r.detail}",
+    of.OtherSamples: (
+        "the sample period is {r.period:g} s, in the calibration of {r.unit[0]} ({r.unit[1]}) "
+        "{r.calibrated:g} s"
+    ),
+    of.PeriodTooLong: (
+        "the sample period is {r.period:g} s, at most {r.longest:.3g} s can be compared with the "
+        "healthy records: record at a higher rate, or calibrate at this one"
+    ),
+    of.ColumnsContradict: _columns_contradict,
     of.Jam: (
         f"{LABELS['jam']}: the motor stands still although {{r.current:.1f}} A flow; the shaft is "
         "blocked"

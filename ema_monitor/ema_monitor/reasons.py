@@ -5,16 +5,19 @@ people.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, ClassVar, Final, Self
 
+from ema_core.acquisition import Acquisition
 from ema_core.column_errors import ColumnError, Kind, Mistake, Reference
 
 KINDS: Final[dict[str, type["Reason"]]] = {}
 """Classes of reasons by code."""
 
 _COUNTS: Final = ("stretches", "of_stretches")
+_FIGURE: Final = re.compile(r"\d[\d.]*")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +41,12 @@ class Reason:
         if not self.of_stretches:
             values = {name: value for name, value in values.items() if name not in _COUNTS}
         return {"code": self.code} | values
+
+    @property
+    def kind(self) -> tuple[Any, ...]:
+        """Code and names, which reasons that differ only in their figures have in common."""
+        names = (item.name for item in fields(self) if item.name not in _COUNTS)
+        return (self.code, *(_without_figures(getattr(self, name)) for name in names))
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> "Reason":
@@ -65,6 +74,15 @@ class Reason:
 
 def _as_tuple(value: Any) -> Any:
     return tuple(map(_as_tuple, value)) if isinstance(value, list) else value
+
+
+def _without_figures(value: Any) -> Any:
+    """Return a value without its numbers, also without those in a text."""
+    if isinstance(value, tuple):
+        return tuple(map(_without_figures, value))
+    if isinstance(value, str):
+        return _FIGURE.sub("", value)
+    return value if isinstance(value, bool) else None
 
 
 def codes(reasons: Iterable[Reason]) -> tuple[str, ...]:
@@ -95,8 +113,14 @@ class OrderUnknown(Reason, code="order_unknown"):
 class StampsContradict(Reason, code="stamps_contradict"):
     """The stamps of recordings do not show which test came first."""
 
-    detail: str
-    """Description with the names of the recordings and the stamps."""
+    bags: tuple[str, ...]
+    """Recordings with different tests at the same time, or the recording whose clock went back."""
+    back_s: float
+    """Time by which the clock went back between two tests [s]; 0 if tests are at the same time."""
+    end_s: float
+    """Earlier end of the tests at the same time [s]; NaN if the clock went back."""
+    has_date: bool
+    """Whether the stamps are dates."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +171,10 @@ class NotDetermined(Reason, code="not_determined"):
 # The calibration.
 
 
+Difference = tuple[str, str | float, str | float]
+"""Name of a property, its value of the actuator, and its value in the calibration."""
+
+
 @dataclass(frozen=True)
 class NoCalibration(Reason, code="no_calibration"):
     """There is no calibration, or it cannot be used."""
@@ -180,15 +208,42 @@ class DriveUnknown(Reason, code="drive_unknown"):
 class OtherUnit(Reason, code="other_unit"):
     """The calibration does not fit the actuator. If ``forced``, an estimate was made anyway."""
 
-    detail: str
+    differences: tuple[Difference, ...]
     forced: bool = False
 
 
 @dataclass(frozen=True)
 class OtherSamples(Reason, code="other_samples"):
-    """The window's sampling differs from the calibrated sampling."""
+    """The sample period [s] differs from the period of the calibration, which is of ``unit``."""
 
-    detail: str
+    period: float
+    calibrated: float
+    unit: tuple[str, str]
+    """Actuator and serial number."""
+
+
+@dataclass(frozen=True)
+class PeriodTooLong(Reason, code="period_too_long"):
+    """The sample period of a record is too long for the healthy records. Periods in s."""
+
+    period: float
+    longest: float
+
+
+@dataclass(frozen=True)
+class ColumnsContradict(Reason, code="columns_contradict"):
+    """Columns are empty or filled although the acquisition states the opposite."""
+
+    empty: tuple[str, ...]
+    filled: tuple[str, ...]
+    acquisition: str
+    """The acquisition of the calibration, as messages name it."""
+
+    @classmethod
+    def of(cls, acquisition: Acquisition, missing: Collection[str]) -> Self | None:
+        """Return the reason why empty columns contradict an acquisition; None if they do not."""
+        empty, filled = acquisition.contradicting(missing)
+        return cls(empty, filled, str(acquisition)) if empty or filled else None
 
 
 # Failures and mistakes shown by the telemetry.

@@ -81,8 +81,8 @@ def test_column_that_is_not_measured_is_empty_but_the_position_is_always_there()
 def test_only_a_drive_of_an_unknown_controller_may_lack_a_command():
     acquisition = Acquisition(command=False)
     assert str(acquisition) == "current mean, speed measured, no command"
-    assert acquisition.contradiction(("command",)) == ""
-    assert "no command), but its column is filled" in acquisition.contradiction(())
+    assert acquisition.contradicting(("command",)) == ((), ())
+    assert acquisition.contradicting(()) == ((), ("command",))
     assert not ActuatorDescription(drive="unknown", acquisition=acquisition).acquisition.command
     with pytest.raises(ValueError, match="no position command with drive = six_step"):
         ActuatorDescription(acquisition=acquisition)

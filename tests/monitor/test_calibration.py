@@ -13,6 +13,7 @@ from ema_monitor.calibration.alignment import difference_at, moved, shift_betwee
 from ema_monitor.calibration.fit import calibrate_model
 from ema_monitor.model.deviations import Deviations
 from ema_monitor.model.monitor_model import MonitorModel, Response
+from ema_monitor.reason_texts import differences_text
 from ema_monitor.windows.band import rms
 from ema_monitor.windows.trigger import TriggerSettings, WindowTrigger
 from ema_monitor.windows.window import Window
@@ -28,20 +29,19 @@ def test_any_other_parameter_is_a_mismatch(calibration, name):
     value = PARAMETERS.as_mapping()[name]
     different = value + 1 if name == "P" else 1.001 * value or 1e-3
     described = ActuatorDescription(parameters=PARAMETERS.replace({name: different}))
-    reason = calibration.unit_mismatch(described)
-    assert f"{name} = {different:g}" in reason
-    assert f"{value:g}" in reason
-    assert ";" not in reason
+    differences = calibration.unit_mismatch(described)
+    assert differences == ((name, different, value),)
+    words = f"the actuator has {name} = {different:g}, the calibration {value:g}"
+    assert differences_text(differences) == words
 
 
 def test_all_that_is_different_is_named(calibration):
     described = ActuatorDescription(
         serial_number="X", parameters=PARAMETERS.replace({"R_s": 2.2, "k_e": 0.07})
     )
-    reason = calibration.unit_mismatch(described)
-    assert reason.count(";") == 2
-    assert "R_s" in reason
-    assert "k_e" in reason
+    differences = calibration.unit_mismatch(described)
+    assert {name for name, _, _ in differences} == {"serial_number", "R_s", "k_e"}
+    assert differences_text(differences).count(";") == 2
 
 
 @pytest.mark.parametrize(("share", "has_correction"), [(0.0045, True), (0.0055, False)])

@@ -72,8 +72,8 @@ def test_saving_replaces_an_older_file_and_leaves_nothing_else(calibration, tmp_
 def test_builtin_calibration_is_that_of_the_built_in_actuator(stirred_window, description):
     builtin = Calibration.builtin()
     window = stirred_window({}, 3)
-    assert builtin.unit_mismatch(description) == ""
-    assert builtin.shape_mismatch(window) == ""
+    assert builtin.unit_mismatch(description) == ()
+    assert builtin.shape_mismatch(window) is None
     assert builtin.reference(window).knows_command
     expected = builtin.expect(
         builtin.model().respond(window, healthy_faults(), window.play), window

@@ -125,7 +125,7 @@ def test_a_cause_that_came_and_went_leaves_faults_as_they_proved_to_be():
 
 def test_remarks_of_stretches_appear_once_with_their_number():
     wrong = [CauseEstimate("load_torque", value, 0.01) for value in (0.1, 0.12)]
-    slow, forced = NotConverged(), OtherUnit("it is of A", forced=True)
+    slow, forced = NotConverged(), OtherUnit((("serial_number", "B", "A"),), forced=True)
     parts = [
         part(estimate(i), contradicted=(cause,), caveats=(forced, *more))
         for i, (cause, more) in enumerate(zip(wrong, ((slow,), ()), strict=True))
@@ -134,7 +134,8 @@ def test_remarks_of_stretches_appear_once_with_their_number():
     assert reason.split("; ") == [
         "not used, as the motion contradicts it: measured load torque +0.12 ± 0.01 N.m "
         "(in 2 of 2 stretches)",
-        "forced although it is of A",
+        "forced although the actuator has serial number 'B', the calibration was made on 'A': "
+        "run `ema calibrate` for this unit",
         "the search was stopped before it converged (in 1 of 2 stretches)",
     ]
 

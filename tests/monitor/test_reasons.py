@@ -9,7 +9,17 @@ from typing import Any
 import pytest
 
 from ema_monitor.reason_texts import joined, text_of
-from ema_monitor.reasons import KINDS, MotorStill, NotConverged, NoTravel, Reason, codes
+from ema_monitor.reasons import (
+    KINDS,
+    MotorStill,
+    NotConverged,
+    NotMeasured,
+    NoTravel,
+    OtherUnit,
+    Reason,
+    WindowUnusable,
+    codes,
+)
 
 _RPM = ("unit", 60.0, "rpm", "rad/s")
 _NAMES: dict[str, Any] = {
@@ -22,6 +32,15 @@ _NAMES: dict[str, Any] = {
     "mistakes": (_RPM, ("sign", -1.0, "", "")),
     "reference": "speed",
     "figures": ("current_rms",),
+    "differences": (
+        ("serial_number", "B", "A"),
+        ("tau", 0.1 + 0.2, 0.3),
+        ("drive", "x", "unknown"),
+    ),
+    "unit": ("flap", "A"),
+    "bags": ("a.mcap", "b.mcap"),
+    "empty": ("speed",),
+    "filled": ("command",),
 }
 
 
@@ -69,3 +88,13 @@ def test_codes_are_each_named_once():
     reasons = (NotConverged(), MotorStill(), NotConverged(stretches=1, of_stretches=2))
     assert codes(reasons) == ("not_converged", "motor_still")
     assert joined(reasons).count("; ") == 2
+
+
+def test_reasons_that_differ_only_in_figures_are_of_one_kind():
+    assert NoTravel(0.1, 0.5).kind == NoTravel(0.2, 0.5).kind
+    assert NotMeasured("speed").kind != NotMeasured("current").kind
+    tau, other = (OtherUnit((("tau", value, 0.3),)) for value in (0.1, 0.2))
+    assert tau.kind == other.kind != OtherUnit((("k_t", 0.1, 0.3),)).kind
+    assert replace(tau, stretches=2, of_stretches=5).kind == tau.kind
+    gaps = [WindowUnusable(f"gap of {samples} samples") for samples in (3, 12)]
+    assert gaps[0].kind == gaps[1].kind != WindowUnusable("cut off").kind

@@ -13,6 +13,7 @@ from ema_monitor.prognosis.history_entry import StampedTest, unordered
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.reason_texts import text_of
 from ema_monitor.unit import Unit
 
 from .made_tests import FIRST_NS, PERIOD_NS, UNIT, made_test
@@ -161,7 +162,7 @@ def test_tests_after_simulated_time_went_back_are_those_of_the_first_pass():
 def test_stamps_that_go_back_within_a_bag_are_noticed():
     stamps = [(10, 20), (30, 40), (0, 5)]
     tests = [StampedTest(*one, "a", one) for one in stamps]
-    assert "went back" in unordered(tests)["a"]
+    assert "went back" in text_of(unordered(tests)["a"])
     # A recording of a loop, and bags that are given in any order.
     assert unordered([*tests[:2], *tests[:2]]) == {}
     assert unordered([StampedTest(*one, str(one), one) for one in stamps]) == {}
@@ -175,5 +176,6 @@ def test_tests_without_a_date_at_the_same_time_advise_to_give_the_date(first_ns,
     reasons = unordered(tests)
     assert set(reasons) == {"a", "b"}
     assert all(
-        ("specify the time of records with its date" in one) == advises for one in reasons.values()
+        ("specify the time of records with its date" in text_of(reason)) == advises
+        for reason in reasons.values()
     )

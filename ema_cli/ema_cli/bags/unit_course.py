@@ -30,6 +30,7 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, StampedTest, unordered
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS, requirements_of
+from ema_monitor.reason_texts import text_of
 from ema_monitor.recordings.counts import read_counts
 from ema_monitor.recordings.windows import BagWindows, RecordedWindow, truth_at
 from ema_monitor.unit import Unit
@@ -145,7 +146,7 @@ def read_unit(
     # The history needs repeated windows too: the second window of one bag and stamp.
     stamped = (StampedTest(test.start_ns, test.end_ns, str(path), path) for path, test in tests)
     if reasons := unordered(stamped):
-        raise ValueError(next(iter(reasons.values())))
+        raise ValueError(text_of(next(iter(reasons.values()))))
     tests.sort(key=lambda test: test[1].end_ns)
     return UnitRecord(
         tests[-1][1].description,

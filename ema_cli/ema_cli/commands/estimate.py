@@ -1,13 +1,12 @@
 """``ema estimate``: estimate the faults in a bag."""
 
 import json
-import re
 import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import shorten
-from typing import Final
+from typing import Any, Final
 
 import click
 
@@ -138,14 +137,14 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
     what = "estimate" if any(item.stretches for item in estimates) else "window"
     what = "record" if are_records else what
     lines = [f"{counted(len(estimates), what)}: {verdicts}"]
-    # Reasons that differ only in their figures count as the same.
-    reasons: dict[str, list[str]] = {}
+    refused: dict[tuple[Any, ...], list[Estimate]] = {}
     for entry in estimates:
         if not entry.valid:
-            reasons.setdefault(re.sub(r"[\d.]+", "", entry.reason), []).append(entry.reason)
-    for alike in reasons.values():
-        example = "" if len(set(alike)) == 1 else "for instance "
-        lines.append(f"{len(alike)} refused: {example}{alike[0]}")
+            kinds = tuple(reason.kind for reason in entry.reasons)
+            refused.setdefault((entry.verdict, *kinds), []).append(entry)
+    for alike in refused.values():
+        example = "" if len({entry.reason for entry in alike}) == 1 else "for instance "
+        lines.append(f"{len(alike)} refused: {example}{alike[0].reason}")
     if are_records:
         changes = _largest_changes(estimates)
         return [*lines, f"largest: {changes}"] if changes else lines

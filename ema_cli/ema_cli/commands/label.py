@@ -19,7 +19,7 @@ from ema_monitor.joint.departure import HEALTHY, NONE_OF_THESE
 from ema_monitor.joint.record import JointRecord
 from ema_monitor.joint.window_figures import WindowFigures, figures_of
 from ema_monitor.prognosis.history import read_history
-from ema_monitor.reason_texts import joined
+from ema_monitor.reason_texts import differences_text, joined
 from ema_monitor.recordings.windows import WindowsOnDemand
 from ema_monitor.windows.trigger import Refusal
 
@@ -132,7 +132,7 @@ def _with_bag(
     """Return the calibration with the tests of a bag, or of part of a table, added."""
     bag_windows = identifiable_windows(bag, options, part)
     if mismatch := calibration.unit_mismatch(bag_windows.description):
-        raise ValueError(mismatch)
+        raise ValueError(differences_text(mismatch))
     windows = WindowsOnDemand(bag_windows.windows)
     if not isinstance(calibration, JointCalibration):
         figures = [item for window in windows for item in figures_of(window.telemetry)]

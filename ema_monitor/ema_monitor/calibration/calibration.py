@@ -20,6 +20,7 @@ from ema_monitor.calibration.stored import MOST_BYTES, StoredCalibration, number
 from ema_monitor.joint.window_baseline import WindowBaseline
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import FORMS_OF_DRIVES, MonitorModel, Response
+from ema_monitor.reasons import ColumnsContradict, Difference, Reason
 from ema_monitor.windows.window import Window
 
 LEAST_SCATTER: Final = 1e-6
@@ -250,27 +251,23 @@ class Calibration(StoredCalibration):
             True, Response(*corrections), (self.healthy_rms, self.healthy_speed_rms)
         )
 
-    def unit_mismatch(self, description: ActuatorDescription) -> str:
-        """Return the reason why the calibration does not match a described actuator, or ""."""
-        reasons = []
+    def unit_mismatch(self, description: ActuatorDescription) -> tuple[Difference, ...]:
+        """Return how a described actuator differs from the calibrated one; empty if it fits."""
+        differences: list[Difference] = []
         if self.form not in FORMS_OF_DRIVES.get(description.drive, ()):
-            reasons.append(
-                f"the actuator has drive {description.drive!r}, the calibration is for "
-                f"{self.drive!r}"
-            )
+            differences.append(("drive", description.drive, self.drive))
         unused = _unused_by(self.form)
         used = [name for name in self.parameters.as_mapping() if name not in unused]
-        reasons += self._mismatches(description, used)
+        differences += self._differences(description, used)
         if description.acquisition != self.acquisition:
-            reasons.append(
-                f"the actuator has {description.acquisition}, the calibration {self.acquisition}"
-            )
-        return "; ".join(reasons)
+            differences.append(("acquisition", str(description.acquisition), str(self.acquisition)))
+        return tuple(differences)
 
-    def shape_mismatch(self, window: Window) -> str:
-        """Return the reason why the samples of a window do not match the calibration, or ""."""
-        missing = window.telemetry.missing
-        return super().shape_mismatch(window) or self.acquisition.contradiction(missing)
+    def shape_mismatch(self, window: Window) -> Reason | None:
+        """Return why the samples of a window do not fit the calibration; None if they fit."""
+        if mismatch := super().shape_mismatch(window):
+            return mismatch
+        return ColumnsContradict.of(self.acquisition, window.telemetry.missing)
 
     @classmethod
     @cache

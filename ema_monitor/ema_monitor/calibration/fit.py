@@ -23,6 +23,7 @@ from ema_monitor.model.measured import measured_columns
 from ema_monitor.model.monitor_model import FORMS, LEARNS_UNIT, MonitorModel, form_of
 from ema_monitor.model.readings import TRAVEL, law_slopes
 from ema_monitor.reason_texts import text_of
+from ema_monitor.reasons import ColumnsContradict
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.relations import law_offset, travel_ratio
 from ema_monitor.windows.window import Window
@@ -69,8 +70,8 @@ def calibrate_model(
     groups: list[list[int]] = []
     for number, window in enumerate(windows):
         missing, period = window.telemetry.missing, window.sample_period
-        unexcited = window.excitation_defect()
-        reason = acquisition.contradiction(missing) or (text_of(unexcited) if unexcited else "")
+        defect = ColumnsContradict.of(acquisition, missing) or window.excitation_defect()
+        reason = text_of(defect) if defect else ""
         if not reason and period != h:
             reason = f"its sample period is {period:g} s, in the first window {h:g} s"
         if reason:

@@ -24,6 +24,7 @@ from ema_monitor.joint.record import JointRecord, LabelledRecord
 from ema_monitor.joint.shape import COEFFICIENTS, Shape
 from ema_monitor.joint.signals import Preparation
 from ema_monitor.joint.wording import finding
+from ema_monitor.reasons import Difference, PeriodTooLong, Reason
 from ema_monitor.windows.window import Window
 
 _USED: Final = ("tau", "k_t", "lead")
@@ -166,32 +167,25 @@ class JointCalibration(StoredCalibration):
         """Return the part of the calibration that is valid under any command: all of it."""
         return self
 
-    def shape_mismatch(self, window: Window) -> str:
-        """Return the reason why the samples of a record cannot be compared, or "".
+    def shape_mismatch(self, window: Window) -> Reason | None:
+        """Return the reason why the samples of a record cannot be compared, or None.
 
         Records with different sample rates are filtered to the same band.
         """
         highest = self.baseline.preparation.highest_period
         if window.sample_period <= highest:
-            return ""
-        return (
-            f"the sample period is {window.sample_period:g} s, at most {highest:.3g} s can be "
-            "compared with the healthy records: record at a higher rate, or calibrate at this one"
-        )
+            return None
+        return PeriodTooLong(window.sample_period, highest)
 
-    def unit_mismatch(self, description: ActuatorDescription) -> str:
-        """Return the reason why the calibration does not match a described actuator, or ""."""
-        reasons = []
+    def unit_mismatch(self, description: ActuatorDescription) -> tuple[Difference, ...]:
+        """Return the differences of a described actuator from the calibrated actuator."""
+        differences: list[Difference] = []
         if description.drive != "unknown":
-            reasons.append(
-                f"the actuator has drive = {description.drive}, the calibration is of a unit "
-                "whose controller is not modelled"
-            )
-        if description.acquisition.speed != self.speed_measured:
-            reasons.append(
-                "the speed is measured either in the telemetry or in the calibration, not in both"
-            )
-        return "; ".join(reasons + self._mismatches(description, _USED))
+            differences.append(("drive", description.drive, "unknown"))
+        measured = description.acquisition.speed
+        if measured != self.speed_measured:
+            differences.append(("speed_measured", measured, self.speed_measured))
+        return (*differences, *self._differences(description, _USED))
 
     def _as_mapping(self, *, with_labels: bool) -> dict[str, Any]:
         baseline = self.baseline

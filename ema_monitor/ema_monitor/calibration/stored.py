@@ -17,6 +17,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.display import Displayed
 from ema_core.files import complete_file, open_regular_file
 from ema_core.parameters import ActuatorParameters
+from ema_monitor.reasons import Difference, OtherSamples, Reason
 from ema_monitor.windows.window import Window
 
 MOST_BYTES: Final = 5_000_000
@@ -58,30 +59,27 @@ class StoredCalibration(Displayed, ABC):
         words = ", ".join(name.replace("_", " ") for name in self.not_learned)
         return f"; not learned from these windows: {words}" if words else ""
 
-    def shape_mismatch(self, window: Window) -> str:
-        """Return the reason why the samples of a window do not match the calibration, or ""."""
+    def shape_mismatch(self, window: Window) -> Reason | None:
+        """Return why the samples of a window do not fit the calibration; None if they fit."""
         if abs(window.sample_period / self.sample_period - 1.0) > 1e-6:
-            return (
-                f"the sample period is {window.sample_period:g} s, in the calibration of "
-                f"{self.actuator_id} ({self.serial_number}) {self.sample_period:g} s"
-            )
-        return ""
+            unit = self.actuator_id, self.serial_number
+            return OtherSamples(window.sample_period, self.sample_period, unit)
+        return None
 
     @abstractmethod
-    def unit_mismatch(self, description: ActuatorDescription) -> str:
-        """Return the reason why the calibration does not match a described actuator, or ""."""
+    def unit_mismatch(self, description: ActuatorDescription) -> tuple[Difference, ...]:
+        """Return how a described actuator differs from the calibrated one; empty if it fits."""
 
-    def _mismatches(self, description: ActuatorDescription, used: Iterable[str]) -> list[str]:
-        """Return one message per difference in serial number or used parameters."""
-        reasons = []
+    def _differences(
+        self, description: ActuatorDescription, used: Iterable[str]
+    ) -> list[Difference]:
+        """Return the differences in serial number and used parameters."""
+        differences: list[Difference] = []
         if description.serial_number != self.serial_number:
-            reasons.append(
-                f"the actuator has serial number {description.serial_number!r}, the calibration "
-                f"was made on {self.serial_number!r}: run `ema calibrate` for this unit"
-            )
+            differences.append(("serial_number", description.serial_number, self.serial_number))
         calibrated, described = self.parameters.as_mapping(), description.parameters.as_mapping()
-        return reasons + [
-            f"the actuator has {name} = {described[name]:g}, the calibration {calibrated[name]:g}"
+        return differences + [
+            (name, float(described[name]), float(calibrated[name]))
             for name in used
             if not abs(calibrated[name] - described[name]) <= 1e-9 * abs(described[name])
         ]

@@ -45,9 +45,9 @@ from ema_monitor.reasons import (
     EffortScaled,
     EffortShifted,
     NegativeQuantity,
-    OtherSamples,
     OtherUnit,
     OtherZero,
+    PeriodTooLong,
     Reason,
     SamplesInterpolated,
     SpeedGaps,
@@ -110,7 +110,7 @@ def identify_record(
     if mismatch and not force:
         return _refused(window, calibration, OtherUnit(mismatch), lacks_calibration=True)
     if unusable := _unusable(window, calibration):
-        is_other = isinstance(unusable, OtherSamples)
+        is_other = isinstance(unusable, PeriodTooLong)
         return _refused(window, calibration, unusable, lacks_calibration=is_other)
     if stands_still(window.telemetry):
         standstill = standstill_of(window.telemetry, calibration.baseline)
@@ -220,7 +220,7 @@ def _unusable(window: Window, calibration: JointCalibration) -> Reason | None:
     A record without a measured speed can be compared, but its play is not judged.
     """
     if mismatch := calibration.shape_mismatch(window):
-        return OtherSamples(mismatch)
+        return mismatch
     telemetry = window.telemetry
     if not len(telemetry.current):
         return EffortMissing()

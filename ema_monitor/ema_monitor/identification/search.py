@@ -25,13 +25,13 @@ from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import Termination, minimise
 from ema_monitor.optimizers.interface import Hints
 from ema_monitor.reasons import (
+    Difference,
     DriveUnknown,
     FitnessNeedsCurrent,
     NoCalibration,
     NoFiniteCost,
     NotConverged,
     NotMeasured,
-    OtherSamples,
     OtherUnit,
     Reason,
     UncertaintyUnknown,
@@ -223,7 +223,7 @@ class ModelIdentification:
     def _search_once(self, premises: _Premises) -> Search:
         window, calibration = premises.window, premises.calibration
         settings, mismatch = self.settings, calibration.unit_mismatch(self.description)
-        defect = self._defect(window, calibration, "" if self.force else mismatch)
+        defect = self._defect(window, calibration, () if self.force else mismatch)
         if defect is not None:
             return self._refused(**defect._asdict())
         caveats: list[Reason] = [NotMeasured(name) for name in window.telemetry.missing]
@@ -269,7 +269,9 @@ class ModelIdentification:
         except np.linalg.LinAlgError as error:
             return self._refused(UncertaintyUnknown(str(error)))
 
-    def _defect(self, window: Window, calibration: Calibration, mismatch: str) -> _Defect | None:
+    def _defect(
+        self, window: Window, calibration: Calibration, mismatch: tuple[Difference, ...]
+    ) -> _Defect | None:
         """Return the defect that prevents an estimate, or None."""
         if self.description.drive == "unknown":
             return _Defect(DriveUnknown(), lacks_calibration=True)
@@ -281,7 +283,7 @@ class ModelIdentification:
             return _Defect(failure, is_failure=True)
         fitness = self.settings.fitness
         if reason := calibration.shape_mismatch(window):
-            return _Defect(OtherSamples(reason), lacks_calibration=True)
+            return _Defect(reason, lacks_calibration=True)
         if unexcited := window.excitation_defect():
             return _Defect(unexcited)
         if not len(window.current) and fitness != DEFAULT_FITNESS:

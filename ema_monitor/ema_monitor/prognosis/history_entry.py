@@ -22,7 +22,7 @@ from ema_monitor.joint.window_figures import WindowFigures, figures_of_row, row_
 from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN, FlownDuty
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.reason_texts import joined
-from ema_monitor.reasons import Reason
+from ema_monitor.reasons import Reason, StampsContradict
 
 _MOST_HOURS: Final = 1e7
 _MOST_CYCLES: Final = 10**12
@@ -304,7 +304,7 @@ class StampedTest(NamedTuple):
     recording contains parts of tests."""
 
 
-def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
+def unordered(tests: Iterable[StampedTest]) -> dict[str, StampsContradict]:
     """Return the bags in which the order of tests is unknown, with the reason by bag.
 
     Tests must not overlap in time unless they are copies, and stamps must not go back within a bag.
@@ -324,22 +324,18 @@ def unordered(tests: Iterable[StampedTest]) -> dict[str, str]:
             if test.content != overlapping.content:
                 bags = dict.fromkeys((overlapping.bag, test.bag))
                 end_s = min(overlapping.end_ns, test.end_ns) * 1e-9
-                clash = f"{' and '.join(bags)}: different tests at the same time, {end_s:.4f} s"
-                hint = "`ema simulate --start` sets the date of simulated tests"
-                if not has_date(test.end_ns):
-                    hint = f"specify the time of records with its date; {hint}"
-                reason = f"{clash}: their stamps must show which came first; {hint}"
+                reason = StampsContradict(tuple(bags), 0.0, end_s, has_date(test.end_ns))
                 reasons = dict.fromkeys(bags, reason) | reasons
         earlier.append(test)
     return reasons
 
 
-def _stepped_back(tests: Iterable[StampedTest]) -> dict[str, str]:
+def _stepped_back(tests: Iterable[StampedTest]) -> dict[str, StampsContradict]:
     """Return the bags in which a test is stamped before an earlier test, with the reason by bag.
 
     A repeated test, as in a recording of a playback, does not count.
     """
-    reasons: dict[str, str] = {}
+    reasons: dict[str, StampsContradict] = {}
     latest_ns: dict[str, int] = {}
     visited = set[tuple[str, int, int]]()
     for test in tests:
@@ -347,8 +343,8 @@ def _stepped_back(tests: Iterable[StampedTest]) -> dict[str, str]:
         before_ns = latest_ns.get(test.bag, test.end_ns)
         if test.end_ns < before_ns and times not in visited:
             back_s = (before_ns - test.end_ns) * 1e-9
-            reason = f"{test.bag}: the clock went back by {back_s:.4g} s between two tests"
-            reasons.setdefault(test.bag, f"{reason}: their stamps must show which came first")
+            reason = StampsContradict((test.bag,), back_s, math.nan, has_date(test.end_ns))
+            reasons.setdefault(test.bag, reason)
         visited.add(times)
         latest_ns[test.bag] = max(before_ns, test.end_ns)
     return reasons

@@ -15,6 +15,7 @@ import yaml
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.joint.record import JointRecord
+from ema_monitor.reason_texts import differences_text, text_of
 
 from .plant import Joint, Sensors, described, healthy_telemetry, telemetry_of, tones, window_of
 
@@ -243,7 +244,7 @@ def test_records_like_each_other_are_not_mentioned(calibration, path):
 
 
 def test_unit_that_is_described_fits(calibration):
-    assert calibration.unit_mismatch(described()) == ""
+    assert calibration.unit_mismatch(described()) == ()
 
 
 def test_other_units_are_refused_with_what_differs(calibration):
@@ -251,24 +252,29 @@ def test_other_units_are_refused_with_what_differs(calibration):
     description = replace(
         plain, drive="six_step", parameters=plain.parameters.replace({"tau": 0.01, "k_t": 0.05})
     )
-    assert "drive = six_step" in calibration.unit_mismatch(description)
-    assert "serial number 'J2'" in calibration.unit_mismatch(replace(plain, serial_number="J2"))
+    assert "drive = six_step" in differences_text(calibration.unit_mismatch(description))
+    assert "serial number 'J2'" in differences_text(
+        calibration.unit_mismatch(replace(plain, serial_number="J2"))
+    )
     speed = described(Sensors(speed=True))
-    assert "either in the telemetry or in the calibration" in calibration.unit_mismatch(speed)
+    assert "either in the telemetry or in the calibration" in differences_text(
+        calibration.unit_mismatch(speed)
+    )
     for name, value in (("tau", 0.5), ("k_t", 0.3), ("lead", 0.01)):
         changed = replace(plain, parameters=plain.parameters.replace({name: value}))
-        assert f"{name} = {value:g}" in calibration.unit_mismatch(changed)
+        assert f"{name} = {value:g}" in differences_text(calibration.unit_mismatch(changed))
     # Parameters that are not used may differ.
     changed = replace(plain, parameters=plain.parameters.replace({"R_s": 1.5}))
-    assert calibration.unit_mismatch(changed) == ""
+    assert calibration.unit_mismatch(changed) == ()
 
 
 def test_other_rates_are_compared_up_to_the_band_of_the_filter(calibration):
     for h, fits in ((0.001, True), (0.05, True), (0.2, False)):
         window = window_of(telemetry_of(Joint(), tones(20.0, h=h), Sensors()))
         mismatch = calibration.shape_mismatch(window)
-        assert (mismatch == "") == fits
-        assert fits or "record at a higher rate, or calibrate at this one" in mismatch
+        assert (mismatch is None) == fits
+        words = "record at a higher rate, or calibrate at this one"
+        assert mismatch is None or words in text_of(mismatch)
 
 
 def test_temperature_of_each_record_is_kept(calibration):
