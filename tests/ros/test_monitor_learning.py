@@ -145,23 +145,24 @@ def test_person_accepts_the_records_of_a_learning_joint(tmp_path: Path):
 
 @pytest.mark.slow
 def test_setting_accepts_the_records_and_a_restart_goes_on_with_them(tmp_path: Path):
-    given = {"baseline_folder": str(tmp_path), "accept_after": 5}
+    # Provisional fits have 6 and 8 records.
+    given = {"baseline_folder": str(tmp_path), "accept_after": 7}
     with monitor(given) as session:
         Learner(session).feed(range(3))
     with monitor(given) as session:
         joint = Learner(session)
         status = joint.status(BaselineStatus.LEARNING, 3)
-        assert (status.records_needed, status.days) == (5, 1)
-        last = joint.feed(range(3, 5))
-        assert "automatic by automatic: accept_after = 5" in last.reason
-        status = joint.status(BaselineStatus.ACCEPTED, 5)
-        assert status.author == "automatic: accept_after = 5"
-        assert joint.feed([5]).verdict == FaultEstimate.VALID
+        assert (status.records_needed, status.days) == (7, 1)
+        last = joint.feed(range(3, 7))
+        assert "accepted by automatic: accept_after = 7" in last.reason
+        status = joint.status(BaselineStatus.ACCEPTED, 7)
+        assert status.author == "automatic: accept_after = 7"
+        assert joint.feed([7]).verdict == FaultEstimate.VALID
         joint.health(Health.OK, "")
     with monitor(given) as session:
         joint = Learner(session)
-        joint.status(BaselineStatus.ACCEPTED, 5)
-        assert joint.feed([6]).verdict == FaultEstimate.VALID
+        joint.status(BaselineStatus.ACCEPTED, 7)
+        assert joint.feed([8]).verdict == FaultEstimate.VALID
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -136,13 +136,14 @@ class HealthListener(Listener):
     def _note(self, topic: str, message: Any) -> None:
         """Process a received message."""
         now_s = time.monotonic()
-        if topic in self._further or isinstance(message, NodeStatus):
+        is_further = topic in self._further
+        if is_further or type(message) is NodeStatus:
             self._take_further(topic, message)
-        if topic in self._further:
+        if is_further:
             return
         with self._lock:
             if topic == _CLOCK:
-                self._simulated_ns = stamp_from_message(message.clock)
+                self._simulated_ns = stamp_from_message(cast(Clock, message).clock)
                 return
             if isinstance(message, PlaybackState):
                 if message.status == PlaybackState.ENDED:

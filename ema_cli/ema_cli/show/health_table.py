@@ -25,7 +25,7 @@ from ema_ros.stamps import stamp_from_message
 
 _URGENCY: Final = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}
 _LINES_BESIDE: Final = 6
-LEARNING_SHAPE: Final = "◌"
+_LEARNING_SHAPE: Final = "◌"
 _REASONS: Final = 3
 """Number of actuators shown with reasons, worst first."""
 
@@ -63,7 +63,7 @@ class Row:
     def level_text(self) -> str:
         """Level with its shape; of a unit that is learning, its progress instead."""
         return (
-            f"{LEARNING_SHAPE} LEARNING {self.learning}"
+            f"{_LEARNING_SHAPE} LEARNING {self.learning}"
             if self.learning
             else level_in_words(self.level)
         )

@@ -35,7 +35,7 @@ _RECORDS: Final = "records"
 _CHANGES: Final = "changes.jsonl"
 _LOCK: Final = "lock"
 _PENDING: Final = "calibration.pending.yaml"
-_REFIT_SHARE: Final = 4
+_REFIT_SHARE: Final = 3
 _LONGEST_PERSON: Final = 60
 _LONGEST_NOTE: Final = 500
 

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -62,6 +63,8 @@ class Baselines:
         self._log = log
         self._lock = threading.RLock()
         self._open: dict[UnitKey, UnitBaseline] = {}
+        # Units whose records have been fitted since they are enough for automatic acceptance.
+        self._enough: set[UnitKey] = set()
 
     def learns(self, description: ActuatorDescription) -> bool:
         """Return whether the baseline of a unit is learned."""
@@ -110,8 +113,8 @@ class Baselines:
             self._publish(baseline, window.end_ns)
         if change is not None:
             self._announce(description, change, False)
-            words = f"{change.kind} by {change.author}; the next record is compared with it"
-            return learning_estimate(window, NoCalibration(f"the baseline was made: {words}"))
+            words = f"accepted by {change.author}: the next record gives the level"
+            return learning_estimate(window, replace(progress, detail=words))
         return learning_estimate(window, *filter(None, (progress, reason)))
 
     def note(self, diagnosed: Diagnosed, window: Window) -> None:
@@ -158,6 +161,7 @@ class Baselines:
                     change = baseline.reset(person, note)
             except OSError as error:
                 raise ValueError(_unusable_text(error)) from error
+            self._enough.discard(description.unit_key)
             self._store.use(description, baseline.calibration)
             text = self._publish(baseline, baseline.latest_ns)
         if kind is Kind.ACCEPT:
@@ -212,9 +216,12 @@ class Baselines:
         needed, days = operation.accept_after, operation.accept_days
         progress = baseline.progress()
         is_enough = 0 < needed <= progress.records and days <= progress.days
-        if not baseline.is_fit_due and not (is_enough and baseline.provisional is None):
+        key = baseline.description.unit_key
+        if not baseline.is_fit_due and (not is_enough or key in self._enough):
             return None
         baseline.fit()
+        if is_enough:
+            self._enough.add(key)
         if not is_enough or baseline.progress().reason or self._doubt(baseline, Kind.ACCEPT):
             return None
         change = baseline.accept(_AUTOMATIC.format(needed), is_automatic=True)
