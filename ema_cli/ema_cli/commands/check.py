@@ -114,5 +114,10 @@ def _listened(
     from ema_cli.processes.reach import set_reach
 
     set_reach(network)
-    collected = collect(topics, seconds)
-    return examine_topics(collected, ", ".join(topics), description, joints=joints)
+    names = ", ".join(topics)
+
+    def announce() -> None:
+        click.echo(f"listening to {names} for {seconds:g} s; Ctrl-C ends it", err=True)
+
+    collected = collect(topics, seconds, announce)
+    return examine_topics(collected, names, description, joints=joints)

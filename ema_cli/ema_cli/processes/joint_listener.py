@@ -1,7 +1,7 @@
 """Collection of joint messages from topics of a running robot."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -22,7 +22,7 @@ _SPIN_S: Final = 0.1
 _NAME: Final = "ema_check"
 
 
-def collect(topics: Sequence[str], seconds: float) -> JointTopics:
+def collect(topics: Sequence[str], seconds: float, ready: Callable[[], None]) -> JointTopics:
     """Return the messages received on topics for a time, or until Ctrl-C.
 
     Parameters
@@ -30,7 +30,9 @@ def collect(topics: Sequence[str], seconds: float) -> JointTopics:
     topics
         Full names of the topics.
     seconds
-        Time to listen after the first subscription [s].
+        Time to listen after the subscription [s].
+    ready
+        Called once the topics are subscribed.
 
     Raises
     ------
@@ -55,6 +57,7 @@ def collect(topics: Sequence[str], seconds: float) -> JointTopics:
                 quality = common_offer([item.qos_profile for item in publishers], _DEPTH)
                 receive: Any = partial(_receive, collected, topic, kind)
                 node.create_subscription(message_class(kind), topic, receive, quality)
+            ready()
             deadline = time.monotonic() + seconds
             while time.monotonic() < deadline and not stop:
                 executor.spin_once(timeout_sec=_SPIN_S)
