@@ -129,16 +129,22 @@ def lag_between(cause: _Array, effect: _Array, period: float) -> float:
     n = len(cause)
     if n < 50:
         return math.nan
-    cause, effect = cause - np.mean(cause), effect - np.mean(effect)
-    scale = math.sqrt(float(cause @ cause) * float(effect @ effect))
-    if scale <= 0.0:
-        return math.nan
-    size = 1 << (2 * n - 1).bit_length()
-    product = np.fft.irfft(np.conj(np.fft.rfft(cause, size)) * np.fft.rfft(effect, size), size)
     reach = min(round(_LONGEST_LAG_S / period), n // 4)
+    cause = cause - np.mean(cause)
+    # The same samples of the effect are compared at each lag.
+    inner = slice(reach, n - reach)
+    compared = np.zeros(n)
+    compared[inner] = effect[inner] - np.mean(effect[inner])
+    size = 1 << (2 * n - 1).bit_length()
+    product = np.fft.irfft(np.conj(np.fft.rfft(cause, size)) * np.fft.rfft(compared, size), size)
     lags = np.arange(-reach, reach + 1)
-    # Fewer samples overlap at a larger lag, which would move the maximum towards 0.
-    correlation = product[lags] / scale * n / (n - np.abs(lags))
+    sums = np.cumsum(np.pad(np.array([cause, cause**2]), ((0, 0), (1, 0))), axis=1)
+    mean, power = (sums[:, n - reach - lags] - sums[:, reach - lags]) / (n - 2 * reach)
+    variance = np.maximum(power - mean**2, 0.0) * (n - 2 * reach)
+    scale = np.sqrt(variance * float(compared @ compared))
+    if not np.all(scale > 0.0):
+        return math.nan
+    correlation = product[lags] / scale
     best = int(np.argmax(np.abs(correlation)))
     if abs(correlation[best]) < _CORRELATED or best in (0, len(lags) - 1):
         return math.nan
