@@ -81,13 +81,16 @@ class HealthLimits(Checked, settings_by_kind("_LimitByKind", float, _limit_of)):
 
 
 class Recurrence(NamedTuple):
-    """Recurrence of an intermittent fault: how often it exceeded its limit."""
+    """How often a fault exceeded its limit in the latest tests."""
 
     times: int
     tests: int
     """Number of tests in which the fault exceeded its limit, and number of tests considered."""
     worst: float
     """Largest distance of the fault from healthy [-]."""
+    tests_left: int = 0
+    """Tests without the fault that end the warning after a single occurrence; 0 if only a person
+    ends it."""
 
 
 @dataclass(frozen=True)

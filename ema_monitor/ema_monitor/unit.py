@@ -208,6 +208,7 @@ class Unit:
                     Finding(FAULT, recurrence_in_words(name, recurrence))
                     for name, recurrence in self._intermittent.faults.items()
                     if name not in intermittent
+                    or (intermittent[name].tests_left and not recurrence.tests_left)
                 )
                 self._pending.report(findings)
             return self._outlook_with_events(parameters)

@@ -49,7 +49,8 @@ def test_fault_in_every_so_many_tests_is_never_ok_again(settings: PrognosisSetti
     course = [0.02] * 10 + [0.8 if i % every == every - 1 else 0.02 for i in range(3 * every)]
     made = outlooks(course, settings)[1]
     again = 10 + 2 * every - 1
-    assert min(levels(made[again:])) >= WARN
+    # From its first occurrence on.
+    assert min(levels(made[again - every :])) >= WARN
     # In a test that shows it, the fault is there.
     assert made[again].health.level == ERROR
     assert made[-1].health.level == ERROR
@@ -68,6 +69,50 @@ def test_one_occurrence_and_a_lasting_fault_are_not_intermittent(settings: Progn
     ):
         made = outlooks(course, settings)[1]
         assert not any("intermittent" in cause_of_level(one) for one in made)
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=["no hours", "hours"])
+def test_single_occurrence_warns_until_fourteen_tests_are_without_it(settings: PrognosisSettings):
+    made = outlooks([0.02] * 5 + [0.8] + [0.02] * 20, settings)[1]
+    assert min(levels(made[5:19])) >= WARN
+    assert max(levels(made[7:19])) == WARN
+    # The level falls with one more test, as each level does.
+    assert levels(made[20:]) == [OK] * 6
+    assert made[6].health.health_index == 0.0
+    words = "friction was beyond its limit in one of the latest 4 tests: 11 more tests without it"
+    assert words in cause_of_level(made[8])
+    [event] = [event for one in made for event in one.events if "was beyond" in event.text]
+    assert (event.kind, event.stamp_ns) == (FAULT, FIRST_NS + 6 * PERIOD_NS)
+
+
+@pytest.mark.parametrize(
+    "course",
+    [
+        [0.02] * 5 + [0.3, 0.45, 0.52] + [0.02] * 5,  # wear and a repair
+        [0.02] * 5 + [0.8, 0.8] + [0.02] * 5,  # a failure and a repair
+        [0.02] * 5 + [0.51] + [0.02] * 5,  # less than 5 sigma beyond the limit
+        [0.8] + [0.02] * 5,
+    ],
+)
+def test_repair_and_a_doubtful_exceedance_are_no_single_occurrence(course: list[float]):
+    made = outlooks(course, SETTINGS[1])[1]
+    assert made[-1].health.level == OK
+
+
+@pytest.mark.parametrize("after", [0, 1, 4])
+def test_person_acknowledges_a_single_occurrence(tmp_path: Path, after: int):
+    settings, path = SETTINGS[1], tmp_path / "unit.sqlite"
+    course = [0.02] * 5 + [0.8] + [0.02] * after
+    unit, _ = outlooks(course, settings, Unit(History(*UNIT, path), settings))
+    unit.note("Ada", "connector replaced", FIRST_NS + 5 * PERIOD_NS)
+    made = outlooks([0.02] * 2, settings, unit, first=len(course))[1]
+    assert made[-1].health.level == OK
+    unit.history.close()
+    again = Unit(History(*UNIT, path), settings)
+    outlook = again.resume(None, settings)
+    assert outlook is not None
+    assert outlook.health.level == OK
+    again.history.close()
 
 
 def test_noise_about_the_limit_is_not_intermittent():

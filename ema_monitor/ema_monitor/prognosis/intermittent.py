@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterable
-from typing import Final
+from typing import Final, NamedTuple
 
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_monitor.health import ONE_SIDED_95, HealthLimits, Recurrence
@@ -20,6 +20,24 @@ OCCURRENCES: Final = 2
 """Smallest number of occurrences of an intermittent fault: a single one may be an estimation
 error."""
 
+CERTAIN_SIGMA: Final = 5.0
+"""Distance beyond its limit from which a single occurrence of a fault warns, too, in sigmas [-]."""
+
+ABSENCES: Final = 14
+"""Tests in a row without the fault that end the warning after a single occurrence: then, a fault in
+one of five tests would have been missed with a probability of less than 5 % (0.8^14)."""
+
+
+class _Sighting(NamedTuple):
+    """Result of a conclusive test."""
+
+    stamp_ns: int
+    """Stamp of the test [ns]."""
+    distance: float = 0.0
+    """Distance of the fault from healthy; 0 if it was absent [-]."""
+    is_certain: bool = False
+    """Whether the fault appeared at once, and far beyond its limit."""
+
 
 class _Sign:
     """A sign of damage in the latest conclusive tests.
@@ -27,40 +45,64 @@ class _Sign:
     Attributes
     ----------
     recurrence
-        Occurrences of the sign, if it is intermittent; else None.
+        Occurrences of the sign, if it is intermittent or was present once; else None.
     """
 
     def __init__(self) -> None:
         self.recurrence: Recurrence | None = None
-        # Stamps [ns], and distances from healthy, 0 if the sign was absent.
-        self._latest = deque[tuple[int, float]](maxlen=LATEST_TESTS)
-        # Stamps of the tests in which the sign was present while it was intermittent [ns].
+        self._latest = deque[_Sighting](maxlen=LATEST_TESTS)
+        # Stamps of the tests whose events a person may acknowledge [ns].
         self._stamps_ns = set[int]()
+        self._is_near_limit = False
 
-    def add(self, stamp_ns: int, distance: float) -> None:
+    def add(self, stamp_ns: int, distance: float, *, is_certain: bool = False) -> None:
         """Add the next conclusive test."""
-        self._latest.append((stamp_ns, distance))
-        self._judge(stamp_ns if distance else 0)
+        before = self._latest[-1].distance if self._latest else 1.0
+        is_sudden = before == 0.0 and not self._is_near_limit
+        self._latest.append(_Sighting(stamp_ns, distance, is_certain and is_sudden))
+        self._is_near_limit = False
+        if is_certain and is_sudden:
+            self._stamps_ns.add(stamp_ns)
+        self._judge()
+
+    def pass_over(self) -> None:
+        """Note an inconclusive test: the sign may grow or fade."""
+        self._is_near_limit = True
 
     def acknowledge(self, stamp_ns: int) -> None:
-        """Reset the sign if it was present in the test at ``stamp_ns``; later tests count."""
+        """Reset the sign if a test of a stamp [ns] has an event on it; later tests count."""
         if stamp_ns not in self._stamps_ns:
             return
-        later = [test for test in self._latest if test[0] > stamp_ns]
+        later = [test for test in self._latest if test.stamp_ns > stamp_ns]
         self._latest = deque(later, maxlen=LATEST_TESTS)
         self._stamps_ns = {stamp for stamp in self._stamps_ns if stamp > stamp_ns}
         self.recurrence = None
-        self._judge(0)
+        self._judge()
 
-    def _judge(self, present_ns: int) -> None:
-        """Update the recurrence after a test; ``present_ns`` is its stamp, 0 without the sign."""
-        distances = [distance for _, distance in self._latest]
-        if self.recurrence is None and _times(distances) < OCCURRENCES:
+    def _judge(self) -> None:
+        """Update the recurrence after a test."""
+        distances = [test.distance for test in self._latest]
+        before = self.recurrence
+        is_intermittent = before is not None and not before.tests_left
+        if not is_intermittent and _times(distances) < OCCURRENCES:
+            self.recurrence = self._single()
+            if before is None and self.recurrence is not None:
+                self._stamps_ns.add(self._latest[-1].stamp_ns)
             return
-        worst = max(max(distances), self.recurrence.worst if self.recurrence else 0.0)
+        worst = max(max(distances), before.worst if before else 0.0)
         times = sum(distance > 0.0 for distance in distances)
         self.recurrence = Recurrence(times, len(distances), worst)
-        self._stamps_ns |= {present_ns} - {0}
+        newest = self._latest[-1] if self._latest else _Sighting(0)
+        if newest.distance:
+            self._stamps_ns.add(newest.stamp_ns)
+
+    def _single(self) -> Recurrence | None:
+        """Return a single certain occurrence that too few tests without the sign have followed."""
+        latest = list(self._latest)
+        absences = next((n for n, test in enumerate(reversed(latest)) if test.distance), 0)
+        if not 0 < absences < ABSENCES or not latest[-1 - absences].is_certain:
+            return None
+        return Recurrence(1, absences + 1, latest[-1 - absences].distance, ABSENCES - absences)
 
 
 class Intermittent:
@@ -69,7 +111,9 @@ class Intermittent:
     A fault is present if its lower 95 % bound is beyond its limit, and absent if its upper 95 %
     bound is below half the limit. Other tests are inconclusive, for example if the fault is near
     its limit. A failure is present in a test that shows a failed actuator or sensor, and absent in
-    a valid test. A fault or failure that recurs is intermittent until a person acknowledges it.
+    a valid test. A fault or failure that recurs is intermittent until a person acknowledges it. A
+    fault that appeared once, in a single test, at once and far beyond its limit, warns until a
+    person acknowledges it or ``ABSENCES`` tests in a row are without it.
 
     Parameters
     ----------
@@ -84,7 +128,7 @@ class Intermittent:
 
     @property
     def faults(self) -> dict[str, Recurrence]:
-        """Recurrence of each intermittent fault by name."""
+        """Occurrences by name of each fault that is intermittent or appeared once."""
         return {name: sign.recurrence for name, sign in self._faults.items() if sign.recurrence}
 
     @property
@@ -96,9 +140,18 @@ class Intermittent:
         """Add the next valid test."""
         self._failure.add(estimate.end_ns, 0.0)
         for name, sign in self._faults.items():
-            distance = _distance(estimate, name, self._limits)
-            if distance is not None:
-                sign.add(estimate.end_ns, distance)
+            number = FAULT_NAMES.index(name)
+            if not estimate.valid or estimate.unobservable[number]:
+                continue
+            limit, sigma = self._limits.of(name), estimate.sigma[number]
+            distance = float(abs(estimate.faults[number] - FAULTS[number].healthy))
+            if distance - ONE_SIDED_95 * sigma > limit:
+                is_certain = distance - CERTAIN_SIGMA * sigma > limit
+                sign.add(estimate.end_ns, distance, is_certain=is_certain)
+            elif distance + ONE_SIDED_95 * sigma <= GONE_SHARE * limit:
+                sign.add(estimate.end_ns, 0.0)
+            else:
+                sign.pass_over()
 
     def add_failure(self, stamp_ns: int) -> None:
         """Add the next test, stamped ``stamp_ns`` [ns], which shows a failed actuator or sensor."""
@@ -139,15 +192,3 @@ def _times(distances: Iterable[float]) -> int:
         times += distance > 0.0 and before == 0.0
         before = distance
     return times
-
-
-def _distance(estimate: Estimate, name: str, limits: HealthLimits) -> float | None:
-    """Return a fault's distance from healthy if present, 0 if absent, None if inconclusive."""
-    number = FAULT_NAMES.index(name)
-    if not estimate.valid or estimate.unobservable[number]:
-        return None
-    distance = abs(estimate.faults[number] - FAULTS[number].healthy)
-    reach, limit = ONE_SIDED_95 * estimate.sigma[number], limits.of(name)
-    if distance - reach > limit:
-        return float(distance)
-    return 0.0 if distance + reach <= GONE_SHARE * limit else None

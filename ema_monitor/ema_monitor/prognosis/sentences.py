@@ -5,7 +5,7 @@ from typing import Final
 
 from ema_core.faults import FAULT_BY_NAME
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, WARN
-from ema_core.wording import beside_limit
+from ema_core.wording import beside_limit, counted
 from ema_monitor.health import FaultHealth, Recurrence
 from ema_monitor.joint.comparison import QUANTITIES
 from ema_monitor.prognosis.outlook import Outlook
@@ -72,8 +72,14 @@ def in_words(item: FaultHealth) -> str:
 
 
 def recurrence_in_words(name: str, recurrence: Recurrence) -> str:
-    """Return a sentence on an intermittent fault and on how to acknowledge it."""
+    """Return the sentence on an intermittent fault, or a single occurrence, with its remedy."""
     latest = f"the latest {recurrence.tests} tests"
+    if recurrence.tests_left:
+        return (
+            f"{label_of(name)} was beyond its limit in one of {latest}: "
+            f"{counted(recurrence.tests_left, 'more test')} without it, or a note of a person on "
+            "its event, end the warning"
+        )
     often = f"in {recurrence.times} of {latest}"
     if not recurrence.times:
         often = f"repeatedly, but not in {latest}"
