@@ -25,7 +25,7 @@ FRICTION = {OK: 0.02, WARN: 0.3, ERROR: 0.8}
         ([OK, WARN, ERROR], 2, [OK, WARN, ERROR]),
         # Of those that are lower the last is taken.
         ([ERROR, OK, WARN, OK, OK], 2, [ERROR, ERROR, WARN, WARN, OK]),
-        ([OK, ERROR, OK], 1, [OK, ERROR, OK]),
+        ([OK, ERROR, ERROR, OK], 1, [OK, ERROR, ERROR, OK]),
         ([ERROR, OK, OK, OK], 3, [ERROR, ERROR, ERROR, OK]),
     ],
 )
