@@ -139,6 +139,34 @@ def test_outage_of_zeros_is_a_gap(mapped, rate_hz, length):
     assert [run.first_index for run in got.runs] == [1, first + length + 1]
 
 
+@pytest.mark.parametrize(("rate_hz", "length"), [(100.0, 4), (200.0, 10), (500.0, 12)])
+def test_zeros_within_a_moving_command_are_a_gap(mapped, rate_hz, length):
+    columns, stamps = moves(rate_hz=rate_hz)
+    columns["command"] += 0.9
+    steps = np.abs(np.diff(columns["command"]))
+    first = int(np.flatnonzero(steps > 0.5 * np.max(steps))[len(stamps) // 10])
+    columns["command"][first : first + length] = 0.0
+    got = imported(mapped(), columns, stamps, rate_hz)
+    assert {item.name: item.is_error for item in got.defects} == {
+        "lost_samples": False,
+        "impossible_samples": False,
+    }
+    assert (got.stream.losses.impossible, got.stream.losses.lost) == (length, length)
+    assert [run.first_index for run in got.runs] == [1, first + length + 1]
+
+
+@pytest.mark.parametrize("length", [10, 60])
+def test_command_that_rests_at_zero_or_pulses_is_kept(mapped, length):
+    columns, stamps = moves()
+    rests = np.array(columns["command"])
+    rests[np.abs(rests) < 0.02] = 0.0
+    pulses = np.where(np.arange(len(stamps)) % 100 < length, 0.0, 0.4)
+    for command in (rests, pulses):
+        got = imported(mapped(), columns | {"command": command}, stamps, 200.0)
+        np.testing.assert_array_equal(got.columns["command"], command)
+        assert got.stream.losses.impossible == 0
+
+
 @pytest.mark.parametrize("rate_hz", [100.0, 200.0, 1000.0])
 @pytest.mark.parametrize("size", [0.12, -0.25])
 def test_step_of_the_position_is_named(mapped, rate_hz, size):

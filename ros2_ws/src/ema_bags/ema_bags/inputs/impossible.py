@@ -15,6 +15,8 @@ _MOST_ZEROS: Final = 200
 _MOST_WAITING: Final = 200
 _REMEMBERED: Final = 1000
 _STEPS: Final = 10.0
+_NEAR: Final = 8
+_TIMES_FASTEST: Final = 2.0
 _SENSORS: Final = ("position", "speed", "current")
 _COMMANDS: Final = ("command", "error")
 
@@ -46,8 +48,9 @@ class ImpossibleSamples:
     exceed 10 times the 98th percentile of the steps and twice the travel per sample at top speed; a
     speed or current above 3 times its limit is impossible as well.
 
-    Runs of more than three impossible samples are kept unchanged. The exception is an all-zero run:
-    up to 200 samples are dropped if the position jumps to 0 and back.
+    Runs of more than three impossible samples are kept unchanged. The exceptions are all-zero runs:
+    up to 200 samples are dropped if the position jumps to 0 and back, or if a moving command jumps
+    to 0 and continues as if it had moved on.
 
     Parameters
     ----------
@@ -115,6 +118,10 @@ class ImpossibleSamples:
         absurd |= self._excessive(sensors, n)
         bridged, dropped, first_open = self._empty(sensors, n, is_last=is_last)
         bridged |= absurd
+        if "command" in self._commands:
+            outages, open_outage = self._command_outages(columns["command"], is_last=is_last)
+            dropped |= outages & ~bridged
+            first_open = min(first_open, open_outage)
         flaws, open_spike = self._spikes(
             "position", np.where(bridged | dropped, np.nan, columns["position"]), is_last=is_last
         )
@@ -193,6 +200,33 @@ class ImpossibleSamples:
                 first_open = first
         return bridged, dropped, first_open
 
+    def _command_outages(
+        self, command: NDArray[np.float64], *, is_last: bool
+    ) -> tuple[NDArray[np.bool_], int]:
+        """Return a mask of zeros within a moving command, and the first sample not judged yet."""
+        outages, first_open = np.zeros(len(command), bool), len(command)
+        past = self._past.get("command", np.empty(0))
+        series = np.concatenate([past, command])
+        moving = series[np.isfinite(series) & (series != 0.0)]
+        if not np.any(command == 0.0) or len(moving) < FEWEST:
+            return outages, first_open
+        pace = Pace.of(moving)
+        jump = max(pace.least_step, pace.least_change)
+        for first, end in _runs(series == 0.0):
+            before, after = series[max(first - _NEAR, 0) : first], series[end : end + _NEAR]
+            length, start = end - first, max(first - len(past), 0)
+            if end <= len(past) or length > _MOST_ZEROS or not _moves(before, jump, -1):
+                continue
+            if len(after) < _NEAR and not is_last:
+                first_open = min(first_open, start)
+            elif length > MOST_IN_A_ROW and _moves(after, jump, 0):
+                fastest = max(np.max(np.abs(np.diff(part))) for part in (before, after))
+                is_continued = abs(after[0] - before[-1]) <= _TIMES_FASTEST * (length + 1) * fastest
+                # A command that passes through 0 may have a dead band.
+                if is_continued and after[0] * before[-1] > 0.0:
+                    outages[start : end - len(past)] = True
+        return outages, first_open
+
     def _is_jump(self, position: NDArray[np.float64], row: int) -> bool:
         """Return whether the position jumps between the previous sample and this one."""
         before = position[row - 1] if row else self._before.get("position", position[row])
@@ -256,6 +290,13 @@ class ImpossibleSamples:
             if end - start > MOST_IN_A_ROW:
                 beyond[start:end] = False
         return beyond
+
+
+def _moves(command: NDArray[np.float64], jump: float, edge: int) -> bool:
+    """Return whether a command moves, and its value at the edge is a jump away from 0."""
+    if len(command) < _NEAR or not np.all(np.isfinite(command)):
+        return False
+    return bool(abs(command[edge]) > jump and np.median(np.abs(np.diff(command))) > 0.0)
 
 
 def _runs(chosen: NDArray[np.bool_]) -> list[tuple[int, int]]:
