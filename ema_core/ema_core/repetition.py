@@ -1,6 +1,6 @@
 """Detection of columns that repeat values because they are updated more slowly than sampled."""
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,12 @@ _LOOSE_FROM: Final = 5
 _REGULAR: Final = 0.9
 _USUAL: Final = 0.5
 _ONE_COUNT: Final = 1.5
+# A coarse encoder may take steps of fewer counts.
+_COUNTS: Final = 2.5
+# Largest ratio of the speeds by two successive updates in steady motion.
+_STEADY: Final = 2.0
+_REPEATED: Final = 0.05
+_LONGEST: Final = 99.5
 
 
 def held_samples(values: Array) -> int:
@@ -40,6 +46,45 @@ def held_samples(values: Array) -> int:
     return held if is_held else 1
 
 
+class IrregularUpdates(NamedTuple):
+    """Number of samples per update of a column that is updated irregularly."""
+
+    mean: float
+    """Mean number of samples per update during motion."""
+    longest: int
+    """Largest usual number of samples per update during motion."""
+
+
+def irregular_updates(values: Array) -> IrregularUpdates | None:
+    """Return how a column, ``(n,)``, repeats values irregularly; None if it does not.
+
+    After repeated values, the next update catches up with a motion of unchanged speed. A coarse
+    encoder does so by a single count, and a motion that pauses does not catch up.
+    """
+    finite = values[np.isfinite(values)]
+    steps = np.diff(finite)
+    rows = np.flatnonzero(steps)
+    if len(rows) < _LEAST_CHANGES:
+        return None
+    changes, gaps = steps[rows[1:]], np.diff(rows)
+    is_large = np.abs(changes) > _COUNTS * np.min(np.abs(steps[rows]))
+    speeds = changes / gaps
+    ratios = speeds[1:] / speeds[:-1]
+    is_steady = is_large[1:] & is_large[:-1] & (ratios > 1.0 / _STEADY) & (ratios < _STEADY)
+    moving = gaps[1:][is_steady]
+    if len(moving) < _LEAST_CHANGES or 1.0 - len(moving) / np.sum(moving) < _REPEATED:
+        return None
+    return IrregularUpdates(float(np.mean(moving)), int(np.ceil(np.percentile(moving, _LONGEST))))
+
+
+def samples_per_update(values: Array) -> float:
+    """Return the mean number of samples per update of a column, ``(n,)``, during motion."""
+    if (held := held_samples(values)) > 1:
+        return float(held)
+    irregular = irregular_updates(values)
+    return irregular.mean if irregular else 1.0
+
+
 def between_renewals(values: Array, held: int) -> Array:
     """Return a column, ``(n,)``, interpolated linearly between the samples that update it.
 
@@ -48,7 +93,8 @@ def between_renewals(values: Array, held: int) -> Array:
     values
         The column, all finite.
     held
-        Number of samples for which each value is held, from `held_samples`.
+        Number of samples for which each value is held, from `held_samples`, or the longest of
+        `irregular_updates`.
     """
     renewed = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
     # After a rest, the last update is `held` samples before the value changes.

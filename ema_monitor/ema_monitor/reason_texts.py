@@ -234,6 +234,14 @@ def _spikes_removed(reason: of.SpikesRemoved) -> str:
     )
 
 
+def _other_updates(reason: of.OtherUpdates) -> str:
+    return (
+        f"the position is updated every {reason.samples:.1f} samples on average, in the healthy "
+        f"records every {reason.healthy:.1f}: roughness and scatter cannot be compared; configure "
+        "the driver to publish each position once"
+    )
+
+
 def _samples_interpolated(reason: of.SamplesInterpolated) -> str:
     return f"{counted(reason.interpolated, 'lost sample')} of {reason.samples} interpolated"
 
@@ -339,6 +347,7 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     of.OtherZero: _other_zero,
     of.EffortShifted: _effort_shifted,
     of.SpikesRemoved: _spikes_removed,
+    of.OtherUpdates: _other_updates,
     of.SamplesInterpolated: _samples_interpolated,
 }
 """Template or function for each kind."""

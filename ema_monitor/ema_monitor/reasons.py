@@ -566,6 +566,14 @@ class SpikesRemoved(Reason, code="spikes_removed"):
 
 
 @dataclass(frozen=True)
+class OtherUpdates(Reason, code="other_updates"):
+    """The position is updated after ``samples`` samples, in healthy records after ``healthy``."""
+
+    samples: float
+    healthy: float
+
+
+@dataclass(frozen=True)
 class SamplesInterpolated(Reason, code="samples_interpolated"):
     """``interpolated`` of ``samples`` samples were lost and interpolated."""
 

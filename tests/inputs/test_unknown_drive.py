@@ -150,6 +150,21 @@ def test_sensor_that_holds_its_value_is_named_with_its_rate(mapped):
     assert "the current repeats each value 15 times (updated at 13.33 Hz)" in defect.text
 
 
+def test_position_that_is_updated_irregularly_is_named(mapped):
+    columns, stamps = moves()
+    is_new = np.random.default_rng(3).random(len(stamps)) < 0.3
+    rows = np.maximum.accumulate(np.where(is_new, np.arange(len(stamps)), 0))
+    columns["position"] = columns["position"][rows]
+    [defect] = [
+        item
+        for item in find_defects(columns, stamps, mapped(), joint())
+        if item.name == "values_repeat"
+    ]
+    assert not defect.is_error
+    assert "the position is updated every 3." in defect.text
+    assert "samples on average, irregularly" in defect.text
+
+
 def test_position_that_jumps_is_an_error(mapped):
     columns, stamps = moves()
     columns["position"][1000:] += 0.3

@@ -13,6 +13,7 @@ from ema_core.column_errors import usual_mistake
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_BY_NAME, FAULT_NAMES, N_FAULTS, FaultVector
 from ema_core.linear import angle_shown
+from ema_core.repetition import samples_per_update
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.joint_calibration import JointCalibration, winding_temperature
 from ema_monitor.identification.estimate import (
@@ -46,6 +47,7 @@ from ema_monitor.reasons import (
     EffortShifted,
     NegativeQuantity,
     OtherUnit,
+    OtherUpdates,
     OtherZero,
     PeriodTooLong,
     Reason,
@@ -63,6 +65,8 @@ from ema_monitor.windows.window import Window
 _LEAST_VISCOUS: Final = 0.05
 _OTHER_SPEED: Final = 5.0
 """Speed ratio beyond which the unit of position or speed is probably wrong [-]."""
+_OTHER_UPDATES: Final = 1.15
+"""Ratio of samples per update beyond which roughness and scatter are not compared [-]."""
 _LEAST_ZERO: Final = 0.03
 """Smallest reported shift of the position zero [rad]."""
 _GAIN_OF_ZERO: Final = 1.2
@@ -117,6 +121,7 @@ def identify_record(
         still = standstill.reason(calibration.effort_shown, angle_shown(description.parameters))
         has_failed = standstill.cause is StandstillCause.FAILURE
         return _refused(window, calibration, still, verdict=FAILED if has_failed else REFUSED)
+    per_update = samples_per_update(window.telemetry.position)
     window, spikes = _without_spikes(window, calibration)
     record = _record_of(window, description, calibration)
     if isinstance(record, tuple):
@@ -124,6 +129,10 @@ def identify_record(
     if scaled := _wrong_scale(record, calibration.baseline, description):
         return _refused(window, calibration, scaled, compared=True)
     comparison = calibration.comparer.compare(record)
+    healthy = calibration.baseline.preparation.samples_per_update
+    # Positions between updates are rough or smooth themselves; changed quantities are significant.
+    if comparison.figures and not comparison.changed and _differ(per_update, healthy):
+        return _refused(window, calibration, OtherUpdates(per_update, healthy), compared=True)
     torque = comparison[of.TORQUE]
     if torque in comparison.changed and torque.change <= -1.0:
         return _refused(window, calibration, EffortReversed(), compared=True)
@@ -225,6 +234,10 @@ def _unusable(window: Window, calibration: JointCalibration) -> Reason | None:
     if not len(telemetry.current):
         return EffortMissing()
     return None if np.all(np.isfinite(telemetry.speed)) else SpeedGaps()
+
+
+def _differ(per_update: float, healthy: float) -> bool:
+    return not 1.0 / _OTHER_UPDATES < per_update / healthy < _OTHER_UPDATES
 
 
 def _sample_caveats(telemetry: Telemetry, spikes: int, shift_s: float) -> Iterator[Reason]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ema_core.description import ActuatorDescription
+from ema_core.repetition import samples_per_update
 from ema_core.telemetry import Telemetry
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.elasticity import with_elasticity
@@ -57,12 +58,14 @@ def learn(
     bands = [motion_band(record) for record in records]
     period = float(np.median([record.sample_period for record in records]))
     cutoff = cutoff_of(float(np.median(bands)), period)
+    per_update = float(np.median([samples_per_update(record.position) for record in records]))
     records = [despiked(renewed(record), cutoff).telemetry for record in records]
     blocks = [block_means(record, description, cutoff) for record in records]
     usual = float(np.median([usual_speed(block, cutoff) for block in blocks]))
     if not usual > 0.0:
         raise ValueError("no motion: the position never changes in the healthy records")
-    preparation = Preparation(cutoff, acquisition_lag(description), usual)
+    lag = acquisition_lag(description)
+    preparation = Preparation(cutoff, lag, usual, samples_per_update=per_update)
     sample = blocks[:: max(1, len(blocks) // 4)]
     stiff, elastic = (
         variant._replace(lag_s=lag, unexpected_lag_s=lag - variant.lag_s)

@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from ema_core.repetition import between_renewals, held_samples
+from ema_core.arrays import Array
+from ema_core.repetition import between_renewals, held_samples, irregular_updates
 from ema_core.telemetry import Telemetry
 
 
@@ -10,15 +11,23 @@ def renewed(telemetry: Telemetry) -> Telemetry:
     """Return telemetry with a repeated position interpolated linearly between its updates.
 
     A position that repeats each value k times lags by (k - 1) / 2 samples, which looks like a
-    change of the tracking lag. Speed and effort are interpolated as well if they repeat their
-    values, so that all columns have the same delay. Without repetition, the telemetry is returned
-    unchanged.
+    change of the tracking lag. An irregularly updated position is rough as well. Speed and effort
+    are interpolated as well if they repeat their values, so that all columns have the same delay.
+    Without repetition, the telemetry is returned unchanged.
     """
-    if held_samples(telemetry.position) < 2:
+    if _longest_update(telemetry.position) < 2:
         return telemetry
     columns = {
-        name: between_renewals(values, held)
+        name: between_renewals(values, longest)
         for name in ("position", "speed", "current")
-        if (held := held_samples(values := getattr(telemetry, name))) > 1
+        if (longest := _longest_update(values := getattr(telemetry, name))) > 1
     }
     return replace(telemetry, **columns)
+
+
+def _longest_update(values: Array) -> int:
+    """Return the largest usual number of samples per update of a column, ``(n,)``."""
+    if (held := held_samples(values)) > 1:
+        return held
+    irregular = irregular_updates(values)
+    return irregular.longest if irregular else 1

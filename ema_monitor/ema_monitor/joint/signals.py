@@ -54,6 +54,8 @@ class Preparation(NamedTuple):
     """Whether the effort depends on jerk and snap, because the gear is elastic."""
     unexpected_lag_s: float = 0.0
     """Part of the lag that the acquisition of the effort does not explain [s]."""
+    samples_per_update: float = 1.0
+    """Median number of samples per update of the position in the healthy records."""
 
     @property
     def highest_period(self) -> float:

@@ -5,21 +5,30 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ema_core.repetition import between_renewals, held_samples
+from ema_core.repetition import between_renewals, held_samples, irregular_updates
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
-from ema_monitor.identification.joint_estimate import identify_record
+from ema_monitor.identification.estimate import DEPARTED, REFUSED
+from ema_monitor.identification.joint_estimate import comparable_record, identify_record
 from ema_monitor.joint.comparison import FRICTION, TRACKING
 from ema_monitor.joint.renewal import renewed
 
 from .plant import Joint, Sensors, described, healthy_telemetry, telemetry_of, tones, window_of
 
 JOINT = Joint(gravity=0.4)
+MEANS = [1.5, 2.2, 3.3, 6.0]
 COLUMNS = ("position", "current")
 
 
 def repeated(telemetry, held, names=COLUMNS):
     """Return telemetry in which some columns repeat each value."""
     rows = np.arange(len(telemetry)) // held * held
+    return replace(telemetry, **{name: getattr(telemetry, name)[rows] for name in names})
+
+
+def irregular(telemetry, mean, names=("position",), seed=0):
+    """Return telemetry in which some columns are updated with a probability of 1/mean."""
+    is_new = np.random.default_rng(seed).random(len(telemetry)) < 1.0 / mean
+    rows = np.maximum.accumulate(np.where(is_new, np.arange(len(telemetry)), 0))
     return replace(telemetry, **{name: getattr(telemetry, name)[rows] for name in names})
 
 
@@ -60,9 +69,57 @@ def test_repeated_position_changes_no_judgement(calibration, held, names):
         identify_record(window_of(record), described(), calibration)
         for record in (plain, repeated(plain, held, names))
     )
+    assert actual.verdict != DEPARTED
     assert expected.comparison is not None
-    assert actual.comparison is not None
-    assert not actual.comparison.changed
+    if not actual.valid:
+        assert [reason.code for reason in actual.reasons] == ["other_updates"]
+    compared = calibration.comparer.compare(
+        comparable_record(window_of(repeated(plain, held, names)), described(), calibration)
+    )
+    assert not compared.changed
     for name in (TRACKING, FRICTION):
-        change = actual.comparison[name].change - expected.comparison[name].change
+        change = compared[name].change - expected.comparison[name].change
         assert abs(change) < 0.03, name
+
+
+@pytest.mark.parametrize("names", [("position",), COLUMNS])
+@pytest.mark.parametrize("mean", MEANS)
+def test_irregular_updates_of_the_position_are_no_departure(calibration, mean, names):
+    plain = telemetry_of(JOINT, tones(), Sensors(), seed=9, day=60)
+    estimate = identify_record(window_of(irregular(plain, mean, names)), described(), calibration)
+    assert estimate.verdict == REFUSED
+    assert [reason.code for reason in estimate.reasons] == ["other_updates"]
+    found = irregular_updates(irregular(plain, mean).position)
+    assert found is not None
+    assert found.mean == pytest.approx(mean, rel=0.1)
+    assert f"is updated every {found.mean:.1f} samples on average" in estimate.reason
+
+
+@pytest.mark.parametrize("mean", MEANS)
+def test_changed_friction_shows_with_irregular_updates(calibration, mean):
+    rough = replace(JOINT, coulomb=1.5 * JOINT.coulomb)
+    telemetry = irregular(telemetry_of(rough, tones(), Sensors(), seed=9, day=60), mean)
+    estimate = identify_record(window_of(telemetry), described(), calibration)
+    assert estimate.verdict == DEPARTED
+    assert estimate.comparison is not None
+    assert estimate.comparison[FRICTION].change == pytest.approx(0.5, abs=0.1)
+
+
+def test_records_with_irregular_updates_are_compared_with_their_like():
+    healthy = [irregular(record, 2.2, seed=i) for i, record in enumerate(healthy_telemetry(JOINT))]
+    calibration = calibrate_joint(list(map(window_of, healthy)), described())
+    plain = telemetry_of(JOINT, tones(), Sensors(), seed=9, day=60)
+    estimate = identify_record(window_of(irregular(plain, 2.2, seed=99)), described(), calibration)
+    assert estimate.valid
+    assert estimate.verdict != DEPARTED
+
+
+@pytest.mark.parametrize("count", [0.0, 1e-5, 2e-4, 1.5e-3, 6e-3])
+def test_encoder_counts_and_pauses_of_the_motion_are_no_updates(count):
+    plain = telemetry_of(JOINT, tones(), Sensors()).position
+    moves = np.concatenate([np.cumsum(0.01 * np.sin(np.linspace(0, np.pi, 60))), np.zeros(12)])
+    moves[60:] = moves[59]
+    pauses = np.concatenate([moves + i * moves[-1] for i in range(40)])
+    for position in (plain, pauses):
+        coarse = np.round(position / count) * count if count else position
+        assert irregular_updates(coarse) is None

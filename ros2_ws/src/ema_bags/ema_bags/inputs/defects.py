@@ -16,6 +16,7 @@ from ema_bags.inputs.rate import Rate
 from ema_bags.inputs.resampling import Losses
 from ema_bags.inputs.wrong_columns import wrong_current, wrong_factors
 from ema_core.description import ActuatorDescription
+from ema_core.repetition import irregular_updates
 from ema_core.telemetry import PAUSE_S
 from ema_core.wording import counted
 
@@ -211,17 +212,22 @@ def _held(
     The model of a known drive would interpret the resulting steps as faults.
     """
     held = find_held(columns)
-    if not held:
+    irregular = None if "position" in held else irregular_updates(columns["position"])
+    if not held and irregular is None:
         return
     rate_hz = 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)
     parts = [
         f"the {name} repeats each value {count} times (updated at {rate_hz / count:.4g} Hz)"
         for name, count in held.items()
     ]
+    if irregular is not None:
+        parts.append(
+            f"the position is updated every {irregular.mean:.1f} samples on average, irregularly"
+        )
     remedy = "configure the driver to publish each value once, all at the same rate"
     if is_unknown:
         remedy = "it is used unchanged; configure the driver to publish each value once"
-        if "position" in held:
+        if "position" in held or irregular is not None:
             remedy = "records interpolate it between updates; configure the driver to publish each "
             remedy += "value once"
     yield InputDefect(
