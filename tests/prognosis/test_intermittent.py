@@ -261,10 +261,10 @@ def test_failure_with_a_valid_second_attempt_counts_as_a_valid_test(tmp_path, is
 def test_sentence_after_twenty_tests_without_the_fault_counts_none(settings: PrognosisSettings):
     made = outlooks([0.02] * 3 + [0.8, 0.02, 0.8] + [0.02] * 21, settings)[1]
     assert made[-1].health.level == WARN
-    words = "beyond its limit repeatedly, but not in the latest 20 tests; a note of a person"
+    words = "beyond its limit repeatedly, but not in the latest 20 tests; a person's note"
     assert words in cause_of_level(made[-1])
     made = failing("...f.f" + "." * 21, settings, Unit(History(*UNIT), settings))
-    words = "tests failed repeatedly, but none of the latest 20 tests; a note of a person"
+    words = "tests failed repeatedly, but none of the latest 20 tests; a person's note"
     assert words in cause_of_level(made[-1])
 
 

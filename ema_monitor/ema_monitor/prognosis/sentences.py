@@ -77,8 +77,8 @@ def recurrence_in_words(name: str, recurrence: Recurrence) -> str:
     if recurrence.tests_left:
         return (
             f"{label_of(name)} was beyond its limit in one of {latest}: "
-            f"{counted(recurrence.tests_left, 'more test')} without it, or a note of a person on "
-            "its event, end the warning"
+            f"{counted(recurrence.tests_left, 'more test')} without it, or a person's note on its "
+            "event, end the warning"
         )
     often = f"in {recurrence.times} of {latest}"
     if not recurrence.times:
