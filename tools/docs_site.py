@@ -1,8 +1,8 @@
 """MkDocs hooks of `make docs`.
 
 The hooks insert the help of all commands and all message definitions, replace links to files
-outside docs by their paths, and convert formulas to MathML. The build fails if the site would make a
-request to another host.
+outside docs by their paths, and convert formulas to MathML. The build fails if the site would make
+a request to another host.
 """
 
 import html

@@ -32,9 +32,11 @@ _OWN_FIGURES: Final[dict[str, dict[str, Any]]] = {
 COMMAND_OPTION: Final = click.option(
     "--command",
     "shape",
-    help="step, ramp, sine, chirp (the default), swing (a chirp from rest to rest), moves (random "
-    "smooth moves with dwells), or a CSV file, angles [rad] in its last column. Parameters "
-    "command.NAME have its figures.",
+    help=(
+        "step, ramp, sine, chirp (default), swing (a chirp from rest to rest), moves (random "
+        "smooth moves with dwells), or a CSV file with angles [rad] in its last column. The "
+        "parameters command.NAME set its details."
+    ),
 )
 
 
@@ -47,17 +49,19 @@ class Bench:
             "--actuator",
             "actuator_file",
             type=click.Path(path_type=Path, dir_okay=False),
-            help="YAML file that describes the actuator; without it the built-in one.",
+            help="Actuator file (YAML); by default the built-in actuator.",
         ),
         click.option(
             "--sample-rate",
             type=click.FloatRange(100.0, 1e6),
-            help="Samples per second of the telemetry, in place of the description's [Hz].",
+            help="Sample rate of the telemetry, overrides the description [Hz].",
         ),
         click.option(
-            "--current-noise", type=float, help="Noise on each current sample, sigma [A]."
+            "--current-noise",
+            type=float,
+            help="Standard deviation of the noise on each current sample [A].",
         ),
-        click.option("--seed", type=click.IntRange(0), help="Of all noise."),
+        click.option("--seed", type=click.IntRange(0), help="Seed of all noise."),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
         (RunSettings, ""),
@@ -118,13 +122,15 @@ def _command(shape: str | None, parameters: Parameters) -> Command:
     if shape.endswith(".csv"):
         figures = [name for name in _FIGURES if f"command.{name}" in parameters.values]
         if figures:
-            raise click.UsageError(f"a command of a file has no figures, but command.{figures[0]}")
+            raise click.UsageError(
+                f"a command from a file has no parameters: remove command.{figures[0]}"
+            )
         return Command("custom", samples=_column(Path(shape)))
     shapes = [name for name in COMMAND_SHAPES if name != "custom"]
     if shape not in shapes:
         raise click.UsageError(
-            f"command {shape!r} is neither one of {', '.join(shapes)} nor a .csv file; a file of "
-            "`ema design` is given by --params"
+            f"command {shape!r} is neither one of {', '.join(shapes)} nor a .csv file; pass a "
+            "file of `ema design` by --params"
         )
     command = Command(shape, **_OWN_FIGURES.get(shape, {}))
     return parameters.with_options(**{"command.shape": shape}).over(command, "command.")
@@ -144,7 +150,7 @@ def _column(path: Path) -> list[float]:
             # A first line without a number is a heading.
             if number > 0:
                 raise ValueError(
-                    f"{path}: row {number + 1} ends in {row[-1]!r}, expected an angle [rad]"
+                    f"{path}: row {number + 1} ends with {row[-1]!r}, expected an angle [rad]"
                 ) from error
     return samples
 

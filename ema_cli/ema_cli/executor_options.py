@@ -74,14 +74,16 @@ def executor_options(command: Command) -> Command:
     @click.option(
         "--workers",
         type=click.IntRange(1),
-        help="How many at once on this machine; by default as many as there are cores.",
+        help="Number of parallel tasks on this machine; by default the number of cores.",
     )
     @click.option(
         "--scheduler",
         default="",
         metavar="ADDRESS",
-        help="With --executor dask: the cluster's scheduler, such as tcp://10.0.0.1:8786; without "
-        "it a cluster of local processes is started.",
+        help=(
+            "With --executor dask: address of the scheduler, such as tcp://10.0.0.1:8786; by "
+            "default a local cluster is started."
+        ),
     )
     @wraps(command)
     def with_executor(kind: str, workers: int | None, scheduler: str, **arguments: Any) -> None:

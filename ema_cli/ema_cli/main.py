@@ -11,41 +11,38 @@ from ema_core.start import quiet_imports
 
 _COMMANDS: Final = {
     "simulate": "Run the high-fidelity actuator through test cycles and record them to a bag.",
-    "lives": "Simulate actuators from new until a fault reaches its limit, test by test.",
-    "import": "Write telemetry of other makes, in each FILE, to a bag that all other commands "
-    "read.",
+    "lives": "Simulate lives of actuators, test by test, until a fault reaches its limit.",
+    "import": "Convert third-party telemetry in each FILE to a bag that all other commands read.",
     "check": "Recognise the columns of each joint in SOURCE, find defects, and report what can be "
     "judged.",
-    "calibrate": "Calibrate on the windows or records in BAGS of one healthy actuator.",
+    "calibrate": "Calibrate with the windows or records in BAGS of one healthy actuator.",
     "baseline": "List, show, accept, extend and reset the learned baselines of joints.",
-    "estimate": "Name the faults in each window of BAG, with their uncertainty.",
-    "verify": "Make each recorded estimate again from the recorded telemetry, and compare both.",
-    "label": "Add tests of a unit in a known state, one in each of BAGS, to its CALIBRATION.",
-    "moves": "Judge each test in TABLE, a CSV or Parquet file with one row a move, by those before "
-    "it.",
-    "new-actuator": "Write the description of an actuator from the figures of its data sheet.",
-    "certify": "Predict which faults a test will show, how well, and which it cannot separate.",
-    "design": "Find the shortest test command that reaches wanted standard deviations within "
-    "limits.",
-    "compare": "Compare algorithms on one window of BAG: faults, accuracy and computing time of "
-    "each.",
-    "predict": "Predict how many flight hours a unit has left, from the tests in each "
-    "BAG or folder of bags.",
-    "learn-fleet": "Learn how the units of a fleet grow, from the HISTORY of each.",
-    "thesis": "Repeat the thesis's study: ten single faults and a multiple one by "
-    "GA, PSO, DE and GWO.",
-    "report": "Write a report of a unit from the tests in bags, or folders of bags.",
-    "archive": "Store the results of a fleet's bags as tables: estimates, health, life and growth.",
-    "watch": "Show the health of all actuators, the worst first, until Ctrl-C.",
+    "estimate": "Estimate the faults in each window of BAG, with their uncertainty.",
+    "verify": "Recompute recorded estimates from the recorded telemetry, and compare both.",
+    "label": "Add tests of a unit in a known state, one per bag, to its CALIBRATION.",
+    "moves": "Compare each test in TABLE (CSV or Parquet, a row per move) with earlier tests.",
+    "new-actuator": "Write an actuator file from the values in a data sheet.",
+    "certify": "Predict which faults a test detects, how accurately, and which it cannot separate.",
+    "design": (
+        "Find the shortest test command that reaches target standard deviations within limits."
+    ),
+    "compare": "Compare algorithms on one window of BAG by faults, accuracy and computing time.",
+    "predict": (
+        "Predict the remaining flight hours of a unit from tests in bags or folders of bags."
+    ),
+    "learn-fleet": "Learn the fault growth of a fleet from the HISTORY of each unit.",
+    "thesis": "Repeat the thesis's study of ten single faults and a multiple fault.",
+    "report": "Write a report on a unit from the tests in bags, or folders of bags.",
+    "archive": "Store the results of a fleet's bags in tables: estimates, health, life and growth.",
+    "watch": "Show the health of all actuators, worst first, until Ctrl-C.",
     "plot": "Draw the telemetry of BAG with its windows; with --window, also its fit and faults.",
     "info": "Show the content of BAG: topics, actuator, telemetry, windows, and defects.",
-    "up": "Run nodes until Ctrl-C: without names, simulated actuator, monitor and dashboard.",
+    "up": "Run nodes until Ctrl-C; by default simulated actuator, monitor and dashboard.",
     "record": "Record telemetry, estimates and health until Ctrl-C.",
-    "play": "Play BAG, and the time on /clock.",
-    "recover": "Write the intact part of BAG, left by a recorder that was killed, to a "
-    "bag with an index.",
-    "demo": "Watch an actuator wear out: its diagnosis live and on the dashboard, then a picture.",
-    "completion": "Print the completion of commands and options for SHELL.",
+    "play": "Play BAG, and publish its time on /clock.",
+    "recover": "Copy the intact part of a damaged BAG to a new bag with an index.",
+    "demo": "Watch a simulated actuator wear out, live and on the dashboard, then in a picture.",
+    "completion": "Print the shell completion script for SHELL.",
 }
 """Commands and their help summaries, so that help imports no command module."""
 
@@ -147,9 +144,8 @@ class _CommandsOnDemand(click.Group):
 )
 @click.version_option(__version__, prog_name="ema")
 def main() -> None:
-    """Simulate electromechanical actuators, and find the faults in their telemetry.
+    """Simulate electromechanical actuators, and detect faults in their telemetry.
 
-    Exit codes: 0 done, 1 the input cannot be used, 2 wrong usage or a wrong value, 3 some windows
-    have no valid estimate (predict: none has), or a test cannot reach what is wanted (certify,
-    design).
+    Exit codes: 0 success; 1 unusable input; 2 wrong usage or invalid value; 3 some windows have no
+    valid estimate (predict: none has), or a test cannot reach its targets (certify, design).
     """

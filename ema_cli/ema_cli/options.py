@@ -25,7 +25,7 @@ def errors_as_one_line() -> Iterator[None]:
     except (ValueError, OSError) as error:
         words = str(error)
         if isinstance(error, UnicodeEncodeError):
-            words = f"the name {error.object!r} is not UTF-8: rename the file"
+            words = f"the file name {error.object!r} is not UTF-8: rename the file"
         if isinstance(error, OSError) and error.filename is not None:
             words = f"{error.filename}: {error.strerror}"
         raise click.ClickException(" ".join(words.split())) from error
@@ -73,7 +73,7 @@ class Assignments(click.ParamType):
             except ValueError:
                 equals = ""
             if not equals or not name.strip():
-                self.fail(f"{item!r} is not name=value with a number as value", param, ctx)
+                self.fail(f"{item!r}: expected name=value with a number as value", param, ctx)
         return pairs
 
 
@@ -88,7 +88,7 @@ def assignments_option(
         values: dict[str, float] = {}
         for key, value in (pair for group in groups for pair in group):
             if key in values:
-                raise click.UsageError(f"{option}: {key} is given more than once")
+                raise click.UsageError(f"{option}: {key} is specified more than once")
             values[key] = value
         return values
 
@@ -102,6 +102,8 @@ def network_option(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.option(
         "--network",
         is_flag=True,
-        help="Let nodes find, and be found by, nodes on other machines, as ROS's own variables "
-        "allow; without it nodes stay on this machine.",
+        help=(
+            "Allow communication with nodes on other machines, subject to ROS's own variables; "
+            "by default nodes only communicate on this machine."
+        ),
     )(command)

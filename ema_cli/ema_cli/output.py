@@ -12,7 +12,7 @@ import click
 if TYPE_CHECKING:
     from ema_bags.writer import BagWriter
 
-BAG_TO_WRITE: Final = "Bag to write: one file if it ends in .mcap, else a folder"
+BAG_TO_WRITE: Final = "Bag to write: a single file if the name ends in .mcap, else a folder"
 """Help text of the option ``output`` for commands that write a bag."""
 
 
@@ -22,7 +22,7 @@ def output_option(
     """Return the options ``output`` (path to write) and ``overwrite`` (replace the file)."""
     more |= {"required": required, "type": click.Path(path_type=Path, dir_okay=dir_okay)}
     output = click.option("-o", "--output", help=f"{meaning}.", **more)
-    replace = click.option("--replace", "overwrite", is_flag=True, help="Replace OUTPUT.")
+    replace = click.option("--replace", "overwrite", is_flag=True, help="Overwrite OUTPUT.")
     return lambda command: output(replace(command))
 
 
@@ -33,7 +33,7 @@ def require_apart(output: Path, inputs: Iterable[Path]) -> None:
     for path in filter(Path.exists, inputs):
         members = path.iterdir() if path.is_dir() else ()
         if any(output.samefile(item) for item in (path, *members)):
-            raise ValueError(f"{output} is the input {path} itself: give another name")
+            raise ValueError(f"{output} is the same as the input {path}: choose another name")
 
 
 def require_free(
@@ -62,10 +62,10 @@ def require_free(
     if endings and output.suffix.lower() not in endings:
         raise click.BadParameter(f"{output}: expected a name that ends in {' or '.join(endings)}")
     if endings and not output.parent.is_dir():
-        raise ValueError(f"{output}: there is no folder {output.parent}: make it first")
+        raise ValueError(f"{output}: folder {output.parent} does not exist: create it first")
     require_apart(output, inputs)
     if not overwrite and (output.exists() or output.is_symlink()):
-        raise ValueError(f"{output} already exists: --replace replaces it")
+        raise ValueError(f"{output} already exists: use --replace to overwrite it")
 
 
 def _as_stamp(_: click.Context, __: click.Parameter, moment: datetime) -> int:
@@ -82,7 +82,7 @@ START_OPTION: Final = click.option(
     metavar="DATE",
     default="1970-01-01",
     callback=_as_stamp,
-    help="UTC of the first cycle, another in each bag.",
+    help="UTC time of the first cycle; use a different time for each bag.",
 )
 
 
@@ -95,7 +95,7 @@ def new_bag(path: Path, *, overwrite: bool = False) -> Iterator["BagWriter"]:
         with BagWriter(path, overwrite=overwrite) as bag:
             yield bag
     except FileExistsError as error:
-        hint = "" if overwrite else ": --replace replaces a recording"
+        hint = "" if overwrite else ": use --replace to overwrite a recording"
         raise ValueError(f"{error}{hint}") from error
     except OSError as error:
         if path.is_dir():

@@ -84,7 +84,7 @@ def settings_options(
             "--params",
             "parameter_file",
             type=click.Path(path_type=Path, exists=True, dir_okay=False),
-            help="Parameter file; options override.",
+            help="Parameter file; options take precedence.",
         ),
     ]
 
@@ -135,7 +135,7 @@ def _assigned(assignments: Iterable[str], names: Sequence[str]) -> dict[str, Any
         if name not in names:
             raise ValueError(f"-p: {unknown_name('parameter', name, names)}")
         if name in assigned:
-            raise ValueError(f"-p {name}: given more than once")
+            raise ValueError(f"-p {name}: specified more than once")
         assigned[name] = value_of(value)
     return assigned
 
@@ -149,14 +149,14 @@ def instead_of(option: str, command: click.Command) -> str:
     if "-p" not in has:
         return ""
     if name in FAULT_NAMES and (options := {"--fault", "--limit"} & has):
-        return f": give {min(options)} {name}=VALUE"
+        return f": use {min(options)} {name}=VALUE"
     parameters = vars(command.callback).get("parameters", ())
     if any(item.startswith(f"{name}.") for item in parameters):
         names = [f"{name}.NAME"]
     else:
         names = [item for item in parameters if item == name or item.startswith(f"{name}_")]
         names = names or [item for item in parameters if item.endswith(f".{name}")]
-    return f": give -p {names[0]}=VALUE (docs/parameters.md)" if names else ""
+    return f": use -p {names[0]}=VALUE (docs/parameters.md)" if names else ""
 
 
 def value_of(text: str) -> Any:

@@ -171,11 +171,11 @@ def make_life(job: LifeJob) -> dict[str, object]:
     if job.start_ns > most_ns:
         latest = datetime.fromtimestamp(most_ns // 1_000_000_000, UTC)
         raise ValueError(
-            f"--start: a life lasts {life.hours[-1]:.0f} h and messages have no stamps after "
-            f"2038-01-18: expected a date from 1970-01-01 to {latest:%Y-%m-%d}"
+            f"--start: a life lasts {life.hours[-1]:.0f} h and message stamps end on 2038-01-18: "
+            f"expected a date from 1970-01-01 to {latest:%Y-%m-%d}"
         )
     tests = simulated_tests(life, description, of_sensors, job.start_ns)
-    # Under another name until it is complete; a killed worker may have left a part.
+    # Use a temporary name until complete; a killed worker may have left partial output.
     part = job.folder / f"{job.name}{_PART}"
     _remove(part)
     try:

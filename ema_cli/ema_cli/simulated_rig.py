@@ -72,13 +72,13 @@ class SimulatedRig(ActuatorRig):
                 for event in finder.feed(block):
                     window = event.window if isinstance(event, Segment) else event
                     if not isinstance(window, Window):
-                        raise ValueError(f"the command makes no window: {window.reason}")
+                        raise ValueError(f"the command produces no usable window: {window.reason}")
                     windows.append(window)
             self._on_cycle()
         if len(windows) != cycles:
             raise ValueError(
-                f"{counted(cycles, 'cycle')} of the command {command.shape} made "
-                f"{counted(len(windows), 'window')}: a test moves back and forth without a rest of "
-                f"{trigger.rest_s:g} s"
+                f"{counted(cycles, 'cycle')} of the command {command.shape} produced "
+                f"{counted(len(windows), 'window')}: expected motion back and forth without a "
+                f"rest of {trigger.rest_s:g} s"
             )
         return windows

@@ -74,7 +74,7 @@ def test_damaged_table_is_named_and_made_anew_whichever_it_is(ema, archive: Path
         ]
         result = ema("archive", "run", archive, *HERE)
         assert (result.exit_code, "recomputed" in result.stderr) == (0, True), result.output
-        assert "all is up to date" in result.stdout
+        assert "everything is up to date" in result.stdout
         assert answer(archive, LEVELS) == levels
     assert {name: exactly(archive, name) for name in before} == before
 
@@ -231,7 +231,7 @@ def test_unit_whose_newest_bag_is_cut_is_not_ok(ema, two_tests: Path, tmp_path: 
     assert "0 damaged, 1 read in part, 0 could not be read" in result.stdout
     _, [(_, level, last, reason)] = answer(archive, LEVELS)
     assert (level, last) == ("STALE", "OK")
-    assert reason.startswith(f"later tests may be lost: {cut} can be read only in part: it breaks")
+    assert reason.startswith(f"later tests may be lost: {cut} can be read only in part: it is")
     status = ema("archive", "status", archive).stdout
     assert "1 bag can be read only in part: later tests may be lost" in status
     assert json.loads(ema("archive", "status", archive, "--json").stdout)["incomplete"] == 1
@@ -241,7 +241,7 @@ def test_unit_whose_newest_bag_is_cut_is_not_ok(ema, two_tests: Path, tmp_path: 
     assert ema("report", "--fleet", archive, "-o", page).exit_code == 0
     assert "Of 2 bags: 1 can be read only in part" in page.read_text()
     # Nothing more is done until the bag changes; then its test counts.
-    assert "all is up to date" in ema("archive", "run", archive, *HERE).stdout
+    assert "everything is up to date" in ema("archive", "run", archive, *HERE).stdout
     cut.write_bytes(content)
     bring_up_to_date(archive)
     assert [row[1] for row in answer(archive, LEVELS)[1]] == failed
@@ -296,7 +296,7 @@ def made_read_only(folder: Path) -> Iterator[Path]:
 @pytest.mark.slow
 def test_read_only_archive_can_be_read(ema, archive: Path, tmp_path: Path):
     with made_read_only(archive):
-        assert "all is up to date" in ema("archive", "status", archive).stdout
+        assert "everything is up to date" in ema("archive", "status", archive).stdout
         result = ema("archive", "query", archive, LEVELS)
         assert (result.exit_code, len(result.stdout.splitlines())) == (0, 3), result.output
         assert ema("report", "--fleet", archive, "-o", tmp_path / "fleet.html").exit_code == 0
@@ -304,7 +304,7 @@ def test_read_only_archive_can_be_read(ema, archive: Path, tmp_path: Path):
         result = ema("archive", "run", archive)
         assert result.exit_code == 1
         assert str(archive) in result.stderr
-    assert "all is up to date" in ema("archive", "run", archive, *HERE).stdout
+    assert "everything is up to date" in ema("archive", "run", archive, *HERE).stdout
 
 
 def test_last_changes_of_a_killed_command_are_read_of_a_read_only_archive(

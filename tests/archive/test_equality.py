@@ -105,9 +105,9 @@ def test_executor_and_workers_change_nothing(ema, whole, made_fleet, tmp_path):
     other = the_other_way_round(made_fleet, tmp_path)
     done = ema("archive", "run", other, "--executor", "threads", "--workers", "2")
     assert done.stdout == (
-        "10 bags done, 2 units followed; 0 damaged, 0 read in part, 0 could not be read\n"
-        "2 of 10 windows refused, most of them: "
-        "gap of 300 samples: index 44501 follows 44200\nall is up to date\n"
+        "10 bags and 2 units processed; 0 damaged, 0 read in part, 0 unreadable\n"
+        "2 of 10 windows refused, most often because: "
+        "gap of 300 samples: index 44501 follows 44200\neverything is up to date\n"
     )
     assert_same(other, whole)
 

@@ -196,9 +196,9 @@ def test_unit_that_cannot_be_followed_does_not_keep_the_others(ema, scanned):
         db.execute("UPDATE usage SET hours = -1 WHERE unit = (SELECT min(unit) FROM usage)")
     result = ema("archive", "run", scanned, "--executor", "threads")
     assert result.exit_code == 3
-    assert "0 bags done, 1 unit followed" in result.stdout
-    assert "could not be followed: ValueError: flight_hours = -1 h" in result.stderr
-    assert result.stdout.endswith("to be done: 0 bags, 1 unit\n")
+    assert "0 bags and 1 unit processed" in result.stdout
+    assert "could not be processed: ValueError: flight_hours = -1 h" in result.stderr
+    assert result.stdout.endswith("to process: 0 bags, 1 unit\n")
 
 
 class DeathError(Exception):

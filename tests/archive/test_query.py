@@ -64,7 +64,7 @@ def test_export_writes_what_a_query_gives(ema, whole, tmp_path, what):
     assert [row["serial_number"] for row in rows] == table["serial_number"].to_pylist()
     again = ema("archive", "export", whole, what, "-o", tmp_path / "told.csv")
     assert again.exit_code == 1
-    assert "already exists: --replace replaces it" in again.stderr
+    assert "already exists: use --replace to overwrite it" in again.stderr
     for name in ("told.csv", "told.parquet"):
         # Also what a killed export left does not hinder it.
         (tmp_path / f"{name}.partial").write_text("left")

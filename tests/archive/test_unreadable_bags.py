@@ -60,7 +60,7 @@ def test_unit_whose_newest_bag_cannot_be_read_is_not_ok(
     for done in (1, 0):
         result = ema("archive", "run", archive, *HERE)
         assert result.exit_code == 3, result.output
-        assert f"{2 * done} bags done" in result.stdout
+        assert f"{2 * done} bags and {done} unit" in result.stdout
         assert "1 bag cannot be read" in result.stdout
         status = ema("archive", "status", archive)
         assert "1 bag cannot be read" in status.stdout
@@ -174,7 +174,7 @@ def test_unread_bag_of_no_unit_is_named(ema, fleet_of_drawn: Drawn, tmp_path: Pa
     assert (units["A"][0], units["B"][0]) == ("STALE", "OK")
     words = ema("archive", "status", fleet_of_drawn.archive).stdout
     assert "2 bags cannot be read" in words
-    assert f"1 bag of no known unit cannot be read: {bag}\n" in words
+    assert f"1 bag without a known unit cannot be read: {bag}\n" in words
     as_json = json.loads(ema("archive", "status", fleet_of_drawn.archive, "--json").stdout)
     assert as_json["of_no_unit"] == [str(bag)]
     assert fleet_summary(fleet_of_drawn.archive).bags["unreadable"] == [str(bag), str(named)]

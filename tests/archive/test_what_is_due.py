@@ -71,20 +71,20 @@ def test_changed_calibration_marks_the_bags_of_its_unit(ema, archive, fleet):
     assert status["units_due"] == 1
     tally, _ = bring_up_to_date(archive)
     assert (tally.bags, tally.units) == (5, 1)
-    assert ema("archive", "status", archive).stdout.endswith("all is up to date\n")
+    assert ema("archive", "status", archive).stdout.endswith("everything is up to date\n")
 
 
 @pytest.mark.slow
 def test_run_tells_how_many_windows_are_refused_and_why(ema, archive, fleet, tmp_path):
     status = ema("archive", "status", archive)
     assert status.exit_code == 0
-    assert "2 of 10 windows refused, most of them: gap" in status.output
+    assert "2 of 10 windows refused, most often because: gap" in status.output
     another = tmp_path / "another"
     calibration = fleet / "unit_1" / "calibration.yaml"
     ema("archive", "scan", another, fleet / "unit_0", "--calibration", calibration)
     result = ema("archive", "run", another, *HERE)
     assert result.exit_code == 3
-    assert "5 of 5 windows refused, most of them: " in result.output
+    assert "5 of 5 windows refused, most often because: " in result.output
     assert "calibration" in result.output
 
 
@@ -100,7 +100,7 @@ def test_bags_with_different_tests_at_the_same_time_are_refused_whenever_they_co
     result = ema("archive", "run", archive, *HERE)
     assert result.exit_code == 3
     # The second test of the healthy bag has a time of its own, and yet it may be the older one.
-    assert "3 of 3 windows refused, most of them: " in result.output
+    assert "3 of 3 windows refused, most often because: " in result.output
     assert "3 windows, 0 valid" in ema("archive", "status", archive).output
     assert len(answer(archive, "select bag from refused where what = 'refused'")[1]) == 3
 
@@ -135,7 +135,7 @@ def test_tests_that_come_one_by_one_give_what_all_at_once_do(archive, fleet, tmp
 def test_limit_changes_health_and_no_estimate(ema, archive):
     estimates = exactly(archive, "estimates")
     result = ema("archive", "scan", archive, "--limit", "friction=0.2,free_play=1e-3")
-    assert result.stdout.endswith("to be done: 0 bags, 2 units\n")
+    assert result.stdout.endswith("to process: 0 bags, 2 units\n")
     tally, _ = bring_up_to_date(archive)
     assert (tally.bags, tally.units) == (0, 2)
     assert exactly(archive, "estimates") == estimates
@@ -164,7 +164,7 @@ def test_bags_that_cannot_be_used_are_rows_with_their_reason(ema, fleet, tmp_pat
         assert (said.exit_code, reason in said.stderr) == (1, True), said.stderr
     # They are not tried again, until they change, and count all the same.
     result = ema("archive", "run", folder, *HERE)
-    assert (result.exit_code, "0 bags done" in result.stdout) == (3, True)
+    assert (result.exit_code, "0 bags and" in result.stdout) == (3, True)
     assert "2 bags cannot be read: later tests may be lost" in result.stdout
 
 

@@ -32,7 +32,7 @@ def test_damaged_tables_are_made_anew(archive: Path, table: str):
     assert "1 table damaged" in ema("archive", "status", archive).stdout
     result = ema("archive", "run", archive, *HERE)
     assert f"1 table damaged, {table}: recomputed" in result.stderr
-    assert "all is up to date" in result.stdout
+    assert "everything is up to date" in result.stdout
     assert {name: exactly(archive, name) for name in whole} == whole
     assert ema("archive", "run", archive, *HERE).stderr == ""
 

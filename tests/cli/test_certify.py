@@ -32,4 +32,4 @@ def test_slow_coarse_sensors_promise_less_and_a_step_is_refused(ema, tmp_path):
     assert max(one["sigma"] or 0.0 for one in certificate["faults"]) > 0.01
     step = ema("certify", "--command", "step")
     assert step.exit_code == 1
-    assert "the command step made 0 windows: a test moves back and forth" in step.stderr
+    assert "the command step produced 0 windows: expected motion back and forth" in step.stderr

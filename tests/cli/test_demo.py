@@ -195,7 +195,7 @@ def test_node_that_dies_ends_the_demo_with_its_log_named(tmp_path):
     os.kill(monitor, signal.SIGKILL)
     assert demo.process.wait(timeout=DEADLINE_S) == 1
     assert demo.descendants() == {}
-    assert "monitor was ended by SIGKILL" in demo.said
+    assert "monitor was terminated by SIGKILL" in demo.said
     assert re.search(rf"Error: monitor failed: .*see {demo.folder / 'monitor.log'}\n", demo.said)
 
 
@@ -213,12 +213,12 @@ def test_failed_actuator_is_repaired_once_and_wears_again_and_keeps_a_demo_out(
             wait_for(lambda: frictions()[-1:] == [0.6], "a cycle of the worn actuator")
             refused = ema("demo", "-o", tmp_path / "demo")
             domain = os.environ["ROS_DOMAIN_ID"]
-            assert f"a node /ema/actuator runs in domain {domain} already" in refused.stderr
+            assert f"a node /ema/actuator is already running in domain {domain}" in refused.stderr
             assert (refused.exit_code, (tmp_path / "demo").exists()) == (1, False)
             assert technician.look([well], observer) == ""
             told = technician.look([well, failed], observer)
             assert "failed in cycle 30: friction 0.6 (failed: above 0.5)" in told
-            assert "next: remove the unit, repair what is worn" in told
+            assert "next: remove the unit, repair the worn part" in told
             assert technician.look([failed], observer) == ""  # until it is seen to be well
             wait_for(lambda: 0.0 < frictions()[-1] < 0.1, "the growth of the repaired one")
             confirmed = technician.look([failed, well], observer)
@@ -233,7 +233,7 @@ def test_folder_that_is_not_empty_is_refused(ema, tmp_path, monkeypatch):
     (tmp_path / "note").touch()
     refused = ema("demo", "-o", tmp_path)
     assert refused.exit_code == 1
-    assert "already exists: give a new or an empty folder" in refused.stderr
+    assert "already exists: expected a new or empty folder" in refused.stderr
     assert [item.name for item in tmp_path.iterdir()] == ["note"]
 
 

@@ -127,7 +127,7 @@ def test_state_that_was_labelled_is_named_by_estimate_and_report(
             "dry",
             "was made on 'SIM-0001': run `ema calibrate` for this unit",
         ),
-        (later, "healthy", "give healthy bags to `ema calibrate`"),
+        (later, "healthy", "use `ema calibrate` for healthy bags"),
     ):
         result = ema("label", calibrated, wrong, "--state", state)
         assert result.exit_code == 1
@@ -144,7 +144,13 @@ def test_state_that_was_labelled_is_named_by_estimate_and_report(
     for test, words in (
         ("1", "3 tests dry, 4 tests worn screw"),
         ("1970-01-02", "3 tests dry, 4 tests worn screw"),
-        ("2", "expected number or date of a test; its last, 1, is of 1970-01-02T00:00:00"),
+        (
+            "2",
+            (
+                "expected number or date of a test; the last test, number 1, has the date "
+                "1970-01-02T00:00:00"
+            ),
+        ),
     ):
         result = ema("label", calibrated, path, "--test", test, "--state", "worn screw")
         assert words in result.output
@@ -210,7 +216,7 @@ def test_records_of_an_unknown_drive_are_labelled(ema, tmp_path, slides, healthy
         (slides("other", serial="R2"), "was made on 'R1': run `ema calibrate` for this unit"),
         (healthy_slides[0], "it is one of the healthy records of the calibration"),
         (slides("short", seconds=8.0), "no record can be labelled:"),
-        (history_path(tmp_path, "slide", "R1"), "does not hold the figures of records"),
+        (history_path(tmp_path, "slide", "R1"), "do not contain the features of records"),
     ):
         result = ema("label", calibrated, wrong, "--state", "dry")
         assert result.exit_code == 1
@@ -234,7 +240,7 @@ def test_table_with_a_mapping_beside_it_is_read_as_a_bag_and_labels_by_its_colum
     columns = ("--state-column", "condition", "--test-column", "trial")
     command = ("label", calibrated, tmp_path / "all.csv", *actuator, *columns)
     result = ema(*command)
-    assert "all.csv is a table without a mapping beside it" in result.stderr
+    assert "all.csv is a table without a mapping " in result.stderr
     (tmp_path / "mapping.yaml").write_text(MAPPING)
     result = ema(*command)
     assert "5 records healthy, 3 records rough" in result.stdout, result.output

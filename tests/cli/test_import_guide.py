@@ -97,7 +97,7 @@ def test_table_without_time_is_asked_for_its_rate(ema, tmp_path, command):
     ("options", "words"),
     [
         (("--set", "position.uni=mm"), "unknown entry 'uni'; did you mean 'unit'?"),
-        (("--guide", "--mapping", REAL / "mapping.yaml"), "--mapping is complete"),
+        (("--guide", "--mapping", REAL / "mapping.yaml"), "--mapping excludes"),
         ((), "--guide asks for them"),
     ],
 )

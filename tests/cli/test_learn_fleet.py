@@ -33,7 +33,7 @@ def fleet(ema, site: Path) -> Path:
     path = site / "fleet.npz"
     result = ema("learn-fleet", site, "-o", path, "--name", "line A")
     assert result.exit_code == 0, result.output
-    assert f"{path}: 3 units, 2 of them with a fault that grows" in result.stdout
+    assert f"{path}: 3 units, 2 with a growing fault" in result.stdout
     assert "friction" in result.stdout
     return path
 
@@ -53,7 +53,7 @@ def test_sites_put_what_they_learnt_together_without_their_tests(ema, site, flee
 
 def test_what_is_no_history_is_named(ema, fleet, tmp_path: Path):
     for source, output, reason in (
-        (tmp_path, "a.npz", "in it: give a history_folder"),
+        (tmp_path, "a.npz", "has no file ACTUATOR+SERIAL.sqlite: expected a history_folder"),
         (fleet, "a.json", "expected a name that ends in .npz"),
         (__file__, "a.npz", "expected a file name of the form ACTUATOR+SERIAL"),
     ):

@@ -171,7 +171,7 @@ def test_life_begins_when_it_is_said_to(ema, tmp_path, constant):
     assert later_ns == {1_772_344_800_000_000_000}
     result = ema("lives", *HERE, "-o", tmp_path / "lives", "--start", "2037-12-31")
     assert result.exit_code == 1
-    assert "no stamps after 2038-01-18: expected a date from 1970-01-01 to 203" in result.stderr
+    assert "stamps end on 2038-01-18: expected a date from 1970-01-01 to 203" in result.stderr
 
 
 def test_repair_is_told(ema, tmp_path, short):
@@ -190,5 +190,5 @@ def test_interrupted_command_leaves_complete_lives_alone(tmp_path):
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1
-    assert error.splitlines()[-1] == f"Error: stopped: 0 of 100 lives are in {folder}"
+    assert error.splitlines()[-1] == f"Error: stopped: 0 of 100 lives are complete in {folder}"
     assert list(folder.iterdir()) == []

@@ -30,7 +30,7 @@ def test_answers_and_options_give_a_description_that_names_its_sources(ema, tmp_
     assert result.exit_code == 0, result.output
     said = ema("new-actuator", "--serial-number", "0815", *OPTIONS, "-o", given)
     assert said.exit_code == 0, said.output
-    unknown = said.stdout.partition("still the example's: ")[2].strip().split(", ")
+    unknown = said.stdout.partition("from the example: ")[2].strip().split(", ")
     example = ActuatorDescription().parameters
     for file, k_t in ((asked, 0.34), (given, 1.0 / (28.0 * RPM))):
         found = load_description(file)

@@ -29,7 +29,7 @@ def test_input_is_recognised_under_every_name(tmp_path: Path, link):
         link(output, member)
     for given in (member.parent, member):
         for overwrite in (False, True):
-            with pytest.raises(ValueError, match="is the input"):
+            with pytest.raises(ValueError, match="is the same as the input"):
                 require_free(output, [given], overwrite=overwrite)
 
 
@@ -47,7 +47,7 @@ def test_command_never_replaces_what_it_reads(ema, folder: Path, monkeypatch, wo
     monkeypatch.chdir(folder)
     content = Path(read).read_bytes()
     result = ema(*words, "-o", read, "--replace")
-    assert (result.exit_code, "give another name" in result.stderr) == (1, True), result.stderr
+    assert (result.exit_code, "choose another name" in result.stderr) == (1, True), result.stderr
     assert Path(read).read_bytes() == content
     assert not list(folder.rglob("*.partial"))
 

@@ -354,7 +354,7 @@ def test_impossible_usage_is_told_and_not_used(tmp_path):
 
 
 def test_folder_without_a_bag_tells_which_of_its_folders_hold_some(tmp_path):
-    with pytest.raises(ValueError, match="this folder holds no bag") as refused:
+    with pytest.raises(ValueError, match="folder without bags") as refused:
         find_bags([tmp_path])
     assert "give one of these" not in str(refused.value)
     for number in range(5):
@@ -362,7 +362,7 @@ def test_folder_without_a_bag_tells_which_of_its_folders_hold_some(tmp_path):
         if number != 1:
             (tmp_path / f"life_{number}" / "test.mcap").touch()
     named = ", ".join(str(tmp_path / f"life_{number}") for number in (0, 2, 3))
-    with pytest.raises(ValueError, match="holds no bag") as refused:
+    with pytest.raises(ValueError, match="folder without bags") as refused:
         find_bags([tmp_path])
     assert f"{named} and 1 more: give one of these" in str(refused.value)
 
@@ -384,7 +384,7 @@ def test_calibration_beside_the_bags_is_that_of_the_unit(ema, written, tmp_path)
     copy = shutil.copy(bag, tmp_path / "copy.mcap")
     told = ema("predict", bag, copy)
     assert told.exit_code == 0
-    assert told.stderr == f"{copy}: passed over, it is a copy of {bag}\n"
+    assert told.stderr == f"{copy}: skipped, a copy of {bag}\n"
     # What is named on the command line holds before it.
     named = tmp_path / "named.yaml"
     Calibration.builtin().save(named)
@@ -399,7 +399,7 @@ def test_two_calibrations_beside_the_bags_are_no_choice(ema, written, tmp_path):
         bags.append(written(f"{name}/test.mcap", hours))
     result = ema("predict", *bags)
     assert result.exit_code == 1
-    assert "choose one with --calibration" in result.stderr
+    assert "select one with --calibration" in result.stderr
     chosen = tmp_path / "a" / CALIBRATION_FILE
     assert ema("predict", *bags, "--calibration", chosen).exit_code == 0
 

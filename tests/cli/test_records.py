@@ -90,4 +90,4 @@ def test_recording_that_never_moves_says_so(ema, record, tmp_path):
     (tmp_path / "unit.yaml").write_text(DESCRIPTION)
     result = ema("info", bag, "--actuator", tmp_path / "unit.yaml", "--accept-defects")
     assert "records: 0" in result.stdout
-    assert "a record needs 2 s of motion, and the position never moves" in result.stdout
+    assert "a record requires 2 s of motion, but the position never changes" in result.stdout

@@ -100,7 +100,7 @@ def test_figures_of_a_bag_are_those_of_its_estimates_exactly(ema, loaded, tmp_pa
     [[words, _, tests]] = page.table("Hidden causes")
     assert words.startswith("load torque +0.3 ± 0.0")
     assert tests == "3"
-    assert any("load torque" in line and "is no fault" in line for line in page.said["li"])
+    assert any("load torque" in line and "is not a fault" in line for line in page.said["li"])
 
 
 @pytest.mark.slow

@@ -113,7 +113,7 @@ def test_page_has_the_table_the_smallest_change_and_what_lowers_it(report):
     assert "unchanged (changes above 35 % would show)" in cells
     assert "35 %" in cells
     assert "not judged (no position command)" in cells
-    assert "smallest change that would show" in page.said["th"]
+    assert "smallest detectable change" in page.said["th"]
     lowers = "6 further healthy records on 2 further days would lower"
     assert any(line.startswith(lowers) for line in page.said["p"])
     assert any(line.startswith(lowers) for line in page.said["li"])

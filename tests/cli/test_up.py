@@ -129,7 +129,7 @@ def test_process_that_does_not_end_is_killed_with_a_message(note, child):
     with Supervisor(told.append, patience_s=0.3) as processes:
         processes.start("monitor", child("monitor", program=STUBBORN))
         wait_for(lambda: lines(note) == ["up"], "the child up")
-    assert told == ["monitor did not end within 0.3 s and is killed"]
+    assert told == ["monitor did not exit within 0.3 s and is killed"]
     assert processes_with(note) == []
 
 
@@ -149,9 +149,9 @@ def test_death_is_told_once_and_the_others_live_on(note, child):
         processes.check()
         wait_for(lambda: lines(note) == ["up"], "the monitor up")
     assert sorted(told) == [
-        "done has ended",
+        "done has exited",
         "failing failed, exit code 7",
-        "killed was ended by SIGKILL",
+        "killed was terminated by SIGKILL",
     ]
     assert sorted(processes.failed) == ["failing", "killed"]
 

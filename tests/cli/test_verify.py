@@ -83,17 +83,17 @@ def test_estimates_are_the_same_to_the_bit_also_warm(ema, bag_of, recorded):
     assert [one.estimate.warm_start for one in recorded[1]] == [False, True, True]
     result = ema("verify", bag_of())
     assert result.exit_code == 0
-    assert "3 same to the bit" in result.output
+    assert "3 identical" in result.output
 
 
-@pytest.mark.parametrize(("by", "state"), [(1e-9, "same within rounding"), (0.01, "different")])
+@pytest.mark.parametrize(("by", "state"), [(1e-9, "equal within rounding"), (0.01, "different")])
 def test_altered_estimate_is_found_with_its_difference(ema, bag_of, by, state):
     def alter(message):
         if message.window == 2:
             message.faults.friction += by
 
     result = ema("verify", bag_of(change=alter), "--json")
-    assert states(result) == ["same to the bit", "same to the bit", state]
+    assert states(result) == ["identical", "identical", state]
     assert json.loads(result.stdout)[-1]["difference"] == pytest.approx(by, rel=1e-3)
     assert result.exit_code == (3 if state == "different" else 0)
 
@@ -114,8 +114,8 @@ def of_another_time(message):
     ("change", "words"),
     [
         (of_another_verdict, "the verdict was refused and is valid"),
-        (of_another_calibration, "calibration X-1 is not given"),
-        (of_another_time, "cannot be made again"),
+        (of_another_calibration, "calibration X-1 is missing"),
+        (of_another_time, "cannot be recomputed"),
     ],
 )
 def test_estimate_of_something_else_is_found(ema, bag_of, change, words):
@@ -126,8 +126,8 @@ def test_estimate_of_something_else_is_found(ema, bag_of, change, words):
 def test_search_that_began_at_an_estimate_that_is_missing_cannot_be_made_again(ema, bag_of):
     result = ema("verify", bag_of(skips=1))
     assert result.exit_code == 0
-    assert "window 1: cannot be made again (its search began at an estimate that" in result.output
-    assert "window 2: same to the bit" in result.output
+    assert "window 1: cannot be recomputed (its search started from a missing" in result.output
+    assert "window 2: identical" in result.output
 
 
 @pytest.fixture(scope="module")
@@ -169,9 +169,9 @@ def test_estimates_of_a_monitor_that_restarted_are_the_same(
     made += [item for one in later for item in diagnose_one(restarted, one)]
     assert [one.number for one in made] == [0, 1, 0]
     result = ema("verify", bag_of_estimates(blocks, made))
-    assert (result.exit_code, "3 same to the bit" in result.output) == (0, True), result.output
-    assert "as by a monitor that started during the motion before the window" in result.output
-    assert ("without the test before" in result.output) == loses_last
+    assert (result.exit_code, "3 identical" in result.output) == (0, True), result.output
+    assert "as from a monitor started during the motion before the window" in result.output
+    assert ("without the previous test" in result.output) == loses_last
 
 
 def diagnose_one(monitor: Diagnosis, window: Segment) -> list[Diagnosed]:
@@ -188,7 +188,7 @@ def test_archive_is_made_again_from_its_bags(ema, bag_of, tmp_path: Path):
     assert ema(*run).exit_code == 0
     limit_threads(None)
     result = ema("verify", archive)
-    assert (result.exit_code, "6 same to the bit" in result.output) == (0, True), result.output
+    assert (result.exit_code, "6 identical" in result.output) == (0, True), result.output
 
     with Store(archive) as store, store.changing() as db:
         altered = "bag LIKE '%one.mcap' AND number = 1"
@@ -197,13 +197,9 @@ def test_archive_is_made_again_from_its_bags(ema, bag_of, tmp_path: Path):
     result = ema("verify", archive, "--json")
     assert result.exit_code == 3
     found = json.loads(result.stdout)
-    assert [one["state"] for one in found[:3]] == [
-        "same to the bit",
-        "different",
-        "same to the bit",
-    ]
+    assert [one["state"] for one in found[:3]] == ["identical", "different", "identical"]
     assert found[1]["difference"] == pytest.approx(0.01)
-    assert [one["state"] for one in found[3:]] == ["cannot be made again"] * 3
+    assert [one["state"] for one in found[3:]] == ["cannot be recomputed"] * 3
     assert "two.mcap" in found[3]["reason"]
 
 
@@ -215,8 +211,8 @@ def test_history_is_made_again_and_tells_where_it_was_altered(ema, bag_of, recor
     history.close()
     bag = bag_of()
     result = ema("verify", path, "--bag", bag)
-    assert (result.exit_code, "3 same to the bit" in result.output) == (0, True), result.output
-    assert ema("verify", path).exit_code == 3  # without telemetry none can be made again
+    assert (result.exit_code, "3 identical" in result.output) == (0, True), result.output
+    assert ema("verify", path).exit_code == 3  # without telemetry none can be recomputed
 
     with closing(sqlite3.connect(path)) as db, db:
         db.execute("UPDATE test SET record = record || ' ' WHERE number = 2")
@@ -233,10 +229,10 @@ def test_quantities_of_a_record_are_compared_to_the_bit():
     recorded = compared(comparison(changed(INERTIA, 0.3)))
     told = Verified("elbow", 0)
     assert told.compared(recorded, compared(comparison(changed(INERTIA, 0.3)))).state == (
-        "same to the bit"
+        "identical"
     )
     # The faults are the same: inertia is none of them.
     other = told.compared(recorded, compared(comparison(changed(INERTIA, 0.31))))
     assert (other.state, other.difference) == ("different", pytest.approx(0.01))
     hidden = told.compared(compared(CASES["healthy"]), compared(CASES["healthy"], comparison=None))
-    assert hidden.reason == "other quantities are compared"
+    assert hidden.reason == "the compared quantities differ"

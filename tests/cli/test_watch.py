@@ -331,7 +331,7 @@ def test_watch_says_where_nothing_is_heard_and_where_something_is(publish, tmp_p
         assert process.wait(timeout=DEADLINE_S) == 0
     domain = os.environ["ROS_DOMAIN_ID"]
     assert log.read_text().startswith(
-        f"no health is published on /wing/left in domain {domain}, but on /ema: choose it with"
+        f"no health is published on /wing/left in domain {domain}, but on /ema: select it with"
     )
 
 

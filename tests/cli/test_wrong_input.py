@@ -34,7 +34,7 @@ NEW = "simulate -o new.mcap"
         (f"{NEW} --cause jam=1 --cause jam=1@2", 2, ["jam", "more than once"]),
         (f"{NEW} -p plant.Rs=2", 2, ["'plant.Rs'", "plant.R_s"]),
         (f"{NEW} --command square", 2, ["'square'", "chirp"]),
-        (f"{NEW} --friction .3", 2, ["'--friction': give --fault friction=VALUE"]),
+        (f"{NEW} --friction .3", 2, ["'--friction': use --fault friction=VALUE"]),
         (f"{NEW} --current_noise 1", 2, ["did you mean --current-noise?"]),
         (f"{NEW} --actuator missing.yaml", 1, ["missing.yaml"]),
         (f"{NEW} --actuator unit.yaml", 1, ["unit.yaml", "J_m", "-1", "kg.m^2"]),
@@ -54,7 +54,7 @@ NEW = "simulate -o new.mcap"
         (f"{DESIGN} --sigma 0.1,3", 2, ["'3'", "name=value"]),
         (f"{DESIGN} --sigma gain=0", 1, ["gain = 0", "above 0"]),
         ("design --travel 0.01 -o new.csv", 2, ["expected a name that ends in .yaml"]),
-        ("design --travel 0.01 -o junk.yaml", 1, ["already exists: --replace replaces it"]),
+        ("design --travel 0.01 -o junk.yaml", 1, ["already exists: use --replace to overwrite it"]),
         ("import BAG", 2, ["Missing option '-o'"]),
         ("import BAG -o out.mcap", 2, ["`ema check", "recognises the columns"]),
         ("check nowhere.csv", 1, ["nowhere.csv: no such file"]),
@@ -65,13 +65,13 @@ NEW = "simulate -o new.mcap"
         ("predict a.mcap --duty 0", 2, ["duty", "0", "0.001"]),
         ("predict a.mcap --known-law friction=linear", 2, ["friction", "exponential", "RATE"]),
         ("plot BAG -o a.gif", 2, ["ends in .png or .svg or .pdf"]),
-        ("plot BAG -o none/a.png", 1, ["no folder none: make it first"]),
+        ("plot BAG -o none/a.png", 1, ["folder none does not exist: create it first"]),
         ("report BAG --cost removl=1", 2, ["--cost", "did you mean 'removal'"]),
-        ("plot BAG --history", 1, ["has no estimates, so no history: `ema report`"]),
-        ("verify BAG", 1, ["holds no estimates", "`ema up`"]),
+        ("plot BAG --history", 1, ["has no estimates: use `ema report`"]),
+        ("verify BAG", 1, ["has no estimates", "`ema up`"]),
         ("thesis -o study --quick --runs 5", 2, ["--quick and --runs exclude each other"]),
         ("up actuators", 2, ["'actuators'"]),
-        ("up --actuators left monitor", 2, ["--actuators left: expected the node actuator"]),
+        ("up --actuators left monitor", 2, ["--actuators left: expected the node `actuator`"]),
         ("watch --namespace 'left wing'", 2, ["--namespace 'left wing'"]),
         # In the domain of the tests others are forbidden.
         *((f"{name} --network", 1, ["--network: ROS_"]) for name in ("demo", "record", "watch")),
@@ -141,7 +141,7 @@ def test_command_that_never_moves(ema, record, faulty_blocks):
     result = ema("estimate", record(faulty_blocks[:9]))
     assert result.exit_code == 1
     assert "no excitation" in result.stderr
-    assert "--any-motion: of any motion" in result.stderr
+    assert "--any-motion: any motion" in result.stderr
 
 
 def test_bag_without_description_takes_one_from_a_file(ema, tmp_path, faulty_blocks):

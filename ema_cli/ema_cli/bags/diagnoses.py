@@ -1,4 +1,4 @@
-"""Diagnoses over test cycles together with the true faults, live or from a bag."""
+"""Diagnoses and true faults by test cycle, live or from a bag."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -137,13 +137,13 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
     estimated = {item.message.actuator_id for item in recorded if item.type_name == ESTIMATE_TYPE}
     names = ", ".join(sorted(estimated))
     if not estimated:
-        raise ValueError(f"{path} has no estimates, so no history: `ema report` makes them")
+        raise ValueError(f"{path} has no estimates: use `ema report` to compute them")
     if actuator_id is None and len(estimated) > 1:
         raise ValueError(
-            f"{path} has estimates of several actuators: {names}: choose one with --actuator-id"
+            f"{path} has estimates of several actuators: {names}: select one with --actuator-id"
         )
     if actuator_id is not None and actuator_id not in estimated:
-        raise ValueError(f"{path} has no estimates of actuator {actuator_id!r}, but of {names}")
+        raise ValueError(f"{path} has no estimates of actuator {actuator_id!r}, only of {names}")
     history = DiagnosisLog(actuator_id or estimated.pop())
     for item in recorded:
         try:

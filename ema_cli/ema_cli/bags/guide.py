@@ -25,12 +25,12 @@ from ema_core.units import LINEAR
 
 _SECTIONS: Final[dict[str, tuple[Any, tuple[str, ...], str]]] = {
     "position": (AngleSource, ("unit", "lead", "shaft"), ""),
-    "command": (AngleSource, ("unit", "lead", "shaft"), "the position error is known"),
-    "error": (AngleSource, ("unit", "lead", "shaft"), "the command is known"),
+    "command": (AngleSource, ("unit", "lead", "shaft"), "the position error is available"),
+    "error": (AngleSource, ("unit", "lead", "shaft"), "the command is available"),
     "speed": (SpeedSource, ("unit", "lead", "shaft"), "not measured"),
     "current": (CurrentSource, ("kind", "unit", "sampling"), "not measured"),
     "temperature": (TemperatureSource, ("unit",), "not measured"),
-    "clock": (Clock, ("unit",), "there is no time, only a rate"),
+    "clock": (Clock, ("unit",), "there is no time column, only a rate"),
 }
 """By quantity: type of its source, entries to ask for, and meaning of "none"."""
 
@@ -98,7 +98,7 @@ def _ask(content: dict[str, Any], is_set: dict[str, str]) -> None:
         if name == "error" and "command" in content:
             continue
         if f"{name}.source" not in is_set:
-            words = f"{name}: column, or a sum of columns" + (f"; - if {none}" if none else "")
+            words = f"{name}: column or sum of columns" + (f"; - if {none}" if none else "")
             section["source"] = click.prompt(words, section.get("source", "-" if none else None))
         if section["source"] == "-":
             content.pop(name, None)

@@ -46,7 +46,7 @@ class Identifying(ReadingOptions):
             "memory",
             flag_value=False,
             default=None,
-            help="Identify each window alone, without earlier tests.",
+            help="Identify windows independently of earlier tests.",
         ),
         click.option(
             "--calibration",
@@ -88,7 +88,8 @@ class Identifying(ReadingOptions):
         files = [path for path in paths if path.is_file()]
         if len(files) > 1:
             raise ValueError(
-                f"{files[0]} and {files[1]} both lie beside the bags: choose one with --calibration"
+                f"{files[0]} and {files[1]} are both next to the bags: select one with "
+                "--calibration"
             )
         return replace(self, calibration_file=files[0] if files else None)
 
@@ -103,14 +104,14 @@ class Identifying(ReadingOptions):
         if isinstance(calibration, Calibration):
             return calibration
         raise ValueError(
-            f"{self.calibration_file} is the calibration of a controller that is not modelled: "
-            "there is no model to compare or draw; use `ema estimate` or `ema report`"
+            f"{self.calibration_file} is a calibration for an unknown drive, which has no model "
+            "to compare or draw; use `ema estimate` or `ema report`"
         )
 
     @property
     def calibration_source(self) -> str:
-        """Source of the calibration, as a text."""
-        return str(self.calibration_file or "the shipped one of the built-in actuator")
+        """Description of the calibration's source."""
+        return str(self.calibration_file or "shipped, for the built-in actuator")
 
     def estimate(
         self, windows: Sequence[RecordedWindow], calibration: AnyCalibration

@@ -37,8 +37,10 @@ LIMIT_OPTION: Final = assignments_option(
     "--limit", "limits", "Life ends at friction=0.4 or bandwidth=15 [Hz]."
 )
 GROWTH_OPTIONS: Final[tuple[Callable[[Command], Command], ...]] = (
-    click.option("--hours-per-cycle", type=float, help="Flight hours of a test; 0: as counted."),
-    click.option("--duty", type=float, help="Growth in a future hour, relative to the past."),
+    click.option(
+        "--hours-per-cycle", type=float, help="Flight hours per test; 0: from usage messages."
+    ),
+    click.option("--duty", type=float, help="Growth per future hour, relative to the past."),
     click.option(
         "--known-law",
         "laws",
@@ -69,13 +71,13 @@ class Predicting(Identifying):
             "--fleet",
             "fleet_file",
             type=click.Path(path_type=Path, exists=True),
-            help="Growth of other units, a file of `ema learn-fleet`.",
+            help="Growth of other units: a file of `ema learn-fleet`.",
         ),
         click.option(
             "--scenarios",
             "scenario_file",
             type=click.Path(path_type=Path, exists=True, dir_okay=False),
-            help="YAML file of future duties to predict under.",
+            help="YAML file of future duties for separate forecasts.",
         ),
         click.option(
             "--at",
@@ -83,10 +85,10 @@ class Predicting(Identifying):
             type=click.FloatRange(min=0.0),
             callback=_finite,
             metavar="HOURS",
-            help="Leave out tests after this service hour.",
+            help="Ignore tests after this service hour.",
         ),
         assignments_option(
-            "--cost", "cost_figures", "For advice: removal=1,failure=25,lead_time=20."
+            "--cost", "cost_figures", "Advice costs: removal=1,failure=25,lead_time=20."
         ),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
@@ -150,7 +152,7 @@ def with_growth(
         if kind not in kinds:
             raise click.UsageError(f"--known-law {written!r}: {unknown_name('fault', name, kinds)}")
         if f"known_law.{kind}" in values:
-            raise click.UsageError("--known-law: a fault has more than one law")
+            raise click.UsageError("--known-law: expected one law per fault")
         values[f"known_law.{kind}"] = law
     return parameters.with_options(**values)
 

@@ -28,7 +28,7 @@ ACTUATOR_OPTION: Final = click.option(
     "--actuator",
     "actuator_file",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="YAML description of the actuator, if BAG has none.",
+    help="Actuator file (YAML), if BAG has no description.",
 )
 
 
@@ -37,11 +37,11 @@ class ReadingOptions(Checked):
     """Command options that select the part of a bag to read."""
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
-        click.option("--actuator-id", help="Actuator, if BAG has several."),
+        click.option("--actuator-id", help="Actuator to read, if BAG has several."),
         ACTUATOR_OPTION,
-        click.option("--topic", help="Topic of the telemetry, if BAG has several."),
+        click.option("--topic", help="Telemetry topic to read, if BAG has several."),
         click.option(
-            "--any-motion", is_flag=True, help="Windows are stretches of ordinary motion."
+            "--any-motion", is_flag=True, help="Use stretches of ordinary motion as windows."
         ),
         click.option(
             "--accept-defects",
@@ -83,7 +83,7 @@ class ReadingOptions(Checked):
 ReadingOptions.SECTIONS = ((TriggerSettings, ""), (ReadingOptions, ""))
 
 MEASURED_OPTION: Final = click.option(
-    "--measured", multiple=True, help=f"A measured cause, {GRAMMAR}: load_torque=0.1:0.005."
+    "--measured", multiple=True, help=f"Measured hidden cause, {GRAMMAR}: load_torque=0.1:0.005."
 )
 """Option for commands that identify windows."""
 
@@ -131,8 +131,7 @@ def read_windows(
         )
     elif not recorded.descriptions:
         reason = (
-            f"{path} has no description of actuator {recorded.actuator_id!r}: give one with "
-            "--actuator FILE"
+            f"{path} has no description of actuator {recorded.actuator_id!r}: pass --actuator FILE"
         )
         raise ValueError("; ".join(filter(None, (reason, bag.damage))))
     with progress_bar() as progress:
@@ -180,7 +179,7 @@ def why_no_window(path: Path, bag_windows: BagWindows, source: ReadingOptions) -
     settings = source.trigger
     if bag_windows.description.drive == "unknown":
         reason = bag_windows.obstacle or (
-            f"a record needs {LEAST_MOTION_S:g} s of motion, and the position never moves"
+            f"a record requires {LEAST_MOTION_S:g} s of motion, but the position never changes"
         )
         return f"{path} has no record to diagnose (no excitation): {reason}"
     if source.any_motion:
@@ -192,19 +191,20 @@ def why_no_window(path: Path, bag_windows: BagWindows, source: ReadingOptions) -
         )
     if not bag_windows.has_rested:
         behaviour = (
-            f"it never rested within {settings.threshold:g} rad for {settings.rest_s:g} s: is the "
-            "parameter threshold_urad below its noise?"
+            f"it never rested within {settings.threshold:g} rad for {settings.rest_s:g} s: check "
+            "that the parameter threshold_urad exceeds its noise"
         )
     elif bag_windows.longest_motion_s:
         behaviour = (
-            f"it moved for at most {bag_windows.longest_motion_s:.3f} s at a time, or one way only"
+            f"it moved for at most {bag_windows.longest_motion_s:.3f} s at a time, or in one "
+            "direction only"
         )
     else:
-        behaviour = "it never left its rest"
+        behaviour = "it never moved"
     return (
-        f"{path} has no window to diagnose (no excitation): a window is {settings.window_s:g} s of "
-        f"command moving back and forth after a rest (--any-motion: of any motion), and {behaviour}"
-        + (f"; {bag_windows.obstacle}" if bag_windows.obstacle else "")
+        f"{path} has no window to diagnose (no excitation): a window requires a command moving "
+        f"back and forth for {settings.window_s:g} s after a rest (--any-motion: any motion), "
+        f"but {behaviour}" + (f"; {bag_windows.obstacle}" if bag_windows.obstacle else "")
     )
 
 
@@ -222,14 +222,11 @@ def _choose_description(
     if not differences:
         return None, ""
     if accept:
-        return (
-            described,
-            f"--actuator {file} is used against the description in the bag: {differences}",
-        )
+        return (described, f"--actuator {file} overrides the description in the bag: {differences}")
     return (
         None,
-        f"--actuator {file} is not used, the bag has a description: {differences}; "
-        "--accept-defects uses the file",
+        f"--actuator {file} is ignored, because the bag has a description: {differences}; use "
+        "--accept-defects to override it",
     )
 
 

@@ -60,7 +60,10 @@ def table_recordings(
     beside = table.with_name("actuator.yaml")
     actuator_file = actuator_file or (beside if beside.is_file() else None)
     if actuator_file is None:
-        click.echo(f"note: no --actuator, so {table} is of the built-in actuator", err=True)
+        click.echo(
+            f"note: without --actuator, {table} is assumed to be from the built-in actuator",
+            err=True,
+        )
     mapping = load_mapping(mapping_file)
     actuators = actuators_of(mapping, actuator_file)
     source = open_input(table, mapping)
@@ -105,8 +108,8 @@ def read_record(
     if wrong and not accepts:
         names = ", ".join(item.name for item in wrong)
         raise ValueError(
-            f"{file} is not imported: {names} (see above); correct the mapping, or accept with "
-            f"accept: [{names}] in it or --accept-defects"
+            f"{file} is not imported: {names} (see above); correct the mapping, or accept the "
+            f"defects with accept: [{names}] in the mapping or --accept-defects"
         )
     return imported
 
@@ -139,8 +142,8 @@ def read_records(
             source = sources[number]
             records[number] = imported_by(source, mapping, description, period)
             click.echo(
-                f"{source.path}: resampled from {1.0 / h:.5g} to {1.0 / period:.5g} Hz, the rate "
-                f"of {sources[0].path}",
+                f"{source.path}: resampled from {1.0 / h:.5g} Hz to {1.0 / period:.5g} Hz, the "
+                f"rate of {sources[0].path}",
                 err=True,
             )
     return records

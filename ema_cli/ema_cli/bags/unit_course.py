@@ -37,7 +37,7 @@ from ema_monitor.unit import Unit
 from ema_ros.messages import StampedFaults
 
 _NAMED: Final = 3
-_ONE_UNIT: Final = "a prognosis is for one unit, give the bags of one unit"
+_ONE_UNIT: Final = "expected bags of a single unit"
 
 
 @dataclass(frozen=True)
@@ -66,9 +66,7 @@ class UnitRecord:
         )
         windows = [window for window in self.windows if window.end_ns < later]
         if not self.counts or not windows:
-            raise ValueError(
-                f"--at {hours:g}: the bags have no test whose count of hours is so small"
-            )
+            raise ValueError(f"--at {hours:g}: the bags have no test before this service hour")
         counts = [count for count in self.counts if count.stamp_ns < later]
         return replace(self, windows=windows, counts=counts)
 
@@ -85,10 +83,10 @@ def find_bags(paths: Iterable[Path]) -> list[Path]:
             named = ", ".join(inside[:_NAMED])
             if more := len(inside[_NAMED:]):
                 named += f" and {more} more"
-            hint = f"; bags of a unit may be in {named}: give one of these" if inside else ""
+            hint = f"; bags may be in {named}: select one of these" if inside else ""
             raise ValueError(
-                f"{path}: this folder holds no bag, neither *.mcap nor a folder with "
-                f"{METADATA_FILE}{hint}"
+                f"{path}: folder without bags (neither *.mcap nor a folder with "
+                f"{METADATA_FILE}){hint}"
             )
         for bag in bags:
             bags_by_path.setdefault(bag.resolve(), bag)
@@ -104,7 +102,7 @@ def read_unit(
     remarks: list[str] = []
     for path in find_bags(paths):
         if original := next((item for item, _ in read if _is_copy(path, item)), None):
-            remarks.append(f"{path}: passed over, it is a copy of {original}")
+            remarks.append(f"{path}: skipped, a copy of {original}")
             continue
         try:
             bag, options = open_recording(path, source)
@@ -117,7 +115,7 @@ def read_unit(
             continue
         if source.actuator_id is not None and present and source.actuator_id not in present:
             names = ", ".join(sorted(present))
-            remarks.append(f"{path}: passed over, it is of actuator {names}")
+            remarks.append(f"{path}: skipped, it belongs to actuator {names}")
             continue
         bag_windows = read_windows(path, options, bag=bag, with_duty=True)
         read.append((path, bag_windows))
@@ -136,13 +134,13 @@ def read_unit(
         if bag.damage != damage:  # detected while the service life was counted
             remarks.append(f"{path}: {bag.damage}")
     if not read:
-        what = "no bag can be read"
+        what = "no readable bag"
         if source.actuator_id is not None:
             what = f"no bag of actuator {source.actuator_id!r}"
         raise ValueError(f"{what}: {'; '.join(remarks)}")
     tests = [(path, item) for path, bag_windows in read for item in bag_windows.windows]
     if not tests:
-        raise ValueError(f"no window to diagnose: {'; '.join(remarks)}")
+        raise ValueError(f"no windows to diagnose: {'; '.join(remarks)}")
     # The history needs repeated windows too: the second window of one bag and stamp.
     stamped = (StampedTest(test.start_ns, test.end_ns, str(path), path) for path, test in tests)
     if reasons := unordered(stamped):
@@ -186,12 +184,13 @@ def _require_same_unit(
 ) -> None:
     (path, first), (second_path, second) = unit, second_unit
     for what, value, second_value, remedy in (
-        ("actuator", first.actuator_id, second.actuator_id, "choose one with --actuator-id"),
+        ("actuator", first.actuator_id, second.actuator_id, "select one with --actuator-id"),
         ("serial number", first.serial_number, second.serial_number, _ONE_UNIT),
     ):
         if value != second_value:
             raise ValueError(
-                f"{path} is of {what} {value!r} and {second_path} of {second_value!r}: {remedy}"
+                f"{path} belongs to {what} {value!r}, but {second_path} to {second_value!r}: "
+                f"{remedy}"
             )
 
 
@@ -236,7 +235,7 @@ class Course:
     def now(self) -> Outlook:
         """Health and life after the newest test, valid or refused."""
         outlooks = (step.outlook for step in reversed(self.steps) if step.outlook is not None)
-        return next(outlooks, unknown_outlook("no test so far"))
+        return next(outlooks, unknown_outlook("no tests yet"))
 
     @property
     def hours(self) -> NDArray[np.float64]:
@@ -281,7 +280,7 @@ def follow(
     settings, parameters = options.prognosis, calibration.unit_parameters
     unit = Unit(History(*record.description.unit_key), settings)
     with progress_bar() as progress:
-        tracked = progress.track(estimates, description="following growth")
+        tracked = progress.track(estimates, description="tracking growth")
         followed = unit.follow(tracked, parameters, settings, record.counts, record.flown)
         steps = [Step(*item) for item in followed]
     last = next((step.outlook for step in reversed(steps) if step.estimate.valid), None)

@@ -47,9 +47,11 @@ class GivenSettings:
         click.option(
             "--calibration",
             metavar="PATTERN",
-            help="Path of the units' calibrations, in which {actuator_id} and {serial_number} "
-            "are replaced for each unit; without it calibration.yaml beside the bags, or else the "
-            "shipped one.",
+            help=(
+                "Path of the units' calibrations, with {actuator_id} and {serial_number} "
+                "replaced for each unit; by default calibration.yaml next to the bags, else the "
+                "shipped calibration."
+            ),
         ),
         ALGORITHM_OPTION,
         SEED_OPTION,
@@ -88,11 +90,11 @@ class GivenSettings:
 
 @click.group()
 def archive() -> None:
-    """Store the results of a fleet's bags as tables: estimates, health, life and growth.
+    """Store the results of a fleet's bags in tables: estimates, health, life and growth.
 
-    ARCHIVE is the folder of the tables. `scan` lists bags, `run` does those that are new or whose
-    content, calibration, settings or software has changed, `status` counts them,
-    `query` and `export` ask the tables in SQL. docs/archive.md has the columns and views.
+    ARCHIVE is the folder of the tables. `scan` lists bags. `run` processes bags that are new, or
+    whose content, calibration, settings or software has changed. `status` counts bags and units.
+    `query` and `export` run SQL queries. docs/archive.md lists the columns and views.
     """
 
 
@@ -103,13 +105,13 @@ def archive() -> None:
 def scan_(folder: Path, sources: tuple[str, ...], options: GivenSettings) -> None:
     """List the bags in each SOURCE and below, a folder or an address such as s3://fleet/bags.
 
-    The archive remembers its sources and its settings: later scans need none. Options that are
-    given are stored; results that do not depend on them are not computed again.
+    The archive stores its sources and settings for later scans. New options replace stored
+    settings; only the results that depend on them are recomputed.
     """
     with Manifest(folder, is_new=True) as manifest:
         manifest.settings = options.applied_to(manifest.settings)
         if not sources and not manifest.sources:
-            raise click.UsageError(f"{folder} has no bags yet: give a SOURCE of them")
+            raise click.UsageError(f"{folder} has no bags yet: expected a SOURCE")
         with progress_bar() as progress:
             task = progress.add_task("listing", total=None)
             bags = scan(
@@ -124,11 +126,11 @@ def scan_(folder: Path, sources: tuple[str, ...], options: GivenSettings) -> Non
 @_ARCHIVE
 @executor_options
 def run_(folder: Path, executor: ExecutorOptions) -> None:
-    """Process what is due: bags to estimates, then units to health and life.
+    """Process outdated bags to estimates, then outdated units to health and life.
 
-    Stop it with Ctrl-C at any time: the same command resumes. Bags that cannot be read become rows
-    with their reason. Exit code 3: a bag cannot be read, or only in part, a unit has
-    different tests at the same time, or no window is valid.
+    Stop it with Ctrl-C at any time; the same command resumes. Unreadable bags become rows with the
+    reason. Exit code 3: a bag cannot be read, or only in part, a unit has different tests at the
+    same time, or no window is valid.
     """
     with Manifest(folder) as manifest:
         with progress_bar() as progress:
@@ -150,16 +152,15 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
 
             def stopped() -> str:
                 left = counted(manifest.find_due(manifest.settings), "bag")
-                return f"stopped: {left} of {folder} left; the same command resumes"
+                return f"stopped: {left} left in {folder}; the same command resumes"
 
-            kept = "what was done is kept, the same command resumes"
+            kept = "completed work is kept; the same command resumes"
             with executor.open(stopped, kept) as workers:
                 tally = run(manifest, workers, follow)
         status = manifest.status(manifest.settings)
     click.echo(
-        f"{counted(tally.bags, 'bag')} done, {counted(tally.units, 'unit')} followed; "
-        f"{tally.damaged} damaged, {tally.incomplete} read in part, "
-        f"{tally.failed} could not be read"
+        f"{counted(tally.bags, 'bag')} and {counted(tally.units, 'unit')} processed; "
+        f"{tally.damaged} damaged, {tally.incomplete} read in part, {tally.failed} unreadable"
     )
     click.echo(_unread_in_words(status), nl=False)
     click.echo(_refused_in_words(folder, status), nl=False)
@@ -167,10 +168,10 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
     for words in tally.mended:
         click.echo(words, err=True)
     for unit, reason in tally.not_followed.items():
-        click.echo(f"unit {unit} could not be followed: {reason}", err=True)
+        click.echo(f"unit {unit} could not be processed: {reason}", err=True)
     is_damaged = bool(status.damaged or status.incomplete or status.failed)
     if is_damaged:
-        click.echo(f'why: ema archive query {folder} "select * from refused_why"', err=True)
+        click.echo(f'reasons: ema archive query {folder} "select * from refused_why"', err=True)
     is_useless = bool(status.windows) and not status.valid
     if is_damaged or tally.not_followed or status.unordered or is_useless:
         sys.exit(REFUSED)
@@ -205,10 +206,10 @@ def status_(folder: Path, as_json: bool) -> None:
 @click.argument("question", metavar="[SQL]", required=False)
 @click.option("--json", "as_json", is_flag=True, help="Print a list with an object per row.")
 def query_(folder: Path, question: str | None, as_json: bool) -> None:
-    """Ask the tables in SQL, such as "select * from worst_first limit 20".
+    """Query the tables in SQL, such as "select * from worst_first limit 20".
 
-    Without SQL the tables and views are listed with their columns. The query reads the tables of
-    the archive alone, and changes nothing.
+    Without SQL, the command lists the tables and views with their columns. A query can only read
+    tables of the archive.
     """
     if question is None:
         for name, columns in columns_of(folder).items():
@@ -227,26 +228,26 @@ def query_(folder: Path, question: str | None, as_json: bool) -> None:
 @click.argument("what", metavar="TABLE|SQL")
 @output_option(f"File to write: {' or '.join(FORMATS)}", dir_okay=False)
 def export_(folder: Path, what: str, output: Path, overwrite: bool) -> None:
-    """Write a table or view, or the answer to a query in SQL, to a CSV or Parquet file."""
+    """Write a table, a view or the result of an SQL query to a CSV or Parquet file."""
     require_free(output, [], overwrite=overwrite)
     rows = export(folder, what, output)
     click.echo(f"{output}: {counted(rows, 'row')}")
 
 
 def _unread_in_words(status: Status) -> str:
-    """Return a text on bags not read completely, and on those without a known unit."""
+    """Describe the bags that were not read completely, or belong to no known unit."""
     lines = [
         f"{counted(count, 'bag')} {what}: later tests may be lost"
         for count, what in (
             (status.damaged, "cannot be read"),
             (status.incomplete, "can be read only in part"),
-            (status.failed, "could not be read the last time"),
+            (status.failed, "could not be read in the last run"),
         )
         if count
     ]
     if bags := status.of_no_unit:
         more = f" and {len(bags) - _MOST_NAMED} more" if len(bags) > _MOST_NAMED else ""
-        what = f"{counted(len(bags), 'bag')} of no known unit cannot be read"
+        what = f"{counted(len(bags), 'bag')} without a known unit cannot be read"
         lines.append(f"{what}: {', '.join(bags[:_MOST_NAMED])}{more}")
     return "".join(f"{line}\n" for line in lines)
 
@@ -259,7 +260,7 @@ def _refused_in_words(folder: Path, status: Status) -> str:
     if status.damaged_tables:
         return f"{refused}\n"
     _, rows = answer(folder, _USUAL_REASON)
-    return "".join(f"{refused}, most of them: {_shown(reason)}\n" for (reason,) in rows)
+    return "".join(f"{refused}, most often because: {_shown(reason)}\n" for (reason,) in rows)
 
 
 def _due_in_words(status: Status) -> str:
@@ -267,10 +268,10 @@ def _due_in_words(status: Status) -> str:
     if status.damaged_tables:
         tables = f"; {counted(len(status.damaged_tables), 'table')} damaged"
     if not status.due and not status.units_due and not tables:
-        return "all is up to date"
+        return "everything is up to date"
     reasons = ", ".join(f"{count} {why}" for why, count in status.reasons.items())
     bags = counted(status.due, "bag") + (f" ({reasons})" if reasons else "")
-    return f"to be done: {bags}, {counted(status.units_due, 'unit')}{tables}"
+    return f"to process: {bags}, {counted(status.units_due, 'unit')}{tables}"
 
 
 def _plain(value: Any) -> Any:

@@ -37,20 +37,22 @@ _ENOUGH_WINDOWS = 5
     "--accepted-by",
     metavar="NAME",
     default="",
-    help="Who accepts a unit whose figures are implausible for its description; else it is "
-    "refused.",
+    help=(
+        "Name of the person who accepts a unit with implausible parameters; without a name, the "
+        "unit is refused."
+    ),
 )
 def calibrate(
     bags: tuple[Path, ...], options: ReadingOptions, overwrite: bool, output: Path, accepted_by: str
 ) -> None:
-    """Calibrate on the windows or records in BAGS of one healthy actuator.
+    """Calibrate with the windows or records in BAGS of one healthy actuator.
 
-    Measured hidden causes, such as a load, in the bags or by --measured, are used with their sigma.
-    Parameters that the windows do not show are listed at the end.
+    Measured hidden causes, such as a load, are used with their sigma; they come from the bags or
+    --measured. Parameters that the windows do not determine are listed at the end.
 
     Four or more records of an unknown drive are compared with each other. A record that differs
-    from the others is used, and named in a warning and in the calibration. Days of records are UTC
-    days: a session across midnight UTC counts as two.
+    from the rest is still used, but is reported in a warning and in the calibration. Days are UTC
+    days: a session across midnight UTC counts as two days.
 
     Exit code 3 means that a bag records simulated faults: its unit is not healthy.
     """
@@ -62,7 +64,7 @@ def calibrate(
         bag_windows = identifiable_windows(bag, options)
         for item in bag_windows.windows:
             if isinstance(item.place, Refusal):
-                click.echo(f"{bag}: a window is left out: {item.place.reason}", err=True)
+                click.echo(f"{bag}: a window is skipped: {item.place.reason}", err=True)
         windows += bag_windows.windows
         names += _names(bag, bag_windows.windows)
         descriptions.append(bag_windows.description)
@@ -70,7 +72,7 @@ def calibrate(
         if bag_windows.simulated_faults:
             words = f"{bag} records simulated faults: the unit is not healthy"
             if not options.accept_defects:
-                accept = "--accept-defects calibrates with it nevertheless"
+                accept = "use --accept-defects to calibrate anyway"
                 click.echo(f"Error: {words}; {accept}", err=True)
                 sys.exit(REFUSED)
             click.echo(f"warning: {words}", err=True)
@@ -92,8 +94,8 @@ def calibrate(
     elif calibration.windows < _ENOUGH_WINDOWS:
         windows = counted(calibration.windows, "window")
         click.echo(
-            f"warning: {windows} cannot average out much of the current's ripple, "
-            f"{_ENOUGH_WINDOWS} or more are better",
+            f"warning: {windows} average out little of the current ripple: use at least "
+            f"{_ENOUGH_WINDOWS}",
             err=True,
         )
 
@@ -110,8 +112,8 @@ def _require_same(
         same = replace(described, sample_period=expected.sample_period)
     if differences := "; ".join(differing(expected, same, str(first), str(bag))):
         raise ValueError(
-            f"{bag} and {first} are not of the same actuator: {differences}. Calibrate on files of "
-            "one actuator, with one description"
+            f"{bag} and {first} are from different actuators: {differences}. Calibrate with "
+            "files of one actuator and one description"
         )
 
 
@@ -150,11 +152,14 @@ def _with_labels(calibration: AnyCalibration, output: Path) -> AnyCalibration:
     try:
         replaced = calibrations.load_calibration(output)
     except ValueError as error:
-        click.echo(f"warning: if it had labels, they are lost: {error}", err=True)
+        click.echo(f"warning: its labels, if any, are lost: {error}", err=True)
         return calibration
     kept = calibrations.with_labels_of(calibration, replaced)
     if lost := replaced.baseline.states().keys() - kept.baseline.states().keys():
-        words = "labels dropped, of another unit or a motion that no healthy window has"
+        words = (
+            "labels dropped, because they belong to another unit or a motion without healthy "
+            "windows"
+        )
         click.echo(f"warning: {words}: {', '.join(sorted(lost))}", err=True)
     if labels := kept.baseline.states().keys() - calibration.baseline.states().keys():
         click.echo(f"labelled states kept: {', '.join(sorted(labels))}")

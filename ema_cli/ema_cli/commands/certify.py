@@ -22,14 +22,15 @@ from ema_monitor.design.certificate import certify as certify_test
 @assignments_option(
     "--require",
     "wanted",
-    "Largest sigma of a fault, e.g. friction=0.01; exit code 3 where it is not reached.",
+    "Required sigma of a fault, e.g. friction=0.01; exit code 3 if it is not reached.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 def certify(options: Bench, wanted: dict[str, float], as_json: bool) -> None:
-    """Predict which faults a test will show, how well, and which it cannot separate.
+    """Predict which faults a test detects, how accurately, and which it cannot separate.
 
-    No telemetry is needed: tests of the described actuator are simulated with the given sensors,
-    and their estimates judged. A fault is judged half-way to its limit, alone and among others.
+    No telemetry is needed: the command simulates tests of the described actuator and sensors, and
+    evaluates the estimates. A fault is evaluated half-way to its limit, alone and together with
+    other faults.
     """
     with progress_bar() as progress, deferred_signals() as stop:
         for name, sigma in wanted.items():
@@ -52,6 +53,6 @@ def certify(options: Bench, wanted: dict[str, float], as_json: bool) -> None:
     else:
         click.echo(str(certificate))
         for words in unmet:
-            click.echo(f"required and not reached: {words}")
+            click.echo(f"required but not reached: {words}")
     if unmet:
         sys.exit(REFUSED)

@@ -33,7 +33,7 @@ class _Algorithms(click.ParamType):
         names = [choice.convert(name, param, ctx) for name in value.split(",")]
         for name in names:
             if names.count(name) > 1:
-                self.fail(f"{name} is given more than once", param, ctx)
+                self.fail(f"{name} is specified more than once", param, ctx)
         return names
 
 
@@ -50,7 +50,7 @@ class _Algorithms(click.ParamType):
     "--window",
     "number",
     type=click.IntRange(0),
-    help="Number of the window, from 0; by default the first usable one.",
+    help="Number of the window, from 0; by default the first usable window.",
 )
 @click.option(
     "--json", "as_json", is_flag=True, help="Print one object with an estimate per algorithm."
@@ -58,18 +58,18 @@ class _Algorithms(click.ParamType):
 def compare(
     bag: Path, options: Identifying, algorithms: list[str], number: int | None, as_json: bool
 ) -> None:
-    """Compare algorithms on one window of BAG: faults, accuracy and computing time of each.
+    """Compare algorithms on one window of BAG by faults, accuracy and computing time.
 
-    Each starts from the healthy actuator with the same seed and budget. If the bag records the
-    true faults, the error is the distance to them in percent of their ranges. The search fitness
-    is the algorithm's own result; the estimate then drops insignificant faults and fits the rest
-    again. With --json each has its convergence: evaluations and lowest cost.
+    Each algorithm starts from the healthy actuator with the same seed and budget. If the bag
+    records the true faults, the error is the distance to them in percent of their ranges. The
+    search fitness is the result of the algorithm alone; the estimate then drops insignificant
+    faults and fits the rest again. With --json, each result includes the convergence: evaluations
+    and lowest cost.
     """
     if options.any_motion:
         raise click.UsageError(
-            "--any-motion: algorithms are compared on one test cycle, and a stretch of "
-            "ordinary motion is none; `ema estimate --any-motion --algorithm NAME` shows what "
-            "one makes of the stretches combined"
+            "--any-motion: algorithms are compared on a test cycle, not on a stretch of ordinary "
+            "motion; use `ema estimate --any-motion --algorithm NAME` for the combined stretches"
         )
     options = options.with_calibration_beside([bag])
     calibration = options.calibration_of_model()

@@ -12,7 +12,7 @@ _SHELLS: Final = ("bash", "zsh", "fish")
 @click.argument("shell", type=click.Choice(_SHELLS))
 @click.pass_context
 def completion(ctx: click.Context, shell: str) -> None:
-    """Print the completion of commands and options for SHELL.
+    """Print the shell completion script for SHELL.
 
     Example for bash: `ema completion bash >> ~/.bashrc`, then a new shell.
     """

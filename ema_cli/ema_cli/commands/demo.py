@@ -25,12 +25,11 @@ from ema_cli.processes.stop_request import ENDING, deferred_signals
 )
 @network_option
 def demo(duration_s: float, output: Path | None, network: bool) -> None:
-    """Watch an actuator wear out: its diagnosis live and on the dashboard, then a picture.
+    """Watch a simulated actuator wear out, live and on the dashboard, then in a picture.
 
-    When a test shows a failure, a simulated technician repairs the actuator, and it wears again.
-    The folder keeps the history of the tests, with which a restarted monitor continues.
-
-    ROS_DOMAIN_ID is honoured where it is set; otherwise the demo has a domain of its own.
+    When a test detects a failure, a simulated technician repairs the actuator, and wear starts
+    again. The folder stores the test history, from which a restarted monitor continues. The demo
+    uses ROS_DOMAIN_ID if it is set, and a free domain otherwise.
     """
     with deferred_signals(*ENDING) as stop:
         # Imported here, since signals must be recorded before slow imports.

@@ -19,7 +19,7 @@ from ema_monitor.design.certificate import certify
 from ema_monitor.design.designing import Design, design_command
 from ema_monitor.design.limits import UNITS, MotionLimits
 
-_DEFAULT_LIMIT = "default: 90 % of the limit of the actuator"
+_DEFAULT_LIMIT = "by default 90 % of the actuator's limit"
 
 
 class WantedSigmas(Assignments):
@@ -40,7 +40,7 @@ class WantedSigmas(Assignments):
     "--travel",
     required=True,
     type=float,
-    help="Largest travel of the user shaft, from one end to the other [rad].",
+    help="Largest travel of the user shaft, from end to end [rad].",
 )
 @click.option("--torque", type=float, help=f"Largest motor torque; {_DEFAULT_LIMIT} [N.m].")
 @click.option("--current", type=float, help=f"Largest current; {_DEFAULT_LIMIT} [A].")
@@ -51,13 +51,13 @@ class WantedSigmas(Assignments):
 @assignments_option(
     "--sigma",
     "wanted",
-    "Wanted standard deviation, of all faults (0.01) or of some (friction=0.005,gain=0.002); "
-    "without it what the thesis's chirp reaches.",
+    "Target standard deviation of all faults (0.01) or of some (friction=0.005,gain=0.002); by "
+    "default the standard deviations reached by the thesis's chirp.",
     WantedSigmas(),
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one object.")
 @output_option(
-    "YAML file to write: parameters of actuator and monitor, for --params", dir_okay=False
+    "YAML file to write, with parameters of actuator and monitor for --params", dir_okay=False
 )
 def design(
     options: Bench,
@@ -71,11 +71,11 @@ def design(
     overwrite: bool,
     output: Path,
 ) -> None:
-    """Find the shortest test command that reaches wanted standard deviations within limits.
+    """Find the shortest test command that reaches target standard deviations within limits.
 
-    Limits of torque, current and speed hold for the model of the actuator, healthy and with
-    faults; the ripple of the inverter comes on top. Exit code 3 when the wishes cannot be met:
-    nothing is written then.
+    Limits of torque, current and speed apply to the model of the actuator, healthy and with faults,
+    without the ripple of the inverter. Exit code 3: the targets cannot be reached, and no file is
+    written.
     """
     with progress_bar() as progress, deferred_signals() as stop:
         inputs = filter(None, [options.actuator_file])
@@ -102,11 +102,11 @@ def design(
 
         rig = SimulatedRig(options, follow)
         result = design_command(rig, description, limits, wanted or None, on_progress=say)
-        say("judging hidden causes")
+        say("evaluating hidden causes")
         certificate = certify(rig, result.command, description, rehearsed=result.rehearsed)
         if result.reached:
             sigmas = ", ".join(f"{name} {sigma:.4f}" for name, sigma in result.sigma.items())
-            heading = "A test command of `ema design`. Standard deviations to expect:"
+            heading = "Test command of `ema design`. Expected standard deviations:"
             save_command(output, result.command, f"{heading}\n{sigmas}")
     if as_json:
         click.echo(json.dumps(_record(result) | {"certificate": certificate.record()}, indent=2))
@@ -147,7 +147,7 @@ def _in_words(result: Design) -> str:
         f"swing of {1e3 * command.amplitude:.3g} mrad to {command.final_fraction:.3g} of it, "
         f"{command.start_frequency:.3g} to {command.end_frequency:.3g} Hz, "
         f"{command.duration:.4g} s{beside}: {result.verdict}\n"
-        f"It demands: {demands}"
+        f"Required: {demands}"
     )
 
 

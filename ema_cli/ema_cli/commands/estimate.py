@@ -41,14 +41,14 @@ _FINDING_WIDTH: Final = 200
 @click.option("--json", "as_json", is_flag=True, help="Print a list with an object per window.")
 @click.option("-v", "--verbose", is_flag=True, help="Print a table per window.")
 def estimate(bag: Path, options: Identifying, as_json: bool, verbose: bool) -> None:
-    """Name the faults in each window of BAG, with their uncertainty.
+    """Estimate the faults in each window of BAG, with their uncertainty.
 
-    A single window is shown as a table; of several there is a line each, and a summary. With
-    --any-motion, stretches of ordinary motion are combined until the faults are known as well as
-    wanted: there is a line for each combination, with the faults that the motion does not show.
-    A record of an unknown drive is compared with the healthy records of its calibration: a table
-    gives the change of each quantity. Exit code 3 means that a window or record is refused, that
-    a record shows no quantity, or that it departs from the healthy ones.
+    A single window is shown as a table; several windows are shown as a line each, and a summary.
+    With --any-motion, stretches of ordinary motion are combined until a fault reaches the parameter
+    wanted_sigma. There is a line for each combination, with the faults that the motion does not
+    determine. A record of an unknown drive is compared with the healthy records of its calibration:
+    a table shows the change of each quantity. Exit code 3: a window or record is refused, a record
+    determines no quantity, or it departs from the healthy records.
     """
     options = options.with_calibration_beside([bag])
     calibration = options.calibration()
@@ -66,7 +66,7 @@ def estimate(bag: Path, options: Identifying, as_json: bool, verbose: bool) -> N
         if len(estimates) > 1:
             click.echo("\n".join(_summary(estimates)))
         if not estimates:
-            click.echo("no estimate: the motion shows no fault as well as wanted")
+            click.echo("no estimate: no fault reached wanted_sigma")
         if not options.calibration_file and calibration.unit_mismatch(bag_windows.description):
             click.echo(
                 "calibrate this unit: `ema calibrate HEALTHY_BAG -o FILE`, then --calibration FILE"
@@ -122,7 +122,7 @@ def _line(number: int, estimate: Estimate, bag_windows: BagWindows) -> str:
         words += f"; measured: {', '.join(measured)}"
     unknown = [FAULTS[i].label for i in INDICES if estimate.unobservable[i]]
     if estimate.stretches and unknown:
-        words += f"; not shown: {', '.join(unknown)}"
+        words += f"; not determined: {', '.join(unknown)}"
     return f"{place}  {estimate.verdict:8s} {words}"
 
 
@@ -143,7 +143,7 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
             kinds = tuple(reason.kind for reason in entry.reasons)
             refused.setdefault((entry.verdict, *kinds), []).append(entry)
     for alike in refused.values():
-        example = "" if len({entry.reason for entry in alike}) == 1 else "for instance "
+        example = "" if len({entry.reason for entry in alike}) == 1 else "for example "
         lines.append(f"{len(alike)} refused: {example}{alike[0].reason}")
     if are_records:
         changes = _largest_changes(estimates)
@@ -203,7 +203,7 @@ def _print(number: int, estimate: Estimate, bag_windows: BagWindows) -> None:
         click.echo(f"found: {'; '.join(faults) or _NOTHING}")
     click.echo(
         f"fitness {estimate.fitness:.5f} A^2.s; command travels "
-        f"{shown.text(estimate.excitation)} (at least {shown.text(MIN_TRAVEL)} needed)"
+        f"{shown.text(estimate.excitation)} (at least {shown.text(MIN_TRAVEL)} required)"
     )
     click.echo(
         f"{estimate.algorithm}, {'warm' if estimate.warm_start else 'cold'}: "

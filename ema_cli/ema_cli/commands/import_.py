@@ -24,24 +24,22 @@ from ema_core.wording import counted
     help="YAML file that maps the columns of FILE to telemetry (docs/inputs.md).",
 )
 @click.option(
-    "--guide",
-    is_flag=True,
-    help="Ask for the mapping, and write it next to OUTPUT, with a picture.",
+    "--guide", is_flag=True, help="Ask for the mapping. Write it next to OUTPUT, with a picture."
 )
 @click.option(
     "--set",
     "entries",
     multiple=True,
     metavar="ENTRY=VALUE",
-    help="Entry of the mapping in place of a guess or question: position.unit=mm.",
+    help="Mapping entry that replaces a guess or question: position.unit=mm.",
 )
 @click.option(
     "--actuator",
     "actuator_file",
     type=click.Path(path_type=Path),
-    help="YAML file with the description of the actuator; default: the built-in one.",
+    help="Actuator file (YAML); by default the built-in actuator.",
 )
-@click.option("--accept-defects", is_flag=True, help="Write the bag despite defects of the data.")
+@click.option("--accept-defects", is_flag=True, help="Write the bag despite defects in the data.")
 @output_option(BAG_TO_WRITE)
 def import_(
     files: tuple[Path, ...],
@@ -53,7 +51,7 @@ def import_(
     accept_defects: bool,
     output: Path,
 ) -> None:
-    """Write telemetry of other makes, in each FILE, to a bag that all other commands read.
+    """Convert third-party telemetry in each FILE to a bag that all other commands read.
 
     A FILE is a table (CSV, Parquet, .npz), a bag of rosbag2, or the folder of a LeRobot data set.
     `ema check` recognises the columns and writes the file for --mapping. What is wrong with units,
@@ -61,7 +59,7 @@ def import_(
     """
     is_asked = guide or bool(entries)
     if is_asked and mapping_file is not None:
-        raise click.UsageError("--mapping is complete: it goes with neither --guide nor --set")
+        raise click.UsageError("--mapping excludes --guide and --set")
     if mapping_file is None and not is_asked:
         raise click.UsageError(
             f"--mapping is missing: `ema check {files[0]} -o mapping.yaml` recognises the columns, "
@@ -92,14 +90,14 @@ def import_(
     for file, imported in zip(files, actuators[0], strict=True):
         if imported.description != actuators[0][0].description:
             raise ValueError(
-                f"{file} has {1.0 / imported.rate.period:g} samples a second, {files[0]} has "
-                f"{1.0 / actuators[0][0].rate.period:g}: expected one rate; clock.rate_hz in the "
-                "mapping fixes it"
+                f"{file} has a sample rate of {1.0 / imported.rate.period:g} Hz, but {files[0]} "
+                f"has {1.0 / actuators[0][0].rate.period:g} Hz: expected equal rates; set "
+                "clock.rate_hz in the mapping"
             )
     write_records(output, actuators, overwrite=overwrite)
     if picture is not None:
         _draw(output, picture)
-        click.echo(f"{picture}: compare it with your record")
+        click.echo(f"{picture}: compare this picture with your record")
     for records in actuators:
         unit, h = records[0].description, records[0].description.sample_period
         samples = sum(len(run.stamps_ns) for record in records for run in record.runs)
@@ -108,7 +106,10 @@ def import_(
             f"({unit.serial_number}) at {1.0 / h:g} Hz, {samples * h:.3f} s of telemetry"
         )
     if actuator_file is None and not mapping.joints:
-        click.echo("note: no --actuator, so the bag describes the built-in actuator", err=True)
+        click.echo(
+            "note: without --actuator, the bag has the description of the built-in actuator",
+            err=True,
+        )
 
 
 def _beside(bag: Path, suffix: str) -> Path:

@@ -26,7 +26,7 @@ from ema_monitor.windows.trigger import Refusal
 _HEALTHY = (HEALTHY, "normal", "nan", "none", "")
 
 _Test = tuple[int, tuple[WindowFigures, ...]]
-"""Stamp of a test [ns] and figures of its windows."""
+"""Stamp of a test [ns] and features of its windows."""
 
 
 @click.command()
@@ -36,21 +36,21 @@ _Test = tuple[int, tuple[WindowFigures, ...]]
 @click.option(
     "--state-column",
     metavar="COLUMN",
-    help="BAGS are tables, and this column has the state; healthy rows are left out.",
+    help="Column of the state, if BAGS are tables; healthy rows are skipped.",
 )
 @click.option(
     "--test-column",
     "test_columns",
     metavar="COLUMN",
     multiple=True,
-    help="With --state-column: a test ends where this column changes, too.",
+    help="With --state-column: a test also ends where this column changes.",
 )
 @click.option(
     "--test",
     "chosen",
     metavar="NUMBER|DATE",
     multiple=True,
-    help="With a history: a test by its number from 1, or tests by (the beginning of) UTC time.",
+    help="With a history: a test by number from 1, or tests by (the start of) their UTC time.",
 )
 @click.option("--remove", metavar="STATE", help="Remove the tests of a state.")
 @settings_options(ReadingOptions)
@@ -64,15 +64,15 @@ def label(
     chosen: tuple[str, ...],
     remove: str | None,
 ) -> None:
-    """Add tests of a unit in a known state, one in each of BAGS, to its CALIBRATION.
+    """Add tests of a unit in a known state, one per bag, to its CALIBRATION.
 
-    Later tests then have a probability of each labelled state, of healthy, and of none of these. A
-    state needs three tests. A test that is already labelled takes the new state. Without BAGS the
-    states are listed. For an unknown drive a test is a record. For other drives a history of the
-    unit, ACTUATOR+SERIAL.sqlite, can replace the bags of its tests.
+    Later estimates then include the probabilities of each labelled state, of healthy, and of an
+    unlabelled state. A state requires three tests. A new label replaces the previous label of a
+    test. Without BAGS, the command lists the states. For an unknown drive, a test is a record. For
+    other drives, a history of the unit, ACTUATOR+SERIAL.sqlite, can replace the bags.
     """
     if bool(bags) != ((state is None) != (state_column is None)):
-        raise click.UsageError("give BAGS with either --state or --state-column")
+        raise click.UsageError("expected BAGS with either --state or --state-column")
     calibration = load_calibration(calibration_file)
     labelled = calibration
     if remove is not None:
@@ -87,7 +87,7 @@ def label(
                 if part is None and bag.suffix == ".sqlite":
                     labelled = _with_history(labelled, name, bag, chosen)
                 elif chosen:
-                    raise click.UsageError("--test needs a history, ACTUATOR+SERIAL.sqlite")
+                    raise click.UsageError("--test requires a history, ACTUATOR+SERIAL.sqlite")
                 else:
                     part_options = options if part is None else replace(options, actuator_file=None)
                     labelled = _with_bag(labelled, name, bag, part_options, part)
@@ -98,7 +98,7 @@ def label(
     noun = "record" if isinstance(labelled, JointCalibration) else "test"
     states = labelled.baseline.states().items()
     counts = [f"{counted(count, noun)} {name}" for name, count in states]
-    click.echo(f"{calibration_file}: {', '.join(counts) or 'no healthy windows to compare with'}")
+    click.echo(f"{calibration_file}: {', '.join(counts) or 'no healthy windows for comparison'}")
 
 
 def _tests_of(
@@ -117,7 +117,7 @@ def _checked(state: str) -> str:
     name = state.strip()
     if name.lower() in (*_HEALTHY, NONE_OF_THESE):
         raise ValueError(
-            f"state {name!r}: expected the name of a fault; give healthy bags to `ema calibrate`"
+            f"state {name!r}: expected the name of a fault; use `ema calibrate` for healthy bags"
         )
     return name
 
@@ -153,7 +153,7 @@ def _with_bag(
         ]
         raise ValueError(f"no record can be labelled: {'; '.join(dict.fromkeys(why))}")
     for reason in reasons:
-        click.echo(f"{bag}: a record is left out: {reason}", err=True)
+        click.echo(f"{bag}: a record is skipped: {reason}", err=True)
     return _with_baseline(calibration, baseline)
 
 
@@ -162,7 +162,7 @@ def _with_history(
 ) -> AnyCalibration:
     """Return the calibration with tests of a history labelled with a state."""
     if isinstance(calibration, JointCalibration):
-        raise ValueError("a history does not hold the figures of records; label the bags instead")
+        raise ValueError("histories do not contain the features of records; label the bags instead")
     baseline = calibration.baseline
     for test in _of_history(path, chosen, calibration):
         baseline = baseline.with_test(state, *test)
@@ -176,7 +176,7 @@ def _of_history(
     history = read_history(path)
     if history.unit != (calibration.actuator_id, calibration.serial_number):
         raise ValueError(
-            f"the history is of {history.unit}, the calibration of "
+            f"the history belongs to {history.unit}, but the calibration to "
             f"{calibration.actuator_id} ({calibration.serial_number})"
         )
     tests = history.tests
@@ -188,7 +188,11 @@ def _of_history(
             if item == str(number) or ("-" in item and date.startswith(item))
         ]
         if not matching:
-            last = f"its last, {len(tests)}, is of {dates[-1]}" if tests else "it has none"
+            last = (
+                f"the last test, number {len(tests)}, has the date {dates[-1]}"
+                if tests
+                else "the history has no tests"
+            )
             raise ValueError(f"--test {item!r}: expected number or date of a test; {last}")
         yield from ((test.stamp_ns, test.parts) for test in matching)
 

@@ -32,11 +32,12 @@ from ema_monitor.prognosis.sentences import label_of
 def learn_fleet(
     histories: tuple[Path, ...], output: Path, name: str, limits: dict[str, float], overwrite: bool
 ) -> None:
-    """Learn how the units of a fleet grow, from the HISTORY of each.
+    """Learn the fault growth of a fleet from the HISTORY of each unit.
 
-    HISTORY is a file ACTUATOR+SERIAL.sqlite of a monitor, a folder of them, or what this command
-    wrote at another site: it holds no test and no serial number, and a unit that is in two of them
-    counts once. `ema predict --fleet` and the monitor's parameter fleet_file use the result.
+    HISTORY is a monitor's file ACTUATOR+SERIAL.sqlite, a folder of such files, or the output of
+    this command at another site. The output contains no tests and no serial numbers; a unit in
+    several inputs counts once. `ema predict --fleet` and the monitor's parameter fleet_file use the
+    output.
     """
     require_free(output, histories, overwrite=overwrite, endings=[SUFFIX])
     chosen = with_growth(Parameters({}), limits).over(HealthLimits(), "limits.")
@@ -45,7 +46,9 @@ def learn_fleet(
     for path in histories:
         paths = sorted(path.glob("*+*.sqlite")) if path.is_dir() else [path]
         if not paths:
-            raise ValueError(f"{path}: no file ACTUATOR+SERIAL.sqlite in it: give a history_folder")
+            raise ValueError(
+                f"{path} has no file ACTUATOR+SERIAL.sqlite: expected a history_folder"
+            )
         files += paths
     with progress_bar() as progress:
         for file in progress.track(files, description="reading"):
@@ -57,10 +60,10 @@ def learn_fleet(
         progress.add_task("learning", total=None)
         prior = fleet.prior(chosen)
     fleet.write(output)
-    table = Table("fault", "units that show its growth")
+    table = Table("fault", "units with significant growth")
     for kind, count in sorted(prior.counts.items()):
         table.add_row(label_of(kind), str(count))
     if prior.counts:
         Console().print(table)
-    grown = f"{prior.units} of them with a fault that grows"
+    grown = f"{prior.units} with a growing fault"
     click.echo(f"{output}: {counted(len(fleet.units), 'unit')}, {grown}")

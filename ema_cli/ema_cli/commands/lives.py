@@ -31,7 +31,7 @@ INDEX: Final = "lives.csv"
     "--seed",
     default=0,
     type=click.IntRange(0),
-    help="Seed. The same seed makes the same lives, for any number of lives.",
+    help="Seed; the lives of a seed do not depend on their number.",
 )
 @click.option(
     "--fault",
@@ -43,8 +43,10 @@ INDEX: Final = "lives.csv"
     "form",
     default="bags",
     type=click.Choice(["bags", "estimates"]),
-    help="bags: a folder a life, with a bag a test and the calibration. estimates: a file a life, "
-    "with truth and estimate of each test as JSON (docs/prognosis.md lists the keys).",
+    help=(
+        "bags: a folder per life, with a bag per test and the calibration. estimates: a file per "
+        "life, with true faults and estimate of each test as JSON (keys: docs/prognosis.md)."
+    ),
 )
 @click.option("--constant", "is_constant", is_flag=True, help="Lives in which no fault grows.")
 @click.option(
@@ -63,16 +65,16 @@ def lives(
     start_ns: int,
     executor: ExecutorOptions,
 ) -> None:
-    """Simulate actuators from new until a fault reaches its limit, test by test.
+    """Simulate lives of actuators, test by test, until a fault reaches its limit.
 
-    A test is due every ten flight hours; a tenth is missing, and three in a hundred are disturbed
-    by noise or a gap. Each life belongs to a unit with its own serial number. FOLDER/lives.csv
-    holds the truth about each life: its end, its dominant fault, its repair.
+    A test is due every ten flight hours; 10 % of the tests are missing, and 3 % are disturbed by
+    noise or a gap. Each life belongs to a unit with its own serial number. FOLDER/lives.csv lists
+    the true end, dominant fault and repair of each life.
     """
     if is_constant and (fault or with_repair):
         raise click.UsageError("--constant excludes --fault and --repair")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ValueError(f"{folder} already exists: give a new or an empty folder")
+        raise ValueError(f"{folder} already exists: expected a new or empty folder")
     folder.mkdir(parents=True, exist_ok=True)
     jobs = [
         LifeJob(folder.resolve(), seed, number, fault, form, is_constant, with_repair, start_ns)
@@ -82,7 +84,7 @@ def lives(
 
     def stopped() -> str:
         remove_parts(folder)
-        return f"stopped: {len(index)} of {count} lives are in {folder}"
+        return f"stopped: {len(index)} of {count} lives are complete in {folder}"
 
     kept = f"the lives so far are in {folder}"
     with executor.open(stopped, kept) as workers, progress_bar() as progress:
@@ -92,4 +94,6 @@ def lives(
             lines = [index[number] for number in sorted(index)]
             pd.DataFrame(lines).to_csv(folder / INDEX, index=False)
             progress.advance(task)
-    click.echo(f"{folder}: {count} {'life' if count == 1 else 'lives'}, the truth in {INDEX}")
+    click.echo(
+        f"{folder}: {count} {'life' if count == 1 else 'lives'}, true ends and faults in {INDEX}"
+    )

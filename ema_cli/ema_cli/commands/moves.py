@@ -22,15 +22,15 @@ from ema_monitor.joint.moves import MoveSeries, MoveVerdict
     required=True,
     help="YAML file that names the columns (docs/real-data.md).",
 )
-@click.option("--limit", type=float, required=True, help="Ratio to healthy at which life ends.")
 @click.option(
-    "--reference", type=int, default=5, help="Number of the first tests, which are healthy."
+    "--limit", type=float, required=True, help="Ratio to the healthy value at which life ends."
 )
+@click.option("--reference", type=int, default=5, help="Number of healthy tests at the start.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def moves(table: Path, mapping_file: Path, limit: float, reference: int, as_json: bool) -> None:
-    """Judge each test in TABLE, a CSV or Parquet file with one row a move, by those before it.
+    """Compare each test in TABLE (CSV or Parquet, a row per move) with earlier tests.
 
-    Exit code 3 where the last test of a unit departs or is beyond the limit.
+    Exit code 3: the last test of a unit departs or exceeds the limit.
     """
     from ema_bags.inputs.moves import load_moves_mapping, read_moves
 

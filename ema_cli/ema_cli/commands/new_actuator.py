@@ -15,8 +15,8 @@ from ema_core.linear import in_si
 from ema_core.parameters import RPM
 
 _FIGURES: Final[dict[str, tuple[str, str, Callable[[float], dict[str, Any]]]]] = {
-    "gear": ("-", "Motor turns in one turn of output shaft or screw", lambda x: {"tau": 1 / x}),
-    "lead": ("mm", "Way for one turn of the screw, if linear", lambda x: {"lead": x / 1e3}),
+    "gear": ("-", "Motor turns per turn of the output shaft or screw", lambda x: {"tau": 1 / x}),
+    "lead": ("mm", "Travel per screw turn, for a linear actuator", lambda x: {"lead": x / 1e3}),
     "supply": ("V", "Supply voltage", lambda x: {"V_max": x}),
     "kv": ("rpm/V", "Speed constant", lambda x: dict.fromkeys(("k_e", "k_t"), 1 / (x * RPM))),
     "torque-constant": ("N.m/A", "Torque constant", lambda x: {"k_t": x, "k_e": x}),
@@ -26,14 +26,14 @@ _FIGURES: Final[dict[str, tuple[str, str, Callable[[float], dict[str, Any]]]]] =
     "current": ("A", "Largest current", lambda x: {"I_max": x}),
     "speed": ("rpm", "Largest speed of the motor", lambda x: {"omega_max": x * RPM}),
     "inertia": ("kg.m^2", "Inertia of the motor", lambda x: {"J_m": x}),
-    "stroke": ("mm", "Way of the rod from end to end", lambda x: {"theta_stop": f"{x / 2} mm"}),
+    "stroke": ("mm", "Travel of the rod from end to end", lambda x: {"theta_stop": f"{x / 2} mm"}),
     "rod-speed": ("mm/s", "Largest speed of the rod", lambda x: {"omega_max": f"{x} mm/s"}),
     "rod-friction": ("N", "Dry friction at the rod", lambda x: {"f_sm": 0.0, "f_su": f"{x} N"}),
     "rod-play": ("mm", "Play at the rod", lambda x: {"BLK": f"{x} mm"}),
-    "mass": ("kg", "Mass that the rod moves", lambda x: {"J_u": f"{x} kg"}),
-    "sample-rate": ("Hz", "Samples per second", lambda x: {"sample_period": 1 / x}),
+    "mass": ("kg", "Mass moved by the rod", lambda x: {"J_u": f"{x} kg"}),
+    "sample-rate": ("Hz", "Sample rate", lambda x: {"sample_period": 1 / x}),
 }
-"""Figures of a data sheet: unit, meaning, and function to derive description entries."""
+"""Data sheet values: unit, meaning, and function to derive description entries."""
 _OF_LINEAR: Final = ("stroke", "rod-speed", "rod-friction", "rod-play", "mass")
 _TOLERANCE: Final = 0.1
 _POSITIVE: Final = click.FloatRange(0.0, min_open=True)
@@ -58,10 +58,10 @@ def _figure(text: str) -> float | None:
 def new_actuator(
     actuator_id: str, serial_number: str, overwrite: bool, output: Path, **options: float | None
 ) -> None:
-    """Write the description of an actuator from the figures of its data sheet.
+    """Write an actuator file from the values in a data sheet.
 
-    Without figures, the command asks for each. The file has all parameters, each with its source.
-    Example: ema new-actuator --kv 28 --resistance 1.6 --gear 800 -o spoiler.yaml
+    Without options, the command asks for each value. The file lists all parameters with their
+    sources. Example: ema new-actuator --kv 28 --resistance 1.6 --gear 800 -o spoiler.yaml
     """
     require_free(output, [], overwrite=overwrite)
     figures = {name: options[name.replace("-", "_")] for name in _FIGURES}
@@ -83,9 +83,9 @@ def new_actuator(
             earlier = values.get(entry, value)
             if abs(value - earlier) > _TOLERANCE * abs(earlier):
                 raise ValueError(
-                    f"{name} = {figure:g} {unit} gives {entry} = {value:.4g}, and "
-                    f"{sources[entry]} gives {earlier:.4g}: expected figures that agree "
-                    f"within {_TOLERANCE:.0%}"
+                    f"{name} = {figure:g} {unit} gives {entry} = {value:.4g}, but "
+                    f"{sources[entry]} gives {earlier:.4g}: expected values that agree within "
+                    f"{_TOLERANCE:.0%}"
                 )
             values[entry] = float(f"{value:.7g}")
             sources[entry] = f"{name} {figure:g} {unit}"
@@ -101,7 +101,7 @@ def new_actuator(
     description = replace(example, **named, sample_period=period, parameters=parameters)
     rate = sources.get("sample_period", "example")
     lines = [
-        "# Actuator file of `ema new-actuator`, in SI units. Replace what is the example's.",
+        "# Actuator file of `ema new-actuator`, in SI units. Replace values from the example.",
         *(f"{name}: {json.dumps(text)}" for name, text in named.items()),
         f"sample_period: {description.sample_period!r}  # s, {rate}",
         "parameters:",
@@ -117,5 +117,5 @@ def new_actuator(
         partial.write_text("\n".join([*lines, ""]), encoding="utf-8")
     for remark in description.remarks:
         click.echo(f"remark: {remark}", err=True)
-    click.echo(f"{output}: of the data sheet or derived: {', '.join(sources) or 'none'}")
-    click.echo(f"still the example's: {', '.join(unknown)}")
+    click.echo(f"{output}: from the data sheet or derived: {', '.join(sources) or 'none'}")
+    click.echo(f"from the example: {', '.join(unknown)}")

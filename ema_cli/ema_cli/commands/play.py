@@ -11,21 +11,21 @@ from ema_cli.processes.reach import run_node
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@click.option("--rate", type=float, help="Seconds played in a second, 1 by default.")
-@click.option("--loop", is_flag=True, help="Begin again at the end, until Ctrl-C.")
+@click.option("--rate", type=float, help="Playback rate, 1 by default.")
+@click.option("--loop", is_flag=True, help="Restart at the end, until Ctrl-C.")
 @click.option(
     "--topic",
     "topics",
     multiple=True,
-    help="Topic to play, full name or relative to /ema; by default all.",
+    help="Topic to play, full name or relative to /ema; by default all topics.",
 )
 @click.option(
     "--only-actuator",
     is_flag=True,
-    help="Play the actuator's messages without estimates, for a new diagnosis by a monitor.",
+    help="Play only the actuator's messages, for a new diagnosis by a monitor.",
 )
 @click.option(
-    "--stay", is_flag=True, help="Stay at the end, so that the dashboard can go back, until Ctrl-C."
+    "--stay", is_flag=True, help="Stay at the end until Ctrl-C, so that the dashboard can seek."
 )
 @node_parameters_option
 @network_option
@@ -38,11 +38,11 @@ def play(
     network: bool,
     **flags: bool,
 ) -> None:
-    """Play BAG, and the time on /clock.
+    """Play BAG, and publish its time on /clock.
 
-    The dashboard (ema up dashboard) pauses it, goes to other times and changes the rate; services
-    of the player do so too, and play message by message. The parameters start_offset and
-    playback_duration choose a part of the bag; start_paused waits to be resumed.
+    The dashboard (ema up dashboard) can pause, seek and change the rate; services of the player can
+    also play message by message. The parameters start_offset and playback_duration select a part of
+    the bag; with start_paused, the player waits to be resumed.
     """
     parameters = {
         "bag": str(bag),

@@ -27,8 +27,10 @@ from ema_monitor.windows.trigger import Refusal
     "--window",
     "number",
     type=click.IntRange(0),
-    help="Show the fit of this window; with --any-motion, this estimate and the fit of the last "
-    "stretch that it rests on.",
+    help=(
+        "Show the fit of this window; with --any-motion, the estimate and the fit of its last "
+        "stretch."
+    ),
 )
 @click.option(
     "--history",
@@ -36,7 +38,7 @@ from ema_monitor.windows.trigger import Refusal
     is_flag=True,
     help="Draw the recorded estimates, and true faults if recorded, over test cycles.",
 )
-@picture_option("; by default beside the bag")
+@picture_option("; by default next to the bag")
 def plot(
     bag: Path,
     options: Identifying,
@@ -81,7 +83,7 @@ def _draw_estimate(bag_windows: BagWindows, number: int, options: Identifying) -
     estimates = options.estimate(windows, calibration)
     if number >= len(estimates):
         count = counted(len(estimates), "estimate")
-        raise ValueError(f"--window {number}: the motion gives {count}, numbered from 0")
+        raise ValueError(f"--window {number}: the motion has {count}, numbered from 0")
     estimate = estimates[number]
     if not estimate.valid:
         raise ValueError(f"{what} {number} has no estimate: {estimate.reason}")

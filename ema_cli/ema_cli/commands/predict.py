@@ -38,17 +38,17 @@ from ema_monitor.reports import health_report, scenario_report
 def predict(
     bags: tuple[Path, ...], options: Predicting, as_json: bool, output: Path | None, overwrite: bool
 ) -> None:
-    """Predict how many flight hours a unit has left, from the tests in each BAG or folder of bags.
+    """Predict the remaining flight hours of a unit from tests in bags or folders of bags.
 
-    All tests are of one unit, in the order of their stamps. The figures are those that a monitor
-    publishes after the last one.
+    All tests belong to one unit, in the order of their stamps. The results equal the messages of a
+    monitor after the last test.
 
     Exit code 3: no test has a valid estimate, the newest test has failed or departed, or the newest
     record does not determine the level.
     """
     if options.archive is not None:
         raise click.BadParameter(
-            f"--fleet {options.archive} is a folder: give a file of `ema learn-fleet`"
+            f"--fleet {options.archive} is a folder: expected a file of `ema learn-fleet`"
         )
     if output is not None:
         require_free(output, bags, overwrite=overwrite, endings=PICTURES)
@@ -58,14 +58,12 @@ def predict(
     if not course.outlooks:
         why = f": {LEVEL_NAMES[report.level]}, {report.cause}" if course.now.finding else ""
         click.echo(
-            f"no prognosis: none of {counted(len(course.steps), 'window')} can be used{why}",
-            err=True,
+            f"no prognosis: none of {counted(len(course.steps), 'window')} is usable{why}", err=True
         )
         sys.exit(REFUSED)
     if math.isnan(report.flight_hours) and not record.counts:
         click.echo(
-            "service hours are unknown, so is the remaining life: the bags hold no usage; give "
-            "--hours-per-cycle",
+            "remaining life unknown: the bags have no usage messages; set --hours-per-cycle",
             err=True,
         )
     scenarios = [scenario_report(*scenario) for scenario in course.scenarios]

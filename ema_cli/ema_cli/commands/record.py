@@ -16,8 +16,10 @@ from ema_cli.processes.reach import run_node
     "--topic",
     "topics",
     multiple=True,
-    help="Topic to record, full name or relative to /ema; by default all of /ema, /diagnostics and "
-    "/clock.",
+    help=(
+        "Topic to record, full name or relative to /ema; by default all in /ema, /diagnostics "
+        "and /clock."
+    ),
 )
 @node_parameters_option
 @network_option
@@ -30,10 +32,10 @@ def record(
 ) -> None:
     """Record telemetry, estimates and health until Ctrl-C.
 
-    A bag in several files is a folder. Each file begins with what is latched (descriptions, service
-    lives, health), so that it can be read alone. The parameters max_bag_size and max_bag_duration
-    begin the next file; with snapshot_duration, so much is kept in memory, and written when a level
-    changes, or by service ~/snapshot.
+    A bag with several files is a folder. Each file starts with the latched messages (descriptions,
+    service lives, health), so that it can be read separately. The parameters max_bag_size and
+    max_bag_duration limit the size of a file. With snapshot_duration, messages stay in memory for
+    that time; they are written when a level changes, or by the service ~/snapshot.
     """
     parameters = {
         "output": None if output is None else str(output),

@@ -23,10 +23,10 @@ from ema_ros.messages import telemetry_from_message
 @click.argument("bag", type=click.Path(path_type=Path))
 @output_option(BAG_TO_WRITE)
 def recover(bag: Path, output: Path, overwrite: bool) -> None:
-    """Write the intact part of BAG, left by a recorder that was killed, to a bag with an index.
+    """Copy the intact part of a damaged BAG to a new bag with an index.
 
-    A message that is malformed is left out, as are telemetry with columns of different lengths and
-    times of 2^63 ns or more.
+    Malformed messages, telemetry with columns of different lengths, and times of 2^63 ns or more
+    are skipped.
     """
     require_apart(output, [bag])
     damaged = Bag(bag)
@@ -50,7 +50,7 @@ def recover(bag: Path, output: Path, overwrite: bool) -> None:
             try:
                 message = checks[item.topic](item.message)
                 for name in ("log_time_ns", "publish_time_ns"):
-                    # MCAP permits later stamps, a bag of ROS does not.
+                    # MCAP permits later stamps, rosbag2 does not.
                     if (time_ns := getattr(item, name)) >= 2**63:
                         what = name.removesuffix("_ns")
                         raise ValueError(f"{what} = {time_ns} ns is outside [0, 2^63) ns")

@@ -33,11 +33,12 @@ def report(
     overwrite: bool,
     output: Path,
 ) -> None:
-    """Write a report of a unit from the tests in bags, or folders of bags.
+    """Write a report on a unit from the tests in bags, or folders of bags.
 
-    All tests are of one unit, as for `ema predict`. Notes and changes of the baseline come from
-    its history ACTUATOR+SERIAL.sqlite: one that is given, or is beside a BAG or in `history` there.
-    The page needs no other file. Without a BAG, --fleet shows the fleet of an `ema archive`.
+    All tests belong to one unit, as for `ema predict`. Notes and baseline changes come from its
+    history ACTUATOR+SERIAL.sqlite, given as a BAG, or in the folder of a BAG or its subfolder
+    `history`. The page is self-contained. Without a BAG, --fleet reports on the fleet of an `ema
+    archive`.
 
     Exit code 3: no test has a valid estimate, the newest test has failed or departed, or the newest
     record does not determine the level.
@@ -46,7 +47,7 @@ def report(
     histories = [path for path in bags if path.suffix == ".sqlite"]
     bags = tuple(path for path in bags if path not in histories)
     if (archive is None) == (not bags):
-        raise click.UsageError("give one BAG or several, or --fleet ARCHIVE")
+        raise click.UsageError("expected at least one BAG, or --fleet ARCHIVE")
     command = shlex.join(context.meta[ARGUMENTS])
     files = filter(None, (options.calibration_file, options.actuator_file))
     inputs = [*find_bags(bags), *files]

@@ -24,8 +24,10 @@ from ema_sim.bench import ActuatorBench
     "causes",
     multiple=True,
     metavar=GRAMMAR,
-    help="A hidden cause, e.g. load_torque=0.01, current_offset=0.1@3.0 (from 3 s on) or "
-    "winding_temperature=80@0..10 (a ramp); all are in docs/faults.md.",
+    help=(
+        "A hidden cause, e.g. load_torque=0.01, current_offset=0.1@3.0 (from 3 s on) or "
+        "winding_temperature=80@0..10 (a ramp); listed in docs/faults.md."
+    ),
 )
 @click.option("--cycles", default=1, type=click.IntRange(1, 100_000))
 @START_OPTION
@@ -73,7 +75,7 @@ def simulate(
             for block, torque in cycle.blocks:
                 if stop:
                     whole = f"{cycle.number} of {counted(cycles, 'cycle')}"
-                    raise ValueError(f"stopped: {whole} and a part of one are in {output}")
+                    raise ValueError(f"stopped: {output} has {whole} and an incomplete one")
                 recording.write_block(block, torque)
                 progress.advance(task, len(block))
     seconds = 1e-9 * (bench.end_ns - start_ns)

@@ -30,13 +30,14 @@ QUICK_RUNS: Final = 2
 _TIMING = "timing.csv"
 _HELP: Final = "\n".join(
     [
-        "Repeat the thesis's study: ten single faults and a multiple one by GA, PSO, DE and GWO.",
+        "Repeat the thesis's study of ten single faults and a multiple fault.",
         "",
-        "Stop it with Ctrl-C at any time: the same command resumes. Further models and runs are "
-        "added to the folder. With --table, it makes the runs of one table and prints the table.",
+        "Stop it with Ctrl-C at any time; the same command resumes. Further models and runs are "
+        "added to the folder. With --table, the command computes the runs of one table and "
+        "prints the table.",
         "",
-        "Tables: 8 to 10 calibration and settings, 11 to 55 single faults, 56 and 57 the multiple "
-        "fault, 58 to 61 summaries; docs/study.md names each.",
+        "Tables: 8 to 10 calibration and settings, 11 to 55 single faults, 56 and 57 multiple "
+        "fault, 58 to 61 summaries (docs/study.md).",
     ]
 )
 
@@ -55,7 +56,7 @@ def _number_of_table(_: click.Context, __: click.Parameter, number: int | None) 
     "folder",
     default="thesis-study",
     type=click.Path(path_type=Path, file_okay=False),
-    help="Folder of runs, tables, figures and report. Runs that it already holds are kept.",
+    help="Folder for runs, tables, figures and report; existing runs are kept.",
 )
 @click.option(
     "--table",
@@ -71,7 +72,9 @@ def _number_of_table(_: click.Context, __: click.Parameter, number: int | None) 
     multiple=True,
     default=["fast"],
     type=click.Choice(list(MODELS)),
-    help="Monitor model: the shipped one, or the thesis's own at 1 us, 20 times slower.",
+    help=(
+        "Monitor model: the shipped model, or the thesis's model with 1 us steps, 20 times slower."
+    ),
 )
 @click.option(
     "--runs",
@@ -121,8 +124,9 @@ def thesis(
             {
                 "version": __version__,
                 "models": ", ".join(sorted(set(frame["model"]))),
-                "executor": f"{executor.kind}, {counted(executor.number, 'run')} at once, each on "
-                "one core",
+                "executor": (
+                    f"{executor.kind}, {counted(executor.number, 'parallel run')}, each on one core"
+                ),
                 "cores": str(available_cpus()),
                 "last run": f"{counted(made, 'run')} and the timing in {minutes:.1f} min",
             },

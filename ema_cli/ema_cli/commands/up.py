@@ -32,7 +32,7 @@ from ema_ros.topics import NAMESPACE
     "parameter_files",
     multiple=True,
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Further ROS parameter file, for all nodes; it overrides the shipped files.",
+    help="Further ROS parameter file for all nodes; overrides the shipped files.",
 )
 @node_parameters_option
 @click.option("--namespace", help="Namespace of the nodes instead of /ema.")
@@ -45,7 +45,7 @@ from ema_ros.topics import NAMESPACE
     "--monitors",
     type=click.IntRange(1, 256),
     default=1,
-    help="Number of monitors that share the actuators, each a process.",
+    help="Number of monitor processes that share the actuators.",
 )
 @network_option
 def up(
@@ -57,11 +57,11 @@ def up(
     monitors: int,
     network: bool,
 ) -> None:
-    """Run nodes until Ctrl-C: without names, simulated actuator, monitor and dashboard.
+    """Run nodes until Ctrl-C; by default simulated actuator, monitor and dashboard.
 
-    The dashboard prints its address. If one node exits, the others keep running. Exit code 1 when a
-    node failed, or a node of the same name runs already. A simulated actuator is a new unit at each
-    start: with it the monitor keeps its history in memory, unless history_folder is set.
+    The dashboard prints its address. If one node exits, the others keep running. Exit code 1: a
+    node failed, or a node of the same name is already running. A simulated actuator is a new unit
+    at each start; the monitor then keeps its history in memory, unless history_folder is set.
     """
     with (
         deferred_signals(*ENDING) as stop,
@@ -76,7 +76,7 @@ def up(
         if "actuator" in names:
             parameter_files = (parameter_file("simulated"), *parameter_files)
         elif actuator_ids:
-            raise click.UsageError(f"--actuators {actuators}: expected the node actuator as well")
+            raise click.UsageError(f"--actuators {actuators}: expected the node `actuator` as well")
         node_options = NodeOptions(parameter_files, assignments, namespace)
         commands = {}
         for node in names:

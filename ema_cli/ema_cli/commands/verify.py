@@ -39,10 +39,10 @@ from ema_monitor.recordings.windows import RecordedWindow
 from ema_ros.messages import faults_from_message
 from ema_ros.stamps import stamp_from_message
 
-SAME: Final = "same to the bit"
-ROUNDED: Final = "same within rounding"
+SAME: Final = "identical"
+ROUNDED: Final = "equal within rounding"
 DIFFERENT: Final = "different"
-CANNOT: Final = "cannot be made again"
+CANNOT: Final = "cannot be recomputed"
 ALTERED: Final = "altered"
 
 _ROUNDING: Final = 1e-6
@@ -79,7 +79,7 @@ class Verified:
         if np.array_equal(before, after, equal_nan=True):
             return replace(self, state=SAME)
         if len(before) != len(after):
-            return replace(self, state=DIFFERENT, reason="other quantities are compared")
+            return replace(self, state=DIFFERENT, reason="the compared quantities differ")
         if np.any(np.isnan(before) != np.isnan(after)):
             what = (
                 "faults are unobservable" if again.comparison is None else "quantities are unknown"
@@ -143,26 +143,27 @@ class _Recorded(NamedTuple):
     "calibration_files",
     type=click.Path(path_type=Path),
     multiple=True,
-    help="A calibration that the monitor used; may be repeated; by default calibration.yaml "
-    "beside BAG. The shipped one, and all of an archive, are known.",
+    help=(
+        "A calibration that the monitor used (repeatable); by default calibration.yaml next to "
+        "BAG. The shipped calibration and all calibrations of an archive are always available."
+    ),
 )
 @click.option(
     "--bag",
     "bags",
     type=click.Path(path_type=Path),
     multiple=True,
-    help="A bag with telemetry of the tests in a HISTORY; may be repeated.",
+    help="A bag with telemetry of the tests in a HISTORY (repeatable).",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print a list with an object per estimate.")
 def verify(
     recorded: Path, calibration_files: tuple[Path, ...], bags: tuple[Path, ...], as_json: bool
 ) -> None:
-    """Make each recorded estimate again from the recorded telemetry, and compare both.
+    """Recompute recorded estimates from the recorded telemetry, and compare both.
 
-    An estimate is the same to the bit, the same within rounding (another processor or version),
-    different, or cannot be made again. For a history, the command also reports where it was
-    altered. Exit code 3: an estimate is different, a history was altered, or nothing can be made
-    again.
+    An estimate is identical, equal within rounding (another processor or version), different, or
+    cannot be recomputed. For a history, the command also reports where it was altered. Exit code 3:
+    an estimate is different, a history was altered, or no estimate can be recomputed.
     """
     beside = Identifying().with_calibration_beside([recorded]).calibration_file
     files = calibration_files or tuple(filter(None, [beside]))
@@ -175,9 +176,9 @@ def verify(
     else:
         verdicts = _of_bag(Bag(recorded), by_id)
     with progress_bar() as progress:
-        verdicts = list(progress.track(verdicts, description="making again"))
+        verdicts = list(progress.track(verdicts, description="recomputing"))
     if not verdicts:
-        raise ValueError(f"{recorded} holds no estimates: record beside a monitor, `ema up`")
+        raise ValueError(f"{recorded} has no estimates: record while a monitor runs (`ema up`)")
     if as_json:
         click.echo(json.dumps([asdict(verdict) for verdict in verdicts]))
     else:
@@ -224,11 +225,11 @@ def _of_archive(folder: Path) -> Iterator[Verified]:
             again = diagnose_bag(task)
             rows = [row for part in again.units for row in part.estimates]
             made = {(row["actuator_id"], row["end_ns"]): estimate_from(row) for row in rows}
-            why = "its window is not in the bag"
+            why = "its window is missing from the bag"
             if again.state != DONE:
                 why = again.reason
             elif again.sha256 != sha256:
-                made, why = {}, "the bag has changed since"
+                made, why = {}, "the bag was changed later"
             for row in manifest.estimates_of(task.url):
                 verified = Verified(row["actuator_id"], row["number"], bag=task.url)
                 estimate = made.get((row["actuator_id"], row["end_ns"]))
@@ -238,7 +239,11 @@ def _of_archive(folder: Path) -> Iterator[Verified]:
                     words = f"calibration {row['calibration_id']!r} is missing"
                     yield replace(verified, reason=words)
                 else:
-                    by = "" if software == estimation_software() else "by other software"
+                    by = (
+                        ""
+                        if software == estimation_software()
+                        else "computed by a different software version"
+                    )
                     yield verified.compared(estimate_from(row), estimate, by)
 
 
@@ -276,18 +281,21 @@ def _recomputed(
         if test.stretches:
             yield replace(verified, reason="it combines stretches of ordinary motion")
         elif test.verdict == SKIPPED:
-            yield replace(verified, reason="its window was cut off, or dropped")
+            yield replace(verified, reason="its window was truncated or dropped")
         elif window is None:
-            yield replace(verified, reason="its window is in no bag that was given")
+            yield replace(verified, reason="its window is in none of the bags")
         elif calibration is None:
-            words = f"calibration {test.calibration_id or 'unknown'} is not given"
+            words = (
+                f"calibration {test.calibration_id or 'unknown'} is missing: pass it by "
+                "--calibration"
+            )
             yield replace(verified, reason=words)
         elif test.warm_start and not is_there:
-            yield replace(verified, reason="its search began at an estimate that is missing")
+            yield replace(verified, reason="its search started from a missing estimate")
         else:
             verified = _of_any_start(verified, test, before, without_last, window, calibration)
             if verified.state == DIFFERENT and test.warm_start and not is_whole:
-                words = "it follows from tests before the first one that is there"
+                words = "it depends on tests before the first available test"
                 verified = replace(verified, state=CANNOT, reason=words)
             yield verified
 
@@ -310,7 +318,7 @@ def _of_any_start(
         recorded.algorithm, seed=recorded.seed, goodness_limit=recorded.goodness_limit
     )
     results = list[Verified]()
-    for diagnosis, memory in ((before, ""), (without_last, "without the test before")):
+    for diagnosis, memory in ((before, ""), (without_last, "without the previous test")):
         if diagnosis is None:
             continue
         for seen, play in _seen_by_a_monitor(window):
@@ -319,7 +327,7 @@ def _of_any_start(
             result = verified.compared(recorded, repeated.estimate)
             words = ", ".join(filter(None, [play, memory]))
             if words and result.state in (SAME, ROUNDED):
-                result = replace(result, reason=f"as by a monitor that started {words}")
+                result = replace(result, reason=f"as from a monitor started {words}")
             if result.state == SAME or (result.state == ROUNDED and not words):
                 return result
             results.append(result)

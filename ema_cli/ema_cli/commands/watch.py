@@ -26,19 +26,19 @@ _DISCOVERY_S: Final = 3.0
     "namespaces",
     multiple=True,
     default=(NAMESPACE,),
-    help="Namespace of a monitor; may be repeated.",
+    help="Namespace of a monitor (repeatable).",
 )
 @click.option(
     "--until-played",
     is_flag=True,
-    help="End after a player has ended and the monitor has identified the played data.",
+    help="Exit when a player has ended and the monitor has identified the played data.",
 )
 @network_option
 def watch(namespaces: tuple[str, ...], until_played: bool, network: bool) -> None:
-    """Show the health of all actuators, the worst first, until Ctrl-C.
+    """Show the health of all actuators, worst first, until Ctrl-C.
 
-    On a terminal it is a table that is renewed; else there is a line for each change. An actuator
-    whose monitor is silent is STALE. ROS_DOMAIN_ID says in which domain to listen.
+    On a terminal, the command shows a live table, otherwise a line for each change. An actuator is
+    STALE if its monitor is silent. ROS_DOMAIN_ID selects the domain.
     """
     set_reach(network)
     places = list(dict.fromkeys(_normalised(namespace) for namespace in namespaces))
@@ -89,10 +89,10 @@ def _no_health(places: list[str], listener: HealthListener) -> str:
     ]
     rest = [place for place in elsewhere if place not in places]
     if rest:
-        return f"{words}, but on {', '.join(rest)}: choose it with --namespace"
+        return f"{words}, but on {', '.join(rest)}: select it with --namespace"
     if listener.has_monitor():
-        return f"{words}: its monitor waits for a first valid test"
+        return f"{words}: the monitor is waiting for its first valid test"
     return (
-        f"{words}: is a monitor running there? ROS_DOMAIN_ID and --namespace choose another, "
-        "--network listens to other machines"
+        f"{words}: check that a monitor is running; ROS_DOMAIN_ID and --namespace select another "
+        "one, --network includes other machines"
     )

@@ -110,7 +110,7 @@ node_parameters_option: Final = click.option(
     multiple=True,
     metavar="NAME=VALUE",
     callback=lambda _, __, texts: [_assignment(text) for text in texts],
-    help="Parameter of all nodes that have it (docs/parameters.md); it overrides the files.",
+    help="Parameter of all nodes that declare it (docs/parameters.md); overrides the files.",
 )
 
 

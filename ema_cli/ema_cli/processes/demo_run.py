@@ -46,7 +46,7 @@ def run_demo(
     }
     folder = output or Path("bags", f"demo_{datetime.now():%Y%m%d_%H%M%S}")
     if folder.exists() and any(folder.iterdir()):
-        raise ValueError(f"{folder} already exists: give a new or an empty folder")
+        raise ValueError(f"{folder} already exists: expected a new or empty folder")
     refuse_running([f"{NAMESPACE}/{node}" for node in _NODES], "demo", stop)
     if stop:
         return
@@ -58,11 +58,9 @@ def run_demo(
     ):
         commands[node] += ["-p", *assignments_of({name: str(path)})]
     with LiveTable(SHOWN) as table, Supervisor(table.report, "recorder") as processes:
-        table.report(
-            f"simulator, monitor, dashboard and recorder start; their logs are in {folder}"
-        )
+        table.report(f"starting simulator, monitor, dashboard and recorder; logs in {folder}")
         watch = f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']} ema watch{' --network' * network}"
-        table.report(f"to watch from another shell, after `. ./activate.sh`: {watch}")
+        table.report(f"to watch from another shell, run `. ./activate.sh`, then: {watch}")
         for node, command in commands.items():
             if not stop:
                 processes.start(node, command, folder / f"{node}.log")
@@ -78,7 +76,7 @@ def run_demo(
             lines = filter(
                 str.strip, reversed(log.read_text(errors="replace", encoding="utf-8").split("\n"))
             )
-            raise ValueError(f"{node} failed: {next(lines, 'it wrote nothing')}; see {log}")
+            raise ValueError(f"{node} failed: {next(lines, 'no output')}; see {log}")
     if stop:
         click.echo(f"interrupted; bag {bag}" if bag.exists() else "interrupted")
         return
@@ -107,9 +105,9 @@ class Technician:
             return f"cycle {last.cycle} confirms the repair: {LEVEL_NAMES[last.level]} again"
         observer.begin_life(self._growth)
         return (
-            f"failed in cycle {last.cycle}: {last.cause}\n"
-            "next: remove the unit, repair what is worn, and make two tests, which lower the level "
-            "if they agree; the demo does so now, and the wear begins again"
+            f"failed in cycle {last.cycle}: {last.cause}\nnext: remove the unit, repair the worn "
+            "part, and run two tests, which lower the level if they agree; the demo does so "
+            "now, then wear starts again"
         )
 
 
@@ -134,10 +132,10 @@ def _watch(
         if first_cycle is None:
             state = "waiting for the first test cycle"
             if now - began > _START_S:
-                raise ValueError(f"no test cycle began within {_START_S:g} s; see the logs")
+                raise ValueError(f"no test cycle started within {_START_S:g} s; see the logs")
         else:
             left_s = duration_s - (now - first_cycle)
-            state = f"test cycle {cycles - 1}, {max(0.0, left_s):.0f} s to go, Ctrl-C ends it"
+            state = f"test cycle {cycles - 1}, {max(0.0, left_s):.0f} s left, Ctrl-C ends the demo"
             if left_s < 0.0 and (diagnoses or now - began > duration_s + _START_S):
                 break
         table.show(diagnoses, state)
@@ -148,7 +146,7 @@ def _watch(
 
 def _finish(observer: Observer, table: LiveTable, processes: Supervisor, stop: StopRequest) -> None:
     """End the demo between two test cycles, after the last window is diagnosed."""
-    table.show(observer.diagnoses(), "ends with this test cycle")
+    table.show(observer.diagnoses(), "ending after this test cycle")
     _await(lambda: observer.cycle_between_windows() is not None, _LAST_CYCLE_S, processes, stop)
     last = observer.cycle_between_windows()
     processes.stop("actuator")

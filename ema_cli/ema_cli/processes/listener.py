@@ -107,8 +107,8 @@ def refuse_running(nodes: Iterable[str], enclave: str, stop: StopRequest) -> Non
             for place, name in sorted(wanted):
                 if listener.sees(name, place):
                     raise ValueError(
-                        f"a node {place}/{name} runs in domain "
-                        f"{os.environ.get('ROS_DOMAIN_ID', '0')} already: "
-                        "stop it, or set another ROS_DOMAIN_ID"
+                        f"a node {place}/{name} is already running in domain "
+                        f"{os.environ.get('ROS_DOMAIN_ID', '0')}: stop it, or set another "
+                        "ROS_DOMAIN_ID"
                     )
             time.sleep(0.05)

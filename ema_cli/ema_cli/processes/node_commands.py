@@ -57,7 +57,8 @@ def actuator_commands(names: Sequence[str], options: NodeOptions) -> dict[str, l
             validate_namespace(f"{place}/{name}")
         except InvalidNamespaceException as error:
             raise ValueError(
-                f"--actuators {name!r}: expected letters, digits and _, as it names a namespace"
+                f"--actuators {name!r}: expected letters, digits and _, because it is used as a "
+                "namespace"
             ) from error
         identity = {"actuator_id": name, "seed": number}
         arguments = ros_arguments(

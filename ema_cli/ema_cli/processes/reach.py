@@ -35,8 +35,8 @@ def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ)
         keeping += [_LOCALHOST_ONLY] if environment.get(_LOCALHOST_ONLY) == "1" else []
         for name in keeping:
             raise ValueError(
-                f"--network: {name}={environment[name]} keeps nodes to this machine: unset it, or "
-                f"set {RANGE}=SUBNET"
+                f"--network: {name}={environment[name]} limits nodes to this machine: unset it, "
+                f"or set {RANGE}=SUBNET"
             )
         return
     far = [name for name in _ELSEWHERE if environment.get(name)]
@@ -44,10 +44,12 @@ def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ)
         far.insert(0, RANGE)
     if far:
         settings = " ".join(f"{name}={environment[name]}" for name in far)
-        click.echo(f"nodes keep to this machine: --network lets {settings} have effect", err=True)
+        click.echo(
+            f"nodes communicate only on this machine: use --network to apply {settings}", err=True
+        )
     for name in _ELSEWHERE:
         environment.pop(name, None)
-    if environment.get(RANGE) != "OFF":  # which is narrower still
+    if environment.get(RANGE) != "OFF":  # an even narrower range
         environment[RANGE] = "LOCALHOST"
     if _is_shipped(environment.get(PROFILE)):
         environment[PROFILE] = str(localhost_profile())

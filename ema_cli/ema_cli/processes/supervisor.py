@@ -90,14 +90,15 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
                 continue
             del self._children[name]
             if code == 0:
-                self._report(f"{name} has ended")
+                self._report(f"{name} has exited")
                 continue
             self.failed.append(name)
             how = f"failed, exit code {code}"
             if code < 0:
                 is_signal = -code in set(signal.Signals)
                 how = (
-                    f"was ended by {signal.Signals(-code).name if is_signal else f'signal {-code}'}"
+                    "was terminated by "
+                    f"{signal.Signals(-code).name if is_signal else f'signal {-code}'}"
                 )
             self._report(f"{name} {how}")
 
@@ -125,7 +126,7 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
         _wait(leaving.values(), self._patience_s)
         for name, child in leaving.items():
             if child.poll() is None:
-                self._report(f"{name} did not end within {self._patience_s:g} s and is killed")
+                self._report(f"{name} did not exit within {self._patience_s:g} s and is killed")
                 child.kill()
                 child.wait()
 

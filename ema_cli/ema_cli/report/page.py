@@ -124,7 +124,7 @@ def report_page(
             "unit": f"{calibration.actuator_id} ({calibration.serial_number})",
             "healthy windows": str(calibration.windows),
             "residual of a healthy window": calibration.residual_in_words,
-            "not learned of the unit": missed or "nothing",
+            "not calibrated with this unit": missed or "nothing",
         },
         search=course.options.search,
         parameters=fields(unit.parameters),
@@ -142,7 +142,7 @@ def _compared(comparison: Comparison, ended: str) -> dict[str, Any]:
     ]
     return {
         "ended": ended,
-        "headings": [*wording.HEADINGS, "smallest change that would show"],
+        "headings": [*wording.HEADINGS, "smallest detectable change"],
         "rows": cells,
         "improvements": wording.improvement_sentences(comparison),
     }
@@ -205,7 +205,7 @@ def _bags_in_words(fleet: FleetSummary) -> str:
         for name, what in (
             ("damaged", "cannot be read"),
             ("incomplete", "can be read only in part"),
-            ("failed", "could not be read the last time"),
+            ("failed", "could not be read in the last run"),
             ("unread", "not read yet"),
         )
         if fleet.bags[name]
@@ -238,18 +238,17 @@ def _pictures(course: Course) -> Iterator[tuple[Markup, str]]:
         last = next(window for window in course.record.windows if window.end_ns == estimate.end_ns)
         what = "Last stretch of the estimate" if estimate.stretches else "Window"
         caption = (
-            f"{what} that ended at {moment(estimate.end_ns)}: current and speed as measured, as "
-            "the model gives them with the estimated faults and healthy, what is left of them, and "
-            "the faults."
+            f"{what} that ended at {moment(estimate.end_ns)}: measured current and speed, the "
+            "model with the estimated faults and without faults, the residuals, and the faults."
         )
         figure = draw_fit(last, estimate, course.calibration, course.options.search)
         title = "Measured and estimated current and speed"
         yield Markup(inline_svg(figure, "fit", title, caption)), caption
     if (tests := len(course.outlooks)) > 1:
         caption = (
-            f"Remaining useful life and faults over {counted(tests, 'valid test')}: what ends "
-            "life, gives a warning or is worst has a panel. The diamond is the median end of life "
-            "under that limit, the bar its 5 and 95 % quantiles."
+            f"Remaining useful life and faults over {counted(tests, 'valid test')}, with a panel "
+            "for each fault that ends life, causes a warning or is worst. The diamond is the "
+            "median end of life at that limit, the bar its 5 and 95 % quantiles."
         )
         title = "Faults and remaining life"
         yield Markup(inline_svg(draw_course(course), "course", title, caption)), caption

@@ -136,7 +136,10 @@ def _limited(
         words = f"{life_in_words(life)} h"
         checked = outlook.calibrations.get(item.name)
         if checked is not None and checked.widening > WIDENED:
-            words += f" (widened by {checked.widening:.2f}: earlier predictions were too sure)"
+            words += (
+                f" (widened by {checked.widening:.2f}, because earlier predictions were "
+                "overconfident)"
+            )
     return {
         "shown": shown(item),
         "level": LEVEL_NAMES[item.level],
@@ -200,8 +203,8 @@ def verdict_of(course: Course) -> UnitVerdict:
             last.health.level,
             (
                 f"{_STATES[last.health.level]}: {why}none of {tests} has a valid estimate.",
-                "What wears is unknown.",
-                "How long it lasts is unknown.",
+                "The wear is unknown.",
+                "The remaining life is unknown.",
             ),
             _after_the_last_test(course),
         )
@@ -221,7 +224,7 @@ def _state(course: Course, last: Outlook) -> str:
     level = last.health.level
     state = "Changed" if last.departure and level == WARN else _STATES[level]
     latest = latest_comparison(course)
-    well = "no fault and no requirement gives a warning"
+    well = "no fault or requirement causes a warning"
     if latest is not None:
         well = finding(latest[0])
     return f"{state}: {cause_of_level(last) or well}."
@@ -250,7 +253,7 @@ def _wearing(course: Course, last: Outlook, valid: Estimate) -> str:
     if worst is not None and worst not in named:
         named.append(worst)
     if not named and valid.comparison is not None and not valid.comparison[FRICTION].is_judged:
-        why = valid.comparison[FRICTION].reason or "the record does not show it"
+        why = valid.comparison[FRICTION].reason or "the record does not determine it"
         return f"Whether friction has grown is unknown: {why}."
     if not named:
         return "No fault differs from healthy by more than its uncertainty."
@@ -274,11 +277,11 @@ def _item_in_words(item: FaultHealth, last: Outlook, description: ActuatorDescri
 def _lasting(last: Outlook) -> str:
     life = last.rul
     if last.failure:
-        return "Its life is over until it is repaired: drive or shaft has failed."
+        return "Its life has ended until it is repaired: drive or shaft has failed."
     if last.health.level == ERROR:
-        return "Its life is over: a limit is exceeded or a required performance has failed."
+        return "Its life has ended: a limit is exceeded or a required performance has failed."
     if not life.known:
-        return f"How long it lasts is unknown: {life.reason or 'no growth is certain'}."
+        return f"The remaining life is unknown: {life.reason or 'no growth is certain'}."
     before = last.hours + last.removal.hours
     return (
         f"Remaining useful life {life_in_words(life)} flight hours (5 / 50 / 95 %), until "
@@ -290,20 +293,22 @@ def _after_the_last_test(course: Course) -> list[str]:
     """Return actions after the last test, such as repeating it or inspecting a hidden cause."""
     last = course.estimates[-1] if course.estimates else None
     if last is None:
-        return ["Repeat the test: the motion shows no fault as well as wanted."]
+        return ["Repeat the test: no fault reached wanted_sigma."]
     if last.verdict == FAILED:
         return []
     if last.comparison is not None:
         return _after_the_last_record(last, last.comparison)
     actions = []
     if last.verdict == DEPARTED:
-        actions.append(f"Look at the unit: the last test {last.reason}.")
+        actions.append(f"Inspect the unit: the last test {last.reason}.")
     elif not last.valid:
         return [f"Repeat the test of {moment(last.end_ns)}: it was refused, {last.reason}."]
     for cause in last.causes:
         about = CAUSE_BY_NAME[cause.name]
         part = "sensor" if about.place is Place.SENSOR else "installation"
-        actions.append(f"Check the {part}: {cause} explains part of the last test and is no fault.")
+        actions.append(
+            f"Check the {part}: {cause} explains part of the last test and is not a fault."
+        )
     for part, stand_in in last.alternatives:
         pair = f"{part_label(part)} from {part_label(stand_in)}"
         actions.append(f"The last test cannot separate {pair}: check both.")
@@ -318,7 +323,7 @@ def _after_the_last_record(last: Estimate, comparison: Comparison) -> list[str]:
     if not last.valid:
         actions.append(f"Repeat the record of {moment(last.end_ns)}: {finding(comparison)}.")
     elif last.departure:
-        actions.append(f"Look at the unit: {last.departure}.")
+        actions.append(f"Inspect the unit: {last.departure}.")
     return actions + improvement_sentences(comparison)
 
 

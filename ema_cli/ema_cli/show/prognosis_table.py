@@ -119,7 +119,7 @@ def summary(course: Course, report: HealthReport) -> list[str]:
     lives = {
         "by faults": report.rul_faults,
         "by requirements": report.rul_requirements,
-        "in all, the earlier": report.rul,
+        "overall, the earlier": report.rul,
     }
     lines = []
     for name, life in lives.items():
@@ -174,7 +174,7 @@ def _checked(faults: Sequence[ItemReport]) -> list[str]:
         for item in faults
         if item.rul.known and math.isfinite(item.calibration)
     ]
-    return ["predictions so far (1: as wide as they should be): " + "; ".join(text)] if text else []
+    return ["calibration of predictions so far (1 is ideal): " + "; ".join(text)] if text else []
 
 
 def _figure_of_check(value: float) -> str:

@@ -84,7 +84,7 @@ export function bagsInWords({ bags }: Summary): string {
   const parts = ([
     ["damaged", "cannot be read"],
     ["incomplete", "can be read only in part"],
-    ["failed", "could not be read the last time"],
+    ["failed", "could not be read in the last run"],
     ["unread", "not read yet"],
   ] as const).filter(([name]) => bags[name]).map(([name, what]) => `${bags[name]} ${what}`);
   if (!parts.length) return "";
