@@ -1,7 +1,17 @@
 """Errors of telemetry columns: wrong factors, and the common mistakes that explain them.
 
-Import and bridge check the columns of a mapping; calibration and identification check the columns
-of a window or record. `column_wording` formats errors as text.
+The table of mistakes is common. Three modules decide, because each sees what the others cannot:
+
+- `ema_bags.inputs.factors` sees the mapping: units, shafts and signs as stated. It judges any motion,
+  finds several wrong entries at once, and names the entry to change. Without a model of the drive,
+  it compares position, command and speed with each other and with the described limits.
+- `ema_monitor.identification.column_scale` sees a window in SI units, of a unit that may be faulty.
+  It uses only relations that no fault scales, and trusts the calibrated parameters.
+- `ema_monitor.calibration.description_misfit` sees healthy windows and compares them with the
+  response of the described actuator. It can judge the current in all motions, but cannot separate a
+  wrong column from a wrong parameter, so its tolerance is wider.
+
+`column_wording` formats errors as text.
 """
 
 import math

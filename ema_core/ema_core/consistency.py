@@ -3,6 +3,10 @@
 A change of one parameter of the built-in example without its dependent parameters describes an
 actuator that cannot exist. Each coupling is a ratio with its usual range. A ratio outside its range
 gives a remark with the parameters to check, not an error, because an actuator may be unusual.
+
+The checks need no telemetry, and cover parameters that have no effect on a motion.
+`ema_monitor.calibration.description_misfit` needs healthy telemetry, and finds parameters that agree
+with each other but not with the motion.
 """
 
 import math

@@ -1,4 +1,8 @@
-"""Detection of contradictions between a healthy window and the description of its actuator."""
+"""Detection of contradictions between a healthy window and the description of its actuator.
+
+A window shows wrong parameters that `ema_core.consistency` cannot see, because they agree with each
+other. It does not show parameters that its motion does not depend on: those are checked there.
+"""
 
 from dataclasses import dataclass
 from typing import Final
