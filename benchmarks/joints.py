@@ -63,7 +63,7 @@ NAMES: Final = {
 """Quantity that changes in each kind of case."""
 CONSEQUENCES: Final = ("friction_over_inertia", "tracking_lag")
 """Quantities that no fault is attributed to: they change with others."""
-OUTCOMES: Final = ("named", "not told apart", "departed", "missed", "not judged", "wrong")
+OUTCOMES: Final = ("named", "not separated", "departed", "missed", "not judged", "wrong")
 
 _FIRST_TRIAL: Final = 1000
 
@@ -267,7 +267,7 @@ def outcome(test: Figures) -> str:
     if wanted in changed and not changed[wanted]["rivals"]:
         return "named"
     if changed:
-        return "not told apart"
+        return "not separated"
     if is_alarm(ours):
         return "departed"
     quantity = ours["quantities"].get(wanted)
@@ -310,7 +310,7 @@ def of_joint(units: Sequence[Figures]) -> Figures:
         },
         "smallest": float(np.median(sizes)) if sizes else np.inf,
         "found_smallest": [
-            outcome(test) in ("named", "not told apart")
+            outcome(test) in ("named", "not separated")
             for test in tests
             if test["kind"] == "smallest"
         ],
@@ -383,9 +383,9 @@ def rows(figures: Figures) -> Iterator[Row]:
     yield none_of("joints: faults attributed to another quantity", wrong)
     for kind, counts in every["outcomes"].items():
         if count := sum(counts.values()):
-            right = counts.get("named", 0), counts.get("not told apart", 0)
+            right = counts.get("named", 0), counts.get("not separated", 0)
             words = f"{right[0]}, {right[1]} of {count}"
-            yield untargeted(f"  {kind}: named, not told apart", words)
+            yield untargeted(f"  {kind}: named, not separated", words)
     yield at_most(
         "joints: smallest detectable change of friction, median [%]",
         100.0 * every["smallest"],

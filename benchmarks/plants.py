@@ -93,7 +93,7 @@ class Task:
 
     @property
     def description(self) -> ActuatorDescription:
-        """What the monitor is told."""
+        """Description of the actuator that the monitor receives."""
         return ActuatorDescription(sample_period=self.sample_period)
 
     @property

@@ -101,7 +101,7 @@ def measure(pool: Workers, vectors: int, seed: int) -> Figures:
         figures[name] = trial.summary() | {
             "valid": mean([estimate.valid for estimate in estimates]),
             "fit_within_limit": mean(fit),
-            "told_apart": mean([not estimate.alternatives for estimate in estimates]),
+            "separated": mean([not estimate.alternatives for estimate in estimates]),
             "covers": trial.coverage(),
             "sigma_short_circuit": float(np.nanmedian(trial.sigma[:, SHORT_CIRCUITS])),
             "sigma_friction": float(np.nanmedian(trial.sigma[:, 0])),
@@ -122,12 +122,12 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 def tables(figures: Figures) -> Iterator[Table]:
     """Return what is printed below the targets."""
-    shares = ("valid", "fit_within_limit", "told_apart", "covers")
+    shares = ("valid", "fit_within_limit", "separated", "covers")
     yield grid(
         "rate, sampling of the current, missing columns",
         (
             *("telemetry", "median [%]", "90th", "largest", "valid [%]", "fit in limit [%]"),
-            *("told apart [%]", "90 % covers [%]", "sigma: short [%]", "friction [%]"),
+            *("separated [%]", "90 % covers [%]", "sigma: short [%]", "friction [%]"),
         ),
         (
             (

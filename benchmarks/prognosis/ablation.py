@@ -200,10 +200,10 @@ def measure(
         for name, some in cases.items()
     }
     still = foreign_lives.constant_lives(constant)
-    told = pool.map("constant lives", partial(reported, thin=thin), still)
+    constant_reports = pool.map("constant lives", partial(reported, thin=thin), still)
     return {
         "scores": scores,
-        "constant": {name: sum(entry[name] for entry in told) for name in VARIANTS},
+        "constant": {name: sum(entry[name] for entry in constant_reports) for name in VARIANTS},
         "constant_lives": constant,
         "duty": pool.map("lives by duty", by_damage, range(duties)),
     }

@@ -1,6 +1,6 @@
 """Simple fits and an oracle, for lives by foreign laws.
 
-The fits are told which component ends life, and of a repair, of which they use nothing before. A
+The fits know which component ends life, and the time of a repair, before which they use no tests. A
 fit predicts once a line through its tests rises by three standard errors.
 """
 

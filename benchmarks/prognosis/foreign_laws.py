@@ -46,7 +46,7 @@ def scored(case: ForeignCase) -> dict[str, LifeScore]:
 
 
 def reported(case: ForeignCase) -> int:
-    """Return after how many tests of a constant life a remaining life is told."""
+    """Return the number of tests of a constant life with a predicted remaining life."""
     life = case.life()
     made = METHODS[TRACKER](life, case.measurements(life))
     return int(np.sum(np.isfinite(made.median)))
@@ -66,12 +66,12 @@ def measure(pool: Workers, lives: int, constant: int, *, laws: str) -> Figures:
     """Score lives of each law of a set, and constant lives; "held out" is for one last run."""
     cases = lives_of(SETS[laws], lives)
     scores = pool.map("lives by foreign laws", scored, cases)
-    told = pool.map("constant lives", reported, constant_lives(constant))
+    constant_reports = pool.map("constant lives", reported, constant_lives(constant))
     return {
         "seed": SEED,
         "laws": laws,
         "methods": {name: figures_of(cases, [entry[name] for entry in scores]) for name in METHODS},
-        "constant": {"steady": told[::2], "with a wave": told[1::2]},
+        "constant": {"steady": constant_reports[::2], "with a wave": constant_reports[1::2]},
         "lives": [{name: asdict(score) for name, score in entry.items()} for entry in scores],
     }
 
@@ -99,10 +99,10 @@ def rows(figures: Figures) -> Iterator[Row]:
     what = "  5 % quantile beyond the truth, second half"
     yield at_most(what, beyond, MOST_BEYOND, f"{beyond:.3f}")
     yield at_most("  update [ms]", 1e3 * every["seconds"], LONGEST_MS)
-    for name, told in figures["constant"].items():
-        count = sum(tests > 0 for tests in told)
+    for name, constant_reports in figures["constant"].items():
+        count = sum(tests > 0 for tests in constant_reports)
         what = f"  constant lives, {name}: with a predicted life"
-        yield none_of(what, count, f"{count} of {len(told)}")
+        yield none_of(what, count, f"{count} of {len(constant_reports)}")
 
 
 def tables(figures: Figures) -> Iterator[Table]:

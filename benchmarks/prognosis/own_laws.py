@@ -88,7 +88,7 @@ def measure(pool: Workers, lives: int, constant: int, whole: int, real: int) -> 
         "real": pool.map("lives in the loop", Job.scores, in_the_loop),
     }
     by_message = pool.map("with requirements", score_whole, lives_of("growing", whole))
-    told = pool.map("constant lives", reports, lives_of("constant", constant))
+    constant_reports = pool.map("constant lives", reports, lives_of("constant", constant))
     return {
         "seed": SEED,
         **{
@@ -104,13 +104,15 @@ def measure(pool: Workers, lives: int, constant: int, whole: int, real: int) -> 
         },
         "constant": {
             name: {
-                "lives": len(told),
-                "reported": sum(entry.told or (entry.failing and entry.meets) for entry in of_it),
+                "lives": len(constant_reports),
+                "reported": sum(
+                    entry.has_life or (entry.failing and entry.meets) for entry in of_it
+                ),
                 "rightly_failing": sum(entry.failing and not entry.meets for entry in of_it),
                 "failing": sum(not entry.meets for entry in of_it),
             }
             for name in SETTINGS
-            for of_it in [[entry[name] for entry in told]]
+            for of_it in [[entry[name] for entry in constant_reports]]
         },
     }
 

@@ -33,11 +33,11 @@ _SIGMA = 0.004
 
 
 class Reports(NamedTuple):
-    """What is reported of a life in which nothing grows."""
+    """Reports on a life without growth."""
 
-    meets: bool  # whether it meets all requirements: constant faults may be too large
-    told: bool  # whether it is told a remaining life, by fault limits or requirements
-    failing: bool  # whether a requirement is said to fail already
+    meets: bool  # whether all requirements are met: constant faults may be too large
+    has_life: bool  # whether a remaining life is reported, by fault limits or requirements
+    failing: bool  # whether a requirement is reported as failed
 
 
 def score_whole(scored: ScoredLife) -> dict[str, LifeScore]:

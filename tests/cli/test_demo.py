@@ -278,7 +278,7 @@ def test_picture_says_when_each_level_came_first_and_why():
     figure = draw_history(history)
     assert f"WARN first in cycle 1: {CAUSE}" in figure.axes[0].get_title(loc="left")
     markers = [line.get_marker() for line in figure.axes[1].lines]
-    assert len(set(markers)) == len(markers) == 6, "told apart without colour"
+    assert len(set(markers)) == len(markers) == 6, "distinct without colour"
     [legend] = figure.legends
     labels = [text.get_text() for text in legend.get_texts()]
     assert labels == [

@@ -87,7 +87,7 @@ CASES: Mapping[str, Comparison] = {
     "healthy": HEALTHY,
     "friction": FRICTION_UP,
     "nothing": NOTHING,
-    "not told apart": EFFORT_UP,
+    "not separated": EFFORT_UP,
     "load": LOADED,
     "play": PLAY_UP,
     "inertia without friction": HEAVIER,

@@ -120,8 +120,8 @@ def joints() -> ModuleType:
     ("changed", "figures", "expected"),
     [
         ({"torque_per_ampere": ()}, (), "named"),
-        ({"torque_per_ampere": ("friction",)}, (), "not told apart"),
-        ({"friction": ("torque_per_ampere",)}, (), "not told apart"),
+        ({"torque_per_ampere": ("friction",)}, (), "not separated"),
+        ({"friction": ("torque_per_ampere",)}, (), "not separated"),
         ({"friction": ()}, (), "wrong"),
         ({"torque_per_ampere": (), "inertia": ()}, (), "wrong"),
         ({}, ("effort_scatter",), "departed"),
