@@ -2,9 +2,9 @@
 
 The table of mistakes is common. Three modules decide, because each sees what the others cannot:
 
-- `ema_bags.inputs.factors` sees the mapping: units, shafts and signs as stated. It judges any motion,
-  finds several wrong entries at once, and names the entry to change. Without a model of the drive,
-  it compares position, command and speed with each other and with the described limits.
+- `ema_bags.inputs.factors` sees the mapping: units, shafts and signs as stated. It judges any
+  motion, finds several wrong entries at once, and names the entry to change. Without a model of the
+  drive, it compares position, command and speed with each other and with the described limits.
 - `ema_monitor.identification.column_scale` sees a window in SI units, of a unit that may be faulty.
   It uses only relations that no fault scales, and trusts the calibrated parameters.
 - `ema_monitor.calibration.description_misfit` sees healthy windows and compares them with the

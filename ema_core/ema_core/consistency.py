@@ -5,8 +5,8 @@ actuator that cannot exist. Each coupling is a ratio with its usual range. A rat
 gives a remark with the parameters to check, not an error, because an actuator may be unusual.
 
 The checks need no telemetry, and cover parameters that have no effect on a motion.
-`ema_monitor.calibration.description_misfit` needs healthy telemetry, and finds parameters that agree
-with each other but not with the motion.
+`ema_monitor.calibration.description_misfit` needs healthy telemetry, and finds parameters that
+agree with each other but not with the motion.
 """
 
 import math
