@@ -87,7 +87,7 @@ def test_a_monitor_says_whose_growth_it_assumes_and_refuses_what_is_no_fleet(
     (tmp_path / "none.npz").write_text("no fleet")
     with monitor(given | {"fleet_file": str(tmp_path / "none.npz")}, up=False) as session:
         assert not session.change_state(1)
-        session.until_status("lifecycle", "no file of a fleet", b"\2")
+        session.until_status("lifecycle", "is not a fleet file", b"\2")
 
 
 def test_a_prognosis_of_bags_says_whose_growth_it_assumes(ema, fleet: Path):
