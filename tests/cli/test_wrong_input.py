@@ -59,7 +59,7 @@ NEW = "simulate -o new.mcap"
         ("import BAG -o out.mcap", 2, ["`ema check", "recognises the columns"]),
         ("check nowhere.csv", 1, ["nowhere.csv: no such file"]),
         ("check BAG --joint flop", 1, ["there is no joint 'flop': expected 'flap'"]),
-        ("check BAG --mapping-only --json", 2, ["give either --mapping-only or --json"]),
+        ("check BAG --mapping-only --json", 2, ["expected either --mapping-only or --json"]),
         ("import BAG --mapping junk.yaml -o out.mcap", 1, ["expected a mapping with"]),
         ("lives -o lives --fault backlas", 2, ["did you mean 'backlash'?"]),
         ("predict a.mcap --duty 0", 2, ["duty", "0", "0.001"]),

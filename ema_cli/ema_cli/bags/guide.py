@@ -54,7 +54,7 @@ def mapping_of(
     Raises
     ------
     ValueError
-        If a text is not an entry, or the entries do not form a valid mapping.
+        If an entry is malformed, or the entries do not form a valid mapping.
     """
     is_set = {key: value for key, _, value in (item.partition("=") for item in entries)}
     content: dict[str, Any] = {}

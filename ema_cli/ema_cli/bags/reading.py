@@ -59,7 +59,7 @@ class ReadingOptions(Checked):
     """Whether options override the bag: ``actuator_file`` replaces the bag's description, and a
     calibration is used even if it does not fit."""
     measured: tuple[str, ...] = ()
-    """Measured hidden causes as texts, applied to all windows."""
+    """Measured hidden causes as strings, applied to all windows."""
     measured_max_age_s: float = quantity(
         MAX_AGE_S,
         "s",
@@ -231,7 +231,7 @@ def _choose_description(
 
 
 def differing(first: Any, second: Any, first_place: str, second_place: str) -> Iterator[str]:
-    """Yield a text with name, unit and both values for each field that differs."""
+    """Yield name, unit and both values of each field that differs, as a string."""
     for field in fields(first):
         there, here = getattr(first, field.name), getattr(second, field.name)
         if field.name in ("parameters", "acquisition"):

@@ -285,7 +285,7 @@ def _print(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
         for row in rows:
             click.echo("\t".join(" ".join(str(_plain(value)).split()) for value in row))
         return
-    # As texts: brackets in a name or a reason are not markup.
+    # ``Text``, so that brackets in a name or reason are not markup.
     table = Table()
     for name in names:
         table.add_column(Text(name))

@@ -29,11 +29,13 @@ def _places(command: Callable[..., Any]) -> Callable[..., Any]:
     folder = click.option(
         "--folder",
         type=click.Path(path_type=Path, file_okay=False),
-        help="Folder of the baselines, without a monitor.  [default: the running monitor "
-        "is asked, else ema/baselines in ROS_HOME]",
+        help=(
+            "Folder of the baselines, without a monitor.  [default: ask the running monitor, "
+            "else ema/baselines in ROS_HOME]"
+        ),
     )
     monitor = click.option(
-        "--monitor", default=_MONITOR, help="Name of the monitor that is asked if it runs."
+        "--monitor", default=_MONITOR, help="Name of the monitor to ask if it is running."
     )
     return folder(monitor(network_option(command)))
 
@@ -42,13 +44,15 @@ def _changing(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the arguments of a change."""
     joint = click.argument("joint")
     person = click.option(
-        "--person", default=getpass.getuser, help="Who asks for it; the history names them."
+        "--person", default=getpass.getuser, help="Name of the person, stored in the history."
     )
-    note = click.option("--note", default="", help="Why, such as a repair; kept in the history.")
+    note = click.option(
+        "--note", default="", help="Reason, such as a repair; stored in the history."
+    )
     force = click.option(
         "--force",
         is_flag=True,
-        help="Also if the joint is in WARN or ERROR, or records depart from each other.",
+        help="Proceed although the joint is in WARN or ERROR, or records depart from each other.",
     )
     return joint(person(note(force(_places(command)))))
 
@@ -58,14 +62,14 @@ def baseline() -> None:
     """List, show, accept, extend and reset the learned baselines of joints.
 
     A joint without a baseline is LEARNING: its monitor stores records until someone accepts them.
-    A monitor that runs is asked; without one, the folder of the baselines is read and written.
+    The command asks the running monitor; without a monitor, it reads and writes the folder.
     """
 
 
 @baseline.command("list")
 @_places
 def list_baselines(folder: Path | None, monitor: str, network: bool) -> None:
-    """List the joints with their state, records and smallest change that shows."""
+    """List the joints with their state, records and smallest detectable change."""
     with _source(folder, monitor, network=network) as source:
         baselines = source.baselines()
     if baselines:

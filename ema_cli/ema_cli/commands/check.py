@@ -31,16 +31,16 @@ _SECONDS: Final = 10.0
     "--actuator",
     "actuator_file",
     type=click.Path(path_type=Path),
-    help="YAML file with the description of the actuator; default: a joint without a data sheet.",
+    help="Actuator file (YAML); by default a joint without a data sheet.",
 )
-@click.option("--joint", "joints", multiple=True, help="Joint to examine; may be repeated.")
+@click.option("--joint", "joints", multiple=True, help="Joint to examine (repeatable).")
 @click.option(
     "--seconds",
     type=click.FloatRange(min=0.1),
     default=_SECONDS,
     help="Time to listen to a topic [s]; Ctrl-C ends it earlier.",
 )
-@click.option("--mapping-only", is_flag=True, help="Print the mapping alone.")
+@click.option("--mapping-only", is_flag=True, help="Print only the mapping.")
 @click.option("--json", "as_json", is_flag=True, help="Print a list with one object per SOURCE.")
 @output_option("YAML file to write the mapping to", required=False, dir_okay=False)
 @network_option
@@ -66,7 +66,7 @@ def check(
         files = [Path(source) for source in sources if not _is_topic(source)]
         require_free(output, files, overwrite=overwrite)
     if mapping_only and as_json:
-        raise click.UsageError("give either --mapping-only or --json")
+        raise click.UsageError("expected either --mapping-only or --json")
     mapping = load_mapping(mapping_file) if mapping_file else None
     description = load_description(actuator_file) if actuator_file else UNKNOWN_JOINT
     if topics := [source for source in sources if _is_topic(source)]:

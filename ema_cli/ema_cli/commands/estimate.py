@@ -160,7 +160,7 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
 
 
 def _largest_changes(estimates: Sequence[Estimate]) -> str:
-    """Return a text with the largest change of each quantity and its record."""
+    """Describe the largest change of each quantity, with its record."""
     words = []
     for name in QUANTITIES:
         changes = [

@@ -172,7 +172,7 @@ def _with_history(
 def _of_history(
     path: Path, chosen: tuple[str, ...], calibration: AnyCalibration
 ) -> Iterator[_Test]:
-    """Yield the selected tests of a history, or all of them."""
+    """Yield the selected tests of a history; all tests if none is selected."""
     history = read_history(path)
     if history.unit != (calibration.actuator_id, calibration.serial_number):
         raise ValueError(

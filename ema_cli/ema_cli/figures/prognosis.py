@@ -96,7 +96,7 @@ def draw_course(course: Course) -> Figure:
 
 
 def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
-    """Return whether a fault gets a panel: it ends life, warns, or truly changed."""
+    """Return whether a fault gets a panel: it ends life, causes a warning, or truly changes."""
     name = FAULT_NAMES[i]
     if name not in COMPONENTS:
         return False

@@ -73,7 +73,7 @@ class BaselineClient(Listener):
         deadline_s = time.monotonic() + _ANSWER_S
         while not is_done():
             if time.monotonic() > deadline_s:
-                raise ValueError(f"{self._service} does not answer for {_ANSWER_S:g} s")
+                raise ValueError(f"{self._service} did not respond within {_ANSWER_S:g} s")
             time.sleep(_POLL_S)
 
     def _note(self, _: str, status: BaselineStatus) -> None:

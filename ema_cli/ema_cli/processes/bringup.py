@@ -124,7 +124,7 @@ def _assignment(text: str) -> str:
 
 def assignments_of(parameters: Mapping[str, Any]) -> list[str]:
     """Return parameters as ``name:=value``."""
-    # JSON is unambiguous YAML: a path that looks like a number remains a text.
+    # JSON is unambiguous YAML: a path that looks like a number remains a string.
     return [
         f"{name}:={json.dumps(value, ensure_ascii=False)}"
         for name, value in parameters.items()

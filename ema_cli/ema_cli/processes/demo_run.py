@@ -92,7 +92,7 @@ class Technician:
         self._is_repairing = False
 
     def look(self, diagnoses: Sequence[DiagnosedWindow], observer: Observer) -> str:
-        """Repair the actuator after a new failure. Return a text for the user, or ""."""
+        """Repair the actuator after a new failure. Return a message for the user, or ""."""
         last = next(
             (window for window in reversed(diagnoses) if window.level in (OK, WARN, ERROR)), None
         )

@@ -67,8 +67,8 @@ def collect(topics: Sequence[str], seconds: float, ready: Callable[[], None]) ->
         rclpy.shutdown(context=context)
     if silent := [topic for topic in topics if topic not in collected.topics]:
         raise ValueError(
-            f"topic {silent[0]} is published, but no message arrived in {seconds:g} s: is the "
-            "robot running?"
+            f"topic {silent[0]} is published, but no message arrived in {seconds:g} s: check "
+            "that the robot is running"
         )
     return collected
 
@@ -92,7 +92,7 @@ def _kind_of(node: Node, executor: SingleThreadedExecutor, topic: str, stop: Sto
     )
     raise ValueError(
         f"topic {topic} has no publisher; published topics with joints: "
-        f"{', '.join(present) or 'none'}; --network listens to other machines"
+        f"{', '.join(present) or 'none'}; --network includes other machines"
     )
 
 

@@ -26,7 +26,7 @@ _SHIPPED_PROFILE: Final = 'profile_name="quick_discovery"'
 
 
 def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ) -> None:
-    """Allow this process and its children to use the network, or only this machine.
+    """Limit this process and its children to this machine, or allow the network.
 
     Ignored settings of the environment are reported on stderr.
     """

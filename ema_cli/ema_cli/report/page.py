@@ -199,7 +199,7 @@ def _figure(value: float | None, form: str = "z.4f", scale: float = 1.0) -> Mark
 
 
 def _bags_in_words(fleet: FleetSummary) -> str:
-    """Return a text on bags missing, or incomplete, in the tables; "" if there are none."""
+    """Describe the bags missing or incomplete in the tables; "" if there are none."""
     counts = [
         f"{fleet.bags[name]:,} {what}"
         for name, what in (
@@ -313,7 +313,7 @@ def inline_svg(figure: Figure, name: str, title: str, description: str) -> str:
     name
         Prefix of identifiers, unique in the page.
     title, description
-        Texts for screen readers.
+        Title and description for screen readers.
     """
     file = io.StringIO()
     with rc_context(_SETTINGS):

@@ -35,7 +35,7 @@ _STATES: Final = {OK: "Well", WARN: "Wearing", ERROR: "Failed", STALE: "Unknown"
 
 
 class Shown(NamedTuple):
-    """Texts and scale of a fault or requirement; ``unit`` starts with a blank."""
+    """Label, value and scale of a fault or requirement; ``unit`` starts with a space."""
 
     label: str
     scale: float
@@ -45,7 +45,7 @@ class Shown(NamedTuple):
 
 
 def shown(item: FaultHealth) -> Shown:
-    """Return the texts and the scale of a fault or requirement."""
+    """Return label, value and scale of a fault or requirement as text."""
     unit, scale = shown_in(RequirementLimits.unit(item.name))
     value, limit = beside_limit(scale * item.value, scale * item.limit)
     sigma = scale * item.sigma
@@ -56,7 +56,7 @@ def shown(item: FaultHealth) -> Shown:
 
 
 def life_in_words(life: RemainingLife) -> str:
-    """Return the quantiles of a known remaining life [h] as a text."""
+    """Return the quantiles of a known remaining life [h] as a string."""
     return " / ".join(
         "longer" if not math.isfinite(item) else f"{item:,.0f}" if item >= 9.95 else f"{item:.1f}"
         for item in (life.hours_05, life.hours_50, life.hours_95)

@@ -1,4 +1,4 @@
-"""Texts about learned baselines: a table of joints, and the details of one joint."""
+"""Learned baselines as text: a table of joints, and the details of one joint."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -50,7 +50,7 @@ def table(baselines: Iterable[Baseline]) -> str:
         )
         for item in baselines
     ]
-    note = "same day, other day: smallest change of friction that would show"
+    note = "same day, other day: smallest detectable change of friction"
     return f"{text_table(_HEADINGS, rows)}\n{note}"
 
 
@@ -68,8 +68,9 @@ def details(item: Baseline, changes: Sequence[Change] | None) -> str:
         )
     if math.isfinite(progress.detectable_other_day):
         lines.append(
-            f"changes of friction above {_percent(progress.detectable_same_day)} would show on a "
-            f"day with records, above {_percent(progress.detectable_other_day)} on another day"
+            f"changes of friction above {_percent(progress.detectable_same_day)} are detectable "
+            f"on a day with records, above {_percent(progress.detectable_other_day)} on another "
+            "day"
         )
     if progress.reason:
         lines.append(f"cannot be accepted yet: {progress.reason}")

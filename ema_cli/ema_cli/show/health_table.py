@@ -45,7 +45,7 @@ class Row:
     health_index: float
     """Health index, 1 for healthy and 0 at a limit [-]; NaN if unknown."""
     dominant: str
-    """Value, sigma and limit of the life-limiting or worst item, as text; "" if there is none."""
+    """Value, sigma and limit of the life-limiting or worst item, as a string; "" if none."""
     life: tuple[float, float, float] | None
     """Quantiles of the remaining life, 5, 50 and 95 % [h]; None if unknown."""
     remove_before: str
@@ -61,7 +61,7 @@ class Row:
 
     @property
     def level_text(self) -> str:
-        """Level with its shape; of a unit that is learning, its progress instead."""
+        """Level with its symbol; for a unit that is learning, its progress."""
         return (
             f"{_LEARNING_SHAPE} LEARNING {self.learning}"
             if self.learning
@@ -211,7 +211,7 @@ def _order(row: Row) -> tuple[Any, ...]:
 
 
 def _dominant_in_words(health: Any) -> str:
-    """Return a text with the dominant fault or requirement, its value, sigma and limit."""
+    """Describe the dominant fault or requirement with value, sigma and limit."""
     for item in (*health.faults, *health.requirements):
         if item.name == health.dominant_fault:
             unit, scale = shown_in(item.unit)

@@ -161,7 +161,7 @@ def _life(life: LifeReport) -> str:
 
 
 def _quantiles(values: tuple[float, float, float]) -> str:
-    """Return quantiles as a text; empty if their unit is unknown."""
+    """Return quantiles as a string; empty if their unit is unknown."""
     return "" if math.isnan(values[0]) else " / ".join(map(_hours, values))
 
 

@@ -19,7 +19,7 @@ COLOURS: Final[Mapping[int, str]] = MappingProxyType(
 
 
 def level_in_words(level: int) -> str:
-    """Return a text with shape and name of a level."""
+    """Return symbol and name of a level."""
     return f"{SHAPES[level]} {LEVEL_NAMES[level]}"
 
 

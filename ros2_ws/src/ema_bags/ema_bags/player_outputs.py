@@ -57,7 +57,7 @@ class PlayerOutputs:
         self._clock.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
 
     def missing(self) -> str:
-        """Return a text with the topics that lack an expected subscription."""
+        """Return the topics that lack an expected subscription, as a string."""
         subscribed = {
             name
             for name, publisher in self.publishers.items()

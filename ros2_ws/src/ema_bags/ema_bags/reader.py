@@ -69,7 +69,7 @@ class Bag(Recording):
 
     @property
     def damage(self) -> str:
-        """Position of damage and the loss; empty as long as the recording seems intact.
+        """Description of damage and lost messages; empty while the recording seems intact.
 
         Damaged chunks of an indexed file and malformed messages are detected when they are read.
         """

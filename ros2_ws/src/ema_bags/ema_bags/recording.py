@@ -143,7 +143,7 @@ class Recording(ABC):
 
     @property
     def damage(self) -> str:
-        """Position of damage and the loss; empty as long as the recording seems intact."""
+        """Description of damage and lost messages; empty while the recording seems intact."""
         return "; ".join(self.malformed.remarks())
 
     @property

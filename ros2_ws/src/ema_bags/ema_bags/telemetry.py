@@ -99,7 +99,7 @@ def read_telemetry(
     ------
     ValueError
         If the recording has no telemetry of the actuator or on the topic, if the choice is
-        ambiguous, or if a type differs from the installed type. The message also names damage.
+        ambiguous, or if a type differs from the installed type. The error also reports damage.
     """
     try:
         return _find_telemetry(bag, topic, actuator_id)

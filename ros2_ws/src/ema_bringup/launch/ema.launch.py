@@ -15,7 +15,7 @@ import ema_launch_arguments as ema
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the nodes, with their arguments."""
+    """Return the launch description with the nodes and their arguments."""
     return ema.launch(
         __file__,
         _nodes,

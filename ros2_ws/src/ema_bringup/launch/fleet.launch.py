@@ -22,7 +22,7 @@ TOPICS = ("telemetry", "actuator_description", "usage", "simulated_faults", "joi
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the nodes, with their arguments."""
+    """Return the launch description with the nodes and their arguments."""
     return ema.launch(
         __file__,
         _nodes,

@@ -17,7 +17,7 @@ import ema_launch_arguments as ema
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the node, with its arguments."""
+    """Return the launch description with the node and its arguments."""
     return ema.launch(
         __file__,
         _nodes,

@@ -19,7 +19,7 @@ def read_archive(path: Path, table: Table) -> StoredTable:
     """Read a NumPy archive (``.npz``).
 
     An array ``(n, k)`` or ``(k, n)`` becomes the columns ``name_0`` to ``name_{k-1}``. Scalars,
-    texts and arrays of other lengths are ignored.
+    strings and arrays of other lengths are ignored.
 
     Parameters
     ----------

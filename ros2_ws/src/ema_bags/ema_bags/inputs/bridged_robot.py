@@ -39,7 +39,7 @@ class BridgedRobot:
     types
         Message type of each mapped topic; empty if the mapping does not state it.
     names_topics
-        Topics that publish the names for values on other topics.
+        Topics with element names for values on other topics.
     """
 
     def __init__(

@@ -57,7 +57,7 @@ def may_be_number(cell: str) -> bool:
 
 
 def read_numbers(column: "pd.Series[Any]", decimal: str) -> WrittenNumbers | None:
-    """Parse a column of texts as numbers; return None if most cells are not numbers.
+    """Parse a column of strings as numbers; return None if most cells are not numbers.
 
     Cells with digits that are not numbers are reported in ``problem``; words become NaN.
 

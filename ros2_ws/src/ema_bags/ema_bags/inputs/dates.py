@@ -61,7 +61,7 @@ class WrittenTimes:
 
 
 def read_times(column: "pd.Series[Any]") -> WrittenTimes | None:
-    """Parse a column of dates or texts as times; return None if it does not contain times."""
+    """Parse a column of dates or strings as times; return None if it does not contain times."""
     if pd.api.types.is_datetime64_any_dtype(column.dtype):
         return WrittenTimes(_stamps(column))
     if pd.api.types.is_numeric_dtype(column.dtype):

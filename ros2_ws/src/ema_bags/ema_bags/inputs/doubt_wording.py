@@ -16,8 +16,8 @@ _WORDS: Final[dict[DoubtKind, Callable[[Doubt], str]]] = {
         f"{d.quantity} {d.column!r} is a guess; alternatives: {', '.join(map(repr, d.names))}"
     ),
     DoubtKind.SET_POINT: lambda d: (
-        f"{d.quantity} {d.column!r} is a set point by its name: map the measured {d.quantity}, "
-        "if there is one"
+        f"{d.quantity} {d.column!r} is a setpoint according to its name: map the measured "
+        f"{d.quantity}, if there is one"
     ),
     DoubtKind.FROM_ERROR: lambda d: f"position is {d.column}: the error is command minus position",
     DoubtKind.NO_COMMAND: lambda _: "no command was recognized: tracking is not assessed",

@@ -1,4 +1,4 @@
-"""Doubts about a recognised mapping, as typed values; ``doubt_wording`` puts them into words."""
+"""Doubts about a recognised mapping as typed values; ``doubt_wording`` has their text."""
 
 from dataclasses import dataclass
 from enum import StrEnum, auto
@@ -16,15 +16,15 @@ class DoubtKind(StrEnum):
     VALUES_ALONE = auto()
     """Only the values support the column; the name does not."""
     ALTERNATIVES = auto()
-    """Other columns, listed in ``names``, may be meant."""
+    """The columns in ``names`` are alternatives."""
     SET_POINT = auto()
-    """The name suggests a set point rather than a measurement."""
+    """The name suggests a setpoint rather than a measurement."""
     FROM_ERROR = auto()
     """The position is the command minus the position error."""
     NO_COMMAND = auto()
-    """No column or topic seems to be the command."""
+    """No column or topic was recognised as the command."""
     NOT_FOUND = auto()
-    """No column seems to be the quantity."""
+    """No column was recognised as the quantity."""
     CONSTANT = auto()
     """The column never changes and is not mapped."""
     UNIT_GUESSED = auto()
@@ -50,19 +50,19 @@ class DoubtKind(StrEnum):
     JOINT_TORQUE = auto()
     """The torque is too large for the motor."""
     EFFORT_SIZE = auto()
-    """The effort is ``value`` times what inertia and friction of the description need."""
+    """The effort is ``value`` times what the described inertia and friction require."""
     SAMPLING_UNKNOWN = auto()
-    """Data cannot show how the effort is sampled."""
+    """The sampling of the effort cannot be inferred from data."""
     PHASE_CURRENTS = auto()
     """The phase currents in ``names`` must be mapped by hand."""
     WINDING = auto()
     """The column may be the temperature of the winding and is not mapped."""
     CLOCK_UNIT = auto()
-    """The size of the values or of their steps decides the unit of the time."""
+    """The time unit is inferred from the values or their steps."""
     NO_CLOCK = auto()
-    """No column seems to be the time; a rate of ``value`` [Hz] is assumed."""
+    """No column was recognised as the time; a rate of ``value`` [Hz] is assumed."""
     NO_NUMBERS = auto()
-    """The column holds no numbers."""
+    """The column contains no numbers."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ class Ability(StrEnum):
 
 
 class Need(StrEnum):
-    """What a recording lacks for a quantity to be judged."""
+    """Condition that a recording must meet so that a quantity can be judged."""
 
     EFFORT = auto()
     """A current, torque or force."""
@@ -32,9 +32,9 @@ class Need(StrEnum):
     COMMAND = auto()
     """The commanded position."""
     MEASURED_POSITION = auto()
-    """A measured position, rather than a set point."""
+    """A measured position, rather than a setpoint."""
     MEASURED_EFFORT = auto()
-    """A measured effort, rather than a set point."""
+    """A measured effort, rather than a setpoint."""
     MOTION = auto()
     """Motion."""
     STROKES = auto()
@@ -87,7 +87,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class ColumnExamination:
-    """Figures of one column, in the unit of the source."""
+    """Statistics of one column, in the unit of the source."""
 
     quantity: str
     """Section of the mapping: position, command, error, speed, current or temperature."""
@@ -171,7 +171,7 @@ class JointExamination:
     wraps: int
     """Wraps of an angle that were continued."""
     impossible: int
-    """Samples that no actuator can give."""
+    """Physically impossible samples."""
     second_position: str
     """Column with a second measurement of the position; empty if there is none."""
     abilities: tuple[AbilityResult, ...]

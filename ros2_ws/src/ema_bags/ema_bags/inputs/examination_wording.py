@@ -27,14 +27,14 @@ NEED_NAMES: Final = {
     Need.EFFORT: "a current, torque or force",
     Need.VARYING_EFFORT: "an effort that is not constant",
     Need.COMMAND: "a position command",
-    Need.MEASURED_POSITION: "a measured position, not a set point",
-    Need.MEASURED_EFFORT: "a measured effort, not a set point",
+    Need.MEASURED_POSITION: "a measured position, not a setpoint",
+    Need.MEASURED_EFFORT: "a measured effort, not a setpoint",
     Need.MOTION: "motion",
     Need.STROKES: "more strokes in both directions",
     Need.SPEEDS: "motion at several speeds",
     Need.ACCELERATION: "faster acceleration",
     Need.INERTIA_OR_GRAVITY: "visible inertia or gravity",
-    Need.BOTH_SIDES: "the motor speed beside the joint position",
+    Need.BOTH_SIDES: "the motor speed in addition to the joint position",
 }
 
 _SATURATED: Final = 0.01
@@ -104,7 +104,7 @@ def findings(joint: JointExamination) -> list[str]:
         if timing.jitter_s * timing.rate_hz > _JITTER:
             lines.append(
                 f"jitter is {timing.jitter_s * timing.rate_hz:.0%} of the sample period: samples "
-                "are interpolated by their stamps"
+                "are interpolated by stamp"
             )
         if joint.relations is not None:
             lines += _of_relations(joint.relations, 1.0 / timing.rate_hz)
@@ -118,7 +118,7 @@ def _of_column(column: ColumnExamination) -> list[str]:
     name = column.quantity
     if column.held_every >= _HELD and name != "temperature":
         lines.append(
-            f"{name} is renewed every {column.held_every} samples only; "
+            f"{name} is updated only every {column.held_every} samples; "
             f"{column.held_share:.0%} of its samples in motion repeat the previous value"
         )
     if column.saturated_share > _SATURATED and name == "current":
@@ -155,8 +155,8 @@ def _of_relations(relations: Relations, period_s: float) -> list[str]:
     if relations.explained_effort < _LITTLE_EXPLAINED:
         share = max(relations.explained_effort, 0.0)
         lines.append(
-            f"inertia, friction and gravity explain only {share:.0%} of the effort: is it the "
-            "effort of this joint?"
+            f"inertia, friction and gravity explain only {share:.0%} of the effort: check that "
+            "it belongs to this joint"
         )
     return lines
 

@@ -237,7 +237,7 @@ def _timing(imported: Imported, stamps_ns: NDArray[np.int64]) -> Timing:
 def _columns(
     guess: Guess, raw: Mapping[str, _Array], stamps_ns: NDArray[np.int64]
 ) -> list[ColumnExamination]:
-    """Return the figures of each mapped column, in the unit of its source."""
+    """Return statistics of each mapped column, in the unit of its source."""
     mapping = guess.mapping
     steps = np.diff(stamps_ns)
     period = 1e-9 * float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0

@@ -50,7 +50,7 @@ class JointGroup(NamedTuple):
 
 @dataclass
 class _Joint:
-    """What the messages have shown of one joint."""
+    """Columns of one joint, as seen in messages so far."""
 
     first_ns: int
     messages: int = 0

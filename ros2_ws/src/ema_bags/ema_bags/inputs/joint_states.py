@@ -227,7 +227,7 @@ class JointColumns:
         self._series[topic].append(series)
 
     def find(self) -> None:
-        """Note that a message on the topic of the position contains the joint."""
+        """Record that a message on the position topic contains the joint."""
         self._is_received, self._missing_ns = True, None
 
     def miss(self, arrivals_ns: NDArray[np.int64]) -> None:

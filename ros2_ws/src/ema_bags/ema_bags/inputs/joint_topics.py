@@ -378,7 +378,7 @@ def _with_commands(joints: Sequence[TopicJoint], numbers: Sequence[_Samples]) ->
 def _followed(
     joint: TopicJoint, options: Sequence[tuple[_Samples, str]]
 ) -> tuple[_Samples, str] | None:
-    """Return the number that the position of a joint follows; None if there is none."""
+    """Return the published number that a joint's position follows; None if there is none."""
     primary = joint.by_topic[joint.guess.mapping.position.topic]
     at = primary.arrivals_ns
     if len(at) < 2 or not options:
@@ -402,7 +402,7 @@ def _commanded(
 ) -> TopicJoint:
     item, path = option
     mapping, guess = joint.guess.mapping, joint.guess
-    # A set point without a stamp holds until the next message.
+    # A setpoint without a stamp holds until the next message.
     command = AngleSource(path, item.topic, between="hold")
     sources: dict[str, Any] = {
         name: getattr(mapping, name) for name in ("position", "speed", "current", "temperature")

@@ -57,7 +57,7 @@ _BRACKETS: Final = re.compile(r"[\[(].*?[\])]")
 
 
 def unit_of(text: str) -> str:
-    """Return the unit that a text such as "1/min" denotes; empty if unknown."""
+    """Return the unit denoted by a string such as "1/min"; empty if unknown."""
     plain = text.strip().lower().replace("²", "^2").replace("·", ".")
     for unit, spellings in _UNITS.items():
         if plain in spellings or plain == unit.lower():

@@ -61,7 +61,7 @@ class GaplessRun:
 class Resampler:
     """Resamples time-stamped samples into gapless runs at a fixed period.
 
-    Regular samples are returned unchanged; irregular samples are interpolated by their stamps. A
+    Regular samples are returned unchanged; irregular samples are interpolated by stamp. A
     gap, a pause or a backward clock step ends a run. Indices start at 1 and skip the missing
     samples between runs, at least one.
 

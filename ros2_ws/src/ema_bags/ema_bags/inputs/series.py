@@ -130,7 +130,7 @@ class Collector:
 
     @property
     def names_topics(self) -> list[str]:
-        """Topics that publish the names for values on other topics."""
+        """Topics with element names for values on other topics."""
         return list(self._names)
 
     @property
