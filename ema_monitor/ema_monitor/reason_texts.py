@@ -81,7 +81,9 @@ def _order_unknown(reason: of.OrderUnknown) -> str:
 
 
 def _learning(reason: of.Learning) -> str:
-    counts = f"{counted(reason.records, 'record')} on {counted(reason.days, 'day')}"
+    counts = counted(reason.records, "record")
+    if reason.records:
+        counts += f" on {counted(reason.days, 'day')}"
     parts = [f"learning: {counts}"]
     if math.isfinite(reason.other_day):
         same_day, other_day = (100.0 * share for share in (reason.same_day, reason.other_day))

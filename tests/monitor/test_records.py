@@ -468,3 +468,48 @@ def test_memory_of_a_standstill_is_bounded():
         trigger.feed(whole.part(start, start + 10))
         most = max(most, trigger.kept_samples)
     assert most * H < 23.0
+
+
+def test_longer_rest_belongs_to_a_record_when_the_setting_says_so():
+    work = np.concatenate([rest(3.0), *[part for _ in range(4) for part in (sine(6.0), rest(8.0))]])
+    apart = seconds(events_of(telemetry(work)))
+    assert len(apart) == 4
+    together = seconds(events_of(telemetry(work), settings=TriggerSettings(record_rest_s=20.0)))
+    assert together == [pytest.approx((apart[0][0], apart[3][1]), abs=0.6)]
+
+
+def test_records_begin_at_least_an_interval_apart_and_skipped_motion_is_not_kept():
+    work = np.concatenate(
+        [rest(3.0), *[part for _ in range(40) for part in (sine(6.0), rest(1.0))]]
+    )
+    settings = TriggerSettings(record_s=10.0, record_interval_s=60.0)
+    found = seconds(events_of(telemetry(work), settings=settings))
+    begins = [begin for begin, _ in found]
+    assert len(found) == 5
+    assert min(np.diff(begins)) >= 60.0
+    trigger = RecordTrigger(UNKNOWN.parameters, settings)
+    kept = []
+    whole = telemetry(work)
+    for start in range(0, len(whole), 10):
+        trigger.feed(whole.part(start, min(start + 10, len(whole))))
+        kept.append(trigger.kept_samples)
+    assert max(kept) * H < 25.0
+    assert kept[round(40.0 / H / 10)] * H < 2.0
+
+
+def test_short_end_of_a_motion_is_the_remainder_of_its_records():
+    def remainders(work, **settings):
+        events = events_of(telemetry(work), settings=TriggerSettings(record_s=10.0, **settings))
+        return [
+            event.window.is_remainder
+            for event in events
+            if isinstance(event, Segment) and isinstance(event.window, Window)
+        ]
+
+    motion = [part for _ in range(3) for part in (sine(6.0), rest(1.0))]
+    assert remainders(np.concatenate([rest(3.0), *motion])) == [False, True]
+    # A short motion alone, or after a long rest, is a record of its own.
+    assert remainders(np.concatenate([rest(3.0), sine(6.0)])) == [False]
+    apart = np.concatenate([rest(3.0), *motion[:4], rest(9.0), sine(6.0)])
+    assert remainders(apart) == [False, False]
+    assert remainders(apart, record_rest_s=20.0) == [False, True]

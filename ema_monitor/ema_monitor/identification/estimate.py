@@ -104,7 +104,8 @@ class Estimate(Displayed):
     - "degraded": usable, with increased standard deviations; ``reasons`` state the causes.
     - "refused": not usable.
     - "failed": not usable because of a failure of drive or shaft.
-    - "skipped": the window was cut off or dropped, and not examined.
+    - "skipped": the window was cut off or dropped, and not examined; or it is the short end of a
+      motion whose records were compared.
     - "departed": the window departs from the healthy windows of the unit as stated in ``reasons``,
       and no fault explains the departure; the estimate may be valid or not.
     """

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -55,6 +55,8 @@ from ema_monitor.reasons import (
     SpeedGaps,
     SpeedScaled,
     SpikesRemoved,
+    TooFewRows,
+    TooFewStrokes,
     WindowUnusable,
     mistake_row,
 )
@@ -125,7 +127,8 @@ def identify_record(
     window, spikes = _without_spikes(window, calibration)
     record = _record_of(window, description, calibration)
     if isinstance(record, tuple):
-        return _refused(window, calibration, *record, compared=True)
+        verdict = SKIPPED if window.is_remainder and _is_too_short(record) else REFUSED
+        return _refused(window, calibration, *record, verdict=verdict, compared=True)
     if scaled := _wrong_scale(record, calibration.baseline, description):
         return _refused(window, calibration, scaled, compared=True)
     comparison = calibration.comparer.compare(record)
@@ -292,6 +295,11 @@ def _read(
         effort_lag=lag,
     )
     return record.at_rate(window.sample_period, calibration.sample_period)
+
+
+def _is_too_short(reasons: Sequence[Reason]) -> bool:
+    """Return whether a record has too little motion, and nothing else is wrong with it."""
+    return all(isinstance(reason, TooFewRows | TooFewStrokes) for reason in reasons)
 
 
 def _refused(

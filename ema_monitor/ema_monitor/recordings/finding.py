@@ -22,6 +22,7 @@ from ema_monitor.model.measurements import MAX_AGE_S, MeasurementLog
 from ema_monitor.recordings.windows import BagWindows, RecordedWindow, WindowPlace
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
+from ema_monitor.windows.window import Window
 from ema_ros.messages import StampedFaults, measured_from_message, stamped_faults_from_message
 
 _MOST_DEFECTS: Final = 5
@@ -206,7 +207,14 @@ def _recorded_window(
         place = WindowPlace(recorded, first, last[0], start - index, samples)
         play, measured = window.play, window.measured
     return RecordedWindow(
-        segment.number, segment.description, window.start_ns, window.end_ns, play, place, measured
+        segment.number,
+        segment.description,
+        window.start_ns,
+        window.end_ns,
+        play,
+        place,
+        measured,
+        isinstance(window, Window) and window.is_remainder,
     )
 
 

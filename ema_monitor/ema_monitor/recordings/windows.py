@@ -66,13 +66,15 @@ class RecordedWindow:
     """Place of the samples, or the refusal of the window."""
     measured: tuple[CauseEstimate, ...] = ()
     """Measured hidden causes."""
+    is_remainder: bool = False
+    """See `Window`."""
 
     @property
     def window(self) -> Window | Refusal:
         """The window, read from the bag at each access, or its refusal."""
         if isinstance(self.place, Refusal):
             return self.place
-        return Window(self.place.read(), self.play, self.measured)
+        return Window(self.place.read(), self.play, self.measured, self.is_remainder)
 
 
 @dataclass(frozen=True)

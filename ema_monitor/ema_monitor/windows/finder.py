@@ -11,12 +11,7 @@ from typing import Final
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry, lost_between
 from ema_core.wording import counted
-from ema_monitor.windows.records import (
-    LEAST_MOTION_S,
-    LONGEST_REST_S,
-    MOST_RECORD_SAMPLES,
-    RecordTrigger,
-)
+from ema_monitor.windows.records import LEAST_MOTION_S, MOST_RECORD_SAMPLES, RecordTrigger
 from ema_monitor.windows.rest import BIN_S, BINS_AT_ONCE
 from ema_monitor.windows.stretches import StretchTrigger
 from ema_monitor.windows.trigger import (
@@ -123,7 +118,8 @@ class WindowFinder:
         """
         if self._trigger is not None and not self.finds_records:
             return self.window_s
-        return self.longest_s + LONGEST_REST_S + BINS_AT_ONCE * max(BIN_S, sample_period)
+        rest_s = self._settings.record_rest_s
+        return self.longest_s + rest_s + BINS_AT_ONCE * max(BIN_S, sample_period)
 
     @property
     def longest_motion_s(self) -> float:

@@ -27,8 +27,8 @@ from ema_monitor.windows.window import MIN_TRAVEL, Window
 LEAST_MOTION_S: Final = 2.0
 """Shortest total motion in a record [s]."""
 
-LONGEST_REST_S: Final = 5.0
-"""Rest that ends a record [s]; shorter rests belong to the record."""
+_RECENT_S: Final = 5.0
+"""Time whose travel sets the threshold of a rest [s]."""
 
 MARGIN_S: Final = 0.5
 """Rest included before and after the motion of a record [s]."""
@@ -89,9 +89,12 @@ class RecordTrigger(WindowTrigger):
 
     - at the first rest after ``record_s``, unless it ends for another reason within a quarter of
       ``record_s`` after this rest: a short remainder is part of the record,
-    - when the position has rested for 5 s; the record includes 0.5 s of the rest,
+    - when the position has rested for ``record_rest_s``; the record includes 0.5 s of the rest,
     - at the end or a break of the telemetry; gaps of at most 1 s are interpolated,
     - after twice ``record_s``, even in motion.
+
+    A record that began is followed by the next one after ``record_interval_s`` at the earliest; the
+    motion between them is not stored.
 
     ``record_s`` is limited to half of ``MOST_RECORD_SAMPLES`` samples. Pieces with less than 2 s of
     motion, or with too little travel, are skipped.
@@ -127,7 +130,9 @@ class RecordTrigger(WindowTrigger):
         self._motion_begin: int | None = None
         self._still_begin: int | None = None
         self._cut_at: _Cut | None = None
-        self._moved = 0
+        self._moved = self._not_before = 0
+        # Index after the latest record of full length; None before the first.
+        self._full_end: int | None = None
         self._threshold = 0.0
 
     @property
@@ -207,11 +212,12 @@ class RecordTrigger(WindowTrigger):
     def _follow(self, bins: Sequence[PositionBin], h: float) -> list[Window | Refusal]:
         """Process position bins; return the completed records. ``h`` is the sample period [s]."""
         rest_samples = max(_LEAST_REST_SAMPLES, round(_REST_S / h))
-        longest = round(LONGEST_REST_S / h) + rest_samples
+        longest = round(self.settings.record_rest_s / h) + rest_samples
+        recent = round(_RECENT_S / h) + rest_samples
         events: list[Window | Refusal] = []
         for item in bins:
             self._threshold = item.threshold
-            self._recent.add(item, math.inf, longest)
+            self._recent.add(item, math.inf, recent)
             threshold = max(item.threshold, _RESTING_SHARE * self._recent.travel)
             self._run.add(item, threshold, longest)
             begin = self._run.begin
@@ -227,8 +233,9 @@ class RecordTrigger(WindowTrigger):
         item, begin = step.item, step.rest_begin
         margin = round(MARGIN_S / h)
         if self._start is None:
-            if step.is_moving:
-                self._open(max(self._free_from, item.first - margin), item)
+            if step.is_moving and item.first >= self._not_before:
+                start = max(self._free_from, self._not_before, item.first - margin)
+                self._open(start, item, h)
             return []
         if step.is_moving and self._motion_begin is None:
             self._motion_begin = item.first
@@ -237,12 +244,12 @@ class RecordTrigger(WindowTrigger):
             self._motion_begin = None
         length, bin_size = item.last + 1 - self._start, item.last + 1 - item.first
         full = self._full(h)
-        if step.is_resting and item.last + 1 - begin >= round(LONGEST_REST_S / h):
+        if step.is_resting and item.last + 1 - begin >= round(self.settings.record_rest_s / h):
             return self._close(min(item.last, begin + margin), self._moved)
         if length + bin_size > 2 * full:
             record = self._close(item.last, self._moved_until(item.last))
-            if step.is_moving:
-                self._open(item.last + 1, item)
+            if step.is_moving and item.last + 1 >= self._not_before:
+                self._open(item.last + 1, item, h)
             return record
         cut = self._cut_at
         if cut is None:
@@ -283,8 +290,9 @@ class RecordTrigger(WindowTrigger):
         """Return the number of samples in motion in the open record, up to the sample ``end``."""
         return self._moved + (0 if self._motion_begin is None else end + 1 - self._motion_begin)
 
-    def _open(self, start: int, item: PositionBin) -> None:
+    def _open(self, start: int, item: PositionBin, h: float) -> None:
         self._start, self._moved = start, 0
+        self._not_before = start + round(self.settings.record_interval_s / h)
         self._motion_begin = max(start, item.first)
 
     def _close(self, end: int, moved: int) -> list[Window | Refusal]:
@@ -297,20 +305,28 @@ class RecordTrigger(WindowTrigger):
             return []
         self._free_from = end + 1
         telemetry, first, last = self._latest.cut(start, end + 1)
-        moved_s = moved * telemetry.sample_period
+        h = telemetry.sample_period
+        is_short = end + 1 - start < self._full(h)
+        rest = round(self.settings.record_rest_s / h)
+        follows = self._full_end is not None and start - self._full_end <= rest
+        if not is_short:
+            self._full_end = end + 1
+        moved_s = moved * h
         if shortfall := self._shortfall(moved_s, float(np.ptp(telemetry.position))):
             self.passed_over += 1
             if moved_s >= self.longest_motion_s:
                 self.longest_motion_s, self.shortfall = moved_s, shortfall
             return []
-        return [self._checked(telemetry, first, last)]
+        return [self._checked(telemetry, first, last, is_remainder=is_short and follows)]
 
     @staticmethod
-    def _checked(telemetry: Telemetry, first: BlockStamp, last: BlockStamp) -> Window | Refusal:
+    def _checked(
+        telemetry: Telemetry, first: BlockStamp, last: BlockStamp, *, is_remainder: bool = False
+    ) -> Window | Refusal:
         """Return the record, or its refusal if timestamps contradict the sample period."""
         if reason := rate_defect(telemetry.sample_period, first, last):
             return Refusal(telemetry.stamp_ns, telemetry.stamp_at(len(telemetry) - 1), reason)
-        return Window(telemetry)
+        return Window(telemetry, is_remainder=is_remainder)
 
     def _shortfall(self, moved_s: float, travel: float) -> str:
         """Return the reason why a piece with this motion and travel is not a record, or ""."""

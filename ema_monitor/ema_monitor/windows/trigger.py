@@ -95,6 +95,17 @@ class TriggerSettings(Checked):
         600.0,
         "for an unknown drive: length after which a rest ends the record; the limit is twice it",
     )
+    record_rest_s: float = quantity(
+        5.0, "s", 0.5, 600.0, "for an unknown drive: rest that ends a record of any length"
+    )
+    record_interval_s: float = quantity(
+        0.0,
+        "s",
+        0.0,
+        86_400.0,
+        "for an unknown drive: least time between the starts of two records; motion between them "
+        "is skipped",
+    )
 
 
 class WindowTrigger:

@@ -40,6 +40,8 @@ class Window(Displayed):
     """Position of the motor in its play at the start [half-widths, -1 to 1]; None if unknown."""
     measured: tuple[CauseEstimate, ...] = ()
     """Measured hidden causes, as `measured_causes` returns them."""
+    is_remainder: bool = False
+    """Whether the window is a short record that continues the motion of the record before it."""
 
     def __len__(self) -> int:
         return len(self.telemetry) - 1

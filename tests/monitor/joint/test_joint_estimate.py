@@ -379,6 +379,13 @@ def test_short_record_is_refused_with_its_strokes_or_rows(plain):
         assert not result.comparison.judged
 
 
+def test_short_end_of_a_motion_with_too_few_strokes_is_skipped(plain):
+    window = replace(measured(PLAIN, motion=tones(3.0)), is_remainder=True)
+    result = identify_record(window, described(), plain)
+    assert result.verdict == SKIPPED
+    assert "rows of steady motion" in result.reason
+
+
 def seized(**columns: np.ndarray) -> Window:
     """The record of a joint that seizes, as the monitor cuts it from the telemetry."""
     whole = measured(PLAIN).telemetry
