@@ -5,13 +5,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
 from ema_bags.bag_recorder import BagRecorder, RecorderSettings
-from ema_bags.metadata import METADATA_FILE
+from ema_bags.metadata import METADATA_FILE, folder_contents
 from ema_bags.reader import Bag
 from ema_core.levels import ERROR, OK, WARN
 from ema_interfaces.msg import (
@@ -115,3 +116,68 @@ def test_snapshot_begins_with_what_held_before_it(record, tmp_path: Path):
     assert written(0) == [description, ("/Health", OK), *blocks, warning]
     assert written(1) == [description, warning, ("/TelemetryBlock", 50)]
     assert "calibration_id of flap: made_in_may" in (folder / METADATA_FILE).read_text()
+
+
+def test_snapshot_has_the_time_after_the_change_as_well(record):
+    recording = record(Health, TelemetryBlock, snapshot_duration=2.0, snapshot_after=3.0)
+    received(recording, health(OK))
+    assert received(recording, health(WARN), 4 * S) == ""
+    assert received(recording, TelemetryBlock(first_index=1), 5 * S) == ""
+    # A further change postpones the snapshot, which has both.
+    assert received(recording, health(ERROR), 6 * S) == ""
+    assert received(recording, TelemetryBlock(first_index=2), 8 * S) == ""
+    reason = received(recording, TelemetryBlock(first_index=3), 9 * S)
+    assert reason == "health of flap from OK to WARN, health of flap from WARN to ERROR"
+    assert recording.write_snapshot().startswith("5 messages (5.000 s) written to ")
+
+
+def test_clock_that_is_set_back_does_not_postpone_a_snapshot(record):
+    recording = record(Health, TelemetryBlock, snapshot_after=3.0)
+    received(recording, health(OK), 100 * S)
+    assert received(recording, health(WARN), 101 * S) == ""
+    assert received(recording, TelemetryBlock(), 50 * S) == "health of flap from OK to WARN"
+
+
+def test_snapshot_that_is_awaited_is_written_at_the_end(record, tmp_path: Path):
+    recording = record(Health, snapshot_after=30.0)
+    received(recording, health(OK), S)
+    received(recording, health(WARN), 2 * S)
+    assert recording.close().startswith("health of flap from OK to WARN: 2 messages (1.000 s)")
+    assert len(list(Bag(tmp_path / "flight").messages())) == 2
+
+
+def test_statuses_write_no_snapshot_of_healths_alone(record):
+    recording = record(Health, DiagnosticArray, snapshot_levels="health")
+    for level in (b"\0", b"\1"):
+        status = [DiagnosticStatus(name="/ema/monitor: flap health", level=level)]
+        assert received(recording, DiagnosticArray(status=status), S) == ""
+    received(recording, health(OK), S)
+    assert received(recording, health(WARN), S) == "health of flap from OK to WARN"
+
+
+def test_oldest_snapshots_are_deleted_beyond_the_size_of_all(record, tmp_path: Path):
+    recording = record(Health, TelemetryBlock, max_snapshots_size=150_000)
+    folder = tmp_path / "flight"
+    position = np.random.default_rng(1).random(1000)
+    for number in range(12):
+        level = (OK, WARN)[number % 2]
+        received(recording, TelemetryBlock(position=position), (10 * number + 1) * S)
+        if received(recording, health(level), (10 * number + 1) * S):
+            recording.write_snapshot()
+        # The current file is no part of the limit until the next one begins.
+        assert sum(path.stat().st_size for path in folder.glob("*.mcap")) < 200_000
+    recording.bag.close()
+    names = sorted(path.name for path in folder.glob("*.mcap"))
+    assert "flight_0.mcap" not in names
+    assert len(names) > 2
+    bag = Bag(folder)
+    assert not bag.damage
+    metadata = folder_contents(folder)
+    assert sorted(path.name for path in metadata.files) == names
+    assert metadata.message_count == len(list(bag.messages()))
+
+
+@pytest.mark.parametrize(("name", "value"), [("snapshot_after", 3), ("max_snapshots_size", 5000)])
+def test_settings_of_snapshots_need_snapshots(name, value):
+    with pytest.raises(ValueError, match=f"{name} = {value}: expected snapshot_duration as well"):
+        RecorderSettings(**{name: value})

@@ -52,6 +52,17 @@ class RecorderSettings(Checked):
         "time kept in memory and written when a level changes or ~/snapshot is called; 0: "
         "everything is written at once",
     )
+    snapshot_after: float = quantity(
+        0.0, "s", 0.0, 3600.0, "how long recording goes on after a level change, for a snapshot"
+    )
+    snapshot_levels: str = text(
+        "all",
+        "levels whose change writes a snapshot: of health and diagnostics, or of health",
+        ("all", "health"),
+    )
+    max_snapshots_size: int = quantity(
+        0, "B", 0, 10**15, "size of all snapshots, beyond which the oldest are deleted; 0: none is"
+    )
     max_cache_size: int = quantity(
         104857600,
         "B",
@@ -71,6 +82,11 @@ class RecorderSettings(Checked):
             )
         several = ("max_bag_size", "max_bag_duration", "snapshot_duration")
         chosen = [name for name in several if getattr(self, name)]
+        for name in ("snapshot_after", "max_snapshots_size"):
+            if getattr(self, name) and not self.snapshot_duration:
+                raise ValueError(
+                    f"{name} = {getattr(self, name):g}: expected snapshot_duration as well"
+                )
         if chosen and self.output.endswith(".mcap"):
             raise ValueError(
                 f"output = {self.output!r} is a single file: expected a folder (a name without "
@@ -144,6 +160,9 @@ class BagRecorder:
         self._kept: deque[_Kept] = deque()
         self._status_prefix = f"{recorder_name}:"
         self._levels: dict[str, int] = {}
+        # Level changes that await a snapshot, and the log time at which it is due [ns].
+        self._changes: list[str] = []
+        self._due_ns = 0
 
     @property
     def kept_s(self) -> float:
@@ -164,8 +183,37 @@ class BagRecorder:
             self.messages += self.bag.write_serialized(*item)
             return ""
         self._keep(item)
-        change = self._level_change(message)
-        return change if self._kept else ""
+        after_ns = round(self._settings.snapshot_after * 1e9)
+        if change := self._level_change(message):
+            self._changes.append(change)
+            self._due_ns = log_time_ns + after_ns
+        # A clock that was set back must not postpone the snapshot.
+        is_waiting = 0 < self._due_ns - log_time_ns <= after_ns
+        if not self._changes or is_waiting or not self._kept:
+            return ""
+        return self._take_changes()
+
+    def close(self) -> str:
+        """Write the snapshot of level changes that await one, and close the bag.
+
+        Return a summary of the snapshot, or "" without one.
+
+        Raises
+        ------
+        OSError
+            If the bag could not be written.
+        """
+        written = ""
+        if self._changes and self._kept:
+            reason = self._take_changes()
+            written = f"{reason}: {self.write_snapshot()}"
+        self.bag.close()
+        return written
+
+    def _take_changes(self) -> str:
+        """Return the level changes that await a snapshot, and forget them."""
+        changes, self._changes = self._changes, []
+        return ", ".join(dict.fromkeys(changes))
 
     def write_snapshot(self) -> str:
         """Write the kept messages to a separate file; return a summary.
@@ -192,6 +240,8 @@ class BagRecorder:
         self.bag.flush()
         self.messages += count
         self.snapshots += 1
+        if most := self._settings.max_snapshots_size:
+            self.bag.limit_size(most)
         if failure := self.bag.failure:
             lost = len(items) - count
             more = f"; {counted(lost, 'message')} dropped because memory is full" if lost else ""
@@ -205,11 +255,13 @@ class BagRecorder:
         """Keep a message and drop old ones; dropped states are written first to the next file."""
         self._kept.append(item)
         self.kept_bytes += item.size
-        duration_ns = round(self._settings.snapshot_duration * 1e9)
+        settings = self._settings
+        after_s = settings.snapshot_after if self._changes else 0.0
+        duration_ns = round((settings.snapshot_duration + after_s) * 1e9)
         while self._kept:
             # A clock that was set back makes no message old.
             is_old = item.log_time_ns - self._kept[0].log_time_ns > duration_ns
-            if not is_old and self.kept_bytes <= self._settings.max_cache_size:
+            if not is_old and self.kept_bytes <= settings.max_cache_size:
                 break
             self.is_short |= not is_old
             gone = self._kept.popleft()
@@ -227,7 +279,7 @@ class BagRecorder:
     def _level_change(self, message: Any) -> str:
         """Describe the level changes in a message; the first level is not a change."""
         levels: dict[str, int] = {}
-        if isinstance(message, DiagnosticArray):
+        if isinstance(message, DiagnosticArray) and self._settings.snapshot_levels == "all":
             levels = {item.name: ord(item.level) for item in message.status}
         elif isinstance(message, Health | HealthSummary):
             # Both topics publish the same level.

@@ -102,7 +102,8 @@ class RecorderNode(ManagedNode):
             return
         path = recorded.bag.path
         try:
-            recorded.bag.close()
+            if written := recorded.close():
+                self.get_logger().info(written)
         except OSError as error:
             self.exit_code = 1
             raise OSError(f"{path} is incomplete: {error}") from error

@@ -4,10 +4,11 @@ import errno
 import shutil
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
@@ -20,6 +21,14 @@ from ema_core.steady_thread import SteadyThread
 
 _WRITE_BYTES: Final = 64 * 1024
 _MOST_WAITING: Final = 16 * 1024 * 1024
+
+
+class _EndedFile(NamedTuple):
+    """A closed file of a folder."""
+
+    information: FileInformation
+    counts: Counter[str]
+    """Number of messages of each topic."""
 
 
 class BagWriter(AbstractContextManager["BagWriter", None]):
@@ -112,7 +121,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         self.topics: dict[str, WrittenTopic] = {}
         # The latest message of each state topic and actuator.
         self._states: dict[tuple[str, str], tuple[bytes, int]] = {}
-        self._ended: list[FileInformation] = []
+        self._ended: list[_EndedFile] = []
         # Ended files with buffered data, and metadata of the folder that are not written yet.
         self._unwritten: list[BagFile] = []
         self._metadata: dict[str, Any] | None = None
@@ -251,6 +260,36 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             self._require_folder()
             self._begin_next(log_time_ns)
 
+    def limit_size(self, most_bytes: int) -> list[str]:
+        """Delete the oldest closed files until the folder's files have at most ``most_bytes``.
+
+        The current file is never deleted. Return the names of the deleted files.
+
+        Raises
+        ------
+        ValueError
+            If the recording is a single file.
+        """
+        with self._writing():
+            self._require_folder()
+            folder = self._folder or self.path
+            sizes = {
+                file.information.name: _size(folder / file.information.name) for file in self._ended
+            }
+            total = self._file.disk.tell() + sum(sizes.values())
+            deleted: list[str] = []
+            while self._ended and total > most_bytes:
+                oldest = self._ended.pop(0)
+                (folder / oldest.information.name).unlink(missing_ok=True)
+                total -= sizes[oldest.information.name]
+                for name, count in oldest.counts.items():
+                    self.topics[name].count -= count
+                deleted.append(oldest.information.name)
+            if deleted:
+                self._metadata = self._folder_information()
+                self._write_ended()
+        return deleted
+
     def flush(self) -> None:
         """Write all messages so far to the operating system."""
         with self._writing():
@@ -372,10 +411,14 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
 
     def _end_file(self) -> None:
         """End the current file; ``_write_ended`` writes its buffered data."""
-        self._ended.append(self._file.information)
-        self._metadata = bag_information(self._ended, self.topics.values(), self.custom_data)
+        self._ended.append(_EndedFile(self._file.information, self._file.counts))
+        self._metadata = self._folder_information()
         self._file.finish(self._metadata)
         self._unwritten.append(self._file)
+
+    def _folder_information(self) -> dict[str, Any]:
+        files = [file.information for file in self._ended]
+        return bag_information(files, self.topics.values(), self.custom_data)
 
     def _write_ended(self) -> None:
         """Write the buffered data of ended files, and the metadata of the folder."""
@@ -406,7 +449,9 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             raise FileNotFoundError(errno.ENOENT, reason)
         (self._folder or self.path.parent).mkdir(parents=True, exist_ok=True)
         if self._folder is not None:
-            self._ended = [file for file in self._ended if (self._folder / file.name).exists()]
+            self._ended = [
+                file for file in self._ended if (self._folder / file.information.name).exists()
+            ]
         self._file = self._next_file()
         gone.disk.close()
         for name, topic in self.topics.items():
@@ -436,6 +481,14 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
                 self.flush()
             except OSError:  # the next call of write or close raises it
                 self.flusher.ending.set()
+
+
+def _size(path: Path) -> int:
+    """Return the size of a file [B]; 0 if it does not exist."""
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0
 
 
 def _clear(path: Path, overwrite: bool) -> None:
