@@ -3,13 +3,14 @@
 MAKEFLAGS += --no-print-directory
 activate = . ./activate.sh
 DEMO_S ?= 60
+ROBOT_S ?= 420
 # A test that crashes its process, or is killed at its time limit, is named, and the others go on.
 # Bytecode is written, whatever the shell has: else every process that a test starts compiles all of
 # its modules, and pytest all tests.
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study tests/inputs
 
-.PHONY: test-pythons docs parameters records policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench campaign size words calibration sample lock sbom clean distclean
+.PHONY: demo-robot test-pythons docs parameters records policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench campaign size words calibration sample lock sbom clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -86,6 +87,9 @@ types: setup
 # exec: a signal to make reaches the demo itself.
 demo: setup ## watch an actuator wear out: live table, bag and picture (DEMO_S=60 is its length)
 	@$(activate) && exec ema demo --duration $(DEMO_S)
+
+demo-robot: setup ## attach to a simulated arm, two joints of which wear (ROBOT_S=420 is its length)
+	@$(activate) && exec ema demo --robot --duration $(ROBOT_S)
 
 bench: setup ## all targets of speed and accuracy in one table; an hour, writes JSON and plots
 	$(activate) && cd benchmarks && python kernels.py --json kernels.json

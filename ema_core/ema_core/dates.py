@@ -1,5 +1,6 @@
-"""Distinction between dated timestamps and times since a clock started."""
+"""Timestamps with a date, or since a clock started, and their texts."""
 
+from datetime import UTC, datetime, timedelta
 from typing import Final
 
 FIRST_DATE_NS: Final = 10 * 365 * 86_400_000_000_000
@@ -9,3 +10,12 @@ FIRST_DATE_NS: Final = 10 * 365 * 86_400_000_000_000
 def has_date(stamp_ns: int) -> bool:
     """Return whether a timestamp [ns] is a date counted from 1970."""
     return stamp_ns >= FIRST_DATE_NS
+
+
+def moment(stamp_ns: int) -> str:
+    """Format a stamp as date and time, or as seconds if it is not a date."""
+    if stamp_ns < 86_400 * 10**9:
+        return f"{stamp_ns * 1e-9:,.2f} s"
+    if not has_date(stamp_ns):
+        return str(timedelta(seconds=stamp_ns // 10**9))
+    return f"{datetime.fromtimestamp(stamp_ns * 1e-9, UTC):%Y-%m-%d %H:%M:%S} UTC"

@@ -352,3 +352,16 @@ def test_joint_that_learns_is_shown_with_its_progress_instead_of_stale():
     latest.add_baseline("/ema", baseline_of("elbow", BaselineStatus.ACCEPTED))
     rows = {row.actuator_id: row for row in latest.rows(1.0, TEST_NS + 10**9)}
     assert rows["elbow"].level_text == "○ STALE"
+
+
+def test_line_of_a_learning_joint_has_its_progress_alone(capsys):
+    learning = health_of("elbow", STALE, None)
+    learning.cause, learning.reason = "", "learning: 4 records on 1 day"
+    latest = received(learning)
+    latest.add_baseline("/ema", baseline_of("elbow"))
+    latest.add_status("/ema", status_of("elbow"), 1.0)
+    refused = FaultEstimate(actuator_id="elbow", reason_codes=["learning"], reason="learning: 4")
+    latest.add_estimate("/ema", refused, 1.0)
+    HealthTable("here").show(latest.rows(1.0, TEST_NS + 10**9), "")
+    line = capsys.readouterr().out.partition("UTC  ")[2]
+    assert line == "◌ LEARNING 4 of 12  /ema/elbow  learning: 4 records on 1 day\n"

@@ -129,11 +129,12 @@ def nodes_of(name: str, **given: str) -> dict[str, dict[str, Any]]:
 
 def own_of(node: dict[str, Any]) -> dict[str, Any]:
     """Return the parameters that override those of the file, without what all nodes have."""
-    return {name: value for name, value in node["parameters"][1].items() if name != "autostart"}
+    return {name: value for name, value in node["parameters"][-1].items() if name != "autostart"}
 
 
 LAUNCH_FILES = {
     "ema.launch.py": {"bag": "worn"},
+    "attach.launch.py": {},
     "bridge.launch.py": {},
     "robot.launch.py": {},
     "fleet.launch.py": {},
@@ -152,10 +153,11 @@ def test_launch_file_names_nodes_and_files_that_exist(name, given):
         assert (node["package"], node["executable"]) == NODES[node_name]
         assert Path(get_package_prefix(node["package"]), "lib", node["package"]).is_dir()
         assert program(node_name).is_file()
-        file, *own = node["parameters"]
+        file, *further, own = node["parameters"]
         assert Path(file) == parameter_file(node_name)
+        assert all(Path(item).is_file() for item in further)
         assert node["namespace"] in ("/ema", "/ema/left", "/ema/right")
-        undeclared = set().union(*own) - set(declared(node_name)) - {"use_sim_time"}
+        undeclared = set(own) - set(declared(node_name)) - {"use_sim_time"}
         assert undeclared == set()
 
 
@@ -171,15 +173,15 @@ def test_arguments_are_described_common_to_all_and_refused_when_unknown(name, gi
         enclave = f"{node['namespace']}/{node['name']}"
         assert node["ros_arguments"] == ["--log-level", "debug", "--enclave", enclave]
         assert node["respawn"] == (node["name"] not in ("recorder", "player"))
-        assert node["parameters"][1]["autostart"] is False
-        assert node["parameters"][1]["use_sim_time"] is True
+        assert node["parameters"][-1]["autostart"] is False
+        assert node["parameters"][-1]["use_sim_time"] is True
     with pytest.raises(RuntimeError, match="respawn:=maybe: expected true or false"):
         nodes_of(name, **given, respawn="maybe")
     wrong = {**given, "calibraton_file": "c.yaml"}
     nodes_of(name, **wrong)  # included by another file, it may be for that one
     monkeypatch.setattr(sys, "argv", ["ros2", "launch", "ema_bringup", name])
     with pytest.raises(
-        RuntimeError, match=r"has no argument calibraton_file; it has .*calibration_file"
+        RuntimeError, match=r"has no argument calibraton_file; arguments: .*calibration_file"
     ):
         nodes_of(name, **wrong)
 
@@ -222,6 +224,8 @@ FOUR = {"bag": "4711", "rate": "4"}
             PLAYED | {"start_offset": 2.0, "playback_duration": 1.5, "loop": True},
         ),
         ("replay", FOUR | {"end": "false"}, "player", PLAYED | {"stay": True}),
+        ("attach", {"accept_after": "5"}, "monitor", {"accept_after": 5}),
+        ("attach", {}, "recorder", {"output": "recordings"}),
         # Without calibrations, the units are those that the shipped one fits.
         ("fleet", {}, "/ema/left/actuator", {"actuator_id": "left", "seed": 0}),
         ("fleet", {}, "/ema/right/actuator", {"actuator_id": "right", "seed": 1}),

@@ -50,7 +50,7 @@ def test_each_has_a_description_and_each_number_a_unit_and_a_range(parameters):
             assert descriptor.description.endswith("]"), key
             assert descriptor.floating_point_range or descriptor.integer_range, key
         says = descriptor.additional_constraints
-        assert descriptor.read_only or says.startswith(("live", "changed while")), key
+        assert descriptor.read_only or says.startswith(("live", "can only be changed while")), key
 
 
 def test_default_prints_so_that_every_tool_reads_the_number_back(parameters):

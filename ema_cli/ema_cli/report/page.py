@@ -30,11 +30,11 @@ from ema_cli.report.verdict import (
     hidden_causes,
     latest_comparison,
     limited,
-    moment,
     tests_of,
 )
 from ema_cli.show.terminal import SHAPES
 from ema_core import __version__
+from ema_core.dates import moment
 from ema_core.faults import FAULTS
 from ema_core.levels import LEVEL_NAMES
 from ema_core.wording import counted
@@ -100,7 +100,7 @@ def report_page(
         faults = [item for item in faults if math.isfinite(item["value"])]
     calibration = course.calibration
     missed = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
-    return _page(
+    return render(
         "report.html.j2",
         command,
         unit=unit,
@@ -151,7 +151,7 @@ def _compared(comparison: Comparison, ended: str) -> dict[str, Any]:
 def fleet_page(archive: Path, fleet: FleetSummary, command: str) -> str:
     """Return the report of a fleet as self-contained HTML."""
     caption = _survival_in_words(fleet)
-    return _page(
+    return render(
         "fleet.html.j2",
         command,
         archive=archive,
@@ -167,7 +167,8 @@ def fleet_page(archive: Path, fleet: FleetSummary, command: str) -> str:
     )
 
 
-def _page(name: str, command: str, **content: Any) -> str:
+def render(name: str, command: str, **content: Any) -> str:
+    """Return a template of this package, rendered with the page's common content."""
     environment = Environment(
         loader=PackageLoader("ema_cli.report"),
         autoescape=True,

@@ -3,13 +3,12 @@
 import math
 from collections import Counter
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
 from typing import Any, Final, NamedTuple
 
 from ema_cli.bags.unit_course import Course
 from ema_cli.show.prognosis_table import WIDENED, advice_in_words
 from ema_core.causes import CAUSE_BY_NAME, Place
-from ema_core.dates import has_date
+from ema_core.dates import moment
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
@@ -61,15 +60,6 @@ def life_in_words(life: RemainingLife) -> str:
         "longer" if not math.isfinite(item) else f"{item:,.0f}" if item >= 9.95 else f"{item:.1f}"
         for item in (life.hours_05, life.hours_50, life.hours_95)
     )
-
-
-def moment(stamp_ns: int) -> str:
-    """Format a stamp as date and time, or as seconds if it is not a date."""
-    if stamp_ns < 86_400 * 10**9:
-        return f"{stamp_ns * 1e-9:,.2f} s"
-    if not has_date(stamp_ns):
-        return str(timedelta(seconds=stamp_ns // 10**9))
-    return f"{datetime.fromtimestamp(stamp_ns * 1e-9, UTC):%Y-%m-%d %H:%M:%S} UTC"
 
 
 def tests_of(course: Course) -> list[dict[str, Any]]:

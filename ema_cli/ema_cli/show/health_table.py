@@ -170,7 +170,8 @@ class LatestHealths:
         test_ns = stamp_from_message(health.header.stamp)
         if actuator.refused is not None:
             test_ns = max(test_ns, stamp_from_message(actuator.refused.header.stamp))
-            reasons.append(f"last test refused: {actuator.refused.reason}")
+            if "learning" not in actuator.refused.reason_codes:
+                reasons.append(f"last test refused: {actuator.refused.reason}")
         elif actuator.friction:
             reasons.append(actuator.friction)
         elif actuator.causes:
@@ -278,7 +279,7 @@ class HealthTable(TerminalDisplay):
                 Text(row.dominant or "-"),
                 _life(row),
                 row.remove_before or "-",
-                time_in_words(row.test_age_s),
+                time_in_words(row.test_age_s) if row.test_ns else "-",
             )
         return table
 
@@ -296,6 +297,8 @@ def _life(row: Row) -> str:
 
 def _line(row: Row) -> str:
     """Return the row of an actuator as a plain line."""
+    if row.learning:
+        return "  ".join((row.level_text, f"{row.place}/{row.actuator_id}", row.why))
     life = _life(row)
     parts = (
         row.level_text,
@@ -305,7 +308,7 @@ def _line(row: Row) -> str:
         f"RUL {life}{' h' * (row.life is not None)}",
         f"remove before {row.remove_before}" if row.remove_before.endswith("h") else "",
         "remove now" if row.remove_before == "now" else "",
-        f"last test {time_in_words(row.test_age_s)} ago",
+        f"last test {time_in_words(row.test_age_s)} ago" if row.test_ns else "no test yet",
         row.why,
     )
     return "  ".join(filter(None, parts))

@@ -28,13 +28,6 @@ class LiveTable(TerminalDisplay):
         self._faults = [FAULT_NAMES.index(name) for name in fault_names]
         self._written = 0
 
-    def report(self, line: str) -> None:
-        """Print a line, above the table if there is one."""
-        if self._console.is_terminal:
-            self._console.print(line, markup=False, highlight=False)
-        else:
-            click.echo(line)
-
     def show(
         self, diagnoses: Sequence[DiagnosedWindow], state: str, *, final: bool = False
     ) -> None:

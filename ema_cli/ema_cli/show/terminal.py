@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, Self
 
+import click
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.live import Live
@@ -38,6 +39,13 @@ class TerminalDisplay:
     def __exit__(self, *_: object) -> None:
         if self._console.is_terminal:
             self._live.stop()
+
+    def report(self, line: str) -> None:
+        """Print a line, above the table if there is one."""
+        if self._console.is_terminal:
+            self._console.print(line, markup=False, highlight=False)
+        else:
+            click.echo(line)
 
     def _table(self, title: str, *below: str) -> Table:
         """Return a table without columns, with the non-empty lines below it."""

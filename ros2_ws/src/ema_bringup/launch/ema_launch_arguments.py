@@ -120,6 +120,7 @@ def node(
     namespace: str = "",
     node_name: str = "",
     file: str = "",
+    further: str = "",
     parameters: dict[str, Any] | None = None,
     ends_all: bool = False,
     respawns: bool = True,
@@ -135,6 +136,8 @@ def node(
         Name of the node and of its package.
     namespace, node_name, file
         Namespace, name and parameter file, if they differ from the common arguments.
+    further
+        Further parameter file, which overrides the first; empty for none.
     parameters
         Parameters that override the parameter file.
     ends_all
@@ -146,6 +149,8 @@ def node(
     """
     file = file or value_of(context, f"{name}_params")
     _require_file(name, file)
+    if further:
+        _require_file(Path(further).stem, further)
     overrides = {"autostart": flag_of(context, "autostart"), **(parameters or {})}
     if flag_of(context, "use_sim_time"):
         overrides["use_sim_time"] = True
@@ -162,7 +167,7 @@ def node(
         executable=f"{name}_node",
         name=node_name or name,
         namespace=place,
-        parameters=[file, overrides],
+        parameters=[*filter(None, (file, further)), overrides],
         ros_arguments=["--log-level", value_of(context, "log_level"), "--enclave", enclave],
         respawn=respawns and not ends_all and flag_of(context, "respawn"),
         respawn_delay=2.0,
@@ -172,15 +177,17 @@ def node(
     )
 
 
-def monitors(context: LaunchContext, count: str = "1", **parameters: Any) -> list[Node]:
-    """Return monitors that share the actuators; parameters override their parameter file."""
+def monitors(
+    context: LaunchContext, count: str = "1", further: str = "", **parameters: Any
+) -> list[Node]:
+    """Return monitors that share the actuators; parameters override their parameter files."""
     try:
         names = monitor_names(int(count))
     except ValueError as error:
         raise RuntimeError(f"monitors:={count}: expected an integer of at least 1") from error
     overrides = chosen(context, "calibration_file", "history_folder") | parameters
     if len(names) == 1:
-        return [node(context, "monitor", "ema_monitor", parameters=overrides)]
+        return [node(context, "monitor", "ema_monitor", further=further, parameters=overrides)]
     file = Path(value_of(context, "monitor_params"))
     _require_file("monitor", str(file))
     folder = Path(tempfile.mkdtemp(prefix="ema_"))
@@ -191,6 +198,7 @@ def monitors(context: LaunchContext, count: str = "1", **parameters: Any) -> lis
             "ema_monitor",
             node_name=name,
             file=str(file_for(name, file, folder)),
+            further=further,
             parameters=overrides | shard_parameters(index, len(names)),
         )
         for index, name in enumerate(names)

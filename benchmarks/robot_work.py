@@ -1,0 +1,231 @@
+"""Arms at work: the wear at which a joint is named, and healthy days without a warning.
+
+    python benchmarks/robot_work.py [--seeds N] [--hours H] [--json FILE]
+
+Units of the simulated six-joint arm work in a pick-and-place cycle. Their telemetry is written to
+files, from which `ema attach` recognises the columns, learns the baselines and gives the levels.
+
+- Wear: 24 healthy cycles, then cycles in which the friction of one joint rises by 3 % each. For
+  each joint: the true increase in the record that first gives a warning which names friction, and
+  whether any other joint is above OK.
+- Work: two healthy arms, 12 joints, learn on three days and then work for ``--hours``, with parts
+  and temperatures that change over the day. No joint may give a warning.
+"""
+
+import json
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from click.testing import CliRunner
+from rich.table import Table
+from script import Figures, Workers, command
+from targets import Row, at_most, none_of
+
+from ema_cli.main import main as ema
+from ema_sim.robot.arm import JOINT_NAMES
+from ema_sim.robot.work import RobotArm, WorkSettings, work_of_day
+
+RATE: Final = 100
+"""Sample rate [Hz]."""
+START_S: Final = 1_793_664_000.0
+"""Start of the first day [s]: 2026-11-03 in UTC."""
+HEALTHY_CYCLES: Final = 24
+WORN_CYCLES: Final = 14
+GROWTH: Final = 0.03
+"""Increase of friction in a cycle, relative to healthy [-]."""
+NAMED_BY: Final = 0.15
+"""Increase of friction by which the joint should be named [-]."""
+
+_DAY_S: Final = 86_400.0
+_LEARNED_H: Final = (8.0, 12.0, 16.0)  # hour of the day at which records are learned
+_LEARNED_CYCLES: Final = 10
+_WORK_PAUSE_S: Final = 30.0
+
+
+class _Log(NamedTuple):
+    """Work of an arm in one file: samples, and friction over healthy friction in each cycle."""
+
+    start_s: float
+    columns: dict[str, Any]
+    ends_s: list[float]
+    ratios: list[Any]
+
+
+def log_of(
+    arm: RobotArm, start_s: float, cycles: Sequence[tuple[WorkSettings, dict[str, float]]]
+) -> _Log:
+    """Simulate cycles with these settings and wear, from a time on."""
+    blocks, ends_s, ratios, samples = [], [], [], 0
+    for work, wear in cycles:
+        cycle = arm.begin_cycle(work, wear)
+        blocks += list(cycle.blocks)
+        samples += cycle.samples
+        ends_s.append(start_s + samples / RATE)
+        ratios.append(cycle.friction_ratio)
+    columns = {"time": start_s + np.arange(samples) / RATE}
+    for name in ("position", "velocity", "effort"):
+        values = np.concatenate([getattr(block, name) for block in blocks])
+        columns |= {f"{joint}_{name}": values[:, i] for i, joint in enumerate(JOINT_NAMES)}
+    return _Log(start_s, columns, ends_s, ratios)
+
+
+def attached(folder: Path, healthy: str) -> dict[str, Any]:
+    """Return what `ema attach` prints of each joint, by name."""
+    result = CliRunner().invoke(ema, ["attach", str(folder), "--healthy", healthy, "--json"])
+    if result.exit_code not in (0, 3):
+        raise RuntimeError(result.output) from result.exception
+    return {joint["joint"]: joint for joint in json.loads(result.stdout)}
+
+
+def wear_case(case: tuple[int, str]) -> dict[str, Any]:
+    """Return the outcome of a unit of the arm, one joint of which wears."""
+    seed, joint = case
+    arm = RobotArm(seed=seed, rate=RATE)
+    work = WorkSettings(healthy_cycles=0)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        healthy = log_of(arm, START_S, [(work, {})] * HEALTHY_CYCLES)
+        worn = log_of(arm, START_S + 7200.0, [(work, {joint: GROWTH})] * WORN_CYCLES)
+        for number, log in enumerate((healthy, worn)):
+            np.savez(folder / f"log_{number}.npz", **log.columns)
+        joints = attached(folder, "2026-11-03T01:00")
+    at = JOINT_NAMES.index(joint)
+    named = None
+    for record in joints[joint]["records"]:
+        if record["level"] in ("WARN", "ERROR") and "friction" in record["changed"]:
+            last = np.searchsorted(worn.ends_s, 1e-9 * record["end_ns"])
+            named = float(worn.ratios[min(last, WORN_CYCLES - 1)][at]) - 1.0
+            break
+    levels = {
+        name: {record["level"] for record in item["records"]} for name, item in joints.items()
+    }
+    others = [name for name, found in levels.items() if name != joint and found & {"WARN", "ERROR"}]
+    return {
+        "joint": joint,
+        "named_at": named,
+        "errors": list(_errors(joints[joint], worn, at)),
+        "others": others,
+        "unjudged": [name for name, found in levels.items() if "OK" not in found and name != joint],
+    }
+
+
+def _errors(joint: dict[str, Any], worn: _Log, at: int) -> Iterator[tuple[float, bool]]:
+    """Yield the error of each record's friction ratio, and whether its interval holds."""
+    ends_s = np.array(worn.ends_s)
+    ratios = np.array(worn.ratios)[:, at]
+    for record in joint["records"]:
+        friction = record["friction"]
+        if friction is None or friction["change"] is None:
+            continue
+        first, last = np.searchsorted(ends_s, (1e-9 * record["start_ns"], 1e-9 * record["end_ns"]))
+        truth = float(np.mean(ratios[first : last + 1])) - 1.0
+        yield friction["change"] - truth, friction["low"] <= truth <= friction["high"]
+
+
+def work_case(case: tuple[int, float]) -> dict[str, Any]:
+    """Return the levels of a healthy arm in ``hours`` of work, after learning on three days."""
+    seed, hours = case
+    arm = RobotArm(seed=seed, rate=RATE)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for day, hour in enumerate(_LEARNED_H):
+            start_s = START_S + day * _DAY_S + 3600.0 * hour
+            cycles = [(_work(hour), dict[str, float]())] * _LEARNED_CYCLES
+            np.savez(folder / f"day_{day}.npz", **log_of(arm, start_s, cycles).columns)
+        for hour in range(round(hours)):
+            start_s = START_S + 3 * _DAY_S + 3600.0 * hour
+            count = int(3600.0 / (19.0 + _WORK_PAUSE_S))
+            log = log_of(arm, start_s, [(_work(hour), dict[str, float]())] * count)
+            np.savez(folder / f"work_{hour:02d}.npz", **log.columns)
+        joints = attached(folder, "2026-11-06")
+    return {
+        name: {
+            "levels": [record["level"] for record in joint["records"]],
+            "friction": [
+                record["friction"]["change"] for record in joint["records"] if record["friction"]
+            ],
+            "reason": joint["reason"],
+        }
+        for name, joint in joints.items()
+    }
+
+
+def _work(hour: float) -> WorkSettings:
+    work = work_of_day(hour % 24.0)
+    return WorkSettings(
+        cycle_pause=_WORK_PAUSE_S, payload=work.payload, ambient=work.ambient, healthy_cycles=0
+    )
+
+
+def measure(workers: Workers, seeds: int, hours: float) -> Figures:
+    """Run both parts."""
+    cases = [(seed, joint) for seed in range(seeds) for joint in JOINT_NAMES]
+    worn = workers.map("arms that wear", wear_case, cases)
+    work = workers.map("arms at work", work_case, [(100 + arm, hours) for arm in range(2)])
+    return {"wear": worn, "work": work, "hours": hours}
+
+
+def rows(figures: Figures) -> Iterator[Row]:
+    """Yield targets and what was measured."""
+    worn = figures["wear"]
+    late = [
+        case for case in worn if case["named_at"] is None or case["named_at"] > NAMED_BY + GROWTH
+    ]
+    yield Row(
+        f"joint that wears named by +{100 * NAMED_BY:.0f} %",
+        str(len(worn)),
+        str(len(worn) - len(late)),
+        not late,
+    )
+    yield none_of("other joints above OK", sum(len(case["others"]) for case in worn))
+    warned = [
+        f"{name} of arm {number}"
+        for number, arm in enumerate(figures["work"])
+        for name, joint in arm.items()
+        if {"WARN", "ERROR"} & set(joint["levels"])
+    ]
+    yield none_of(
+        f"healthy joints of 12 with a warning in {figures['hours']:g} h",
+        len(warned),
+        ", ".join(warned),
+    )
+    median = np.median([abs(error) for case in worn for error, _ in case["errors"]])
+    yield at_most("error of the friction ratio, median [%]", 100.0 * float(median), 5.0)
+
+
+def tables(figures: Figures) -> Iterator[Table]:
+    """Yield a table with a row for each joint."""
+    table = Table(title=f"Friction of one joint rises by {100 * GROWTH:g} % a cycle")
+    for heading in (
+        *("joint", "named at [%]: median (worst)", "not named", "error [%]: median, largest"),
+        *("90 % interval holds [%]", "without a level while others wear"),
+    ):
+        table.add_column(heading, justify="right")
+    for joint in JOINT_NAMES:
+        cases = [case for case in figures["wear"] if case["joint"] == joint]
+        named = [100.0 * case["named_at"] for case in cases if case["named_at"] is not None]
+        errors = [(100.0 * abs(e), holds) for case in cases for e, holds in case["errors"]]
+        found = f"{np.median(named):.1f} ({max(named):.1f})" if named else "-"
+        size = (
+            f"{np.median([e for e, _ in errors]):.1f}, {max(e for e, _ in errors):.1f}"
+            if errors
+            else "-"
+        )
+        held = f"{100.0 * np.mean([h for _, h in errors]):.0f}" if errors else "-"
+        others = [case for case in figures["wear"] if case["joint"] != joint]
+        stale = sum(joint in case["unjudged"] for case in others)
+        table.add_row(
+            joint, found, str(len(cases) - len(named)), size, held, f"{stale} of {len(others)}"
+        )
+    yield table
+
+
+main = command(
+    measure, "arms at work", rows, tables, quick={"seeds": 1, "hours": 2}, seeds=10, hours=24.0
+)
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,257 @@
+"""Course of a joint: a baseline of its healthy records, and later records compared with it."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+from ema_bags.inputs.files import open_input
+from ema_bags.inputs.importing import Imported
+from ema_bags.inputs.mapping import ColumnMapping
+from ema_cli.bags.healthy_until import HealthyUntil
+from ema_cli.bags.records import imported_by
+from ema_core.dates import has_date, moment
+from ema_core.description import ActuatorDescription
+from ema_core.levels import STALE
+from ema_core.telemetry import Telemetry
+from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
+from ema_monitor.diagnosis import identify
+from ema_monitor.identification.estimate import SKIPPED, Estimate
+from ema_monitor.intake import Intake
+from ema_monitor.joint.comparison import FRICTION, QuantityChange
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
+from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.trigger import Defect, TriggerSettings
+from ema_monitor.windows.window import Window
+
+_PAUSE_NS: Final = 6_000_000_000  # longer than the rest that ends a record
+_SIMILAR_RATE: Final = 0.1
+
+WORK: Final = TriggerSettings(record_s=40.0, record_rest_s=20.0)
+"""Settings for records of ordinary work, as in ``attach.yaml`` of ema_bringup: a record has several
+strokes in both directions even if the work pauses."""
+
+
+@dataclass
+class JointCourse:
+    """Records of one joint over time."""
+
+    description: ActuatorDescription
+    """Description of the joint."""
+    is_dated: bool = True
+    """Whether the stamps have a date; otherwise they continue from file to file."""
+    calibration: JointCalibration | None = None
+    """Baseline of the healthy records; None without."""
+    why_no_baseline: str = ""
+    """Why the healthy records make no baseline; empty if they do."""
+    healthy: int = 0
+    """Number of healthy records."""
+    estimates: list[Estimate] = field(default_factory=list)
+    """Comparisons of the later records, and refusals; without skipped ends of motions."""
+    outlooks: dict[int, Outlook] = field(default_factory=dict)
+    """Health after each of the later records that gave one, by the record's end [ns]."""
+    remarks: list[str] = field(default_factory=list)
+    """Defects of the recordings, and why motion is not a record."""
+
+    @property
+    def level(self) -> int:
+        """Level after the latest record; STALE if nothing was judged."""
+        return self.level_after(max(self.outlooks, default=0))
+
+    def level_after(self, end_ns: int) -> int:
+        """Return the level after the record with this end [ns]; STALE if it gave none."""
+        outlook = self.outlooks.get(end_ns)
+        return outlook.health.level if outlook else STALE
+
+    @property
+    def reason(self) -> str:
+        """Why the level is what it is; empty for OK."""
+        if self.why_no_baseline:
+            return self.why_no_baseline
+        if not self.estimates:
+            return "no record after the healthy ones"
+        latest = self.estimates[-1]
+        outlook = self.outlooks.get(latest.end_ns)
+        return outlook.health.reason if outlook else latest.reason
+
+    @property
+    def level_since_ns(self) -> int:
+        """Stamp of the record since which the level is the same [ns]; 0 if none."""
+        since_ns = 0
+        for end_ns, outlook in reversed(self.outlooks.items()):
+            if outlook.health.level != self.level:
+                break
+            since_ns = end_ns
+        return since_ns
+
+    @property
+    def valid(self) -> list[Estimate]:
+        """The comparisons with a result."""
+        return [estimate for estimate in self.estimates if estimate.comparison is not None]
+
+    @property
+    def friction(self) -> QuantityChange | None:
+        """Change of Coulomb friction in the latest compared record; None without."""
+        valid = self.valid
+        return valid[-1].comparison[FRICTION] if valid and valid[-1].comparison else None
+
+    @property
+    def further_changes(self) -> tuple[QuantityChange, ...]:
+        """Changed quantities in the latest compared record, except friction."""
+        valid = self.valid
+        if not valid or valid[-1].comparison is None:
+            return ()
+        return tuple(item for item in valid[-1].comparison.changed if item.name != FRICTION)
+
+
+def follow_joint(
+    paths: Sequence[Path],
+    mapping: ColumnMapping,
+    description: ActuatorDescription,
+    until: HealthyUntil,
+) -> JointCourse:
+    """Learn the baseline of a joint from its healthy records, and compare the later records.
+
+    Parameters
+    ----------
+    paths
+        Recordings in the order of their time.
+    mapping, description
+        Mapping and description of the joint.
+    until
+        End of the healthy records.
+
+    Raises
+    ------
+    ValueError
+        If a recording cannot be read; the message names it.
+    """
+    remarks: list[str] = []
+    records = _imported(paths, mapping, description, remarks)
+    described = records[0].description
+    course = JointCourse(described, remarks=remarks)
+    course.is_dated = all(has_date(first_stamp(record)) for record in records)
+    settings = PrognosisSettings()
+    unit = Unit(History(*described.unit_key), settings)
+    intake = Intake(described.actuator_id, WORK, described, measures_duty=False)
+    healthy: list[Window] = []
+    first_ns: int | None = None
+    is_learning = True
+    for number, segment in enumerate(_segments(intake, records, course)):
+        window = segment.window
+        first_ns = window.start_ns if first_ns is None else first_ns
+        if is_learning and until.includes(window.end_ns, first_ns, number):
+            if isinstance(window, Window):
+                healthy.append(window)
+            continue
+        if is_learning:
+            is_learning = False
+            _learn(course, healthy, first_ns)
+            healthy.clear()
+        if course.calibration is not None:
+            _compare(course, unit, intake, segment, settings)
+    if is_learning:
+        _learn(course, healthy, first_ns)
+    return course
+
+
+def first_stamp(record: Imported) -> int:
+    """Return the first stamp of an imported recording [ns]; 0 if it has no samples."""
+    first = next(iter(record.blocks()), None)
+    return 0 if first is None else first.stamp_ns
+
+
+def _imported(
+    paths: Sequence[Path],
+    mapping: ColumnMapping,
+    description: ActuatorDescription,
+    remarks: list[str],
+) -> list[Imported]:
+    """Return the telemetry of files, resampled to the first rate if the rates are similar.
+
+    Defects, and files without the joint, are added to the remarks.
+
+    Raises
+    ------
+    ValueError
+        If no file has the joint.
+    """
+    records: list[Imported] = []
+    for path in paths:
+        try:
+            file = open_input(path, mapping)
+            record = imported_by(file, mapping, description)
+            if records:
+                period = records[0].description.sample_period
+                ratio = record.description.sample_period / period
+                if ratio != 1.0 and abs(ratio - 1.0) < _SIMILAR_RATE:
+                    record = imported_by(file, mapping, description, period)
+        except ValueError as error:
+            text = str(error)
+            remarks.append(text if str(path) in text else f"{path}: {text}")
+            continue
+        remarks += [f"{path}: {remark}" for remark in (*file.remarks, *record.defects)]
+        records.append(record)
+    if not records:
+        raise ValueError("; ".join(remarks))
+    return records
+
+
+def _segments(
+    intake: Intake, records: Iterable[Imported], course: JointCourse
+) -> Iterator[Segment]:
+    """Yield the records in all recordings; times without a date continue from file to file."""
+    end_ns = 0
+    for record in records:
+        shift_ns: int | None = None
+        for block in record.blocks():
+            if shift_ns is None:
+                is_behind = not course.is_dated and end_ns and block.stamp_ns <= end_ns
+                shift_ns = end_ns + _PAUSE_NS - block.stamp_ns if is_behind else 0
+            moved: Telemetry = replace(block, stamp_ns=block.stamp_ns + shift_ns)
+            end_ns = max(end_ns, moved.stamp_at(len(moved) - 1))
+            yield from _windows(intake.feed(moved), course)
+        yield from _windows(intake.finish(), course)
+
+
+def _windows(events: Iterable[Segment | Defect], course: JointCourse) -> Iterator[Segment]:
+    for event in events:
+        if isinstance(event, Defect):
+            course.remarks.append(event.reason)
+        else:
+            yield event
+
+
+def _learn(course: JointCourse, healthy: Sequence[Window], first_ns: int | None) -> None:
+    """Fit the baseline of a course to its healthy records; ``first_ns`` is the first record's."""
+    course.healthy = len(healthy)
+    if first_ns is None:
+        course.why_no_baseline = "no record: the recordings have no motion of 2 s or more"
+        return
+    if not healthy:
+        course.why_no_baseline = (
+            f"no record ends before --healthy: the first begins at {moment(first_ns)}"
+        )
+        return
+    try:
+        course.calibration = calibrate_joint(healthy, course.description)
+    except ValueError as error:
+        course.why_no_baseline = f"no baseline: {error}"
+
+
+def _compare(
+    course: JointCourse, unit: Unit, intake: Intake, segment: Segment, settings: PrognosisSettings
+) -> None:
+    """Compare a record with the baseline, and add it to the course."""
+    assert course.calibration is not None
+    estimate = identify(segment.window, segment.description, course.calibration)
+    if estimate.verdict == SKIPPED:
+        return
+    course.estimates.append(estimate)
+    use = intake.take_use(unit.history.unit, estimate.end_ns)
+    outlook = unit.update(estimate, None, settings, *use)
+    if outlook is not None:
+        course.outlooks[estimate.end_ns] = outlook

@@ -1,0 +1,90 @@
+"""Recordings of a robot: files in order of time, and the mapping of each of its joints."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from ema_bags.inputs.examine import UNKNOWN_JOINT, examine
+from ema_bags.inputs.mapping import ColumnMapping, load_mapping
+from ema_bags.metadata import METADATA_FILE
+from ema_bags.suffixes import BAGS, TABLES
+from ema_core.description import ActuatorDescription
+
+
+class RobotJoint(NamedTuple):
+    """A joint of recordings."""
+
+    mapping: ColumnMapping
+    """Mapping of the joint."""
+    description: ActuatorDescription
+    """Description with the joint's name."""
+
+
+def find_recordings(paths: Sequence[Path]) -> list[Path]:
+    """Return the recordings in files and folders, in the order of their names.
+
+    A folder is a bag or a data set, or contains recordings.
+
+    Raises
+    ------
+    ValueError
+        If a path does not exist or holds no recording.
+    """
+    recordings: list[Path] = []
+    for path in paths:
+        if not path.exists():
+            raise ValueError(f"{path}: there is no such file or folder")
+        inside = [path] if _is_recording(path) else sorted(filter(_is_recording, path.iterdir()))
+        if not inside:
+            suffixes = ", ".join((*BAGS, *TABLES))
+            raise ValueError(f"{path}: this folder holds no recording (a bag, {suffixes})")
+        recordings += inside
+    return list(dict.fromkeys(recordings))
+
+
+def _is_recording(path: Path) -> bool:
+    if path.is_dir():
+        return any((path / name).is_file() for name in (METADATA_FILE, "meta/info.json"))
+    return path.is_file() and path.suffix.lower() in (*BAGS, *TABLES)
+
+
+def joints_of(
+    paths: Sequence[Path], mapping_file: Path | None, joints: Sequence[str]
+) -> list[RobotJoint]:
+    """Return the joints of recordings, recognised in the first recording that has any.
+
+    Parameters
+    ----------
+    paths
+        Recordings in order.
+    mapping_file
+        Mapping; None to recognise the columns.
+    joints
+        Names of the joints; empty for all.
+
+    Raises
+    ------
+    ValueError
+        If no recording holds a joint.
+    """
+    mapping = load_mapping(mapping_file) if mapping_file else None
+    problems = []
+    for path in paths:
+        try:
+            examination = examine(path, mapping=mapping, joints=joints)
+        except ValueError as error:
+            problems.append(str(error))
+            continue
+        recognised = [
+            RobotJoint(item.mapping, _named(item.joint or path.stem))
+            for item in examination.joints
+            if item.mapping is not None
+        ]
+        if recognised:
+            return recognised
+    raise ValueError("; ".join(problems))
+
+
+def _named(name: str) -> ActuatorDescription:
+    return replace(UNKNOWN_JOINT, actuator_id=name)

@@ -1,0 +1,111 @@
+"""Table of joints: level, since when, change of friction and further changes."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from ema_cli.bags.joint_course import JointCourse
+from ema_cli.show.terminal import level_in_words
+from ema_core.dates import moment
+from ema_core.levels import LEVEL_NAMES, STALE
+from ema_core.wording import counted
+from ema_monitor.identification.estimate import Estimate, plain
+from ema_monitor.joint.comparison import FRICTION, QUANTITIES, Judgement, QuantityChange
+from ema_monitor.joint.wording import smallest_text
+
+HEADINGS: Final = ("joint", "level", "since", "records", "friction", "further changes")
+
+
+def row_of(course: JointCourse) -> tuple[str, ...]:
+    """Return the cells of a joint, in the order of ``HEADINGS``."""
+    level = "not judged" if course.level == STALE else level_in_words(course.level)
+    records = f"{course.healthy} healthy, {len(course.estimates)} later"
+    further = ", ".join(map(_changed, course.further_changes))
+    return (
+        course.description.actuator_id,
+        level,
+        _moment(course),
+        records,
+        friction_text(course.friction),
+        further or "-",
+    )
+
+
+def joint_table(courses: Sequence[JointCourse]) -> list[str]:
+    """Return the table as lines, with the reason of each level that is not OK below it."""
+    rows = [HEADINGS, *map(row_of, courses)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(HEADINGS))]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+    reasons = [
+        f"{course.description.actuator_id}: {course.reason}" for course in courses if course.reason
+    ]
+    unjudged = sum(course.level == STALE for course in courses)
+    summary = f"{counted(len(courses), 'joint')}, {unjudged} of them not judged" if unjudged else ""
+    return [*lines, *reasons, *filter(None, [summary])]
+
+
+def mapping_of(course: JointCourse) -> dict[str, Any]:
+    """Return a joint as plain values for JSON; unknown numbers are null."""
+    comparison = course.valid[-1].comparison if course.valid else None
+    return plain(
+        {
+            "joint": course.description.actuator_id,
+            "level": LEVEL_NAMES[course.level],
+            "level_since_ns": course.level_since_ns or None,
+            "reason": course.reason,
+            "healthy_records": course.healthy,
+            "compared_records": len(course.valid),
+            "refused_records": len(course.estimates) - len(course.valid),
+            "comparison": comparison.as_mapping() if comparison else None,
+            "records": [_record(estimate, course) for estimate in course.estimates],
+            "remarks": course.remarks,
+        }
+    )
+
+
+def _record(estimate: Estimate, course: JointCourse) -> dict[str, Any]:
+    """Return a compared or refused record: times, level after it, and change of friction."""
+    friction = estimate.comparison[FRICTION] if estimate.comparison else None
+    return {
+        "start_ns": estimate.start_ns,
+        "end_ns": estimate.end_ns,
+        "level": LEVEL_NAMES[course.level_after(estimate.end_ns)],
+        "verdict": estimate.verdict,
+        "reason": estimate.reason,
+        "changed": [item.name for item in estimate.comparison.changed]
+        if estimate.comparison
+        else [],
+        "friction": None
+        if friction is None
+        else {"change": friction.change, "low": friction.low, "high": friction.high},
+    }
+
+
+def friction_text(friction: QuantityChange | None) -> str:
+    """Return the change of friction with its interval, or why there is none."""
+    if friction is None:
+        return "-"
+    if friction.judgement is Judgement.NOT_JUDGED:
+        return f"not judged: {friction.reason}" if friction.reason else "not judged"
+    text = f"{100.0 * friction.change:+.1f} % ({_interval(friction)})"
+    if friction.judgement is Judgement.UNCHANGED:
+        return f"{text}, unchanged: {smallest_text(friction)} would show"
+    return text
+
+
+def _changed(item: QuantityChange) -> str:
+    label = QUANTITIES[item.name].label
+    if item.unit != "-":
+        return f"{label} {item.change:+.3g} {item.unit}"
+    return f"{label} {100.0 * item.change:+.1f} %"
+
+
+def _interval(item: QuantityChange) -> str:
+    return f"{100.0 * item.low:+.1f} to {100.0 * item.high:+.1f} %"
+
+
+def _moment(course: JointCourse) -> str:
+    since_ns = course.level_since_ns
+    return "-" if course.level == STALE or not since_ns else moment(since_ns)

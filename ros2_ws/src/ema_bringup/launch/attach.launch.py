@@ -1,0 +1,42 @@
+"""All joints of the robots in the graph: bridge, monitor, recorder and dashboard.
+
+ros2 launch ema_bringup attach.launch.py
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from launch_ros.actions import Node
+
+from launch import LaunchContext, LaunchDescription
+
+sys.path.insert(0, str(Path(__file__).parent))
+import ema_launch_arguments as ema
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the nodes, with their arguments."""
+    return ema.launch(
+        __file__,
+        _nodes,
+        ("bridge", "monitor", "recorder", "dashboard", "attach"),
+        effort_unit=("N.m", "unit of the effort: N.m, A or N"),
+        accept_after=("0", "healthy records after which a baseline is accepted; 0: by a person"),
+        recordings=("recordings", "folder of the recordings of level changes; it must be new"),
+    )
+
+
+def _nodes(context: LaunchContext) -> list[Node]:
+    file = ema.value_of(context, "attach_params")
+    parameters: dict[str, tuple[str, dict[str, Any]]] = {
+        "bridge": ("ema_bags", {"effort_unit": ema.value_of(context, "effort_unit")}),
+        "recorder": ("ema_bags", {"output": ema.value_of(context, "recordings")}),
+        "dashboard": ("ema_dashboard", {}),
+    }
+    nodes = [
+        ema.node(context, name, package, further=file, parameters=values)
+        for name, (package, values) in parameters.items()
+    ]
+    accept_after = int(ema.value_of(context, "accept_after"))
+    return [*nodes, *ema.monitors(context, further=file, accept_after=accept_after)]

@@ -1,0 +1,112 @@
+"""Joints of recordings: a baseline of the healthy records, and the level of the later ones."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ema_sim.robot.arm import JOINT_NAMES
+from ema_sim.robot.work import RobotArm, WorkSettings
+
+from ..commands import ema
+
+NOV_3 = 1_793_664_000
+RATE = 100
+WORN = {"wrist_2": 0.04}
+
+
+def write_work(path: Path, arm: RobotArm, cycles: int, start_s: float, joints, **wear) -> None:
+    """Write the work of some joints to a table, with the columns of a joint each."""
+    logs = [
+        arm.begin_cycle(WorkSettings(cycle_pause=0.5, healthy_cycles=0), wear)
+        for _ in range(cycles)
+    ]
+    blocks = [block for cycle in logs for block in cycle.blocks]
+    columns = [start_s + np.arange(sum(map(len, blocks))) / RATE]
+    names = ["t"]
+    for joint in joints:
+        i = JOINT_NAMES.index(joint)
+        for name in ("position", "velocity", "effort"):
+            columns.append(np.concatenate([getattr(block, name)[:, i] for block in blocks]))
+            names.append(f"{joint}_{name}")
+    table = np.column_stack(columns)
+    formats = ["%.3f"] + ["%.8g"] * (len(names) - 1)
+    np.savetxt(path, table, formats, ",", header=",".join(names), comments="")
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory) -> Path:
+    """Return a folder with 8 healthy minutes, and 4 minutes a day later in which a wrist wears."""
+    folder = tmp_path_factory.mktemp("work")
+    arm = RobotArm(seed=3, rate=RATE)
+    joints = ("base", "wrist_2")
+    write_work(folder / "day_1.csv", arm, 24, NOV_3, joints)
+    write_work(folder / "day_2.csv", arm, 12, NOV_3 + 86_400, joints, **WORN)
+    return folder
+
+
+def test_worn_joint_is_named_and_the_healthy_one_is_not(work, tmp_path):
+    page = tmp_path / "page.html"
+    result = ema("attach", work, "--healthy", "2026-11-04", "--html", page, "--json")
+    joints = {item["joint"]: item for item in json.loads(result.stdout)}
+    assert set(joints) == {"base", "wrist_2"}
+    assert joints["base"]["level"] == "OK", joints["base"]["reason"]
+    assert joints["wrist_2"]["level"] == "WARN"
+    changes = {item["name"]: item for item in joints["wrist_2"]["comparison"]["quantities"]}
+    friction = changes["friction"]
+    # The last record has two or three cycles, whose friction is 1.40 to 1.48 times healthy.
+    assert friction["judgement"] == "changed"
+    assert 0.36 < friction["change"] < 0.5
+    assert result.exit_code == 0
+    text = page.read_text(encoding="utf-8")
+    assert "Joints of" in text
+    assert text.count("<svg") == 2
+    assert text.index("wrist_2") < text.index("base")
+
+
+def test_table_has_level_since_and_change_of_friction(work):
+    result = ema("attach", work, "--healthy", "6", "--joint", "wrist_2")
+    assert result.exit_code == 0
+    heading, row, reason, *_ = result.stdout.splitlines()
+    assert heading.split("  ")[0] == "joint"
+    assert "▲ WARN  2026-11-04 00:" in row
+    assert "6 healthy" in row
+    assert reason.startswith("wrist_2: Coulomb friction rose")
+
+
+def test_joint_without_a_later_record_is_not_judged(work):
+    result = ema("attach", work / "day_1.csv", "--healthy", "2026-11-05")
+    assert result.exit_code == 3
+    assert "base: no record after the healthy ones" in result.stdout
+    assert "2 joints, 2 of them not judged" in result.stdout
+
+
+def test_healthy_end_before_all_records_is_an_answer_with_the_first_record(work):
+    result = ema("attach", work, "--healthy", "2026-11-01")
+    assert result.exit_code == 3
+    assert "base: no record ends before --healthy: the first begins at 2026-11-03" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "error"),
+    [
+        (["day_1.csv"], 2, "--healthy is missing: which of the records are healthy?"),
+        (["day_1.csv", "--healthy", "soon"], 2, "expected a number of records such as 10"),
+        (["day_1.csv", "--healthy", "5", "--namespace", "/x"], 2, "--namespace is for running"),
+        (["none.csv", "--healthy", "5"], 1, "none.csv: there is no such file or folder"),
+        (["day_1.csv", "--healthy", "5", "--html", "page.txt"], 2, "page.txt: expected a name"),
+        (["--html", "page.html"], 2, "--html needs RECORDINGS"),
+    ],
+)
+def test_wrong_use_is_refused_with_what_is_expected(work, monkeypatch, arguments, code, error):
+    monkeypatch.chdir(work)
+    result = ema("attach", *arguments)
+    assert result.exit_code == code
+    assert error in result.stderr
+
+
+def test_folder_without_a_recording_is_refused(tmp_path):
+    result = ema("attach", tmp_path, "--healthy", "5")
+    assert result.exit_code == 1
+    assert "this folder holds no recording (a bag, .mcap, .db3, .csv" in result.stderr
