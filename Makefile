@@ -105,6 +105,7 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python live.py --json live.json
 	$(activate) && cd benchmarks && python many_actuators.py --json many_actuators.json
 	$(activate) && cd benchmarks && python many_joints.py --json many_joints.json
+	$(activate) && cd benchmarks && python learning.py --json learning.json
 	$(activate) && cd benchmarks && python promptness.py --json promptness.json
 	$(activate) && cd benchmarks && python dashboard.py --json dashboard.json
 	$(activate) && cd benchmarks && python startup.py --json startup.json

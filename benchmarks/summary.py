@@ -21,7 +21,16 @@ HERE: Final = Path(__file__).parent
 SCRIPTS: Final = (
     *("accuracy", "field_oriented", "trust", "sensor_errors", "sampling", "design"),
     *("ordinary_motion", "departures", "joints", "kernels", "live", "many_actuators"),
-    *("many_joints", "promptness", "dashboard", "startup", "resume", "memory", "archive"),
+    *(
+        "many_joints",
+        "learning",
+        "promptness",
+        "dashboard",
+        "startup",
+        "resume",
+        "memory",
+        "archive",
+    ),
     *("prognosis.own_laws", "prognosis.foreign_laws", "advisory"),
 )
 """Modules that have rows of targets; each writes a file of its name."""
