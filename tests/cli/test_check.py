@@ -330,6 +330,32 @@ def test_one_joint_of_several_is_examined(ema, tmp_path):
     assert "joint: RL_hip" in result.stdout
 
 
+def test_doubts_that_all_joints_share_are_printed_once(ema, tmp_path):
+    columns = dict(FORMS["legs"][0])
+    columns["FR_hip_tauEst"] = np.abs(columns["FR_hip_tauEst"])
+    pd.DataFrame(columns).to_csv(tmp_path / "log.csv", index=False)
+    common, *joints = ema("check", tmp_path / "log.csv").stdout.split("\njoint ")
+    assert "all joints\n- clock unit: time\n- unit guessed: position, speed, current\n" in common
+    for joint in joints:
+        assert not any(word in joint for word in ("clock unit", "unit guessed", "doubt"))
+    assert ["the current is never negative" in joint for joint in joints] == [True, False, False]
+
+
+def test_doubts_of_a_single_joint_are_in_its_table(ema, tmp_path):
+    pd.DataFrame(FORMS["robotics"][0]).to_csv(tmp_path / "log.csv", index=False)
+    text = ema("check", tmp_path / "log.csv").stdout
+    assert "all joints" not in text
+    [row] = [line for line in text.splitlines() if line.startswith("current ")]
+    assert row.endswith("unit guessed, sampling unknown")
+
+
+def test_doubt_with_a_sentence_is_not_in_the_table(ema, tmp_path):
+    pd.DataFrame(FORMS["commanded current"][0]).to_csv(tmp_path / "log.csv", index=False)
+    text = ema("check", tmp_path / "log.csv").stdout
+    assert text.count("is a setpoint according to its name") == 1
+    assert "set point" not in text
+
+
 @pytest.mark.parametrize("version", ["v2.1", "v3.0"])
 def test_data_set_of_lerobot_is_joints_with_command(ema, tmp_path, version):
     folder = tmp_path / "so100"

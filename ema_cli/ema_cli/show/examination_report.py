@@ -1,9 +1,10 @@
 """Text and JSON of an examination."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 from ema_bags.inputs.doubt_wording import doubt_text
 from ema_bags.inputs.doubts import DoubtKind
@@ -20,9 +21,65 @@ _SHORT = frozenset(
         *(DoubtKind.CLOCK_UNIT, DoubtKind.EFFORT_KIND, DoubtKind.NO_NUMBERS),
     )
 )
-"""Doubts that the table shows in full."""
+"""Doubts that the table shows; the others have a line of text."""
 
 _HEADINGS = "quantity", "source", "unit", "range", "step", "doubt"
+
+
+class _Doubts(NamedTuple):
+    """Doubts to print about a joint, or about all joints."""
+
+    short: dict[tuple[DoubtKind, str], None]
+    """Kind and quantity of each doubt in the table, in order."""
+    texts: dict[str, None]
+    """The other doubts, in order."""
+
+    @classmethod
+    def of_joint(cls, joint: JointExamination) -> Self:
+        of_columns = [doubt for column in joint.columns for doubt in column.doubts]
+        is_table = joint.mapping.is_table
+        of_clock = [doubt for doubt in joint.doubts if is_table and doubt.quantity == "clock"]
+        return cls(
+            {
+                (doubt.kind, doubt.quantity): None
+                for doubt in (*of_clock, *of_columns)
+                if doubt.kind in _SHORT
+            },
+            {
+                doubt_text(doubt): None
+                for doubt in (*joint.doubts, *of_columns)
+                if doubt.kind not in _SHORT
+            },
+        )
+
+    @classmethod
+    def common(cls, joints: Sequence[JointExamination]) -> Self:
+        """Return the doubts that several joints share."""
+        if len(joints) < 2:
+            return cls({}, {})
+        first, *others = map(cls.of_joint, joints)
+        return cls(
+            {key: None for key in first.short if all(key in other.short for other in others)},
+            {text: None for text in first.texts if all(text in other.texts for other in others)},
+        )
+
+    def without(self, other: Self) -> Self:
+        return type(self)(
+            {key: None for key in self.short if key not in other.short},
+            {text: None for text in self.texts if text not in other.texts},
+        )
+
+    def row(self, quantity: str) -> str:
+        """Return the cell of a quantity in the table."""
+        return ", ".join(_short(kind) for kind, of in self.short if of == quantity)
+
+    def lines(self) -> list[str]:
+        """Return a line for each kind of doubt, and for each text."""
+        quantities: dict[DoubtKind, list[str]] = {}
+        for kind, quantity in self.short:
+            quantities.setdefault(kind, []).append("time" if quantity == "clock" else quantity)
+        lines = [f"{_short(kind)}: {', '.join(names)}" for kind, names in quantities.items()]
+        return [f"- {line}" for line in (*lines, *self.texts)]
 
 
 def report_lines(examination: Examination) -> list[str]:
@@ -30,8 +87,11 @@ def report_lines(examination: Examination) -> list[str]:
     joints = examination.joints
     lines = [f"{examination.source}: {counted(len(joints), 'joint')}"]
     lines += [f"warning: {remark}" for remark in examination.remarks]
+    common = _Doubts.common(joints)
+    if of_all := common.lines():
+        lines += ["", "all joints", *of_all]
     for joint in joints:
-        lines += ["", *_of_joint(joint)]
+        lines += ["", *_of_joint(joint, _Doubts.of_joint(joint).without(common))]
     if unused := examination.unused:
         shown = ", ".join(map(repr, unused[:_MOST_LISTED]))
         more = f" and {len(unused) - _MOST_LISTED} more" if len(unused) > _MOST_LISTED else ""
@@ -56,35 +116,32 @@ def as_record(examination: Examination) -> dict[str, Any]:
     return record
 
 
-def _of_joint(joint: JointExamination) -> list[str]:
+def _of_joint(joint: JointExamination, doubts: _Doubts) -> list[str]:
     lines = [f"joint {joint.joint}"] if joint.joint else []
-    rows = [_clock_row(joint.mapping, joint)] if joint.mapping.is_table else []
-    rows += [_row(column) for column in joint.columns]
+    rows = [_clock_row(joint.mapping, doubts)] if joint.mapping.is_table else []
+    rows += [_row(column, doubts) for column in joint.columns]
     if rows:
-        lines += text_table(_HEADINGS, rows).splitlines()
+        count = len(_HEADINGS) if doubts.short else len(_HEADINGS) - 1
+        lines += text_table(_HEADINGS[:count], [row[:count] for row in rows]).splitlines()
     if joint.timing is not None:
         lines.append(timing_line(joint.timing))
         lines.append(motion_line(joint))
-    doubts = [*joint.doubts, *(doubt for column in joint.columns for doubt in column.doubts)]
-    detailed = [doubt_text(doubt) for doubt in doubts if doubt.kind not in _SHORT]
-    lines += [f"- {text}" for text in (*findings(joint), *detailed)]
+    lines += [f"- {text}" for text in (*findings(joint), *doubts.texts)]
     return lines + judged_lines(joint)
 
 
-def _clock_row(mapping: ColumnMapping, joint: JointExamination) -> tuple[str, ...]:
+def _clock_row(mapping: ColumnMapping, doubts: _Doubts) -> tuple[str, ...]:
     clock = mapping.clock
-    doubts = ", ".join(_short(item.kind) for item in joint.doubts if item.quantity == "clock")
     source = clock.source or f"{clock.rate_hz:g} Hz"
-    return "time", source, clock.unit if clock.source else "", "", "", doubts
+    return "time", source, clock.unit if clock.source else "", "", "", doubts.row("clock")
 
 
-def _row(column: ColumnExamination) -> tuple[str, ...]:
+def _row(column: ColumnExamination, doubts: _Doubts) -> tuple[str, ...]:
     source = f"{column.topic} {column.source}".strip()
     low, high = column.low, column.high
     reach = f"{low:.5g} to {high:.5g}" if math.isfinite(low) else "no number"
     step = f"{column.step:.3g}" if math.isfinite(column.step) else ""
-    kinds = ", ".join(dict.fromkeys(_short(item.kind) for item in column.doubts))
-    return column.quantity, source, column.unit, reach, step, kinds
+    return column.quantity, source, column.unit, reach, step, doubts.row(column.quantity)
 
 
 def _short(kind: str) -> str:
