@@ -57,16 +57,16 @@ class _Doubts(NamedTuple):
         """Return the doubts that several joints share."""
         if len(joints) < 2:
             return cls({}, {})
-        first, *others = map(cls.of_joint, joints)
+        first, *further = map(cls.of_joint, joints)
         return cls(
-            {key: None for key in first.short if all(key in other.short for other in others)},
-            {text: None for text in first.texts if all(text in other.texts for other in others)},
+            {key: None for key in first.short if all(key in item.short for item in further)},
+            {text: None for text in first.texts if all(text in item.texts for item in further)},
         )
 
-    def without(self, other: Self) -> Self:
+    def without(self, common: Self) -> Self:
         return type(self)(
-            {key: None for key in self.short if key not in other.short},
-            {text: None for text in self.texts if text not in other.texts},
+            {key: None for key in self.short if key not in common.short},
+            {text: None for text in self.texts if text not in common.texts},
         )
 
     def row(self, quantity: str) -> str:
