@@ -44,6 +44,7 @@ from ema_monitor.joint.symptoms import SymptomComparer
 
 _MODEL_TOLERANCE: Final = 0.1
 _RATIO_TOLERANCE: Final = 0.02
+_RELATIVE_TO_FRICTION: Final = (FRICTION, VISCOUS)
 _VISCOUS_TOLERANCE: Final = 3.0
 _PARAMETER_COST: Final = 6.0
 _EFFECT_OF_PLAY: Final = 0.1
@@ -435,9 +436,11 @@ class _Test:
             # An estimate together with further changes is less certain.
             smallest = max(smallest, test.smallest_change)
         change, (low, high) = test.change, test.interval
-        extra = Z90 * _RATIO_TOLERANCE * abs(change)
-        low = change - math.hypot(change - low, extra)
-        high = change + math.hypot(high - change, extra)
+        smaller, larger = sorted(
+            change * math.expm1(sign * Z90 * self._tolerance(name)) for sign in (-1.0, 1.0)
+        )
+        low = change - math.hypot(change - low, smaller)
+        high = change + math.hypot(high - change, larger)
         unit = "-"
         if name == LOAD:
             unit, scale = self._comparer.effort_unit, self._comparer.effort_scale
@@ -458,6 +461,16 @@ class _Test:
         figures = change, low, high, smallest
         return QuantityChange(name, judgement, *figures, unit, reason, rival_names)
 
+    def _tolerance(self, name: str) -> float:
+        """Return the standard deviation of the logarithm of a relative change.
+
+        A change relative to the friction has the error of the healthy friction. The error is not in
+        the scatter of the healthy records, because all records have it.
+        """
+        if name not in _RELATIVE_TO_FRICTION:
+            return _RATIO_TOLERANCE
+        return math.hypot(_RATIO_TOLERANCE, self._baseline.shape.friction_error)
+
     def _friction_over_inertia(self, named: tuple[str, ...]) -> QuantityChange:
         """Return the change of the ratio of friction to inertia.
 
@@ -474,7 +487,7 @@ class _Test:
             reason = "friction or inertia is hardly visible in the record"
             return QuantityChange(FRICTION_OVER_INERTIA, Judgement.NOT_JUDGED, reason=reason)
         ratio = friction / inertia
-        sigma = math.hypot(test.prediction.sigma, _RATIO_TOLERANCE * (ratio - 1.0))
+        sigma = math.hypot(test.prediction.sigma, self._tolerance(FRICTION) * (ratio - 1.0))
         low, high = (ratio * math.exp(sign * Z90 * sigma) - 1.0 for sign in (-1.0, 1.0))
         judgement, reason = Judgement.UNCHANGED, ""
         if test.is_significant and named:

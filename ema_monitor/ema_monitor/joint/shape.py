@@ -29,6 +29,7 @@ _FREE: Final = 10.0
 _OPEN: Final = 1e3
 _SEEN: Final = 0.3
 _SEPARABLE: Final = 0.04
+_INDEPENDENT: Final = 3  # rows; the filter correlates noise by less than 1 % over this distance
 _TINY: Final = 1e-12
 
 
@@ -70,6 +71,9 @@ class Shape:
     """Whether viscous friction is fitted separately. Otherwise the Coulomb friction includes it."""
     unexplained: float = 0.0
     """Ratio of the standard deviations of the residuals and of the effort [-]."""
+    friction_error: float = 0.0
+    """Standard deviation of the error of the healthy dry friction due to effort outside the model,
+    relative to the friction [-]. The error is the same in all records."""
 
     @property
     def used(self) -> Flags:
@@ -108,6 +112,10 @@ class Shape:
         columns[:, LOAD] = 1.0
         columns[:, GRAVITY] = self.gravity(signals)
         return columns
+
+    def terms(self, signals: Signals) -> Array:
+        """Return the columns of the fitted coefficients and of ``Signals.free``, ``(n, p)``."""
+        return np.column_stack([self.design(signals)[:, self.used], signals.free])
 
     @property
     def friction_scale(self) -> float:
@@ -263,7 +271,9 @@ def choose_shape(signals: Sequence[Signals], *, is_linear: bool) -> Shape:
             "the healthy records show no dry friction: the effort does not follow the direction of "
             "the motion; does the effort have the sign of the motion?"
         )
-    return _with_load_columns(_observable(shape, signals), signals)
+    shape = _with_load_columns(_observable(shape, signals), signals)
+    square = float(np.median([_friction_error_square(shape, record) for record in signals]))
+    return replace(shape, friction_error=math.sqrt(max(square, 0.0)))
 
 
 def _with_load_columns(shape: Shape, records: Sequence[Signals]) -> Shape:
@@ -307,6 +317,25 @@ def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
     if sigmas[VISCOUS] * speed < _SEPARABLE * both:
         return seen
     return replace(seen, has_viscous=False, coulomb=both, dip=0.0, load_share=0.0)
+
+
+def _friction_error_square(shape: Shape, signals: Signals) -> float:
+    """Return the relative variance of the friction of a record due to effort outside the model [-].
+
+    The residuals contain the part of such effort that no term of the model can represent. The part
+    along the friction is assumed to be as large: the error has their standard deviation. Noise does
+    not count: it is independent in rows that are ``_INDEPENDENT`` rows apart. The result may be
+    negative.
+    """
+    design, fit = shape.terms(signals), fit_record(shape, signals)
+    scales = np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
+    friction, rest = design[:, 0] / scales[0], design[:, 1:] / scales[1:]
+    alone = friction - rest @ np.linalg.lstsq(rest, friction, rcond=None)[0]
+    first, second = fit.residuals[:-_INDEPENDENT], fit.residuals[_INDEPENDENT:]
+    same = signals.stroke[:-_INDEPENDENT] == signals.stroke[_INDEPENDENT:]
+    square = float(np.mean((first * second)[same])) if np.any(same) else _rms(fit.residuals) ** 2
+    size = scales[0] * _rms(alone) * abs(fit.values[DRY])
+    return square / max(size, _TINY) ** 2
 
 
 def _better(
