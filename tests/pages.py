@@ -20,7 +20,7 @@ class Page(HTMLParser):
         self.tables: dict[str, list[list[str]]] = {}
         self.figures: dict[str, list[list[float]]] = {}
         self.attributes: list[tuple[str, str, str]] = []
-        self.said: dict[str, list[str]] = {}
+        self.printed: dict[str, list[str]] = {}
         self._open: list[str] = []
         self._texts: list[str] = []
         self._caption = ""
@@ -33,7 +33,7 @@ class Page(HTMLParser):
         self.handle_startendtag(tag, attrs)
         if tag not in _EMPTY:
             self._open.append(tag)
-            self.said.setdefault(tag, []).append("")
+            self.printed.setdefault(tag, []).append("")
         if tag == "table":
             self._caption = ""
         elif tag == "tr":
@@ -53,7 +53,7 @@ class Page(HTMLParser):
     def handle_data(self, data: str) -> None:
         self._texts.append(data)
         for tag in self._open:
-            self.said[tag][-1] += data
+            self.printed[tag][-1] += data
         if "caption" in self._open:
             self._caption += data
         elif {"td", "th"} & set(self._open):

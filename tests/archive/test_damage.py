@@ -54,7 +54,7 @@ def commands(archive: Path) -> list[tuple[Any, ...]]:
 
 
 @pytest.mark.slow
-def test_damaged_table_is_named_and_made_anew_whichever_it_is(ema, archive: Path):
+def test_damaged_table_is_named_and_made_again_whichever_it_is(ema, archive: Path):
     before = {name: exactly(archive, name) for name in ("estimates", "health")}
     levels = answer(archive, LEVELS)
     with Manifest(archive, writes=False) as manifest, manifest.reading() as db:
@@ -63,10 +63,10 @@ def test_damaged_table_is_named_and_made_anew_whichever_it_is(ema, archive: Path
     assert len(names) == len(TABLES) - 1
     for name in names:
         damage_rows(archive, name)
-        said = f"1 table damaged, {name}: run `ema archive run"
+        printed = f"1 table damaged, {name}: run `ema archive run"
         for command in commands(archive):
             result = ema(*command)
-            assert (result.exit_code, said in result.stderr) == (1, True), (name, result.output)
+            assert (result.exit_code, printed in result.stderr) == (1, True), (name, result.output)
         status = ema("archive", "status", archive)
         assert (status.exit_code, "1 table damaged" in status.stdout) == (0, True), status.output
         assert json.loads(ema("archive", "status", archive, "--json").stdout)["damaged_tables"] == [
@@ -79,7 +79,7 @@ def test_damaged_table_is_named_and_made_anew_whichever_it_is(ema, archive: Path
     assert {name: exactly(archive, name) for name in before} == before
 
 
-def test_only_rows_that_cannot_be_read_are_made_anew(tmp_path: Path):
+def test_only_rows_that_cannot_be_read_are_made_again(tmp_path: Path):
     """A damaged group of rows takes only its bags with it."""
     archive, groups = tmp_path / "archive", 3
     bags = [f"/bags/{number:06d}.mcap" for number in range(groups * 122_880)]
@@ -177,7 +177,7 @@ def test_store_without_its_lock_file_is_read(ema, archive: Path):
     assert len(answer(archive, LEVELS)[1]) == 2
 
 
-def test_foreign_changes_beside_a_store_do_not_count(ema, archive: Path):
+def test_foreign_changes_next_to_a_store_do_not_count(ema, archive: Path):
     (archive / f"{FILE}.wal").write_text("no changes\n" * 100, encoding="utf-8")
     assert len(answer(archive, LEVELS)[1]) == 2
     assert ema("archive", "run", archive, *HERE).exit_code == 0

@@ -54,13 +54,13 @@ def test_estimates_are_those_of_the_command(ema, whole, made_fleet):
         calibration = ("--calibration", folder / "calibration.yaml")
         for bag in sorted(folder.glob("*.mcap")):
             result = ema("estimate", bag, "-p", "warm_start=false", *calibration, "--json")
-            told = json.loads(result.stdout)
+            report_made = json.loads(result.stdout)
             kept = [row for row in rows if row["bag"] == str(bag)]
-            assert len(kept) == len(told)
-            for row, said in zip(kept, told, strict=True):
+            assert len(kept) == len(report_made)
+            for row, printed in zip(kept, report_made, strict=True):
                 record = estimate_record(estimate_from(row))
                 del record["computing_time"]
-                assert {name: said[name] for name in record} == record
+                assert {name: printed[name] for name in record} == record
                 compared += 1
     assert compared >= 10
 
@@ -68,23 +68,27 @@ def test_estimates_are_those_of_the_command(ema, whole, made_fleet):
 def test_health_and_life_are_those_of_the_command(ema, whole, made_fleet):
     for number, unit in enumerate(units(whole)):
         folder = made_fleet / f"unit_{number}"
-        told = json.loads(ema("predict", folder, "-p", "warm_start=false", "--json").stdout)
+        report_made = json.loads(ema("predict", folder, "-p", "warm_start=false", "--json").stdout)
         rows = rows_of_unit(whole, "health", unit).to_pylist()
-        tests = [test for test in told["tests"] if "level" in test]
+        tests = [test for test in report_made["tests"] if "level" in test]
         assert len(rows) == len(tests) > 2
         for row, test in zip(rows, tests, strict=True):
             assert row["measured_ns"] == test["end_ns"]
             compared = {name: value for name, value in as_values(row).items() if name in RECORD}
             assert {name: in_columns(test[name]) for name in RECORD} == compared
-        reported, newest = columns_of(told), as_values(rows[-1])
+        reported, newest = columns_of(report_made), as_values(rows[-1])
         names = newest.keys() & reported.keys() - EVENTS
         assert {*RECORD, "severity", "removal_days", "measured_ns", "reason"} - EVENTS <= names
         assert {name: newest[name] for name in names} == {name: reported[name] for name in names}
-        said = {item["name"]: item for item in (*told["faults"], *told["requirements"])}
+        printed = {
+            item["name"]: item for item in (*report_made["faults"], *report_made["requirements"])
+        }
         growth = rows_of_unit(whole, "growth", unit).to_pylist()
-        assert {row["name"] for row in growth} == set(said)
+        assert {row["name"] for row in growth} == set(printed)
         for row in growth:
-            of_item = {name: value for name, value in said[row["name"]].items() if name != "unit"}
+            of_item = {
+                name: value for name, value in printed[row["name"]].items() if name != "unit"
+            }
             assert {name: as_values(row)[name] for name in of_item} == of_item
 
 

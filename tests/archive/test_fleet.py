@@ -68,8 +68,8 @@ UNITS = (
 def test_departure_gives_way_to_an_estimate_and_a_failure_and_stays_in_no_order():
     def row(bag, end_ns, verdict, *, valid):
         rest = {"start_ns": end_ns - 5, "end_ns": end_ns, "number": 0, "fitness": 0.0}
-        told = {"bag": bag, "verdict": verdict, "valid": valid, "reason": verdict}
-        return rest | told | dict.fromkeys(FAULT_NAMES, 0.0)
+        reported = {"bag": bag, "verdict": verdict, "valid": valid, "reason": verdict}
+        return rest | reported | dict.fromkeys(FAULT_NAMES, 0.0)
 
     copies = [row(verdict, 10, verdict, valid=False) for verdict in ("refused", "departed")]
     copies += [row("valid", 10, "valid", valid=True), row("failed", 10, "failed", valid=False)]
@@ -185,7 +185,7 @@ def test_the_report_of_a_fleet_has_the_figures_of_its_summary(archive, ema, tmp_
     assert ema("report", "--fleet", archive, "--replace", "-o", path).exit_code == 0
 
 
-def test_the_report_of_a_fleet_without_a_valid_test_says_so_and_shows_nothing_else(ema, tmp_path):
+def test_the_report_of_a_fleet_without_a_valid_test_states_so_and_shows_nothing_else(ema, tmp_path):
     empty, refused = tmp_path / "empty", tmp_path / "refused"
     unit = {"actuator_id": "flap", "serial_number": "1"}
     stale = unit | {

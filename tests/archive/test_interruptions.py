@@ -80,7 +80,7 @@ def test_bag_that_lost_three_workers_keeps_its_rows_and_is_done_again(ema, archi
 
 @pytest.mark.long
 @pytest.mark.parametrize(("when", "left"), [("before", 7), ("after", 4)])
-def test_killed_run_goes_on_where_it_was(scanned, whole, when, left):
+def test_killed_run_continues_where_it_was(scanned, whole, when, left):
     """It is killed at the worst moments: as rows are written, and after they are committed."""
     script = """
 import os, signal, sys
@@ -309,9 +309,9 @@ with Manifest(Path({str(scanned)!r})) as manifest:
 def test_store_that_another_program_holds_is_named(held, monkeypatch):
     monkeypatch.setattr(store, "_READER_WAITS_S", 0.0)
     monkeypatch.setattr(store, "_WRITER_WAITS_S", 0.0)
-    said = f"{FILE} is in use by another program"
+    printed = f"{FILE} is in use by another program"
     for writes in (False, True):
-        with pytest.raises(OSError, match=said):
+        with pytest.raises(OSError, match=printed):
             Manifest(held, writes=writes)
 
 
@@ -327,6 +327,6 @@ def test_change_waits_for_those_that_read(scanned):
 def test_damage_that_a_read_finds_is_named(scanned):
     with duckdb.connect(scanned / FILE) as other:
         other.execute("DROP TABLE manifest.bag CASCADE")
-    said = f"{scanned / FILE} cannot be used: Catalog Error: Table with name bag does not exist"
-    with pytest.raises(OSError, match=said), Manifest(scanned) as manifest:
+    printed = f"{scanned / FILE} cannot be used: Catalog Error: Table with name bag does not exist"
+    with pytest.raises(OSError, match=printed), Manifest(scanned) as manifest:
         manifest.find_due(ArchiveSettings())

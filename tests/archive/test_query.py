@@ -54,31 +54,31 @@ def test_question_that_is_none_or_reaches_outside_is_refused(whole, question, me
 @pytest.mark.slow
 @pytest.mark.parametrize("what", ["worst_first", "select serial_number, level from units"])
 def test_export_writes_what_a_query_gives(ema, whole, tmp_path, what):
-    for name in ("told.csv", "told.parquet"):
+    for name in ("export.csv", "told.parquet"):
         result = ema("archive", "export", whole, what, "-o", tmp_path / name)
         assert (result.exit_code, result.stdout) == (0, f"{tmp_path / name}: 2 rows\n")
-    table = pq.read_table(tmp_path / "told.parquet")
-    with (tmp_path / "told.csv").open() as file:
+    table = pq.read_table(tmp_path / "export.parquet")
+    with (tmp_path / "export.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == table.column_names
     assert [row["serial_number"] for row in rows] == table["serial_number"].to_pylist()
-    again = ema("archive", "export", whole, what, "-o", tmp_path / "told.csv")
+    again = ema("archive", "export", whole, what, "-o", tmp_path / "export.csv")
     assert again.exit_code == 1
     assert "already exists: use --replace to overwrite it" in again.stderr
-    for name in ("told.csv", "told.parquet"):
+    for name in ("export.csv", "told.parquet"):
         # Also what a killed export left does not hinder it.
         (tmp_path / f"{name}.partial").write_text("left")
         forced = ema("archive", "export", whole, "units", "-o", tmp_path / name, "--replace")
         assert (forced.exit_code, forced.stdout) == (0, f"{tmp_path / name}: 2 rows\n")
-    assert "dominant_fault" in pq.read_table(tmp_path / "told.parquet").column_names
+    assert "dominant_fault" in pq.read_table(tmp_path / "export.parquet").column_names
     assert not list(tmp_path.glob("*.partial"))
-    other = ema("archive", "export", whole, what, "-o", tmp_path / "told.txt")
+    other = ema("archive", "export", whole, what, "-o", tmp_path / "export.txt")
     assert "expected a name that ends in .csv or .parquet" in other.stderr
 
 
 @pytest.mark.slow
 def test_export_that_fails_leaves_the_file_as_it_was(ema, whole, tmp_path):
-    path = tmp_path / "told.csv"
+    path = tmp_path / "export.csv"
     path.write_text("before")
     question = "select unit::int from estimates"
     result = ema("archive", "export", whole, question, "-o", path, "--replace")
@@ -86,9 +86,9 @@ def test_export_that_fails_leaves_the_file_as_it_was(ema, whole, tmp_path):
     assert "Conversion Error" in result.stderr
     assert path.read_text() == "before"
     assert list(tmp_path.iterdir()) == [path]
-    result = ema("archive", "export", whole, "units", "-o", tmp_path / "none" / "told.csv")
+    result = ema("archive", "export", whole, "units", "-o", tmp_path / "none" / "export.csv")
     assert result.exit_code == 1
-    assert f"{tmp_path / 'none' / 'told.csv'}: cannot be written" in result.stderr
+    assert f"{tmp_path / 'none' / 'export.csv'}: cannot be written" in result.stderr
 
 
 def test_other_programs_read_tables_and_views(whole):
@@ -171,10 +171,10 @@ def test_settings_of_the_archive_are_kept_exactly():
 
 
 def test_text_that_a_spreadsheet_would_compute_is_quoted_in_csv(whole, tmp_path):
-    path = tmp_path / "told.csv"
+    path = tmp_path / "export.csv"
     texts = ("=HYPERLINK('http://x')", "-1", "+a", "@b", "plain", "\ta")
     question = " UNION ALL ".join(
-        f"SELECT '{text.replace(chr(39), chr(39) * 2)}' AS told" for text in texts
+        f"SELECT '{text.replace(chr(39), chr(39) * 2)}' AS cell" for text in texts
     )
     export(whole, question, path)
     lines = path.read_text().splitlines()[1:]

@@ -145,7 +145,7 @@ def test_unread_bag_counts_for_the_units_of_its_folder(fleet_of_drawn: Drawn, st
     assert (status.damaged, status.failed, status.gone) == (0, 0, 1)
 
 
-def test_alarm_stays_beside_an_unread_bag(fleet_of_drawn: Drawn):
+def test_alarm_stays_next_to_an_unread_bag(fleet_of_drawn: Drawn):
     for day in (3, 4, 5):
         fleet_of_drawn.write(f"unit A/{day}.mcap", f"A {day} worn")
     level, _ = fleet_of_drawn.update()["A"]
@@ -155,7 +155,7 @@ def test_alarm_stays_beside_an_unread_bag(fleet_of_drawn: Drawn):
     assert (after, reason[:23]) == (level, "later tests may be lost")
 
 
-def test_calibration_beside_an_unread_bag_names_its_unit(fleet_of_drawn: Drawn):
+def test_calibration_next_to_an_unread_bag_names_its_unit(fleet_of_drawn: Drawn):
     """In a folder without another bag."""
     bag = fleet_of_drawn.write("new/3.mcap", "damaged 0")
     unit = replace(ActuatorDescription(), actuator_id="flap", serial_number="B")

@@ -75,7 +75,7 @@ def test_changed_calibration_marks_the_bags_of_its_unit(ema, archive, fleet):
 
 
 @pytest.mark.slow
-def test_run_tells_how_many_windows_are_refused_and_why(ema, archive, fleet, tmp_path):
+def test_run_reports_how_many_windows_are_refused_and_why(ema, archive, fleet, tmp_path):
     status = ema("archive", "status", archive)
     assert status.exit_code == 0
     assert "2 of 10 windows refused, most often because: gap" in status.output
@@ -160,8 +160,8 @@ def test_bags_that_cannot_be_used_are_rows_with_their_reason(ema, fleet, tmp_pat
     assert [Path(bag).name for bag, _ in rows] == ["empty.mcap", "none.mcap"]
     for bag, reason in rows:
         assert bag in reason
-        said = ema("estimate", bag)
-        assert (said.exit_code, reason in said.stderr) == (1, True), said.stderr
+        printed = ema("estimate", bag)
+        assert (printed.exit_code, reason in printed.stderr) == (1, True), printed.stderr
     # They are not tried again, until they change, and count all the same.
     result = ema("archive", "run", folder, *HERE)
     assert (result.exit_code, "0 bags and" in result.stdout) == (3, True)

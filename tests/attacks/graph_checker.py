@@ -97,10 +97,10 @@ def lost_messages(record: GraphRecord, topic: str = "") -> int:
 
 
 def _lost_on(status: StatusNote, topic: str) -> int:
-    told = status.values.get("lost by topic")
-    if not topic or told is None:
+    reported = status.values.get("lost by topic")
+    if not topic or reported is None:
         return status.count("lost messages")
-    lost = (item.rpartition(" ") for item in told.split(", ") if item)
+    lost = (item.rpartition(" ") for item in reported.split(", ") if item)
     return sum(int(count) for name, _, count in lost if name.endswith(f"/{topic}"))
 
 
@@ -350,17 +350,17 @@ def _counters(one: _Actuator, lost: Lost) -> Iterator[str]:
             if not -1 <= counted - len(within) <= 1 + unseen:
                 yield f"{counted} {key} were counted, {len(within)} published"
         dropped = last.count("windows dropped") - first.count("windows dropped")
-        told = sum(
+        reported = sum(
             item.dropped and first.sent_ns < item.sent_ns <= last.sent_ns for item in run.answers
         )
         # A window is counted when it is dropped, and its answer waits behind those before it.
-        if not -1 - _found_only(first) <= dropped - told <= 1 + _found_only(last) + unseen:
-            yield f"{dropped} windows dropped were counted, {told} published"
+        if not -1 - _found_only(first) <= dropped - reported <= 1 + _found_only(last) + unseen:
+            yield f"{dropped} windows dropped were counted, {reported} published"
     stretches = _stretches(one.blocks, one.told_jumps_ns)
     missing = sum(_published(stretch) - len(stretch) for stretch in stretches)
     if missing > lost.telemetry:
-        said = lost.telemetry
-        yield f"{missing} blocks are not in the bag, and the recorder says that it lost {said}"
+        printed = lost.telemetry
+        yield f"{missing} blocks are not in the bag, and the recorder says that it lost {printed}"
 
 
 def _published(stretch: list[Block]) -> int:

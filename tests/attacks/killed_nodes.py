@@ -153,7 +153,7 @@ class NodeKills:
         finally:
             graph.resume(victim)
         for name in others:
-            if not any(f"/ema/{victim}" in text for text in graph.told[f"/ema/{name}: peers"]):
+            if not any(f"/ema/{victim}" in text for text in graph.reported[f"/ema/{name}: peers"]):
                 self._case.fail(f"{name} did not say that {victim} had gone for a while")
         since_s = time.time()
         self._wait_until_back(graph, victim, since_s)

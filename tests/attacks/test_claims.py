@@ -67,9 +67,9 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_failure_after_good_tests_leads(opened: Path):
-    told = ema("predict", opened, "--json", "--hours-per-cycle", "10")
-    assert told.exit_code == 3
-    health = json.loads(told.stdout)
+    reported = ema("predict", opened, "--json", "--hours-per-cycle", "10")
+    assert reported.exit_code == 3
+    health = json.loads(reported.stdout)
     assert (health["level"], health["health_index"], health["rul"]["known"]) == (ERROR, 0.0, False)
     assert "open phase A" in health["cause"]
     assert health["removal"].startswith("Remove now: dead switch or open phase A")
@@ -141,13 +141,13 @@ def test_units_that_were_never_tested_validly_are_counted(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_bag_of_a_fleet_is_told_whole(tmp_path: Path):
+def test_bag_of_a_fleet_is_reported_whole(tmp_path: Path):
     path = tmp_path / "fleet.mcap"
     units = [replace(FLAP, actuator_id=name) for name in ("left", "right")]
     write(path, *((unit, telemetry({}, 0.0)) for unit in units))
     path.write_bytes(path.read_bytes()[:-60])
-    told = ema("info", path)
-    assert told.exit_code == 0
+    reported = ema("info", path)
+    assert reported.exit_code == 0
     for expected in ("actuator left,", "actuator right,", "warning: "):
-        assert expected in told.stdout
+        assert expected in reported.stdout
     assert "actuator right," not in ema("info", path, "--actuator-id", "left").stdout

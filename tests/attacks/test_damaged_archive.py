@@ -26,7 +26,7 @@ HERE = ("--executor", "threads", "--workers", "1")
 
 
 @pytest.mark.parametrize("table", ["estimates", "duty", "health", "units", "manifest.test"])
-def test_damaged_tables_are_made_anew(archive: Path, table: str):
+def test_damaged_tables_are_made_again(archive: Path, table: str):
     whole = {name: exactly(archive, name) for name in ("estimates", "duty", "health")}
     damage_rows(archive, table)
     assert "1 table damaged" in ema("archive", "status", archive).stdout
@@ -37,7 +37,7 @@ def test_damaged_tables_are_made_anew(archive: Path, table: str):
     assert ema("archive", "run", archive, *HERE).stderr == ""
 
 
-def test_what_bags_that_are_gone_said_is_named(archive: Path, fleet: Path):
+def test_what_bags_that_are_gone_stated_is_named(archive: Path, fleet: Path):
     for bag in fleet.rglob("*.mcap"):
         bag.unlink()
     assert ema("archive", "scan", archive).exit_code == 0
@@ -57,7 +57,7 @@ def test_damaged_store_is_an_error_with_its_remedy(archive: Path, content: bytes
         assert "scan the bags into a new archive" in result.stderr
 
 
-def test_no_flipped_byte_and_no_cut_changes_what_an_archive_says(archive: Path):
+def test_no_flipped_byte_and_no_cut_changes_what_an_archive_states(archive: Path):
     """Wherever it is, it is noticed, or belongs to nothing that is read."""
     path = archive / FILE
     whole, rng = path.read_bytes(), random.Random(3)

@@ -109,7 +109,7 @@ class Claimed(Walk):
         self.lost: dict[str, Tested] = {}
         # When each unit was last tested without a hidden fault in fact [s].
         self.seen_s: dict[str, float] = dict.fromkeys(_UNITS, -math.inf)
-        self.told: dict[str, list[Estimate]] = {name: [] for name in _UNITS}
+        self.reported: dict[str, list[Estimate]] = {name: [] for name in _UNITS}
         self.latched: dict[str, Health] = {}
         # The run of the machine; and since when the clock is followed in fact [s].
         self.boot = "boot 0"
@@ -229,7 +229,7 @@ class Claimed(Walk):
 
         Telemetry comes while it is measured, or faster, down to a pace of 0: at once.
         """
-        made = made_test(len(self.told[name]), **_KINDS[kind])
+        made = made_test(len(self.reported[name]), **_KINDS[kind])
         if kind in _HIDDEN:
             made = hiding(made, _HIDDEN[kind])
         end_ns = self._stamp_ns(name, ago_s)
@@ -246,9 +246,9 @@ class Claimed(Walk):
         outlook = unit.update(
             estimate, None, _SETTINGS[name], received_ns=self.now_ns, is_live=is_live
         )
-        number, description = len(self.told[name]), actuator.finder.description
+        number, description = len(self.reported[name]), actuator.finder.description
         actuator.record(Diagnosed(number, number, description, estimate), outlook, self._moment())
-        self.told[name].append(estimate)
+        self.reported[name].append(estimate)
         self.tested, self.unread = name, True
         measured_s = self.clock_s - ago_s
         if made.valid and kind not in _HIDDEN:
@@ -374,7 +374,7 @@ class Claimed(Walk):
 
     def _read_command(self, name: str) -> None:
         """What a command says is that of the newest test."""
-        tests = self.told[name]
+        tests = self.reported[name]
         stamped = (StampedTest(one.start_ns, one.end_ns, "bag", "bag") for one in tests)
         if unordered(stamped):
             return  # it is refused
@@ -404,7 +404,7 @@ class Claimed(Walk):
         assert verdict.lines[0].startswith("Well") == (expected == OK), "the report says Well"
 
     def _read_archive(self, name: str) -> None:
-        tests = self.told[name]
+        tests = self.reported[name]
         made = {"bag": "bag", "bag_sha256": "", "software": "", "settings": ""}
         rows = [estimate_row(one, number) | made for number, one in enumerate(tests)]
         result = follow_unit(
@@ -447,17 +447,17 @@ class Claimed(Walk):
         levels = self._levels()
         for name in _UNITS:
             if not self._knows(name):
-                said = [
+                printed = [
                     sink for (unit, sink), level in levels.items() if (unit, level) == (name, OK)
                 ]
-                assert said == [], f"{name} is said to be OK by {', '.join(said)}"
+                assert printed == [], f"{name} is said to be OK by {', '.join(printed)}"
         for name, health in self.latched.items():
             # Beside a warning there is no index of 1.
             assert health.level not in (WARN, ERROR) or not health.health_index > 0.99
-            said = {sink: level for (unit, sink), level in levels.items() if unit == name}
+            printed = {sink: level for (unit, sink), level in levels.items() if unit == name}
             # Who shows it may let it expire a moment before its monitor does.
-            assert set(said.values()) <= {health.level, STALE}, f"{name}: {said}"
-            assert said.get("status", health.level) == health.level, f"{name}: {said}"
+            assert set(printed.values()) <= {health.level, STALE}, f"{name}: {printed}"
+            assert printed.get("status", health.level) == health.level, f"{name}: {printed}"
 
     def _levels(self) -> dict[tuple[str, str], int]:
         """Return the levels by unit and sink."""

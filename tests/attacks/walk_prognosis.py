@@ -38,7 +38,7 @@ class Prognosis(Walk):
         self.number = 0
         self.friction = 0.05
         self.offset_hours = 0.0
-        self.told: list[tuple[Estimate, Count | None]] = []
+        self.reported: list[tuple[Estimate, Count | None]] = []
         self.outlook: Outlook | None = None
         self.rng = np.random.default_rng(7)
 
@@ -59,12 +59,12 @@ class Prognosis(Walk):
         estimate = made_test(self.number, rng=self.rng, valid=valid, friction=friction)
         right = _HOURS * (self.number + 1) + self.offset_hours
         hours = {"none": math.nan, "right": right, "high": 9.0 * right, "low": right / 4}[count]
-        told = None if math.isnan(hours) else Count(estimate.start_ns, hours, 0)
+        reported = None if math.isnan(hours) else Count(estimate.start_ns, hours, 0)
         self.number += 1
         if not held:
-            self.told.append((estimate, told))
-            self._tell(estimate, told)
-        return estimate, told
+            self.reported.append((estimate, reported))
+            self._tell(estimate, reported)
+        return estimate, reported
 
     @rule(count=st.sampled_from(_COUNTS), tests=st.integers(1, 3))
     def test(self, count: str, tests: int) -> None:
@@ -82,7 +82,7 @@ class Prognosis(Walk):
         """A test that comes after a later one: the newest one still leads."""
         held = self._test("right", valid=valid, held=True)
         self._test("right")
-        self.told.append(held)
+        self.reported.append(held)
         before = self.outlook
         self._tell(*held)
         assert _claim(self.outlook) == _claim(before), "a late test leads"
@@ -117,11 +117,11 @@ class Prognosis(Walk):
     @rule(which=st.integers(0, 30))
     def test_again(self, which: int) -> None:
         """A test that came already changes nothing."""
-        if not self.told:
+        if not self.reported:
             return
         history = self.prognostics.history
         before = len(history.entries) + len(history.late)
-        self._tell(*self.told[which % len(self.told)])
+        self._tell(*self.reported[which % len(self.reported)])
         after = len(history.entries) + len(history.late)
         assert after == before, "a test was counted twice"
 
@@ -156,7 +156,7 @@ class Prognosis(Walk):
         """All tests once more, into a history in memory: the same is said."""
         twin = Unit(History(*UNIT))
         last = None
-        for estimate, count in self.told:
+        for estimate, count in self.reported:
             last = twin.update(estimate, None, _SETTINGS, count) or last
         now = self.prognostics.resume(None, _SETTINGS)
         assert _said(last) == _said(now), "a replay says something else"
@@ -169,7 +169,7 @@ class Prognosis(Walk):
         assert not self.prognostics.history.problem, self.prognostics.history.problem
         history = self.prognostics.history
         stamps = sorted(entry.stamp_ns for entry in (*history.entries, *history.late))
-        valid = sorted(estimate.end_ns for estimate, _ in self.told if estimate.valid)
+        valid = sorted(estimate.end_ns for estimate, _ in self.reported if estimate.valid)
         assert stamps == valid, "a valid test is missing, or there twice"
 
     def teardown(self) -> None:

@@ -93,7 +93,7 @@ def numbers_in(bag: Bag) -> list[int]:
 
 
 @pytest.mark.parametrize(("name", "error"), [("flight", errno.ENOSPC), ("flight.mcap", errno.EIO)])
-def test_recording_goes_on_when_there_is_room_again(
+def test_recording_continues_when_there_is_room_again(
     disk: Disk, tmp_path: Path, name: str, error: int
 ):
     disk.error = error
@@ -184,7 +184,7 @@ def test_without_patience_a_full_disk_is_an_error(disk: Disk, tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", ["one.mcap", "folder"])
-def test_recording_of_a_bag_that_is_removed_goes_on_in_a_new_file(tmp_path: Path, name: str):
+def test_recording_of_a_bag_that_is_removed_continues_in_a_new_file(tmp_path: Path, name: str):
     path = tmp_path / "bags" / name
     with BagWriter(path, flush_s=0.1, waits_for_room=True) as bag:
         bag.add_topic("/words", String, QOS)

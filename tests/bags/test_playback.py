@@ -66,7 +66,7 @@ def test_delays_do_not_add_up(clock: SimulatedTime):
     assert clock.now_s - begin_s == pytest.approx(0.505, abs=1e-9)  # 0.755 s if they did
 
 
-def test_clock_goes_on_between_messages_and_never_past_the_next(clock: SimulatedTime):
+def test_clock_continues_between_messages_and_never_past_the_next(clock: SimulatedTime):
     events: list[tuple[str, int]] = []
     played = Playback(
         [recorded(1)[0], *recorded(41)[20:21], *recorded(41)[40:]],

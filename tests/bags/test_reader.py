@@ -150,7 +150,7 @@ def test_flipped_bits_never_make_a_message(recorder: str, path: Path):
     assert harmed > 30
 
 
-def test_damaged_chunk_is_told_with_what_is_lost(path: Path):
+def test_damaged_chunk_is_reported_with_what_is_lost(path: Path):
     written = record_by_mcap(path, compression=CompressionType.NONE)
     damaged = path.read_bytes().replace(b"message 50 ", b"massage 50 ")
     path.write_bytes(damaged)
@@ -271,8 +271,8 @@ def test_message_that_is_none_is_skipped_counted_and_named(path: Path):
     bag = Bag(path)
     for _ in range(2):
         assert [item.message.frame_id for item in bag.messages()] == ["before", "after"]
-        told = "topic /t: 51 malformed messages skipped, the first of log time 7 ns: "
-        assert told + "no std_msgs/msg/Header: " in bag.damage
+        reported = "topic /t: 51 malformed messages skipped, the first of log time 7 ns: "
+        assert reported + "no std_msgs/msg/Header: " in bag.damage
     assert "lost" not in bag.damage
 
 
@@ -372,7 +372,7 @@ def test_folder_with_a_file_that_is_none_gives_the_others(split: tuple[Path, Wri
 
 
 @pytest.mark.parametrize(
-    ("metadata", "told"),
+    ("metadata", "reported"),
     [
         (None, "no metadata.yaml: not closed"),
         (b"[" * 100_000, "metadata.yaml cannot be read"),
@@ -381,7 +381,7 @@ def test_folder_with_a_file_that_is_none_gives_the_others(split: tuple[Path, Wri
     ],
 )
 def test_folder_without_good_metadata_gives_its_files(
-    metadata, told: str, split: tuple[Path, Written]
+    metadata, reported: str, split: tuple[Path, Written]
 ):
     folder, written = split
     (folder / "metadata.yaml").unlink()
@@ -389,11 +389,11 @@ def test_folder_without_good_metadata_gives_its_files(
         (folder / "metadata.yaml").write_bytes(metadata)
     bag = Bag(folder)
     assert as_read(bag) == written
-    assert told in bag.damage
+    assert reported in bag.damage
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "reported"),
     [
         ({"storage_identifier": "sqlite3"}, "storage is 'sqlite3', expected 'mcap'"),
         (
@@ -403,14 +403,14 @@ def test_folder_without_good_metadata_gives_its_files(
         ({"compression_mode": "CHUNK", "compression_format": "zstd"}, "in mode 'chunk', expected"),
     ],
 )
-def test_other_storage_is_refused(change: dict, told: str, tmp_path: Path):
+def test_other_storage_is_refused(change: dict, reported: str, tmp_path: Path):
     (tmp_path / "flight").mkdir()
     write_metadata(tmp_path / "flight", ["flight_0.mcap"], N, **change)
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=reported):
         Bag(tmp_path / "flight")
 
 
-def test_gaps_are_told_up_to_a_number(tmp_path: Path):
+def test_gaps_are_reported_up_to_a_number(tmp_path: Path):
     path = tmp_path / "a.mcap"
     values = {"reason": "no room", "start_ns": "1", "end_ns": "2", "messages": "3"}
     with mcap_writer(path) as writer:

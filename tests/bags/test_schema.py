@@ -54,7 +54,7 @@ SEPARATOR = "=" * 80
 
 
 @pytest.mark.parametrize("kind", TYPES, ids=type_name)
-def test_schema_says_what_is_hashed(kind: type):
+def test_schema_states_what_is_hashed(kind: type):
     # rosbags computes the hash from the text, so text and hash belong together.
     name = type_name(kind)
     store = get_typestore(Stores.EMPTY)
@@ -93,7 +93,7 @@ def test_installed_schema_passes_by_hash_and_by_fields():
 
 @pytest.mark.parametrize("recorded_hash", ["", "RIHS01_" + "0" * 64])
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "reported"),
     [
         ("float64 sample_period", "float32 sample_period", r"\[float32 sample_period\].*float64"),
         ("float64[] command ", "float64[<=100] command ", r"\[float64\[<=100\] command\]"),
@@ -101,11 +101,11 @@ def test_installed_schema_passes_by_hash_and_by_fields():
         ("uint32 nanosec", "int32 nanosec", "builtin_interfaces/Time has .int32 nanosec."),
     ],
 )
-def test_other_fields_are_refused_by_name(old: str, new: str, told: str, recorded_hash: str):
+def test_other_fields_are_refused_by_name(old: str, new: str, reported: str, recorded_hash: str):
     text = schema_text(TELEMETRY)
     assert old in text
     with pytest.raises(
-        ValueError, match=f"recorded {TELEMETRY} differs from the installed version.*{told}"
+        ValueError, match=f"recorded {TELEMETRY} differs from the installed version.*{reported}"
     ):
         to_installed(TELEMETRY, text.replace(old, new), recorded_hash)
 
@@ -133,7 +133,7 @@ def test_unknown_type_is_named(ask, name: str):
         ask(name)
 
 
-def test_offered_qos_in_words():
+def test_offered_qos_with_a_message():
     qos = QoSProfile(
         depth=5,
         history=HistoryPolicy.KEEP_LAST,

@@ -58,7 +58,7 @@ def health(level: int, actuator: str = "flap") -> Health:
 
 def test_first_level_is_no_change_and_own_statuses_do_not_count(record):
     recording = record(Health, HealthSummary, String, DiagnosticArray)
-    for message, said in (
+    for message, printed in (
         (health(OK), ""),
         (health(OK), ""),
         (health(WARN, "left"), ""),
@@ -67,14 +67,14 @@ def test_first_level_is_no_change_and_own_statuses_do_not_count(record):
         (HealthSummary(actuator_id="flap", level=ERROR), "health of flap from WARN to ERROR"),
         (String(data="no level"), ""),
     ):
-        assert received(recording, message) == said
+        assert received(recording, message) == printed
     names = ("/ema/monitor: flap health", "/ema/recorder: recording", "/ema/recorder_2: peers")
-    for level, said in (
+    for level, printed in (
         (b"\0", ""),
         (b"\1", f"{names[0]} from OK to WARN, {names[2]} from OK to WARN"),
     ):
         status = [DiagnosticStatus(name=name, level=level) for name in names]
-        assert received(recording, DiagnosticArray(status=status)) == said
+        assert received(recording, DiagnosticArray(status=status)) == printed
 
 
 def test_snapshot_begins_with_what_held_before_it(record, tmp_path: Path):

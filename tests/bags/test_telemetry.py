@@ -110,7 +110,7 @@ ONE_ACTUATOR = [("/raw", "flap", blocks(0)), ("/filtered", "flap", blocks(7000))
 
 
 @pytest.mark.parametrize(
-    ("streams", "choice", "told"),
+    ("streams", "choice", "reported"),
     [
         (
             [],
@@ -132,9 +132,11 @@ ONE_ACTUATOR = [("/raw", "flap", blocks(0)), ("/filtered", "flap", blocks(7000))
         (ONE_ACTUATOR, {"actuator_id": "flap"}, "choose one by topic"),
     ],
 )
-def test_telemetry_that_is_none_or_several_is_refused(tmp_path: Path, streams, choice, told: str):
+def test_telemetry_that_is_none_or_several_is_refused(
+    tmp_path: Path, streams, choice, reported: str
+):
     bag = record(tmp_path / "flight", *streams)
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=reported):
         blocks_of(read_telemetry(bag, **choice))
 
 
@@ -153,7 +155,7 @@ def test_telemetry_is_chosen_by_topic_and_actuator(tmp_path: Path, streams, choi
     assert_same(blocks_of(read_telemetry(bag, **choice)), streams[number][2])
 
 
-def test_malformed_block_is_told_in_its_place(tmp_path: Path):
+def test_malformed_block_is_reported_in_its_place(tmp_path: Path):
     good = blocks()[0]
     message = telemetry_to_message(good, "flap")
     message.speed = array.array("d", [0.0])

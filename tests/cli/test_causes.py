@@ -40,5 +40,5 @@ def test_true_causes_are_in_the_metadata(ema, tmp_path):
 
 
 def test_a_wrong_name_is_answered_with_those_of_all_causes(ema, tmp_path):
-    said = ema("simulate", "--cause", "nonsense=1", "-o", tmp_path / "case").stderr
-    assert all(cause.name in said for cause in CAUSES)
+    printed = ema("simulate", "--cause", "nonsense=1", "-o", tmp_path / "case").stderr
+    assert all(cause.name in printed for cause in CAUSES)

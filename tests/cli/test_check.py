@@ -295,7 +295,7 @@ def test_joint_that_rests_can_not_be_judged(ema, tmp_path):
     ]
 
 
-def test_motor_speed_beside_a_joint_position_can_show_play(ema, tmp_path):
+def test_motor_speed_next_to_a_joint_position_can_show_play(ema, tmp_path):
     columns = {"t": ONE["time"], "joint_pos": ONE["position"], "current": ONE["current"]}
     columns["motor_speed"] = 81.0 * ONE["speed"]
     pd.DataFrame(columns).to_csv(tmp_path / "log.csv", index=False)

@@ -57,13 +57,13 @@ class Demo:
             )
 
     @property
-    def said(self) -> str:
+    def printed(self) -> str:
         return self.log.read_text()
 
     def wait_until(self, is_reached: Callable[[], bool]) -> None:
         try:
             wait_for(lambda: is_reached() or self.process.poll() is not None, "a state of the demo")
-            assert is_reached(), self.said
+            assert is_reached(), self.printed
         except AssertionError:
             self.process.kill()
             raise
@@ -74,8 +74,8 @@ class Demo:
         self.process.send_signal(number)
         assert self.process.wait(timeout=DEADLINE_S) == 128 + number
         assert self.descendants() == {}
-        assert "Traceback" not in self.said
-        assert "interrupted" in self.said
+        assert "Traceback" not in self.printed
+        assert "interrupted" in self.printed
 
     def descendants(self) -> dict[int, bytes]:
         """Return the command lines of the demo and its nodes by process."""
@@ -95,9 +95,9 @@ def demos(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demos")
     one, other = Demo(folder / "one", 7.0), Demo(folder / "other", 60.0)
     try:
-        other.wait_until(lambda: len(re.findall("^ +[0-9]+  ", other.said, re.MULTILINE)) >= 2)
+        other.wait_until(lambda: len(re.findall("^ +[0-9]+  ", other.printed, re.MULTILINE)) >= 2)
         other.interrupt(signal.SIGINT)
-        assert one.process.wait(timeout=DEADLINE_S) == 0, one.said
+        assert one.process.wait(timeout=DEADLINE_S) == 0, one.printed
     except BaseException:
         one.process.kill()
         other.process.kill()
@@ -111,9 +111,11 @@ def finished(demos):
 
 
 def test_demos_at_once_have_domains_and_dashboards_of_their_own(demos):
-    domains = [re.findall(r"ROS_DOMAIN_ID=(\d+)", demo.said)[0] for demo in demos]
+    domains = [re.findall(r"ROS_DOMAIN_ID=(\d+)", demo.printed)[0] for demo in demos]
     assert domains[0] != domains[1]
-    addresses = [re.findall(r"^dashboard at (http://127.0.0.1:\d+/)$", d.said, re.M) for d in demos]
+    addresses = [
+        re.findall(r"^dashboard at (http://127.0.0.1:\d+/)$", d.printed, re.M) for d in demos
+    ]
     assert [len(found) for found in addresses] == [1, 1]
     assert addresses[0] != addresses[1]  # a port that is in use is passed over
 
@@ -139,7 +141,7 @@ def test_demo_leaves_bag_and_picture_and_no_process(finished):
     assert picture.shape[1] > 800
     # An empty page, or one with empty axes only, is below 0.05.
     assert np.std(picture[..., :3]) > 0.1
-    assert f"picture  {finished.folder / 'history.png'}" in finished.said
+    assert f"picture  {finished.folder / 'history.png'}" in finished.printed
 
 
 def test_demo_prints_a_line_a_cycle_and_the_latency(demos):
@@ -147,17 +149,17 @@ def test_demo_prints_a_line_a_cycle_and_the_latency(demos):
     cycles = [
         re.findall(
             r"^ +(\d+)  [\d.]+ → [\d.]+ ± [\d.]+ .*(?:OK|WARN) +([\d.]+) s(?:  .+)?$",
-            demo.said,
+            demo.printed,
             re.MULTILINE,
         )
         for demo in demos
     ]
     # On a busy machine, few cycles pass in the time of a demo, and a level may be STALE by then.
     assert all(len(lines) >= 1 for lines in cycles)
-    assert len(re.findall("^ +[0-9]+  ", demos[1].said, re.MULTILINE)) >= 2
-    assert finished.said.count("\ncycle  friction ") == 1
+    assert len(re.findall("^ +[0-9]+  ", demos[1].printed, re.MULTILINE)) >= 2
+    assert finished.printed.count("\ncycle  friction ") == 1
     assert all(float(latency) > 0.0 for lines in cycles for _, latency in lines)
-    assert re.search(r"latency median [\d.]+ s, 95 % below [\d.]+ s", finished.said)
+    assert re.search(r"latency median [\d.]+ s, 95 % below [\d.]+ s", finished.printed)
 
 
 def test_demo_ends_between_two_windows_and_waits_for_the_last(finished):
@@ -195,8 +197,8 @@ def test_node_that_dies_ends_the_demo_with_its_log_named(tmp_path):
     os.kill(monitor, signal.SIGKILL)
     assert demo.process.wait(timeout=DEADLINE_S) == 1
     assert demo.descendants() == {}
-    assert "monitor was terminated by SIGKILL" in demo.said
-    assert re.search(rf"Error: monitor failed: .*see {demo.folder / 'monitor.log'}\n", demo.said)
+    assert "monitor was terminated by SIGKILL" in demo.printed
+    assert re.search(rf"Error: monitor failed: .*see {demo.folder / 'monitor.log'}\n", demo.printed)
 
 
 def test_failed_actuator_is_repaired_once_and_wears_again_and_keeps_a_demo_out(
@@ -216,9 +218,9 @@ def test_failed_actuator_is_repaired_once_and_wears_again_and_keeps_a_demo_out(
             assert f"a node /ema/actuator is already running in domain {domain}" in refused.stderr
             assert (refused.exit_code, (tmp_path / "demo").exists()) == (1, False)
             assert technician.look([well], observer) == ""
-            told = technician.look([well, failed], observer)
-            assert "failed in cycle 30: friction 0.6 (failed: above 0.5)" in told
-            assert "next: remove the unit, repair the worn part" in told
+            reported = technician.look([well, failed], observer)
+            assert "failed in cycle 30: friction 0.6 (failed: above 0.5)" in reported
+            assert "next: remove the unit, repair the worn part" in reported
             assert technician.look([failed], observer) == ""  # until it is seen to be well
             wait_for(lambda: 0.0 < frictions()[-1] < 0.1, "the growth of the repaired one")
             confirmed = technician.look([failed, well], observer)
@@ -265,7 +267,7 @@ def test_table_on_a_terminal_shows_truth_estimate_level_and_latency():
     assert "0.200→none" in shown(80, valid=False)
 
 
-def test_picture_says_when_each_level_came_first_and_why():
+def test_picture_states_when_each_level_came_first_and_why():
     one = replace(FAILED, latency_s=0.84, cycle=None, level=None, cause="")
     history = DiagnosisLog("flap", "0001", limits={"friction": 0.5})
     levels = (OK, WARN, WARN, ERROR, STALE)

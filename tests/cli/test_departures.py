@@ -224,7 +224,7 @@ def test_records_of_an_unknown_drive_are_labelled(ema, tmp_path, slides, healthy
 
 
 @pytest.mark.slow
-def test_table_with_a_mapping_beside_it_is_read_as_a_bag_and_labels_by_its_columns(
+def test_table_with_a_mapping_next_to_it_is_read_as_a_bag_and_labels_by_its_columns(
     ema, tmp_path, slides, healthy_slides
 ):
     calibrated = tmp_path / "calibration.yaml"
@@ -264,15 +264,15 @@ def test_table_of_moves_is_followed_to_its_limit(ema, tmp_path):
     command = ("moves", tmp_path / "moves.csv", "--mapping", mapping, "--limit", "1.5")
     result = ema(*command, "--json")
     assert result.exit_code == 3, result.output
-    told = json.loads(result.stdout)
-    assert [one["level"] for one in told] == [
+    reported = json.loads(result.stdout)
+    assert [one["level"] for one in reported] == [
         *["STALE"] * 5,
         *["OK"] * 1,
         *["WARN"] * 6,
         *["ERROR"] * 2,
     ]
-    assert {one["unit"] for one in told} == {"A7"}
-    low, _, high = told[9]["life_days"]
+    assert {one["unit"] for one in reported} == {"A7"}
+    low, _, high = reported[9]["life_days"]
     assert low <= 2.25 <= high
     mapping.write_text("time: day\nfigures: [rmss]\n")
     result = ema(*command)

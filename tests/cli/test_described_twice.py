@@ -20,7 +20,7 @@ def unit(tmp_path: Path) -> Path:
     return path
 
 
-def test_file_is_not_used_beside_a_description_and_the_warning_names_what_differs(ema, bag, unit):
+def test_file_is_not_used_next_to_a_description_and_the_warning_names_what_differs(ema, bag, unit):
     result = ema("info", bag, "--actuator", unit)
     assert result.exit_code == 0
     for part in (

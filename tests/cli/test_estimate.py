@@ -34,7 +34,7 @@ def worn(ema, tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize("options", [(), ("-p", "warm_start=false"), ("--no-memory",)])
-def test_searches_begin_at_the_window_before_unless_told_otherwise(ema, worn, options):
+def test_searches_begin_at_the_window_before_unless_configured_otherwise(ema, worn, options):
     found = json.loads(ema("estimate", worn, *options, "--json").stdout)
     assert [one["warm_start"] for one in found] == [False, not options, not options]
 
@@ -95,11 +95,13 @@ def test_calibration_of_the_own_unit(ema, tmp_path):
     )
     unit = ("-p", "serial_number=SN-7")
     ema("simulate", *unit, "--cycles", "3", "-o", healthy)
-    told = ema("estimate", healthy)
-    assert told.exit_code == 3
-    assert "3 windows: 0 valid, 0 degraded, 3 refused\n3 refused: " in told.stdout
-    assert "largest" not in told.stdout
-    assert told.stdout.endswith("`ema calibrate HEALTHY_BAG -o FILE`, then --calibration FILE\n")
+    reported = ema("estimate", healthy)
+    assert reported.exit_code == 3
+    assert "3 windows: 0 valid, 0 degraded, 3 refused\n3 refused: " in reported.stdout
+    assert "largest" not in reported.stdout
+    assert reported.stdout.endswith(
+        "`ema calibrate HEALTHY_BAG -o FILE`, then --calibration FILE\n"
+    )
     ema("simulate", *unit, "--fault", "gain=0.6", "-o", case)
     result = ema("calibrate", healthy, "-o", calibration)
     assert result.exit_code == 0

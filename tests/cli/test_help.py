@@ -9,11 +9,11 @@ from click.testing import CliRunner
 from ema_cli.main import _COMMANDS, _GROUPS, main
 
 
-def test_list_says_of_each_command_what_its_own_help_begins_with():
+def test_list_shows_the_first_line_of_each_help():
     runner = CliRunner()
     for name, first in _COMMANDS.items():
-        said = " ".join(runner.invoke(main, [name, "--help"]).stdout.split())
-        assert f" {first}" in said
+        printed = " ".join(runner.invoke(main, [name, "--help"]).stdout.split())
+        assert f" {first}" in printed
 
 
 @pytest.mark.parametrize("name", _COMMANDS)
@@ -23,8 +23,8 @@ def test_help_fits_a_screen_of_40_lines(name):
     command = main.get_command(context, name)
     below = command.list_commands(context) if isinstance(command, click.Group) else []
     for path in [[name], *([name, one] for one in below)]:
-        said = CliRunner().invoke(main, [*path, "--help"], terminal_width=78).stdout
-        assert len(said.splitlines()) <= 40, said
+        printed = CliRunner().invoke(main, [*path, "--help"], terminal_width=78).stdout
+        assert len(printed.splitlines()) <= 40, printed
 
 
 @pytest.mark.parametrize("name", _COMMANDS)
@@ -32,8 +32,8 @@ def test_example_of_a_command_is_one_that_it_takes(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for given in ("moves.csv", "unit_1", "unit_2"):
         (tmp_path / given).touch()
-    said = CliRunner().invoke(main, [name, "--help"]).stdout
-    words = shlex.split(said.rpartition("Example: ema ")[2])
+    printed = CliRunner().invoke(main, [name, "--help"]).stdout
+    words = shlex.split(printed.rpartition("Example: ema ")[2])
     assert words[0] == name
     main.get_command(click.Context(main), name).make_context(name, words[1:])
 

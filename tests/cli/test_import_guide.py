@@ -63,7 +63,7 @@ def test_guide_and_options_give_what_the_mapping_by_hand_does(ema, tmp_path, com
     assert "already exists" in ema(*command, *SET_OPTIONS, "-o", tmp_path / "given.mcap").stderr
 
 
-def test_impossible_answer_is_told_and_asked_for_again(ema, tmp_path, command):
+def test_impossible_answer_is_reported_and_asked_for_again(ema, tmp_path, command):
     wrong = ASKED.replace("current_a", "amperes", 1)
     # Asked again, what was answered before is the default.
     again = "\n" * 9 + "current_a\n" + "\n" * 6

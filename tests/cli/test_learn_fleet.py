@@ -65,7 +65,7 @@ def test_what_is_no_history_is_named(ema, fleet, tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_a_monitor_says_whose_growth_it_assumes_and_refuses_what_is_no_fleet(
+def test_a_monitor_states_whose_growth_it_assumes_and_refuses_what_is_no_fleet(
     site: Path, fleet: Path, tmp_path: Path
 ):
     folder = tmp_path / "histories"
@@ -90,7 +90,7 @@ def test_a_monitor_says_whose_growth_it_assumes_and_refuses_what_is_no_fleet(
         session.until_status("lifecycle", "is not a fleet file", b"\2")
 
 
-def test_a_prognosis_of_bags_says_whose_growth_it_assumes(ema, fleet: Path):
+def test_a_prognosis_of_bags_states_whose_growth_it_assumes(ema, fleet: Path):
     result = ema("predict", SAMPLE, "--hours-per-cycle", 10, "--fleet", fleet)
     assert result.exit_code == 0, result.output
     assumed = "assumption: future use as in the past; growth prior from 2 others (line A)"

@@ -161,7 +161,7 @@ def test_lives_side_by_side_are_those_one_by_one(ema, tmp_path, short, two_lives
         assert telemetry[0] == telemetry[1]
 
 
-def test_life_begins_when_it_is_said_to(ema, tmp_path, constant):
+def test_life_begins_at_the_given_start(ema, tmp_path, constant):
     folders = [constant("--start", start) for start in ("1970-01-01", "2026-03-01T06:00:00")]
     bags = [sorted((folder / "life_0000").glob("*.mcap")) for folder in folders]
     later_ns = {
@@ -174,7 +174,7 @@ def test_life_begins_when_it_is_said_to(ema, tmp_path, constant):
     assert "stamps end on 2038-01-18: expected a date from 1970-01-01 to 203" in result.stderr
 
 
-def test_repair_is_told(ema, tmp_path, short):
+def test_repair_is_reported(ema, tmp_path, short):
     folder = tmp_path / "lives"
     ema("lives", *HERE, "-o", folder, "--repair", "--fault", "gain", "--as", "estimates")
     [life] = pd.read_csv(folder / "lives.csv").to_dict("records")

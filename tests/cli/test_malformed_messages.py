@@ -64,19 +64,19 @@ def spoiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
     ids=" ".join,
 )
-def test_command_names_what_is_malformed_and_goes_on(
+def test_command_names_what_is_malformed_and_continues(
     ema, spoiled: Path, tmp_path: Path, arguments: tuple[str, ...]
 ):
     command, *options = (tmp_path / one if one.startswith("out") else one for one in arguments)
     result = ema(command, spoiled, *options)
     assert result.exit_code == 0, result.output
-    told = " ".join(result.output.split())
+    reported = " ".join(result.output.split())
     start_ns = Bag(SAMPLE).start_ns
     if command == "report":
-        told = " ".join((tmp_path / "out.html").read_text().split())
+        reported = " ".join((tmp_path / "out.html").read_text().split())
     for topic, count in (("telemetry", "2 malformed messages"), ("actuator_description", "2 malf")):
-        assert f"topic /ema/{topic}: {count}" in told
-    assert f"the first of log time {start_ns} ns: " in told
+        assert f"topic /ema/{topic}: {count}" in reported
+    assert f"the first of log time {start_ns} ns: " in reported
 
 
 def test_recovered_bag_holds_none_of_them(ema, spoiled: Path, tmp_path: Path):

@@ -39,7 +39,7 @@ def test_wrong_measurement_is_named(ema, bag):
 
 
 @pytest.mark.slow
-def test_calibration_says_what_was_taken_for_known_and_what_was_not_learned(ema, tmp_path):
+def test_calibration_states_assumed_and_unlearned_parameters(ema, tmp_path):
     loaded = tmp_path / "loaded.mcap"
     assert ema("simulate", "--cause", "load_torque=0.3", "-o", loaded).exit_code == 0
     result = ema("calibrate", loaded, *RIGHT, "-o", tmp_path / "unit.yaml")

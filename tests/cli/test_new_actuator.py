@@ -28,9 +28,9 @@ def test_answers_and_options_give_a_description_that_names_its_sources(ema, tmp_
     answers = "".join(f"{value}\n" for value in FIGURES.values())
     result = ema("new-actuator", "--serial-number", "0815", "-o", asked, typed=answers)
     assert result.exit_code == 0, result.output
-    said = ema("new-actuator", "--serial-number", "0815", *OPTIONS, "-o", given)
-    assert said.exit_code == 0, said.output
-    unknown = said.stdout.partition("from the example: ")[2].strip().split(", ")
+    printed = ema("new-actuator", "--serial-number", "0815", *OPTIONS, "-o", given)
+    assert printed.exit_code == 0, printed.output
+    unknown = printed.stdout.partition("from the example: ")[2].strip().split(", ")
     example = ActuatorDescription().parameters
     for file, k_t in ((asked, 0.34), (given, 1.0 / (28.0 * RPM))):
         found = load_description(file)
@@ -43,7 +43,7 @@ def test_answers_and_options_give_a_description_that_names_its_sources(ema, tmp_
         assert "ohm, resistance 1.6 ohm: " in file.read_text()
         assert "kg.m^2, example: inertia of the motor" in file.read_text()
     assert {"J_m", "f_sm"} <= set(unknown)
-    assert "GAP / (J_m + J_u)" not in said.stderr
+    assert "GAP / (J_m + J_u)" not in printed.stderr
 
 
 def test_linear_actuator_is_described_in_mm_and_n(ema, tmp_path):

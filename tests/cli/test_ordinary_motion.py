@@ -42,7 +42,7 @@ def estimates(ema, bag) -> list[dict[str, Any]]:
 
 
 @pytest.mark.slow
-def test_estimate_combines_stretches_and_says_so(estimates):
+def test_estimate_combines_stretches_and_states_so(estimates):
     assert estimates
     for one in estimates:
         assert one["verdict"] != "refused"

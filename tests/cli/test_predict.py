@@ -45,8 +45,8 @@ NS_PER_HOUR = 3_600_000_000_000
 
 
 @pytest.fixture(scope="module")
-def told(ema, life_folder, tmp_path_factory):
-    picture = tmp_path_factory.mktemp("told") / "told.png"
+def reported(ema, life_folder, tmp_path_factory):
+    picture = tmp_path_factory.mktemp("reported") / "told.png"
     result = ema("predict", life_folder, "--json", "-o", picture)
     assert (result.exit_code, result.stderr) == (0, "")
     assert picture.stat().st_size > 20_000
@@ -90,13 +90,13 @@ def growing(rate: float, tests: int, seed: int | None = None) -> list[Estimate]:
     ]
 
 
-def test_folder_is_read_in_the_order_of_stamps_with_its_usage(told):
-    assert [test["flight_hours"] for test in told["tests"]] == pytest.approx(
+def test_folder_is_read_in_the_order_of_stamps_with_its_usage(reported):
+    assert [test["flight_hours"] for test in reported["tests"]] == pytest.approx(
         list(INTERVAL_H * np.arange(1, TESTS + 1))
     )
-    assert told["flight_hours"] == pytest.approx(INTERVAL_H * TESTS)
-    assert told["cycles"] == TESTS
-    friction = next(item for item in told["faults"] if item["name"] == "friction")
+    assert reported["flight_hours"] == pytest.approx(INTERVAL_H * TESTS)
+    assert reported["cycles"] == TESTS
+    friction = next(item for item in reported["faults"] if item["name"] == "friction")
     # The estimator errs by 0.3 % of the range here.
     assert friction["value"] == pytest.approx(0.28, abs=0.01)
     assert friction["trend"] == pytest.approx(RATE / INTERVAL_H, rel=0.15)
@@ -105,26 +105,26 @@ def test_folder_is_read_in_the_order_of_stamps_with_its_usage(told):
     assert life["known"]
     assert life["hours_05"] < 110.0 < life["hours_95"]
     assert life["cycles_50"] == pytest.approx(life["hours_50"] / INTERVAL_H)
-    assert told["rul"]["hours_50"] <= told["rul_faults"]["hours_50"]
+    assert reported["rul"]["hours_50"] <= reported["rul_faults"]["hours_50"]
 
 
-def test_json_is_the_health_message_and_every_test(told):
+def test_json_is_the_health_message_and_every_test(reported):
     course = course_of(growing(1e-3, 1))
     message = health_report(course.outlooks[-1], course.record.description.unit_key)
     fields = set(as_values(message))
-    assert set(told) == fields | {"tests"}
-    assert [item["name"] for item in told["faults"]] == [
+    assert set(reported) == fields | {"tests"}
+    assert [item["name"] for item in reported["faults"]] == [
         name for name in FAULT_NAMES if name != "eccentricity_phase"
     ]
-    assert [item["name"] for item in told["requirements"]] == [
+    assert [item["name"] for item in reported["requirements"]] == [
         "tracking_error", "bandwidth", "free_play", "torque_margin",
     ]  # fmt: skip
-    assert all(test["valid"] for test in told["tests"])
-    assert told["assumption"] == "future use as in the past"
+    assert all(test["valid"] for test in reported["tests"])
+    assert reported["assumption"] == "future use as in the past"
 
 
 @pytest.mark.slow
-def test_predictions_so_far_are_told_with_the_fault_that_ends_life():
+def test_predictions_so_far_are_reported_with_the_fault_that_ends_life():
     course = course_of(growing(8e-4, 50, seed=3))
     message = health_report(course.outlooks[-1], course.record.description.unit_key)
     friction = next(item for item in message.faults if item.name == "friction")
@@ -204,10 +204,10 @@ def test_picture_shows_what_ends_life_and_what_happened(tmp_path, counted):
     figure.savefig(tmp_path / "picture.png")
 
 
-def test_prognosis_at_an_earlier_hour_leaves_out_later_tests(ema, life_folder, told):
+def test_prognosis_at_an_earlier_hour_leaves_out_later_tests(ema, life_folder, reported):
     earlier = json.loads(ema("predict", life_folder, "--at", "75", "--json").stdout)
     assert earlier["flight_hours"] == 70.0
-    assert earlier["tests"] == told["tests"][:7]
+    assert earlier["tests"] == reported["tests"][:7]
     refused = ema("predict", life_folder, "--at", "5")
     assert (refused.exit_code, "--at 5" in refused.stderr) == (1, True)
 
@@ -224,7 +224,7 @@ def test_spoiled_test_does_not_spoil_the_exit_code_of_a_good_prognosis(ema, writ
     assert result.exit_code == 0
 
 
-def test_table_tells_each_fault_and_requirement_and_both_ends_of_life(ema, life_folder):
+def test_table_reports_each_fault_and_requirement_and_both_ends_of_life(ema, life_folder):
     result = ema("predict", life_folder, "--duty", "2")
     assert result.exit_code == 0
     for words in (
@@ -269,7 +269,7 @@ def written(tmp_path) -> Callable[..., Path]:
     return write
 
 
-def test_reason_that_holds_for_all_is_told_once_and_how_to_mend_it(ema, written):
+def test_reason_that_holds_for_all_is_reported_once_and_how_to_mend_it(ema, written):
     result = ema("predict", written("one.mcap"), "--limit", "friction=0.4")
     assert result.exit_code == 0
     # One test may be an outlier.
@@ -321,7 +321,7 @@ def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
     assert record.remarks == [f"{path}: usage of serial number '0002' is ignored"]
 
 
-def test_usage_that_was_read_after_the_test_is_not_said_to_be_missing(ema, tmp_path):
+def test_usage_that_was_read_after_the_test_is_not_stated_to_be_missing(ema, tmp_path):
     description = ActuatorDescription()
     test = one_test(description)
     path = tmp_path / "one.mcap"
@@ -336,15 +336,15 @@ def test_usage_that_was_read_after_the_test_is_not_said_to_be_missing(ema, tmp_p
     assert "received on topic usage before the test" in result.stdout
 
 
-def test_simulated_bag_tells_its_service_hours(ema, tmp_path):
+def test_simulated_bag_reports_its_service_hours(ema, tmp_path):
     bag = tmp_path / "three.mcap"
     assert ema("simulate", "--cycles", "3", "-o", bag).exit_code == 0
-    told = json.loads(ema("predict", bag, "--json").stdout)
-    assert [test["flight_hours"] for test in told["tests"]] == [0.0, 10.0, 20.0]
-    assert told["cycles"] == 3
+    reported = json.loads(ema("predict", bag, "--json").stdout)
+    assert [test["flight_hours"] for test in reported["tests"]] == [0.0, 10.0, 20.0]
+    assert reported["cycles"] == 3
 
 
-def test_impossible_usage_is_told_and_not_used(tmp_path):
+def test_impossible_usage_is_reported_and_not_used(tmp_path):
     description = ActuatorDescription()
     test = one_test(description)
     write_test(tmp_path / "one.mcap", replace(test, hours=-1.0), description)
@@ -353,7 +353,7 @@ def test_impossible_usage_is_told_and_not_used(tmp_path):
     assert "usage is impossible: flight_hours = -1 h" in record.remarks[0]
 
 
-def test_folder_without_a_bag_tells_which_of_its_folders_hold_some(tmp_path):
+def test_folder_without_a_bag_reports_which_of_its_folders_hold_some(tmp_path):
     with pytest.raises(ValueError, match="folder without bags") as refused:
         find_bags([tmp_path])
     assert "give one of these" not in str(refused.value)
@@ -367,7 +367,7 @@ def test_folder_without_a_bag_tells_which_of_its_folders_hold_some(tmp_path):
     assert f"{named} and 1 more: give one of these" in str(refused.value)
 
 
-def test_calibration_beside_the_bags_is_that_of_the_unit(ema, written, tmp_path):
+def test_calibration_next_to_the_bags_is_that_of_the_unit(ema, written, tmp_path):
     bag = written("one.mcap", serial_number="0002")
     refused = ema("predict", bag)
     assert refused.exit_code == 3
@@ -375,23 +375,23 @@ def test_calibration_beside_the_bags_is_that_of_the_unit(ema, written, tmp_path)
     path = tmp_path / CALIBRATION_FILE
     replace(Calibration.builtin(), serial_number="0002").save(path)
     for argument in (bag, tmp_path):
-        told = ema("predict", argument)
-        assert (told.exit_code, told.stderr) == (0, "")
-        assert str(path) in told.stdout
+        reported = ema("predict", argument)
+        assert (reported.exit_code, reported.stderr) == (0, "")
+        assert str(path) in reported.stdout
     for same in ("estimate", "compare"):
-        told = ema(same, bag)
-        assert (told.exit_code, str(path) in told.stdout) == (0, True), told.output
+        reported = ema(same, bag)
+        assert (reported.exit_code, str(path) in reported.stdout) == (0, True), reported.output
     copy = shutil.copy(bag, tmp_path / "copy.mcap")
-    told = ema("predict", bag, copy)
-    assert told.exit_code == 0
-    assert told.stderr == f"{copy}: skipped, a copy of {bag}\n"
+    reported = ema("predict", bag, copy)
+    assert reported.exit_code == 0
+    assert reported.stderr == f"{copy}: skipped, a copy of {bag}\n"
     # What is named on the command line holds before it.
     named = tmp_path / "named.yaml"
     Calibration.builtin().save(named)
     assert ema("predict", bag, "--calibration", named).exit_code == 3
 
 
-def test_two_calibrations_beside_the_bags_are_no_choice(ema, written, tmp_path):
+def test_two_calibrations_next_to_the_bags_are_no_choice(ema, written, tmp_path):
     bags = []
     for hours, name in ((1.0, "a"), (2.0, "b")):
         (tmp_path / name).mkdir()

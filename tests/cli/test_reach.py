@@ -51,7 +51,7 @@ def test_ports_are_open_on_loopback_alone():
     assert all(addresses == {LOOPBACK} for addresses in seen.values()), seen
 
 
-def test_what_leads_elsewhere_is_left_out_and_told(capsys):
+def test_what_leads_elsewhere_is_left_out_and_reported(capsys):
     environment = {
         RANGE: "SUBNET",
         "ROS_STATIC_PEERS": "192.0.2.1",
@@ -60,10 +60,10 @@ def test_what_leads_elsewhere_is_left_out_and_told(capsys):
     set_reach(False, environment)
     assert environment.pop(PROFILE).endswith("fastdds_localhost.xml")
     assert environment == {RANGE: "LOCALHOST"}
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
+    reported = capsys.readouterr().err
+    assert reported.count("\n") == 1
     for part in ("--network", "=SUBNET", "=192.0.2.1", "=192.0.2.2:11811"):
-        assert part in told
+        assert part in reported
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_what_leads_elsewhere_is_left_out_and_told(capsys):
         ({RANGE: "OFF"}, "OFF"),
     ],
 )
-def test_nothing_is_told_where_nothing_is_left_out(given, reach, capsys):
+def test_nothing_is_reported_where_nothing_is_left_out(given, reach, capsys):
     environment = dict(given)
     set_reach(False, environment)
     assert environment[RANGE] == reach

@@ -22,9 +22,9 @@ PLAYED = ("/ema/telemetry", "/ema/actuator_description", "/ema/simulated_faults"
 
 def end(process: subprocess.Popen[str], number: int) -> None:
     process.send_signal(number)
-    _, said = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 0, said
-    assert "Traceback" not in said
+    _, printed = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, printed
+    assert "Traceback" not in printed
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +41,8 @@ def replayed(tmp_path_factory):
         for process in (recorder, monitor):
             assert process.stderr is not None
             assert any("active" in line for line in process.stderr)
-        said = subprocess.run(["ema", "play", SAMPLE], **output, timeout=DEADLINE_S, check=False)
-        assert said.returncode == 0, said.stderr
+        printed = subprocess.run(["ema", "play", SAMPLE], **output, timeout=DEADLINE_S, check=False)
+        assert printed.returncode == 0, printed.stderr
         wait_for(lambda: _has_health(bag), "a health in the bag")
         end(monitor, signal.SIGINT)
         end(recorder, signal.SIGTERM)
@@ -70,7 +70,7 @@ def test_recording_holds_what_was_played(replayed):
         assert [as_text(item.message) for item in bag.messages([name])] == played
 
 
-def test_history_beside_the_truth_of_the_sample(replayed):
+def test_history_next_to_the_truth_of_the_sample(replayed):
     history = read_history(replayed)
     [one] = history.diagnoses()
     assert (one.valid, one.cycle) == (True, 0)
@@ -89,7 +89,7 @@ def test_latency_is_left_out_where_stamps_are_of_another_time(replayed):
     assert labels == ["friction", "eccentricity", "error of\nthe others"]
 
 
-def test_history_plot_is_beside_the_bag_and_names_the_actuators_there_are(ema, replayed):
+def test_history_plot_is_next_to_the_bag_and_names_the_actuators_there_are(ema, replayed):
     result = ema("plot", replayed, "--history")
     assert result.exit_code == 0
     assert replayed.with_suffix(".png").read_bytes().startswith(b"\x89PNG")

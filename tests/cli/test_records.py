@@ -82,7 +82,7 @@ def test_table_of_strokes_and_dwells_is_one_record(ema, tmp_path, seconds, dwell
     assert float(end.removesuffix("s")) >= seconds - dwell_s
 
 
-def test_recording_that_never_moves_says_so(ema, record, tmp_path):
+def test_recording_that_never_moves_states_so(ema, record, tmp_path):
     zeros = np.zeros(5000)
     bag = record(
         [Telemetry(100_000 + n * 500_000_000, 1e-4, 1 + n * 5000, *[zeros] * 4) for n in range(8)]

@@ -46,7 +46,7 @@ def of_life(ema, life_folder, tmp_path_factory) -> Page:
 
 
 @pytest.fixture(scope="module")
-def told(ema, life_folder) -> dict[str, Any]:
+def reported(ema, life_folder) -> dict[str, Any]:
     return json.loads(ema("predict", life_folder, "--json").stdout)
 
 
@@ -67,9 +67,9 @@ def test_report_has_the_notes_of_persons_in_the_history_given_or_beside(ema, tmp
     history.assess(Assessment(10**9, 5.0, 0, 1.0, "", None, events=(note,)))
     history.close()
     bag = shutil.copy(SAMPLE, tmp_path) if folder else SAMPLE
-    said = ema("report", bag, *tmp_path.glob("*.sqlite"), "-o", tmp_path / "a.html")
-    assert said.exit_code == 0, said.stderr
-    [line] = [line for line in Page(tmp_path / "a.html").said["li"] if "Ada" in line]
+    printed = ema("report", bag, *tmp_path.glob("*.sqlite"), "-o", tmp_path / "a.html")
+    assert printed.exit_code == 0, printed.stderr
+    [line] = [line for line in Page(tmp_path / "a.html").printed["li"] if "Ada" in line]
     assert line.startswith("Ada: greased <b>")
 
 
@@ -83,9 +83,9 @@ def test_report_has_the_changes_of_the_baseline_with_person_and_the_faults_befor
     assert followed.change_baseline("Ada, forced, 2026-11-29 01:12 UTC", "other-calibration")
     followed.resume(None, PrognosisSettings())
     history.close()
-    said = ema("report", SAMPLE, *tmp_path.glob("*.sqlite"), "-o", tmp_path / "a.html")
-    assert said.exit_code == 0, said.stderr
-    [line] = [line for line in Page(tmp_path / "a.html").said["li"] if "Ada" in line]
+    printed = ema("report", SAMPLE, *tmp_path.glob("*.sqlite"), "-o", tmp_path / "a.html")
+    assert printed.exit_code == 0, printed.stderr
+    [line] = [line for line in Page(tmp_path / "a.html").printed["li"] if "Ada" in line]
     assert line.startswith("baseline changed by Ada, forced, 2026-11-29 01:12 UTC")
     assert "other-calibration instead of some-calibration, which showed friction 0.400" in line
 
@@ -100,31 +100,31 @@ def test_figures_of_a_bag_are_those_of_its_estimates_exactly(ema, loaded, tmp_pa
     [[words, _, tests]] = page.table("Hidden causes")
     assert words.startswith("load torque +0.3 ± 0.0")
     assert tests == "3"
-    assert any("load torque" in line and "is not a fault" in line for line in page.said["li"])
+    assert any("load torque" in line and "is not a fault" in line for line in page.printed["li"])
 
 
 @pytest.mark.slow
-def test_figures_of_a_life_are_those_of_the_prognosis_exactly(told, of_life):
+def test_figures_of_a_life_are_those_of_the_prognosis_exactly(reported, of_life):
     for what, key in (("Faults", "faults"), ("Required performance", "requirements")):
-        for row, item in zip(of_life.exactly(what), told[key], strict=True):
+        for row, item in zip(of_life.exactly(what), reported[key], strict=True):
             assert row[:2] == [item["value"], item["sigma"]]
             # The page has the growth in 1000 h.
             assert row[3:] == pytest.approx([1e3 * item["trend"]], rel=1e-12)
     assert [row[0] for row in of_life.exactly("Tests")] == [
-        test["flight_hours"] for test in told["tests"]
+        test["flight_hours"] for test in reported["tests"]
     ]
 
 
 @pytest.mark.slow
-def test_verdict_is_four_lines_and_says_what_to_do_and_when(told, of_life):
-    state, wearing, lasting, basis = of_life.said["ol"][0].strip().splitlines()
-    assert state == f"Wearing: {told['cause']}."
+def test_verdict_is_four_lines_and_states_what_to_do_and_when(reported, of_life):
+    state, wearing, lasting, basis = of_life.printed["ol"][0].strip().splitlines()
+    assert state == f"Wearing: {reported['cause']}."
     assert basis.startswith("10 valid tests of 10; health index 0.")
     assert "friction 0.279" in wearing.lower()
     assert "limit ≤ 0.5" in wearing
-    before = told["flight_hours"] + told["rul"]["hours_05"]
+    before = reported["flight_hours"] + reported["rul"]["hours_05"]
     assert f"remove before {before:,.0f} service hours" in lasting
-    assert f"{told['removal']}." in of_life.said["li"]
+    assert f"{reported['removal']}." in of_life.printed["li"]
 
 
 def test_page_refers_to_nothing_outside_of_itself(of_life):
@@ -148,28 +148,28 @@ def test_page_is_well_formed_and_its_names_are_unique(window, of_life):
 def test_page_can_be_read_by_those_who_do_not_see_it(of_life):
     roles = [value for tag, name, value in of_life.attributes if (tag, name) == ("svg", "role")]
     assert roles == ["img"] * 2
-    assert len(of_life.said["title"]) == 1 + len(roles)
-    assert all(len(words) > 50 for words in of_life.said["desc"])
+    assert len(of_life.printed["title"]) == 1 + len(roles)
+    assert all(len(words) > 50 for words in of_life.printed["desc"])
     scopes = [value for tag, name, value in of_life.attributes if (tag, name) == ("th", "scope")]
-    assert len(scopes) == len(of_life.said["th"])
+    assert len(scopes) == len(of_life.printed["th"])
     assert ("html", "lang", "en") in of_life.attributes
-    assert len(of_life.said["h1"]) == 1
+    assert len(of_life.printed["h1"]) == 1
     # A level is a word and a shape, not a colour alone.
-    assert "▲ WARN" in of_life.said["h2"][0]
+    assert "▲ WARN" in of_life.printed["h2"][0]
 
 
-def test_page_says_where_it_comes_from(window, of_life):
+def test_page_states_where_it_comes_from(window, of_life):
     [[path, role, size, digest]] = window.table("Files")
     content = SAMPLE.read_bytes()
     assert (path, role) == (str(SAMPLE), "bag, 1 window used")
     assert (size, digest) == (f"{len(content):,}", hashlib.sha256(content).hexdigest())
     assert len(of_life.table("Files")) == TESTS
-    assert digest in window.said["details"][0]  # folded away
+    assert digest in window.printed["details"][0]  # folded away
     # Tests without a date have days and hours.
     assert of_life.table("Tests")[-1][2].startswith("4 days, 4:00:")
-    [command] = window.said["pre"]
+    [command] = window.printed["pre"]
     assert f" report {SAMPLE} -o " in command
-    assert f"ema{__version__}" in "".join(window.said["dl"])
+    assert f"ema{__version__}" in "".join(window.printed["dl"])
     assert "G_prop" in [row[0] for row in window.table("Nominal parameters")]
 
 
@@ -186,7 +186,7 @@ def test_advice_is_given_with_costs_and_is_that_of_the_prognosis(
     page = tmp_path / "r.html"
     assert ema("report", life_folder, *costs, "-o", page).exit_code == 0
     advice = json.loads(ema("predict", life_folder, *costs, "--json").stdout)["advice"]
-    [first, *_] = Page(page).said["li"][4:]
+    [first, *_] = Page(page).printed["li"][4:]
     assert advice["action"] in ("continue", "remove")
     assert f"{advice['hours']:,.0f} service hours (in {advice['from_now']:,.0f} h)" in first
     assert f"{advice['rate']:.3g} EUR/h" in first
@@ -194,14 +194,14 @@ def test_advice_is_given_with_costs_and_is_that_of_the_prognosis(
     assert "EUR" not in of_life.text
 
 
-def test_report_without_a_valid_estimate_says_so(ema, record, faulty_blocks, tmp_path):
+def test_report_without_a_valid_estimate_states_so(ema, record, faulty_blocks, tmp_path):
     # The telemetry ends within its window.
     bag = record(faulty_blocks[: len(faulty_blocks) * 6 // 10])
     page = tmp_path / "r.html"
     assert ema("report", bag, "-o", page).exit_code == 3
-    said = Page(page).said
-    assert said["ol"][0].strip().startswith("Unknown: none of 1 test has a valid estimate.")
-    assert any("Repeat the test" in line and "ends" in line for line in said["li"])
+    printed = Page(page).printed
+    assert printed["ol"][0].strip().startswith("Unknown: none of 1 test has a valid estimate.")
+    assert any("Repeat the test" in line and "ends" in line for line in printed["li"])
 
 
 @pytest.mark.slow
@@ -212,8 +212,10 @@ def test_report_of_any_motion_draws_the_last_stretch(ema, tmp_path):
     options = ("--any-motion", "-p", "wanted_sigma=0.05", "--limit", "friction=0.12")
     result = ema("report", *options, bag, "-o", page)
     assert result.exit_code == 0, result.stderr
-    told = Page(page)
-    assert any(words.startswith("Last stretch of the estimate") for words in told.said["desc"])
-    assert len(told.table("Tests")) >= 1
+    reported = Page(page)
+    assert any(
+        words.startswith("Last stretch of the estimate") for words in reported.printed["desc"]
+    )
+    assert len(reported.table("Tests")) >= 1
     # Beyond its limit nothing is on the way to it.
-    assert "% of the way" not in told.said["ol"][0]
+    assert "% of the way" not in reported.printed["ol"][0]

@@ -87,7 +87,7 @@ def test_unit_whose_records_judge_nothing_is_never_well(report):
     assert result.exit_code == 3
     first = result.stdout.splitlines()[0]
     assert first.startswith("Unknown: No quantity could be judged: the joint did not move")
-    assert "Repeat the record of" in " ".join(page.said["li"])
+    assert "Repeat the record of" in " ".join(page.printed["li"])
     assert "1.00" not in result.stdout
 
 
@@ -102,29 +102,29 @@ def test_second_line_names_what_wears_or_why_that_is_unknown(report):
     assert "dry friction 1.1" in worn
 
 
-def test_index_of_an_earlier_record_is_not_shown_beside_an_unknown_level(report):
+def test_index_of_an_earlier_record_is_not_shown_next_to_an_unknown_level(report):
     result, _ = report(HEALTHY, NOTHING)
     assert "health index unknown" in result.stdout
 
 
 def test_page_has_the_table_the_smallest_change_and_what_lowers_it(report):
     _, page = report(HEALTHY, IMPROVABLE)
-    cells = page.said["td"]
+    cells = page.printed["td"]
     assert "unchanged (changes above 35 % would show)" in cells
     assert "35 %" in cells
     assert "not judged (no position command)" in cells
-    assert "smallest detectable change" in page.said["th"]
+    assert "smallest detectable change" in page.printed["th"]
     lowers = "6 further healthy records on 2 further days would lower"
-    assert any(line.startswith(lowers) for line in page.said["p"])
-    assert any(line.startswith(lowers) for line in page.said["li"])
+    assert any(line.startswith(lowers) for line in page.printed["p"])
+    assert any(line.startswith(lowers) for line in page.printed["li"])
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_every_case_has_a_page(report, name: str):
     result, page = report(HEALTHY, CASES[name])
     assert "Traceback" not in result.stderr
-    assert not re.search(r"\bnan\b", " ".join(page.said["td"]))
-    assert not {"short circuit A", "eccentricity", "gain"} & set(page.said["th"])
+    assert not re.search(r"\bnan\b", " ".join(page.printed["td"]))
+    assert not {"short circuit A", "eccentricity", "gain"} & set(page.printed["th"])
 
 
 def test_prognosis_tracks_friction_like_a_fault(run: Run):
@@ -135,9 +135,9 @@ def test_prognosis_tracks_friction_like_a_fault(run: Run):
     [row] = [one for one in result.stdout.splitlines() if one.split()[:1] == ["friction"]]
     assert " / " in row
     assert "short circuit A" not in result.stdout
-    told = json.loads(run("predict", of, "--json").stdout)
-    assert told["rul"]["known"]
-    quantity = told["tests"][-1]["comparison"]["quantities"][0]
+    reported = json.loads(run("predict", of, "--json").stdout)
+    assert reported["rul"]["known"]
+    quantity = reported["tests"][-1]["comparison"]["quantities"][0]
     assert quantity["change"] == pytest.approx(0.39)
 
 

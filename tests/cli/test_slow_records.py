@@ -86,7 +86,7 @@ def test_info_shows_the_parameters_of_an_unknown_drive_that_are_used(
     assert "actuator slide, serial number R1" in lines
 
 
-def test_record_that_is_too_short_says_what_it_has_and_needs(ema, tmp_path, described):
+def test_record_that_is_too_short_states_what_it_has_and_needs(ema, tmp_path, described):
     table = written(tmp_path / "short.csv", 25, 5.0)
     frame = pd.read_csv(table)
     frame.drop(index=range(90, 93)).to_csv(table, index=False)
@@ -103,7 +103,7 @@ def test_record_that_is_too_short_says_what_it_has_and_needs(ema, tmp_path, desc
     assert not calibration.exists()
 
 
-def test_joints_of_one_table_are_imported_at_once_and_told_apart(ema, tmp_path, described):
+def test_joints_of_one_table_are_imported_at_once_and_separated(ema, tmp_path, described):
     sections = yaml.safe_load(MAPPING)
     for name, section in sections.items():
         if name != "clock":

@@ -106,7 +106,7 @@ def test_table_that_the_study_cannot_repeat_is_refused_with_those_that_it_can(
     assert not (tmp_path / "study").exists()
 
 
-def test_help_says_which_tables_there_are(ema):
+def test_help_states_which_tables_there_are(ema):
     output = " ".join(ema("thesis", "--help").output.split())
     assert "11 to 55 single faults" in output
     assert "(docs/study.md)" in output

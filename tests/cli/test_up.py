@@ -86,14 +86,14 @@ def child(note):
 def test_last_process_is_stopped_when_the_others_are_gone(note, child, monkeypatch):
     # A busy machine ends the others late, and in any order.
     monkeypatch.setattr(supervisor, "_HEAD_START_S", DEADLINE_S)
-    told: list[str] = []
-    with Supervisor(told.append, "recorder", patience_s=DEADLINE_S) as processes:
+    reported: list[str] = []
+    with Supervisor(reported.append, "recorder", patience_s=DEADLINE_S) as processes:
         for name, seconds in (("recorder", 0.0), ("actuator", 0.1), ("monitor", 0.4)):
             processes.start(name, child(name, seconds))
         wait_for(lambda: lines(note) == ["up"] * 3, "three children up")
     assert sorted(lines(note)[3:5]) == ["actuator", "monitor"]
     assert lines(note)[5:] == ["recorder"]
-    assert (told, processes.failed, processes_with(note)) == ([], [], [])
+    assert (reported, processes.failed, processes_with(note)) == ([], [], [])
 
 
 def test_last_process_waits_a_second_for_the_others_at_most(note, child):
@@ -104,7 +104,7 @@ def test_last_process_waits_a_second_for_the_others_at_most(note, child):
     assert lines(note)[2:] == ["recorder", "monitor"]
 
 
-def test_single_process_is_stopped_while_the_others_go_on(note, child):
+def test_single_process_is_stopped_while_the_others_continue(note, child):
     with Supervisor(lambda _: None) as processes:
         processes.start("actuator", child("actuator"))
         processes.start("monitor", child("monitor"))
@@ -125,17 +125,17 @@ def test_ctrl_c_of_the_terminal_reaches_the_supervisor_alone(note, child):
 
 
 def test_process_that_does_not_end_is_killed_with_a_message(note, child):
-    told: list[str] = []
-    with Supervisor(told.append, patience_s=0.3) as processes:
+    reported: list[str] = []
+    with Supervisor(reported.append, patience_s=0.3) as processes:
         processes.start("monitor", child("monitor", program=STUBBORN))
         wait_for(lambda: lines(note) == ["up"], "the child up")
-    assert told == ["monitor did not exit within 0.3 s and is killed"]
+    assert reported == ["monitor did not exit within 0.3 s and is killed"]
     assert processes_with(note) == []
 
 
-def test_death_is_told_once_and_the_others_live_on(note, child):
-    told: list[str] = []
-    with Supervisor(told.append) as processes:
+def test_death_is_reported_once_and_the_others_live_on(note, child):
+    reported: list[str] = []
+    with Supervisor(reported.append) as processes:
         processes.start("monitor", child("monitor"))
         processes.start("failing", [sys.executable, "-c", "raise SystemExit(7)"])
         processes.start("done", [sys.executable, "-c", ""])
@@ -148,7 +148,7 @@ def test_death_is_told_once_and_the_others_live_on(note, child):
         wait_for(only_the_monitor_runs, "three children gone")
         processes.check()
         wait_for(lambda: lines(note) == ["up"], "the monitor up")
-    assert sorted(told) == [
+    assert sorted(reported) == [
         "done has exited",
         "failing failed, exit code 7",
         "killed was terminated by SIGKILL",
@@ -156,7 +156,7 @@ def test_death_is_told_once_and_the_others_live_on(note, child):
     assert sorted(processes.failed) == ["failing", "killed"]
 
 
-def test_nobody_survives_when_what_is_told_cannot_be_written(note, child):
+def test_nobody_survives_when_what_is_reported_cannot_be_written(note, child):
     def broken(_: str) -> None:
         raise BrokenPipeError
 
@@ -237,9 +237,9 @@ def test_nodes_run_under_one_command_until_ctrl_c(ema, tmp_path, monkeypatch):
         second = ema("up", "--actuators", "left", "actuator")
         assert (second.exit_code, "a node /ema/left/actuator runs" in second.stderr) == (1, True)
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 0, said
-    assert "Traceback" not in said
+        _, printed = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, printed
+    assert "Traceback" not in printed
     recorded = Bag(bag)
     assert recorded.damage == ""
     assert recorded.topics["/ema/telemetry"].count > 10
@@ -258,7 +258,7 @@ def test_missing_calibration_is_named_before_any_telemetry(tmp_path):
         process.send_signal(signal.SIGINT)
 
 
-def test_failed_node_is_told_and_makes_exit_code_1(ema, capfd):
+def test_failed_node_is_reported_and_makes_exit_code_1(ema, capfd):
     result = ema("up", "player", "-p", "rate:=1.0")
     assert (result.exit_code, "player failed, exit code 1" in result.stderr) == (1, True)
     assert "parameter bag is empty" in capfd.readouterr().err  # of the node's process

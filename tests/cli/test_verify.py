@@ -42,13 +42,15 @@ def recorded(faulty_blocks) -> tuple[list[Telemetry], list[Diagnosed]]:
     """Three cycles of a faulty actuator, and what a monitor tells of them, warm from the second."""
     blocks, finder = repeated(faulty_blocks, 3), WindowFinder(TriggerSettings(), FLAP)
     windows = [one for block in blocks for one in finder.feed(block) if isinstance(one, Segment)]
-    told = [one for one in diagnose(windows, Calibration.builtin()) if isinstance(one, Diagnosed)]
-    return blocks, told
+    reported = [
+        one for one in diagnose(windows, Calibration.builtin()) if isinstance(one, Diagnosed)
+    ]
+    return blocks, reported
 
 
 @pytest.fixture
 def bag_of_estimates(tmp_path: Path) -> Callable[..., Path]:
-    def write(blocks, told, name: str = "bag.mcap", change=lambda message: None) -> Path:
+    def write(blocks, reported, name: str = "bag.mcap", change=lambda message: None) -> Path:
         class_, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
         (tmp_path / name).parent.mkdir(exist_ok=True)
         bag = BagWriter(str(tmp_path / name))
@@ -56,7 +58,7 @@ def bag_of_estimates(tmp_path: Path) -> Callable[..., Path]:
             for block in blocks:
                 written.write_block(block, 0.0)
             bag.add_topic("/ema/fault_estimate", class_, qos)
-            for one in told:
+            for one in reported:
                 message = estimate_to_message(one.estimate, one.number, FLAP)
                 change(message)
                 end_ns = one.estimate.end_ns
@@ -69,8 +71,8 @@ def bag_of_estimates(tmp_path: Path) -> Callable[..., Path]:
 @pytest.fixture
 def bag_of(recorded, bag_of_estimates) -> Callable[..., Path]:
     def write(name: str = "bag.mcap", *, skips: int = 0, change=lambda message: None) -> Path:
-        blocks, told = recorded
-        return bag_of_estimates(blocks, told[skips:], name, change)
+        blocks, reported = recorded
+        return bag_of_estimates(blocks, reported[skips:], name, change)
 
     return write
 
@@ -203,7 +205,7 @@ def test_archive_is_made_again_from_its_bags(ema, bag_of, tmp_path: Path):
     assert "two.mcap" in found[3]["reason"]
 
 
-def test_history_is_made_again_and_tells_where_it_was_altered(ema, bag_of, recorded, tmp_path):
+def test_history_is_made_again_and_reports_where_it_was_altered(ema, bag_of, recorded, tmp_path):
     path = history_path(tmp_path, *FLAP.unit_key)
     history = History(*FLAP.unit_key, path)
     for number, one in enumerate(recorded[1]):
@@ -227,12 +229,14 @@ def test_history_is_made_again_and_tells_where_it_was_altered(ema, bag_of, recor
 
 def test_quantities_of_a_record_are_compared_to_the_bit():
     recorded = compared(comparison(changed(INERTIA, 0.3)))
-    told = Verified("elbow", 0)
-    assert told.compared(recorded, compared(comparison(changed(INERTIA, 0.3)))).state == (
+    reported = Verified("elbow", 0)
+    assert reported.compared(recorded, compared(comparison(changed(INERTIA, 0.3)))).state == (
         "identical"
     )
     # The faults are the same: inertia is none of them.
-    other = told.compared(recorded, compared(comparison(changed(INERTIA, 0.31))))
+    other = reported.compared(recorded, compared(comparison(changed(INERTIA, 0.31))))
     assert (other.state, other.difference) == ("different", pytest.approx(0.01))
-    hidden = told.compared(compared(CASES["healthy"]), compared(CASES["healthy"], comparison=None))
+    hidden = reported.compared(
+        compared(CASES["healthy"]), compared(CASES["healthy"], comparison=None)
+    )
     assert hidden.reason == "the compared quantities differ"

@@ -104,7 +104,7 @@ def test_worst_actuator_comes_first_and_of_equals_the_one_with_less_life():
     assert [row.actuator_id for row in healths.rows(1.0, TEST_NS)] == ["e", "d", "c", "b", "a"]
 
 
-def test_row_says_value_life_and_removal():
+def test_row_states_value_life_and_removal():
     [row] = received(health_of("a", WARN, (20.0, 80.0, 100.0))).rows(1.0, TEST_NS + 3 * 10**9)
     assert row.dominant == "friction 0.31 ± 0.002 (≤ 0.5)"
     assert row.life == (20.0, 80.0, 100.0)
@@ -115,11 +115,11 @@ def test_row_says_value_life_and_removal():
     assert failed.remove_before == "now"
 
 
-def test_actuator_is_stale_when_its_monitor_is_silent_and_no_longer_when_it_reports():
+def test_actuator_is_stale_when_its_monitor_is_silent_and_not_any_more_when_it_reports():
     healths = received(health_of("a", ERROR, None), health_of("b", WARN, None))
     healths.add_status("/ema", status_of("b"), 2.0)
-    silent, heard = healths.rows(SILENT_S + 1.0, TEST_NS)
-    assert (silent.level, silent.last_level, heard.level) == (STALE, ERROR, WARN)
+    silent, arrived = healths.rows(SILENT_S + 1.0, TEST_NS)
+    assert (silent.level, silent.last_level, arrived.level) == (STALE, ERROR, WARN)
     assert silent.why.startswith("its monitor is silent, the level was ERROR")
     # The monitor of another namespace, or of other actuators, is another one.
     healths.add_status("/right", status_of("a"), SILENT_S + 2.0)
@@ -129,7 +129,7 @@ def test_actuator_is_stale_when_its_monitor_is_silent_and_no_longer_when_it_repo
     assert healths.rows(SILENT_S + 2.0, TEST_NS)[0].level == ERROR
 
 
-def test_refused_test_is_told_until_the_next_valid_one():
+def test_refused_test_is_reported_until_the_next_valid_one():
     healths = received(health_of("a", WARN, None))
     [before] = healths.rows(1.0, TEST_NS)
     later_ns = TEST_NS + 10**10
@@ -146,21 +146,21 @@ def test_refused_test_is_told_until_the_next_valid_one():
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "reported"),
     [
         ("healthy", "Coulomb friction +0.0 %, unchanged (changes above 6 % would show)"),
         ("friction", "Coulomb friction +15.2 %, changed"),
         ("inertia without friction", "Coulomb friction not judged (one direction only)"),
     ],
 )
-def test_friction_of_a_record_is_told_with_the_health(name: str, told: str):
+def test_friction_of_a_record_is_reported_with_the_health(name: str, reported: str):
     healths = received(health_of("flap", OK, None))
     healths.add_estimate("/ema", estimate_to_message(compared(CASES[name]), 0, FLAP), 2.0)
     [row] = healths.rows(3.0, TEST_NS)
-    assert row.why == told
+    assert row.why == reported
 
 
-def test_record_that_judges_nothing_is_told_and_has_no_index():
+def test_record_that_judges_nothing_is_reported_and_has_no_index():
     health = health_of("flap", STALE, None)
     health.health_index = math.nan
     healths = received(health)
@@ -235,16 +235,16 @@ def shown(width: int) -> str:
 
 
 @pytest.mark.parametrize("width", [140, 80])
-def test_table_fits_the_terminal_and_says_why(width):
+def test_table_fits_the_terminal_and_states_why(width):
     screen = shown(width)
     assert max(map(len, screen.splitlines())) <= width
-    said = " ".join(screen.split())
+    printed = " ".join(screen.split())
     for words in (
         "2 actuators on /ema in domain 3",
         *("▲ WARN", "● OK", "0.38", "80 (20 to 100)", "120 h", "friction 0.31 ±"),
         "left: friction 0.31 (fails above 0.5)",
     ):
-        assert words in said
+        assert words in printed
 
 
 @pytest.fixture
@@ -321,7 +321,7 @@ def test_watch_on_a_terminal_shows_a_table_and_ends_well_on_ctrl_c(publish):
 
 
 @pytest.mark.slow
-def test_watch_says_where_nothing_is_heard_and_where_something_is(publish, tmp_path):
+def test_watch_states_where_nothing_is_received_and_where_something_is(publish, tmp_path):
     publish(health_of("left", OK, None))
     log = tmp_path / "log"
     command = ["ema", "watch", "--namespace", "wing/left"]

@@ -93,7 +93,7 @@ def test_wrong_input_is_one_line_and_nothing_is_written(
 
 
 @pytest.mark.parametrize("column", ["current", "position"])
-def test_dead_sensor_is_not_taken_for_faults(ema, record, faulty_blocks, column):
+def test_dead_sensor_is_not_mistaken_for_faults(ema, record, faulty_blocks, column):
     blocks = [replace(block, **{column: np.zeros(len(block))}) for block in faulty_blocks]
     result = ema("estimate", record(blocks), "--json")
     assert result.exit_code == 3
@@ -112,7 +112,7 @@ def test_coarse_command_is_still_the_calibrated_one(ema, tmp_path):
     assert estimate["faults"]["friction"] == pytest.approx(0.3, abs=0.02)
 
 
-def test_gap_at_rest_is_told_and_does_no_harm(ema, record, faulty_blocks):
+def test_gap_at_rest_is_reported_and_does_no_harm(ema, record, faulty_blocks):
     result = ema("estimate", record(faulty_blocks[:3] + faulty_blocks[5:]), "--json")
     assert result.exit_code == 0
     assert "gap of 200 samples" in result.stderr

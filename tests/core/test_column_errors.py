@@ -81,7 +81,7 @@ def test_value_of_a_unit_is_the_factor_times_what_it_is_taken_for(sizes, unit, s
         ("current", 3.0, Reference.MODEL, "is its unit, or the gear ratio, right?"),
     ],
 )
-def test_error_in_words_asks_after_the_usual_mistake(column, factor, reference, words):
+def test_error_with_a_message_asks_after_the_usual_mistake(column, factor, reference, words):
     error = ColumnError.of((column,), factor, reference, TAU)
     text = error_text(error)
     assert text.startswith(f"the {column} is {factor:.3g} times what ")

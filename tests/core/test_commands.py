@@ -33,7 +33,7 @@ def test_ramp_goes_to_its_amplitude_at_its_rate_and_stays_there(end):
 
 
 @pytest.mark.parametrize(
-    ("command", "said"),
+    ("command", "printed"),
     [
         (Command(amplitude=5.0), "amplitude = 5 rad is beyond the end stop, theta_stop = 1.2 rad"),
         (Command(amplitude=5.0), "usually 0.001 to 0.1 rad: 0.08727 rad = 5 degrees was probably"),
@@ -41,8 +41,8 @@ def test_ramp_goes_to_its_amplitude_at_its_rate_and_stays_there(end):
         (Command("custom", samples=[0.0, -2.0]), "farthest sample = 2 rad is beyond the end stop"),
     ],
 )
-def test_command_beyond_the_end_stop_is_named_with_what_was_probably_meant(command, said):
-    assert said in command.travel_warning(ActuatorParameters())
+def test_command_beyond_the_end_stop_is_named_with_what_was_probably_meant(command, printed):
+    assert printed in command.travel_warning(ActuatorParameters())
 
 
 def test_swing_begins_and_ends_at_rest_and_turns_at_its_amplitude():

@@ -92,7 +92,9 @@ def kernels(tmp_path: Path) -> Kernels:
 
 
 @pytest.mark.slow
-def test_kernel_is_compiled_anew_when_its_callee_changes_or_a_file_of_the_cache_is_damaged(kernels):
+def test_kernel_is_compiled_again_when_its_callee_changes_or_a_file_of_the_cache_is_damaged(
+    kernels,
+):
     """A change in another file is what numba's own cache would miss.
 
     A process each, as modules and digest are kept in one.

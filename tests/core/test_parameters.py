@@ -22,10 +22,10 @@ def test_value_out_of_range_is_refused_by_name_value_unit_and_range(name):
     for value in (lowest - 7.0, 3.0 * highest):
         with pytest.raises(ValueError, match="outside") as refused:
             ActuatorParameters().replace({name: value})
-        said, unit = str(refused.value), f" {metadata['unit']}".removesuffix(" -")
-        assert said.startswith(f"{name} = {value:g}{unit} is")
-        assert f"[{lowest:g}, {highest:g}]{unit}" in said
-        assert metadata["description"] in said
+        printed, unit = str(refused.value), f" {metadata['unit']}".removesuffix(" -")
+        assert printed.startswith(f"{name} = {value:g}{unit} is")
+        assert f"[{lowest:g}, {highest:g}]{unit}" in printed
+        assert metadata["description"] in printed
 
 
 @pytest.mark.parametrize(

@@ -30,24 +30,26 @@ def fail() -> None:
         (lambda: None, "it returned"),
     ],
 )
-def test_work_that_ends_by_itself_is_begun_again_and_told(ending: Callable[[], Any], reason: str):
-    told: list[str] = []
+def test_work_that_ends_on_its_own_is_begun_again_and_reported(
+    ending: Callable[[], Any], reason: str
+):
+    reported: list[str] = []
     begun = threading.Semaphore(0)
 
     def work() -> None:
         begun.release()
-        if len(told) < 3:
+        if len(reported) < 3:
             ending()
         else:
             thread.ending.wait()
 
-    thread = SteadyThread("test", work, lambda failure, trace: told.append(failure))
+    thread = SteadyThread("test", work, lambda failure, trace: reported.append(failure))
     thread.start()
     for _ in range(4):
         assert begun.acquire(timeout=DEADLINE_S)
     assert thread.ends == 3
-    assert [f"the test thread has ended: {reason}" in one for one in told] == [True] * 3
-    assert thread.failure == told[-1]
+    assert [f"the test thread has ended: {reason}" in one for one in reported] == [True] * 3
+    assert thread.failure == reported[-1]
     assert "3 ends so far" in thread.failure
     thread.end()
     assert not thread.is_alive

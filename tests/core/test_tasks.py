@@ -221,9 +221,9 @@ try:
 except tasks.ClusterLostError as error:
     print(error)
 """
-    said = run_script(folder, body, free_port())
-    assert "does not answer within 1 s" in said
-    assert "is unreachable; finished tasks are kept" in said
+    printed = run_script(folder, body, free_port())
+    assert "does not answer within 1 s" in printed
+    assert "is unreachable; finished tasks are kept" in printed
 
 
 # Large enough for several threads below numpy, where there are several processors.
@@ -240,10 +240,10 @@ def main():
 
 def test_program_has_one_thread_and_uses_memory_again(tmp_path):
     (tmp_path / "arrays.py").write_text(ARRAYS)
-    said = array_environment({})
-    unsaid = {name: value for name, value in os.environ.items() if name not in said}
+    printed = array_environment({})
+    unsaid = {name: value for name, value in os.environ.items() if name not in printed}
     # Arrays that are mapped anew fault in 19,600 pages.
-    for environment, most in ((unsaid, 30_000), (unsaid | said, 1000)):
+    for environment, most in ((unsaid, 30_000), (unsaid | printed, 1000)):
         words = [sys.executable, "-c", "from ema_core.start import program; program('arrays')()"]
         done = subprocess.run(words, cwd=tmp_path, env=environment, stdout=-1, check=True)
         threads, faults = map(int, done.stdout.split())

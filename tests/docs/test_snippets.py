@@ -164,7 +164,7 @@ def test_blocks_are_found_and_run(name, kind, least):
 
 
 @pytest.mark.parametrize("name", DOCUMENTS)
-def test_every_block_says_what_it_is(name):
+def test_every_block_states_what_it_is(name):
     text = (ROOT / name).read_text(encoding="utf-8")
     kinds = re.findall(r"^```(\w*)$", text, re.MULTILINE)[::2]
     assert set(kinds) <= {"python", "sh", "text", "yaml", "mermaid"}

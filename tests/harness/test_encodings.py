@@ -37,5 +37,5 @@ def test_no_call_leaves_the_encoding_of_text_open():
         ("subprocess.run(words)", False),
     ],
 )
-def test_calls_are_told_apart(line, is_open):
+def test_calls_are_separated(line, is_open):
     assert bool(list(calls_without_encoding(line))) == is_open

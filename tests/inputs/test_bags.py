@@ -77,7 +77,7 @@ def test_each_malformed_message_is_counted_once(telemetry, tmp_path):
         assert "topic /joint_states: 4 malformed messages skipped" in bag.remarks[0]
 
 
-def test_stamps_that_are_zero_are_rebuilt_and_said(telemetry, tmp_path):
+def test_stamps_that_are_zero_are_rebuilt_and_stated(telemetry, tmp_path):
     delays = 2e5 + np.random.default_rng(0).exponential(1e5, len(telemetry))
     with OtherBag(tmp_path / "bag") as bag:
         other_makes.write_joint_states(bag, telemetry, stamped=False, delays=delays)

@@ -105,7 +105,7 @@ def test_blocks_of_a_slow_drive_are_longer_and_alike(rate_hz, given_s, block_s):
     assert all(every / 2 < len(block) < 2 * every for block in blocks)
 
 
-def test_what_is_not_measured_is_empty_and_said(telemetry):
+def test_what_is_not_measured_is_empty_and_stated(telemetry):
     target = bridge(mapping(speed=None, current=None))
     blocks = run(target, telemetry, stamps_of(telemetry))
     assert all(len(block.speed) == len(block.current) == 0 for block in blocks)
@@ -378,7 +378,7 @@ def test_telemetry_of_two_publishers_is_withheld():
 
 
 @pytest.mark.parametrize(("before_hz", "after_hz"), [(1000, 100), (100, 500), (500, 250)])
-def test_rate_that_changes_is_learned_anew(before_hz, after_hz):
+def test_rate_that_changes_is_learned_again(before_hz, after_hz):
     """Nothing is published at a rate that is not that of the samples any more."""
     target = joint_bridge(learn_s=0.5)
     stamp_ns, blocks = START_NS, list[Telemetry]()
@@ -443,7 +443,7 @@ def send_arriving(target: Bridge, rates_hz, seconds, *, burst=1, stall_s=0.0):
 
 @pytest.mark.parametrize("burst", [1, 8])
 @pytest.mark.parametrize(("before_hz", "after_hz"), [(1000, 100), (100, 500), (500, 250)])
-def test_rate_that_changes_is_learned_anew_by_arrival(before_hz, after_hz, burst):
+def test_rate_that_changes_is_learned_again_by_arrival(before_hz, after_hz, burst):
     """No sample has a stamp after its arrival, and no stamp goes back."""
     target = joint_bridge(mapping(command=None, clock={"source": "arrival"}), learn_s=0.5)
     blocks = send_arriving(target, (before_hz, after_hz), 5.0, burst=burst)

@@ -96,7 +96,7 @@ def test_accepted_defect_does_not_forbid_estimates(found, mapped):
     assert refused(defects, mapped(accept=["current_zero"])) == []
 
 
-def test_position_at_the_motor_is_said_to_hide_the_backlash(found, mapped):
+def test_position_at_the_motor_is_stated_to_hide_the_backlash(found, mapped):
     [defect] = found(mapped(position={"source": "p", "shaft": "motor"}))
     assert (defect.name, defect.is_error) == ("position_at_motor", False)
 
@@ -120,7 +120,7 @@ def test_limits_and_sizes_of_a_drive_nobody_knows_are_not_held_against_it(
     assert defect.name == "current_sign_reversed"
 
 
-def test_nothing_is_said_of_an_actuator_at_rest(telemetry, mapped):
+def test_nothing_is_stated_of_an_actuator_at_rest(telemetry, mapped):
     still = {name: np.zeros(500) for name in ("command", "current", "position", "speed")}
     assert find_defects(still, telemetry.stamps_ns[:500], mapped(), FLAP) == []
 
@@ -136,7 +136,7 @@ CAUSES = [
 
 
 @pytest.mark.slow
-def test_no_fault_and_no_cause_of_the_simulator_is_taken_for_a_wrong_mapping(mapped):
+def test_no_fault_and_no_cause_of_the_simulator_is_mistaken_for_a_wrong_mapping(mapped):
     """At 1 kHz, and in every second sample of it."""
     cases = [({name: value}, ()) for name, value in WORST.items()]
     cases += [({}, (cause,)) for cause in CAUSES]

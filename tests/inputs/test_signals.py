@@ -21,7 +21,7 @@ def imported(mapping, columns, stamps, rate_hz):
 
 
 @pytest.mark.parametrize("held", [2, 3, 5, 15])
-def test_values_that_repeat_are_told_from_those_of_a_coarse_encoder(held):
+def test_values_that_repeat_are_separated_from_those_of_a_coarse_encoder(held):
     columns, _ = moves(20.0, 1000.0)
     position = columns["position"]
     assert held_samples(np.repeat(position[::held], held)) == held

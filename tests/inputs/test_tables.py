@@ -262,14 +262,14 @@ def test_unit_in_the_name_of_a_current_is_found(guessed, name):
     assert found.mapping.current.unit == ("mA" if "mA" in name else "A")
 
 
-def test_torque_at_the_joint_is_told_by_its_size(guessed):
+def test_torque_at_the_joint_is_recognised_by_its_size(guessed):
     p = FLAP.parameters
     found = guessed(t=("t", 1.0), pos=("p", 1.0), cmd=("c", 1.0), torque=("i", p.k_t / p.tau))
     assert found.mapping.current is not None
     assert found.mapping.current.kind == "joint_torque"
 
 
-def test_what_is_a_guess_is_said(guessed):
+def test_what_is_a_guess_is_stated(guessed):
     remarks = remarks_of(guessed(t=("t", 1.0), pos=("p", 1.0), cmd=("c", 1.0), cur=("i", 1.0)))
     words = "\n".join(remarks)
     assert "current.unit is a guess" in words

@@ -54,7 +54,7 @@ def test_temperature_has_a_scale_and_an_offset(mapped):
     assert found.rises[0].rise == pytest.approx(8.0)
 
 
-def test_telemetry_is_the_same_beside_a_temperature(mapped):
+def test_telemetry_is_the_same_next_to_a_temperature(mapped):
     of = series(warming())
     found, plain = imported(mapped, of), import_series({"": of}, mapped(), joint(RATE_HZ))
     assert len(found.runs) == len(plain.runs) == 1
@@ -72,7 +72,7 @@ def test_sensor_that_is_read_every_few_seconds_loses_no_sample(mapped):
     assert len(stamps) == 2400
 
 
-def test_sensor_that_was_first_read_long_after_the_start_says_nothing_of_it(mapped):
+def test_sensor_that_was_first_read_long_after_the_start_states_nothing_of_it(mapped):
     celsius = np.full(2400, np.nan)
     celsius[2300] = 25.0
     found = imported(mapped, series(celsius))

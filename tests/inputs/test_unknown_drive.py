@@ -90,7 +90,7 @@ def test_unit_of_one_stroke_is_an_error_that_does_not_withhold_yet(mapped):
     assert withholding(defects, mapping) == []
 
 
-def test_current_of_a_load_that_gravity_moves_is_not_taken_for_reversed(mapped):
+def test_current_of_a_load_that_gravity_moves_is_not_mistaken_for_reversed(mapped):
     """The torque that holds a heavy load has the opposite sign half of the time."""
     columns, stamps = moves()
     columns["current"] += -6.0 * np.sin(columns["position"] + 0.4)

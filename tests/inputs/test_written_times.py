@@ -152,7 +152,7 @@ def test_index_of_numbers_of_a_parquet_frame_is_its_time(telemetry, tmp_path, na
     check(found, has_date=False)
 
 
-def test_times_of_day_go_on_after_midnight(tmp_path):
+def test_times_of_day_continue_after_midnight(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("time;p\n23:59:59.998;0.5\n23:59:59.999;0.5\n00:00:00.000;0.5\n")
     stamps = read_columns(path).stamps(Clock("time"))
@@ -237,7 +237,7 @@ def test_date_written_as_a_number_is_refused_with_the_way_to_write_it(tmp_path, 
 
 
 @pytest.mark.parametrize("unit_s", [60.0, 3600.0])
-def test_minutes_and_hours_without_a_unit_are_not_taken_for_seconds(tmp_path, unit_s):
+def test_minutes_and_hours_without_a_unit_are_not_mistaken_for_seconds(tmp_path, unit_s):
     moving(0.005 * np.arange(500) / unit_s).to_csv(tmp_path / "a.csv", index=False)
     with pytest.raises(ValueError, match=r"column 'Time' has no unit, .* set clock\.unit"):
         open_input(tmp_path / "a.csv").guess(described(1000))
@@ -252,7 +252,7 @@ def test_julian_days_ask_for_their_unit(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["Row", "Setpoint [deg]"])
-def test_column_with_another_unit_is_not_taken_for_a_time(tmp_path, name):
+def test_column_with_another_unit_is_not_mistaken_for_a_time(tmp_path, name):
     frame = moving(np.arange(300)).rename(columns={"Time": name, "command": "cmd [deg]"})
     frame.to_csv(tmp_path / "a.csv", index=False)
     guess = open_input(tmp_path / "a.csv").guess(described(1000))

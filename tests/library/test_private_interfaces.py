@@ -46,7 +46,7 @@ def test_conversion_ranks_a_vector_after_the_number_itself():
     assert Conversion.exact < Conversion.promote < Conversion.safe < Conversion.unsafe
 
 
-def test_sum_of_numbers_stays_one_and_is_converted_beside_a_vector():
+def test_sum_of_numbers_stays_one_and_is_converted_next_to_a_vector():
     @numba.njit
     def sums(values, one, result):
         number = one + 1

@@ -75,13 +75,13 @@ def test_faults_are_found_or_their_uncertainty_is_stated(way: str, largest: floa
 
 
 @pytest.mark.slow
-def test_without_current_shorts_are_less_well_known_and_it_is_said():
-    told, full = unit("no current").estimate, unit("filtered").estimate
-    assert "the current is not measured" in told.reason
+def test_without_current_shorts_are_less_well_known_and_it_is_stated():
+    reported, full = unit("no current").estimate, unit("filtered").estimate
+    assert "the current is not measured" in reported.reason
     assert "not measured" not in full.reason
     shorts = slice(2, 5)
-    assert np.min(told.sigma[shorts]) > 1.2 * np.max(full.sigma[shorts])
-    assert not any(cause.name.startswith("current") for cause in told.causes)
+    assert np.min(reported.sigma[shorts]) > 1.2 * np.max(full.sigma[shorts])
+    assert not any(cause.name.startswith("current") for cause in reported.causes)
     description, calibration, window, _ = unit("no current")
     settings = SearchSettings(fitness="least_squares")
     assert identify(window, description, calibration, settings).reason == (

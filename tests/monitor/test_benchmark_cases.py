@@ -25,7 +25,7 @@ def run(plant, faults=(), **causes):
 
 
 @pytest.mark.parametrize("effects_of", ["DEVELOPMENT", "HELD_OUT"])
-def test_plant_behaves_as_the_registries_of_faults_and_causes_say(effects, effects_of):
+def test_plant_behaves_as_the_registries_of_faults_and_causes_state(effects, effects_of):
     plant = effects.draw_plant(7, getattr(effects, effects_of))
     healthy = run(plant)
     # A lag of 5 ms: the position loop closes at tau G_prop, 200 rad/s.
@@ -94,7 +94,7 @@ def test_plants_are_off_by_five_percent_at_most_and_share_the_faults_out(cases):
         assert values != pytest.approx(nominal, rel=0.005)
 
 
-def test_errors_of_sensors_are_as_large_as_they_say():
+def test_errors_of_sensors_are_as_large_as_they_state():
     errors = benchmark("sensor_errors")
     telemetry = errors.simulate({})
     most = np.max(np.abs(telemetry.current))

@@ -73,7 +73,7 @@ def test_healthy_record_states_which_change_would_show_and_what_is_not_judged():
     ],
     ids=["friction first", "torque alone"],
 )
-def test_friction_and_torque_that_are_not_told_apart_are_a_change_of_effort(of: Comparison):
+def test_friction_and_torque_that_are_not_separated_are_a_change_of_effort(of: Comparison):
     words = summary(of)
     assert words.startswith("Effort at the same motion rose 22.0 % (90 % interval ")
     assert words.count("cannot be distinguished in this motion") == 1
@@ -86,25 +86,25 @@ def test_other_rivals_are_named_with_the_quantity():
     words = summary(comparison(changed(INERTIA, 0.3, rivals=(GRAVITY,))))
     assert "Inertia rose 30.0 %" in words
     assert "Inertia and gravity cannot be distinguished in this motion" in words
-    told = row(comparison(changed(INERTIA, 0.3, rivals=(GRAVITY,))), "inertia")
-    assert told[2] == "changed (not distinguishable from gravity)"
+    reported = row(comparison(changed(INERTIA, 0.3, rivals=(GRAVITY,))), "inertia")
+    assert reported[2] == "changed (not distinguishable from gravity)"
 
 
 def test_rival_has_no_figures_in_the_table():
-    told = "not judged (this motion cannot distinguish it from Coulomb friction)"
-    assert row(EFFORT_UP, "torque per unit of effort") == ("", "", told)
+    reported = "not judged (this motion cannot distinguish it from Coulomb friction)"
+    assert row(EFFORT_UP, "torque per unit of effort") == ("", "", reported)
 
 
-def test_two_changes_with_the_same_rival_are_told_apart_from_it_once():
+def test_two_changes_with_the_same_rival_are_separated_from_it_once():
     payload = comparison(
         changed(GRAVITY, 0.4, rivals=(TORQUE,)), changed(INERTIA, 0.3, rivals=(TORQUE,))
     )
     words = summary(payload)
     assert words.index("Inertia rose 30.0 %") < words.index("Gravity rose 40.0 %")
-    told = (
+    reported = (
         "Inertia and gravity cannot be distinguished from torque per unit of effort in this motion."
     )
-    assert words.count(told) == words.count("distinguished") == 1
+    assert words.count(reported) == words.count("distinguished") == 1
 
 
 def test_ratio_of_friction_and_inertia_is_stated_only_where_neither_is():
@@ -115,8 +115,8 @@ def test_ratio_of_friction_and_inertia_is_stated_only_where_neither_is():
 
 def test_viscous_friction_is_a_share_of_all_friction():
     of = comparison(changed(VISCOUS, 0.12, 0.02))
-    told = "Viscous friction rose by 12.0 % of all friction at the usual speed (90 % interval "
-    assert summary(of).startswith(told)
+    reported = "Viscous friction rose by 12.0 % of all friction at the usual speed (90 % interval "
+    assert summary(of).startswith(reported)
     assert row(of, "viscous friction (of all friction at the usual speed)")[0] == "+12.0 %"
 
 
@@ -141,8 +141,8 @@ def test_departed_figure_is_stated_though_no_quantity_has_changed():
 
 def test_departed_figures_share_a_sentence():
     figures = (FigureChange("effort_scatter", 3.07, 1e-9), FigureChange("error_scatter", 1.3, 1e-4))
-    told = "Effort scatter is 3.07 times and error scatter 1.3 times the healthy value"
-    assert summary(replace(HEALTHY, figures=figures)).startswith(told)
+    reported = "Effort scatter is 3.07 times and error scatter 1.3 times the healthy value"
+    assert summary(replace(HEALTHY, figures=figures)).startswith(reported)
 
 
 def test_change_that_rounds_to_nothing_has_no_minus_sign():
@@ -164,9 +164,11 @@ def test_improvement_states_both_smallest_changes_of_a_day_without_healthy_recor
     ]
 
 
-@pytest.mark.parametrize(("smallest", "told"), [(0.054, "5.4 %"), (0.138, "14 %"), (1.2, "120 %")])
-def test_smallest_change_is_written_without_an_exponent(smallest: float, told: str):
-    assert smallest_text(unchanged(FRICTION, smallest)) == told
+@pytest.mark.parametrize(
+    ("smallest", "reported"), [(0.054, "5.4 %"), (0.138, "14 %"), (1.2, "120 %")]
+)
+def test_smallest_change_is_written_without_an_exponent(smallest: float, reported: str):
+    assert smallest_text(unchanged(FRICTION, smallest)) == reported
 
 
 @pytest.mark.parametrize("name", CASES)

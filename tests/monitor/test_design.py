@@ -190,7 +190,7 @@ def certificate() -> Certificate:
     return Certificate("flap", "1", 0.01, 0.5, 1e-4, 0.02, nan, tuple(faults), causes)
 
 
-def test_certificate_says_what_the_motion_does_not_show(certificate):
+def test_certificate_states_what_the_motion_does_not_show(certificate):
     text = str(certificate)
     assert "This motion does not show: backlash." in text
     assert "named: torque constant (5 %)" in text
@@ -203,7 +203,7 @@ def test_certificate_says_what_the_motion_does_not_show(certificate):
     assert "larger than their intervals for: friction." in text
 
 
-def test_smallest_fault_is_told_in_physical_terms(certificate):
+def test_smallest_fault_is_reported_in_physical_terms(certificate):
     meanings = {one.name: one.meaning for one in certificate.faults}
     assert meanings["friction"] == "dry friction 1.020 × nominal"
     assert meanings["gain"] == "position-loop gain 1.010 × nominal or 0.990"

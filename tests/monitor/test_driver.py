@@ -22,7 +22,7 @@ class Script:
     def __init__(self, costs, converged_after=None):
         self.costs = [np.atleast_1d(np.asarray(c, dtype=float)) for c in costs]
         self.asked = 0
-        self.told = []
+        self.reported = []
         self.converged = False
         self.converged_after = converged_after
 
@@ -36,8 +36,8 @@ class Script:
         return np.sqrt(picked)[:, None]
 
     def tell(self, points, costs, residuals):
-        self.told.append(costs)
-        self.converged = len(self.told) == self.converged_after
+        self.reported.append(costs)
+        self.converged = len(self.reported) == self.converged_after
 
 
 def drive(script, residuals_of=None, **termination):
@@ -63,14 +63,14 @@ def test_cost_is_the_sum_of_squares():
     script = Script([[0.0, 0.0]], converged_after=1)
     rows = np.array([[3.0, 4.0, 12.0], [1.0, 2.0, 2.0]])
     [progress] = drive(script, lambda _: rows)
-    assert script.told[0].tolist() == [169.0, 9.0]
+    assert script.reported[0].tolist() == [169.0, 9.0]
     assert progress.cost == 9.0
 
 
 def test_what_is_not_finite_costs_infinity():
     script, progress = run([[NAN, 2.0], [1.0, NAN]], converged_after=2)
-    assert script.told[0].tolist() == [np.inf, pytest.approx(2.0)]
-    assert script.told[1].tolist() == [pytest.approx(1.0), np.inf]
+    assert script.reported[0].tolist() == [np.inf, pytest.approx(2.0)]
+    assert script.reported[1].tolist() == [pytest.approx(1.0), np.inf]
     assert progress[-1].cost == pytest.approx(1.0)
 
 
@@ -85,7 +85,7 @@ def test_generation_that_would_pass_the_budget_is_not_begun(budget, done):
     script, progress = run([np.full(n, 9.0) for n in sizes], 4, budget=budget)
     assert len(progress) == done
     assert progress[-1].evaluations == sum(sizes[:done]) <= budget
-    assert len(script.told) == done
+    assert len(script.reported) == done
 
 
 def test_budget_below_the_first_generation_is_refused():

@@ -117,7 +117,7 @@ def test_block_that_is_no_telemetry_ends_the_window_or_breaks_what_waits():
     assert [item.number for item in only(Segment, [first, second])] == [0, 1]
 
 
-def test_other_sample_period_than_described_is_told_once():
+def test_other_sample_period_than_described_is_reported_once():
     finder = WindowFinder(SETTINGS, replace(FLAP, sample_period=2e-4))
     first, *rest = fed(finder, cycles(2))
     assert isinstance(first, Defect)
@@ -169,7 +169,7 @@ def kept_samples(finder: WindowFinder) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("description", [None, FLAP])
-def test_what_is_kept_is_bounded_whatever_the_period(monkeypatch, description):
+def test_what_is_kept_is_bounded_regardless_of_the_period(monkeypatch, description):
     for module in (finder_module, trigger_module):
         monkeypatch.setattr(module, "MOST_SAMPLES", 5000)
         monkeypatch.setattr(module, "MOST_BLOCKS", 70)
@@ -224,7 +224,7 @@ def test_window_is_found_wherever_the_running_index_is(first_index: int):
     assert windows[0] == windows[1]
 
 
-def test_modelled_drive_without_a_command_says_so():
+def test_modelled_drive_without_a_command_states_so():
     whole = cycles(12)
     finder = WindowFinder(SETTINGS, FLAP)
     assert fed(finder, replace(whole, command=np.empty(0))) == []

@@ -228,7 +228,7 @@ def test_promise_kept_by_a_good_fit_ends_a_descent():
     assert good.point == poor.point == pytest.approx(0.3)
 
 
-def test_cost_follows_residuals_that_are_weighed_anew():
+def test_cost_follows_residuals_that_are_weighed_again():
     """A step is judged by the weights where it starts, whatever those of the step before."""
     function = Watched(lambda x: 1.0 / abs(float(x[0]) - 0.5))
     descent = descend(function.problem, FAR, IN_TURN, Stopping(50, step=1e-7))

@@ -125,7 +125,7 @@ def test_fault_that_no_test_has_shown_leaves_the_level_open():
     assert (levels["friction"], levels["backlash"], levels["gain"]) == (STALE, STALE, OK)
 
 
-def test_fault_that_is_seen_warns_whatever_is_not():
+def test_fault_that_is_seen_warns_regardless_of_what_is_not():
     health = assess(estimate({"gain": 0.6}, unknown=("friction", "backlash")), LIMITS)
     assert (health.level, health.dominant_fault) == (WARN, "gain")
     assert health.health_index == pytest.approx(0.6)
@@ -190,7 +190,7 @@ def test_tracked_value_takes_the_place_of_the_estimate():
     ("before", "found", "level"),
     [(0.05, 0.06, OK), (0.05, 0.3, WARN), (0.05, 0.9, WARN), (0.3, 0.0, WARN), (0.6, 0.0, ERROR)],
 )
-def test_value_that_is_held_back_is_told_if_a_level_depends_on_it(before, found, level):
+def test_value_that_is_held_back_is_reported_if_a_level_depends_on_it(before, found, level):
     made = estimate({"friction": found})
     health = assess(made, LIMITS, {"friction": Tracked(before, 0.01, doubtful=True)})
     [item] = [item for item in health.faults if item.name == "friction"]
@@ -318,12 +318,12 @@ def test_torque_per_ampere_is_a_requirement_where_it_is_judged():
     assert torque(comparison(not_judged(TORQUE, "no inertia torque"))) == []
 
 
-def test_torque_that_is_not_told_apart_from_friction_is_not_blamed():
+def test_torque_that_is_not_separated_from_friction_is_not_blamed():
     assert torque(EFFORT_UP) == []
 
 
 @pytest.mark.parametrize("name", sorted(set(CASES) - {"nothing"}))
-def test_warning_never_stands_beside_the_index_of_a_new_unit(name: str):
+def test_warning_never_stands_next_to_the_index_of_a_new_unit(name: str):
     health = health_of(CASES[name])
     assert health.level != WARN or not health.health_index > 0.99
 

@@ -78,14 +78,14 @@ def test_faults_are_found(estimates, case):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", ["friction high", "backlash low", "multiple", "wide"])
-def test_faults_are_found_whatever_course_the_pwm_takes(stirred_estimates, case):
+def test_faults_are_found_for_any_course_the_pwm_takes(stirred_estimates, case):
     faults = stirred_estimates(case).faults
     assert estimation_error(faults, fault_vector(CASES[case])) < LIMITS[case]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
-def test_faults_are_as_far_off_as_their_sigma_says(estimates, case):
+def test_faults_are_as_far_off_as_their_sigma_states(estimates, case):
     """Measured up to 2.2 sigma, all faults at once being the worst."""
     estimate, truth = estimates(case), fault_vector(CASES[case])
     observable, sigma = ~estimate.unobservable, np.array(estimate.sigma)
@@ -138,7 +138,7 @@ def test_healthy_actuator_fits_as_a_healthy_one(estimates):
     assert estimates("healthy").goodness_of_fit == pytest.approx(1.0, abs=0.25)
 
 
-def test_estimate_says_where_it_comes_from(estimates, windows_of, calibration):
+def test_estimate_states_where_it_comes_from(estimates, windows_of, calibration):
     estimate = estimates("friction low")
     [window] = windows_of(CASES["friction low"])
     assert (estimate.start_ns, estimate.end_ns) == (window.start_ns, window.end_ns)

@@ -62,7 +62,7 @@ def test_no_budget_is_passed(windows_of, calibration, description, counted, is_p
         assert estimate.evaluations == sum(counted) <= budget
 
 
-def test_optimizer_is_told_a_good_cost_and_the_budget_less_what_the_estimate_needs(
+def test_optimizer_receives_a_good_cost_and_the_budget_less_what_the_estimate_needs(
     windows_of, calibration, description, monkeypatch
 ):
     every_hints = []

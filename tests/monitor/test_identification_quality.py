@@ -116,7 +116,7 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
     assert (high - low) / 2 == pytest.approx(1.28 * WIDTHS[1] * width, rel=0.15)
 
 
-def test_single_window_does_not_tell_the_fit_and_widens_as_the_worst_valid_one(
+def test_single_window_does_not_determine_the_fit_and_widens_as_the_worst_valid_one(
     windows_of, healthy_windows, description
 ):
     """With a known scatter at which the same residual is at the limit, nothing else changes."""

@@ -85,7 +85,7 @@ def standing(t: Telemetry, flows: float) -> dict[str, np.ndarray]:
     ],
     ids=["hardly moves", "sample period", "open", "jam", "dead sensor"],
 )
-def test_window_in_which_nothing_can_be_found_is_refused_whatever_is_forced(
+def test_window_in_which_nothing_can_be_found_is_refused_regardless_of_what_is_forced(
     window, calibration, description, columns, texts, verdict, force
 ):
     unfit = changed(window, **columns(window.telemetry))

@@ -70,7 +70,7 @@ def test_screen_is_a_latin_hypercube_about_the_start():
 
 
 @pytest.mark.parametrize("screen", [1, 2])
-def test_better_half_of_the_descents_goes_on_until_one_is_left(screen):
+def test_better_half_of_the_descents_continues_until_one_is_left(screen):
     """Of an odd number the larger half; differences and trials take turns, until it is one."""
     size, starts = _SCREENS[screen]
     batches, _ = search(valley)

@@ -43,7 +43,7 @@ def error(estimate: Estimate, faults) -> float:
         (FRICTION, {"winding_temperature": 60.0}, {"winding_temperature": (60.0, 3.0)}),
     ],
 )
-def test_faults_beside_a_measured_cause_are_as_without(
+def test_faults_next_to_a_measured_cause_are_as_without(
     calibration, description, faults, causes, measured
 ):
     """Also where the measurement is one sigma off."""
@@ -64,14 +64,14 @@ def test_measured_load_and_another_inertia_are_no_short_circuits(calibration, de
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("faults", "causes", "said"), [({}, {}, 0.3), (FRICTION, LOAD, 0.1)], ids=["none", "another"]
+    ("faults", "causes", "printed"), [({}, {}, 0.3), (FRICTION, LOAD, 0.1)], ids=["none", "another"]
 )
 def test_wrong_measurement_is_contradicted_by_the_window(
-    calibration, description, faults, causes, said
+    calibration, description, faults, causes, printed
 ):
     window = recorded(faults, causes)
-    estimate = identify(window, description, calibration, measured={"load_torque": (said, 0.01)})
-    assert f"contradicts it: measured load torque {said:+.3g} ± 0.01 N.m" in estimate.reason
+    estimate = identify(window, description, calibration, measured={"load_torque": (printed, 0.01)})
+    assert f"contradicts it: measured load torque {printed:+.3g} ± 0.01 N.m" in estimate.reason
     # As if nothing had been measured.
     alone = identify(window, description, calibration)
     assert (estimate.measured, estimate.causes) == ((), alone.causes)
@@ -131,7 +131,7 @@ def test_wrong_measurement_in_ordinary_motion_is_not_used(calibration, descripti
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "printed"),
     [
         ({"cogging": (0.1, 0.01)}, "unknown measured cause 'cogging'; .*known: load_torque"),
         ({"load_torque": (math.nan, 0.01)}, r"load_torque = nan: expected .*\[-10, 10\] N.m"),
@@ -141,21 +141,21 @@ def test_wrong_measurement_in_ordinary_motion_is_not_used(calibration, descripti
         ({"load_torque": 0.1}, "load_torque = 0.1: expected a value and its standard deviation"),
     ],
 )
-def test_impossible_measurement_is_refused_by_name_and_value(given, said):
-    with pytest.raises(ValueError, match=said):
+def test_impossible_measurement_is_refused_by_name_and_value(given, printed):
+    with pytest.raises(ValueError, match=printed):
         measured_causes(given)
 
 
 @pytest.mark.parametrize(
-    ("texts", "said"),
+    ("texts", "printed"),
     [
         (["load_torque=0.1"], "'load_torque=0.1': expected NAME=VALUE:SIGMA"),
         (["load_torque=a:1"], "'load_torque=a:1': expected NAME=VALUE:SIGMA"),
         (["inertia=0:1", "inertia=0:2"], "inertia is given more than once"),
     ],
 )
-def test_text_of_no_measurement_is_refused(texts, said):
-    with pytest.raises(ValueError, match=said):
+def test_text_of_no_measurement_is_refused(texts, printed):
+    with pytest.raises(ValueError, match=printed):
         measured_causes_of(texts)
 
 

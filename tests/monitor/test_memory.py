@@ -22,7 +22,7 @@ SHORTS = dict.fromkeys(("short_circuit_a", "short_circuit_b", "short_circuit_c")
 KNOWN = fault_vector({"friction": 0.2})
 
 
-def told(day: int, *causes: CauseEstimate, valid: bool = True, **more) -> Estimate:
+def reported(day: int, *causes: CauseEstimate, valid: bool = True, **more) -> Estimate:
     """An estimate of 0.2 +- 0.01 friction."""
     stamp, covariance = day * DAY, 1e-4 * np.eye(8)
     made = {"faults": KNOWN, "covariance": covariance, "unobservable": np.zeros(8, dtype=bool)}
@@ -35,7 +35,7 @@ def surprise(memory: Memory, friction: float = 0.2, **causes: float) -> float:
 
 
 def test_what_is_known_is_forgotten_at_the_pace_at_which_it_may_change():
-    memory = NOTHING.updated(told(10, INERTIA))
+    memory = NOTHING.updated(reported(10, INERTIA))
     pace = SLOW["inertia"]
     for months in (0.0, 1.0, 12.0):
         later = memory.before(10 * DAY + round(months * 30 * DAY))
@@ -45,22 +45,22 @@ def test_what_is_known_is_forgotten_at_the_pace_at_which_it_may_change():
 
 
 def test_test_before_the_latest_one_is_identified_alone_and_changes_nothing():
-    memory = NOTHING.updated(told(10, INERTIA))
+    memory = NOTHING.updated(reported(10, INERTIA))
     assert memory.before(9 * DAY) is NOTHING
-    assert memory.updated(told(9)) is memory
-    assert memory.updated(told(11, valid=False)) is memory
-    assert memory.updated(told(11, stretches=3)) is memory
+    assert memory.updated(reported(9)) is memory
+    assert memory.updated(reported(11, valid=False)) is memory
+    assert memory.updated(reported(11, stretches=3)) is memory
 
 
 def test_only_causes_that_a_test_has_separated_are_expected_of_the_next_test():
     pair = Alternative(("inertia",), ("torque_constant",))
-    doubtful = NOTHING.updated(told(1, INERTIA, alternatives=(pair,)))
+    doubtful = NOTHING.updated(reported(1, INERTIA, alternatives=(pair,)))
     assert (doubtful.expected, doubtful.causes["inertia"]) == ((), INERTIA)
     assert "torque_constant" not in doubtful.causes
-    clear = doubtful.updated(told(2, INERTIA))
+    clear = doubtful.updated(reported(2, INERTIA))
     assert clear.expected == (INERTIA,)
     # A later test that cannot separate causes changes nothing; loads are not remembered.
-    later = clear.updated(told(3, CauseEstimate("load_torque", 1.0, 0.1), alternatives=(pair,)))
+    later = clear.updated(reported(3, CauseEstimate("load_torque", 1.0, 0.1), alternatives=(pair,)))
     assert [cause.name for cause in later.expected] == ["inertia"]
     assert "load_torque" not in later.causes
 
@@ -69,23 +69,23 @@ def test_only_causes_that_a_test_has_separated_are_expected_of_the_next_test():
 def test_doubt_about_a_cause_leaves_faults_of_a_similar_name_in_memory(cause):
     """The label of the fault is part of the label of the cause."""
     pair = Alternative(("inertia",), (cause,))
-    memory = NOTHING.updated(told(1, INERTIA, alternatives=(pair,)))
+    memory = NOTHING.updated(reported(1, INERTIA, alternatives=(pair,)))
     assert np.isfinite(memory.variances[FRICTION])
     doubtful = Alternative(("friction",), (cause,))
-    memory = NOTHING.updated(told(1, INERTIA, alternatives=(doubtful,)))
+    memory = NOTHING.updated(reported(1, INERTIA, alternatives=(doubtful,)))
     assert np.isinf(memory.variances[FRICTION])
 
 
 @pytest.mark.parametrize("cause", ["current_gain", "speed_gain", "position_gain"])
 def test_doubt_about_equal_shorts_makes_all_phases_doubtful_and_nothing_else(cause):
     pair = Alternative((cause,), EQUAL_SHORTS)
-    memory = NOTHING.updated(told(1, alternatives=(pair,)))
+    memory = NOTHING.updated(reported(1, alternatives=(pair,)))
     assert np.all(np.isinf(memory.variances[SHORT_CIRCUITS]))
     assert np.isfinite(memory.variances[FRICTION])
 
 
 def test_fault_may_grow_at_no_cost_and_what_jumps_costs_a_bounded_part_of_its_square():
-    memory = NOTHING.updated(told(1)).before(2 * DAY)
+    memory = NOTHING.updated(reported(1)).before(2 * DAY)
     assert surprise(memory, friction=0.9) == pytest.approx(0.0)
     assert surprise(memory, friction=0.19) < 0.5
     assert 5.0 < surprise(memory, friction=0.0) < 25.0
@@ -96,10 +96,10 @@ def test_fault_may_grow_at_no_cost_and_what_jumps_costs_a_bounded_part_of_its_sq
 
 
 def test_what_a_window_contradicts_is_not_remembered():
-    memory = NOTHING.updated(told(1, INERTIA)).before(2 * DAY)
-    assert memory.left_by(told(2, INERTIA._replace(value=0.16))) is memory
-    assert memory.left_by(told(2, INERTIA._replace(value=0.0))).expected == ()
-    assert memory.left_by(told(2, valid=False)) is NOTHING
+    memory = NOTHING.updated(reported(1, INERTIA)).before(2 * DAY)
+    assert memory.left_by(reported(2, INERTIA._replace(value=0.16))) is memory
+    assert memory.left_by(reported(2, INERTIA._replace(value=0.0))).expected == ()
+    assert memory.left_by(reported(2, valid=False)) is NOTHING
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +123,7 @@ def followed(
     return [state.estimate for state in states if isinstance(state, Diagnosed)]
 
 
-def test_equal_shorts_are_told_from_a_weaker_motor_by_when_they_came(shorted, calibration):
+def test_equal_shorts_are_separated_from_a_weaker_motor_by_when_they_came(shorted, calibration):
     """The window alone names the torque constant, which is one cause; neither is certain."""
     *_, last = followed(Diagnosis(), shorted, calibration)
     assert np.array(last.faults)[SHORT_CIRCUITS] == pytest.approx(0.1, abs=0.02)

@@ -63,7 +63,7 @@ def test_estimates_are_those_of_the_windows_and_health_follows_with_its_service_
     assert [entry.cycles for entry in monitor.unit.history.entries] == [1, 2, 3]
 
 
-def test_counts_give_the_hours_and_the_history_goes_on_after_a_restart(blocks, tmp_path):
+def test_counts_give_the_hours_and_the_history_continues_after_a_restart(blocks, tmp_path):
     cycle = blocks[: len(blocks) // 3]
     first = Monitor(history_folder=tmp_path)
     first.count(Count(0, 100.0, 5))

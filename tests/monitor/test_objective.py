@@ -80,7 +80,7 @@ def test_derivatives_are_central_differences_and_one_sided_at_the_walls(
         assert np.any(at.jacobian[:, i])
 
 
-def test_linearisation_evaluates_as_often_as_it_says(made, calibration, counted):
+def test_linearisation_evaluates_as_often_as_it_states(made, calibration, counted):
     objective = Objective(made, calibration)
     counted.clear()
     objective.linearise(np.full(objective.dimension, 0.3))
@@ -139,7 +139,7 @@ def test_eccentricity_and_phase_in_the_plane():
     assert point[[ECCENTRICITY, ECCENTRICITY_PHASE]] == pytest.approx([0.5, 0.7], abs=1e-15)
 
 
-def test_unknown_play_is_centred_unless_it_is_said():
+def test_unknown_play_is_centred_unless_it_is_stated():
     coordinates = Coordinates(None, cartesian=True)
     places = [coordinates.encode(fault_vector({}), *play)[8] for play in ((-1.0,), (), (1.0,))]
     assert places == [0.0, 0.5, 1.0]

@@ -166,7 +166,7 @@ def test_region_without_cost_is_avoided(name):
     assert worst_of_most([end.cost for end in ends]) < share * cost_at(walled, start)
 
 
-def test_without_any_cost_the_run_ends_and_says_so(name):
+def test_without_any_cost_the_run_ends_and_states_so(name):
     progress = run(name, lambda x: np.full_like(x, np.nan), termination=Termination(budget=5000))
     assert all(p.cost == np.inf for p in progress)
     assert progress[-1].evaluations <= 5000

@@ -88,14 +88,14 @@ def test_selection_takes_better_ones_more_often_as_expected_rounded_up_or_down()
 def test_elite_is_the_best_so_far_and_is_not_asked_again():
     optimizer = make(GeneticAlgorithm)
     rng = np.random.default_rng(2)
-    told = []
+    reported = []
     for generation in range(20):
         points = optimizer.ask()
         assert len(points) == (50 if generation == 0 else 47)
         costs = rng.random(len(points))
-        told += [(cost, *point) for cost, point in zip(costs, points, strict=True)]
+        reported += [(cost, *point) for cost, point in zip(costs, points, strict=True)]
         tell(optimizer, costs)
-        best = np.array(sorted(told)[:3])
+        best = np.array(sorted(reported)[:3])
         assert np.array_equal(optimizer._elite_costs, best[:, 0])
         assert np.array_equal(optimizer._elite_x, best[:, 1:])
 
@@ -170,7 +170,7 @@ def test_neighbourhoods_grow_until_the_swarm_improves():
     assert make(ParticleSwarm, population=5)._neighbours == 2
 
 
-def test_leader_is_the_best_of_other_particles_drawn_anew():
+def test_leader_is_the_best_of_other_particles_drawn_again():
     optimizer = make(ParticleSwarm)
     tell(optimizer, np.arange(50.0)[::-1])
     draws = np.array([optimizer._leaders() for _ in range(400)])
@@ -338,6 +338,6 @@ def test_wolf_of_the_thesis_has_leaders_of_its_own():
     tell(optimizer, np.inf)
     assert not np.any(optimizer._leaders)
     # alpha; beta; beta; delta; alpha, the old one forgotten; as good as alpha: nothing; delta.
-    told = [tell(optimizer, cost)[0] for cost in (5.0, 7.0, 6.0, 9.0, 4.0, 4.0, 8.0, 8.5)]
+    reported = [tell(optimizer, cost)[0] for cost in (5.0, 7.0, 6.0, 9.0, 4.0, 4.0, 8.0, 8.5)]
     assert optimizer._leader_costs[:, 0].tolist() == [4.0, 6.0, 8.0]
-    assert np.array_equal(optimizer._leaders[:, 0], [told[4], told[2], told[6]])
+    assert np.array_equal(optimizer._leaders[:, 0], [reported[4], reported[2], reported[6]])

@@ -60,7 +60,7 @@ def test_offset_within_what_friction_holds_is_no_fault(calibration, description)
 
 
 @pytest.mark.slow
-def test_slow_sine_does_not_tell_a_small_gain_from_a_delay(calibration, description):
+def test_slow_sine_does_not_separate_a_small_gain_from_a_delay(calibration, description):
     """It is said, and the gain has no small standard deviation."""
     sine = Command(shape="sine", amplitude=0.01, start_frequency=4.0, duration=0.55)
     estimate = identify(recorded({}, {}, sine), description, calibration)
@@ -78,7 +78,7 @@ def test_travel_by_two_sensors_gives_the_ratio_of_their_gains():
     assert found.sigma == pytest.approx(3e-4, rel=0.5)
 
 
-def test_control_law_gives_the_offset_of_the_position_whatever_friction_and_load_are():
+def test_control_law_gives_the_offset_of_the_position_for_any_friction_and_load():
     for faults, causes in (({}, {}), ({"friction": 0.3}, {"load_torque": 0.2})):
         window = recorded(faults, {**causes, "position_offset": 2e-4})
         found = law_offset(window, PARAMETERS)
@@ -94,7 +94,7 @@ def test_control_law_ascribes_offsets_of_other_sensors_to_them(calibration, name
     assert np.all(np.abs(found.residuals(columns(**{name: value}))) < 0.5)
 
 
-def test_nothing_is_said_of_windows_at_rest_and_of_drives_with_another_law(healthy_windows):
+def test_nothing_is_stated_of_windows_at_rest_and_of_drives_with_another_law(healthy_windows):
     still = window_from(np.zeros(5001))
     assert travel_ratio(still, PARAMETERS) is None
     assert law_offset(still, PARAMETERS) is None
@@ -139,7 +139,7 @@ def test_unusual_cause_costs_its_distance_however_bad_the_fit_is(healthy_windows
 
 
 @pytest.mark.slow
-def test_readings_measured_beside_healthy_windows_are_not_of_the_unit(description):
+def test_readings_measured_next_to_healthy_windows_are_not_of_the_unit(description):
     """A calibration under them knows the unit as one without them does."""
     known = {"position_gain": (0.02, 1e-3), "position_offset": (5e-4, 1e-5)}
     value = {name: one[0] for name, one in known.items()}
@@ -198,7 +198,7 @@ def test_scale_that_columns_contradict_is_named(telemetry, factors, words):
     assert re.match(words, error_text(scale))
 
 
-def test_one_factor_of_all_columns_is_taken_for_friction(telemetry):
+def test_one_factor_of_all_columns_is_mistaken_for_friction(telemetry):
     of_all = dict.fromkeys(("command", "current", "position", "speed"), 1.05)
     [window] = find_windows(scaled(telemetry, **of_all))
     assert identify(window).faults.friction == pytest.approx(0.289, abs=0.005)
@@ -227,7 +227,7 @@ def test_calibration_names_a_sample_period_that_is_not_that_of_the_motion(
     "faults",
     [{"short_circuit_a": 0.3, "short_circuit_b": 0.3, "short_circuit_c": 0.3}, {"friction": 0.9}],
 )
-def test_fault_is_not_taken_for_a_wrong_scale(faults):
+def test_fault_is_not_mistaken_for_a_wrong_scale(faults):
     [window] = find_windows(simulate(faults, current_noise=0.02, seed=7))
     estimate = identify(window)
     assert estimate.valid, estimate.reason

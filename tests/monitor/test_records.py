@@ -311,7 +311,7 @@ def test_command_does_not_matter(command: str):
 
 
 @pytest.mark.parametrize("windows", ["test_cycle", ANY_MOTION])
-def test_record_is_no_stretch_whatever_windows_are_asked_for(windows: str):
+def test_record_is_no_stretch_regardless_of_the_windows_asked_for(windows: str):
     events = events_of(telemetry(sine(6.0)), settings=TriggerSettings(windows=windows))
     [record] = events
     assert isinstance(record, Segment)
@@ -343,7 +343,7 @@ def test_piece_without_enough_motion_is_passed_over_with_the_reason(
     assert finder.shortfall == finder.obstacle == reason
 
 
-def test_telemetry_in_short_pieces_says_so():
+def test_telemetry_in_short_pieces_states_so():
     finder = WindowFinder(TriggerSettings(), UNKNOWN)
     for number in range(8):
         finder.feed(telemetry(sine(1.0), first_index=1 + 250 * number))
@@ -470,7 +470,7 @@ def test_memory_of_a_standstill_is_bounded():
     assert most * H < 23.0
 
 
-def test_longer_rest_belongs_to_a_record_when_the_setting_says_so():
+def test_longer_rest_belongs_to_a_record_when_the_setting_states_so():
     work = np.concatenate([rest(3.0), *[part for _ in range(4) for part in (sine(6.0), rest(8.0))]])
     apart = seconds(events_of(telemetry(work)))
     assert len(apart) == 4

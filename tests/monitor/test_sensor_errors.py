@@ -60,7 +60,7 @@ def estimated(faults: Mapping[str, float], column: str, error: str, value: float
         (RUBBING, "speed", "delay", 2.5e-3, WARN),
     ],
 )
-def test_faults_are_right_beside_an_error_of_a_sensor(faults, column, error, value, level):
+def test_faults_are_right_next_to_an_error_of_a_sensor(faults, column, error, value, level):
     """Within 3 sigma, although the limit is 5."""
     estimate = estimated(faults, column, error, value)
     assert estimate.valid
@@ -86,7 +86,7 @@ def test_error_of_a_sensor_at_the_end_of_the_search_is_refused(delay):
     ("factor", "mistake"),
     [(2.0**0.5, "is a peak given for RMS?"), (0.5**0.5, "is RMS given for a peak?")],
 )
-def test_gain_of_a_usual_mistake_is_refused_beside_a_fault(factor, mistake):
+def test_gain_of_a_usual_mistake_is_refused_next_to_a_fault(factor, mistake):
     estimate = estimated(RUBBING, "current", "gain", factor - 1.0)
     assert not estimate.valid
     assert mistake in estimate.reason

@@ -40,7 +40,7 @@ def found(command, settings=None, parameters=PARAMETERS):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 7, 5001, 2 * N])
-def test_windows_are_found_at_the_same_samples_whatever_the_blocks(size):
+def test_windows_are_found_at_the_same_samples_regardless_of_the_blocks(size):
     telemetry = stream(np.tile(CYCLE.samples, 2), first_index=41)
     trigger = WindowTrigger(PARAMETERS)
     windows = only(Window, feed(blocks(telemetry, size), trigger))
@@ -142,7 +142,7 @@ def test_jitter_of_the_command_does_not_move_the_start():
 
 
 @pytest.mark.parametrize("changes", [{}, {"BLK": 0.05}, {"tau": 0.004, "BLK": 0.01}, {"GAP": 0.01}])
-def test_own_cycle_always_tells_where_in_its_play_the_motor_stands(changes):
+def test_own_cycle_always_determines_where_in_its_play_the_motor_stands(changes):
     parameters = PARAMETERS.replace(changes)
     cycle = build_cycle(THESIS_CHIRP, H, approach_depth(parameters)).samples
     [window] = found(cycle, parameters=parameters)
@@ -263,8 +263,8 @@ def test_stamps_at_another_rate_are_named(two_cycles, share, accepted):
     if accepted:
         only(Window, events)
     else:
-        said = f"the stamps give one sample every {share * H:.4g} s, the blocks 0.0001 s"
-        assert [refusal.reason for refusal in only(Refusal, events)] == [said] * 2
+        printed = f"the stamps give one sample every {share * H:.4g} s, the blocks 0.0001 s"
+        assert [refusal.reason for refusal in only(Refusal, events)] == [printed] * 2
 
 
 def test_end_of_the_telemetry_in_a_window_is_named(two_cycles):

@@ -176,7 +176,7 @@ def test_refusals_that_wait_are_bounded_and_those_given_up_are_counted():
     assert queue.unanswered["a"] == 5
 
 
-def test_windows_of_an_actuator_that_is_forgotten_are_let_go():
+def test_windows_of_an_actuator_that_is_forgotten_are_released():
     queue = WindowQueue()
     for number in range(4):
         queue.add(found(number, of="a"), 2)

@@ -187,7 +187,7 @@ def test_missing_tests_make_waiting_dearer():
     assert replace(sure, missing_share=1e-9).wait().rate == pytest.approx(sure.wait().rate)
 
 
-def test_waiting_is_worth_less_where_the_tests_do_not_tell():
+def test_waiting_is_worth_less_where_the_tests_are_uninformative():
     lives = np.concatenate(
         [np.linspace(10.5, 80.0, N // 10), np.linspace(300.0, 900.0, N - N // 10)]
     )
@@ -205,7 +205,7 @@ def two_levels() -> tuple[Decision, np.ndarray]:
     return made, levels
 
 
-def test_inspection_pays_where_it_tells_what_a_removal_hangs_on():
+def test_inspection_pays_where_it_reports_what_a_removal_hangs_on():
     made, levels = two_levels()
     least = min(made.remove().rate, made.wait().rate)
     inspected = made.inspect(levels)
@@ -216,10 +216,10 @@ def test_inspection_pays_where_it_tells_what_a_removal_hangs_on():
     assert dear.inspect(levels).rate > least
 
 
-def test_inspection_that_tells_nothing_costs_what_it_costs():
+def test_inspection_that_reports_nothing_costs_what_it_costs():
     made, levels = two_levels()
-    told = np.random.default_rng(2).permutation(levels)
-    assert made.inspect(told).rate > min(made.remove().rate, made.wait().rate)
+    reported = np.random.default_rng(2).permutation(levels)
+    assert made.inspect(reported).rate > min(made.remove().rate, made.wait().rate)
 
 
 @pytest.mark.parametrize(
@@ -319,7 +319,7 @@ def test_life_that_ends_beyond_the_horizon_has_no_hour_of_its_median():
     assert "median end of life beyond the horizon" in words
 
 
-def test_a_removal_is_told_in_hours_cycles_and_days_at_the_risk_that_is_accepted():
+def test_a_removal_is_reported_in_hours_cycles_and_days_at_the_risk_that_is_accepted():
     life = RemainingLife(True, 20.0, 50.0, 90.0, "friction exceeds 0.5")
     removal = Removal(0.125, 30.0, 15.0, 3.75, 8.0)
     words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=removal))

@@ -88,7 +88,7 @@ def test_state_of_the_tracker_has_the_repair():
     assert restored.tracker.unsupported == tracker.unsupported
 
 
-def test_no_removal_that_is_due_is_beside_ok():
+def test_no_removal_that_is_due_is_next_to_ok():
     healthy = Health(OK, 0.9, 0, 1.0, "", reason="a remark")
     health = warned_if_due(healthy, Removal(0.05, 0.0))
     assert (health.level, health.severity) == (WARN, 1)

@@ -190,13 +190,13 @@ def fed(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 def followed(path: Path, cycles: list[Cycle], settings: PrognosisSettings = TEN_HOURS) -> list[str]:
     """What is said of each cycle, in a run of its own; all is written after each."""
     unit = Unit(History(*UNIT, path), settings)
-    said = []
+    printed = []
     for cycle in cycles:
         [outlook] = follow(unit, [cycle], settings)
         unit.write()
-        said.append(plain(outlook) if outlook else "")
+        printed.append(plain(outlook) if outlook else "")
     unit.history.close()
-    return said
+    return printed
 
 
 def resumed(path: Path, settings: PrognosisSettings = TEN_HOURS) -> str:
@@ -210,7 +210,7 @@ def resumed(path: Path, settings: PrognosisSettings = TEN_HOURS) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize("by_cycles", [True, False])
 @pytest.mark.parametrize("seed", range(3))
-def test_restart_from_what_is_kept_says_the_same_to_the_last_bit(
+def test_restart_from_what_is_kept_states_the_same_to_the_last_bit(
     tmp_path: Path, path: Path, seed: int, by_cycles: bool
 ):
     """Tests with and without estimate, outliers, counted, not counted, and counted wrongly."""
@@ -225,10 +225,10 @@ def test_restart_from_what_is_kept_says_the_same_to_the_last_bit(
             cycle = cycle._replace(estimate=replace(cycle.estimate, faults=odd))
         cycles.append(cycle)
     expected = [plain(one) if one else "" for one in follow(Unit(History(*UNIT)), cycles, settings)]
-    said = []
+    printed = []
     for first in range(0, 16, 3):
-        said += followed(path, cycles[first : first + 3], settings)
-    assert said == expected
+        printed += followed(path, cycles[first : first + 3], settings)
+    assert printed == expected
 
 
 def test_restart_repeats_the_tests_since_the_growth_was_kept_alone(path: Path, fed: list[float]):
@@ -246,7 +246,7 @@ def test_restart_repeats_the_tests_since_the_growth_was_kept_alone(path: Path, f
         "DELETE FROM growth",
     ],
 )
-def test_kept_growth_that_is_damaged_is_found_anew_from_the_tests(
+def test_kept_growth_that_is_damaged_is_found_again_from_the_tests(
     path: Path, fed: list[float], statement: str
 ):
     followed(path, [worn(number) for number in range(N)])

@@ -105,7 +105,7 @@ def test_changed_baseline_stays_in_the_history_with_its_author_and_the_figures_b
     assert ERROR not in [test.assessment.level for test in tests if test.assessment]
 
 
-def test_baseline_of_a_healthy_state_is_not_named_beside_the_level():
+def test_baseline_of_a_healthy_state_is_not_named_next_to_the_level():
     unit = Unit(History(*UNIT), HOURS)
     follow(unit, 0, [0.0] * 5, "first")
     assert unit.change_baseline("Ada", "second")

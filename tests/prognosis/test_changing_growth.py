@@ -39,7 +39,7 @@ def test_time_at_a_lasting_pace_is_shorter_by_it():
 
 
 @pytest.mark.slow
-def test_wave_in_a_constant_fault_is_not_taken_for_growth():
+def test_wave_in_a_constant_fault_is_not_mistaken_for_growth():
     tracker, rng = Tracker(), np.random.default_rng(1)
     for test in range(100):
         value = 0.2 + 0.02 * np.sin(2.0 * np.pi * 12.0 * test / 500.0)

@@ -161,7 +161,7 @@ def test_record_that_does_not_show_friction_confirms_nothing():
     assert levels_of(FRICTION_UP, NO_FRICTION, HEALTHY, HEALTHY) == [WARN, STALE, WARN, OK]
 
 
-def test_warning_that_is_held_says_what_the_next_record_has_to_show():
+def test_warning_that_is_held_states_what_the_next_record_has_to_show():
     last = followed([HEALTHY, FRICTION_UP, HEALTHY])[1][-1]
     assert cause_of_level(last) == (
         "Coulomb friction rose 15.2 % (90 % interval 11.2 to 19.2 %), in an earlier record: the "

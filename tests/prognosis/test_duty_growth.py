@@ -111,10 +111,10 @@ def test_growth_is_by_hours_where_telemetry_covers_tests_alone():
     def friction(number: int) -> float:
         return 0.01 * number
 
-    def told(_: int) -> FlownDuty:
+    def reported(_: int) -> FlownDuty:
         return replace(flown(50.0), hours=1.0 / 3600.0)
 
-    with_telemetry, outlooks = flies(15, told, friction)
+    with_telemetry, outlooks = flies(15, reported, friction)
     assert with_telemetry.growth.duty is None
     _, without = flies(15, harder_from(5), friction, BY_HOURS)
     assert plain(outlooks[-1]) == plain(without[-1])
@@ -243,24 +243,26 @@ def test_scenarios_are_lives_at_their_duty(by_damage):
         "twice": Scenario("twice", duty=2.0, hours_per_cycle=5.0),
     }
     now = prognostics.outlook(None, BY_DAMAGE)
-    told = {name: prognostics.under(one, None, BY_DAMAGE) for name, one in asked.items()}
-    assert plain(told["as flown"]) == plain(now)
+    reported = {name: prognostics.under(one, None, BY_DAMAGE) for name, one in asked.items()}
+    assert plain(reported["as flown"]) == plain(now)
     expected = {"idle": 2.0, "loads": 1.0 / 1.5, "hot": 1.0, "twice": 0.5}
     for name, ratio in expected.items():
-        assert told[name].rul.known
-        assert told[name].dominant == "friction"
-        assert told[name].rul.hours_50 == pytest.approx(ratio * now.rul.hours_50, rel=0.02), name
-    assert told["idle"].removal.days == pytest.approx(told["idle"].removal.hours / 5.0)
-    assert told["twice"].removal.cycles == pytest.approx(told["twice"].removal.hours / 5.0)
-    assert "travel_per_hour = 25" in told["idle"].assumption
+        assert reported[name].rul.known
+        assert reported[name].dominant == "friction"
+        assert reported[name].rul.hours_50 == pytest.approx(ratio * now.rul.hours_50, rel=0.02), (
+            name
+        )
+    assert reported["idle"].removal.days == pytest.approx(reported["idle"].removal.hours / 5.0)
+    assert reported["twice"].removal.cycles == pytest.approx(reported["twice"].removal.hours / 5.0)
+    assert "travel_per_hour = 25" in reported["idle"].assumption
     assert plain(prognostics.outlook(None, BY_DAMAGE)) == plain(now)
 
 
 def test_scenario_that_nothing_flown_is_known_to_compare_with_has_an_unknown_life():
     by_hours = worn(BY_HOURS)
-    told = by_hours.under(Scenario("idle", travel_per_hour=25.0), None, BY_HOURS)
-    assert not told.rul.known
-    assert "its duty so far is not known" in told.rul.reason
+    reported = by_hours.under(Scenario("idle", travel_per_hour=25.0), None, BY_HOURS)
+    assert not reported.rul.known
+    assert "its duty so far is not known" in reported.rul.reason
     with pytest.raises(NotComparableError, match="the temperature of its winding so far"):
         Scenario("hot", winding={120.0: 1.0}).future(course(1.0), 1.0)
     twice = by_hours.under(Scenario("twice", duty=2.0), None, BY_HOURS)

@@ -156,7 +156,7 @@ def test_arrays_of_another_kind_are_refused_by_name(tmp_path: Path, units):
         FleetGrowth.read(path)
 
 
-def test_other_limits_are_refused_and_said_and_the_prognosis_goes_on(units):
+def test_other_limits_are_refused_and_stated_and_the_prognosis_continues(units):
     fleet = FleetGrowth(GRID, units)
     other = HealthLimits(friction=0.3)
     with pytest.raises(ValueError, match="different limits"):
@@ -171,7 +171,7 @@ def test_other_limits_are_refused_and_said_and_the_prognosis_goes_on(units):
     assert outlook.rul_faults.known
 
 
-def test_an_outlook_says_whose_growth_it_assumes_and_a_restart_goes_on_with_it(
+def test_an_outlook_states_whose_growth_it_assumes_and_a_restart_continues_with_it(
     tmp_path: Path, units
 ):
     path = history_path(tmp_path, "flap", "1")
@@ -237,7 +237,7 @@ def test_growth_is_kept_of_faults_that_grow_alone():
     assert fault.log_likelihood.shape == BEFORE["backlash"].shape
 
 
-def test_unit_that_was_repaired_says_how_its_faults_grew_before_and_after():
+def test_unit_that_was_repaired_states_how_its_faults_grew_before_and_after():
     tests = [made_test(test, seed=test, friction=0.01 * (test % 30)) for test in range(60)]
     [unit] = fleet_of([history_of(tests)], LIMITS).units.values()
     assert [fault.kind for fault in unit.faults] == ["friction", "friction"]

@@ -130,11 +130,11 @@ def test_history_survives_being_killed_again_and_again(path: Path):
             text=True,
         ) as process:
             assert process.stdout is not None
-            said = [process.stdout.readline() for _ in range(3 + kill)]
+            printed = [process.stdout.readline() for _ in range(3 + kill)]
             process.send_signal(signal.SIGKILL)
-            said += process.stdout.readlines()
+            printed += process.stdout.readlines()
         # Each line is the number of tests, and nothing wrong.
-        numbers = [int(line) for line in said]
+        numbers = [int(line) for line in printed]
         assert numbers == list(range(reported + 1, reported + 1 + len(numbers)))
         found, problem = hours(path)
         assert problem == ""
@@ -214,7 +214,7 @@ def read_only(folder: Path) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("is_killed", [False, True])
-def test_history_on_read_only_media_is_read_and_gone_on_with_in_memory(path: Path, is_killed: bool):
+def test_history_on_read_only_media_is_read_and_continued_in_memory(path: Path, is_killed: bool):
     writer = History(*UNIT, path)
     for number in range(3):
         writer.append(entry(number))
@@ -318,7 +318,7 @@ def test_other_database_and_other_schema_are_set_aside_as_they_are(path: Path):
 
 
 @pytest.mark.parametrize("how", ["deleted", "moved", "folder deleted"])
-def test_file_that_is_gone_while_in_use_is_written_anew_whole(path: Path, how: str):
+def test_file_that_is_gone_while_in_use_is_written_again_whole(path: Path, how: str):
     history = History(*UNIT, path)
     history.append(entry(0))
     history.append(UnusedCycle(1, "refused", (WindowUnusable("gap"),)))

@@ -146,7 +146,7 @@ def test_person_acknowledges_it_by_a_note_on_its_event_also_after_a_restart(tmp_
     again.history.close()
 
 
-def test_tests_that_hide_the_fault_tell_nothing_of_it():
+def test_tests_that_hide_the_fault_report_nothing_of_it():
     settings = SETTINGS[0]
     unit, outlook = Unit(History(*UNIT), settings), None
     for number, friction in enumerate([0.8, 0.0, 0.8, 0.0, 0.8]):

@@ -59,9 +59,11 @@ def test_law_of_short_circuits_is_that_of_each_phase():
     assert laws["short_circuit_b"] == NOMINAL_LAWS["short_circuit_b"]
 
 
-@pytest.mark.parametrize(("text", "told"), [("cubic", "'cubic': unknown law"), (0.5, "0.5: exp")])
-def test_impossible_text_among_several_is_named(text, told):
-    with pytest.raises(ValueError, match=f"^eccentricity = {told}"):
+@pytest.mark.parametrize(
+    ("text", "reported"), [("cubic", "'cubic': unknown law"), (0.5, "0.5: exp")]
+)
+def test_impossible_text_among_several_is_named(text, reported):
+    with pytest.raises(ValueError, match=f"^eccentricity = {reported}"):
         KnownLawTexts(friction="exponential", eccentricity=text)
 
 
@@ -171,12 +173,12 @@ def test_life_by_a_law_is_predicted_after_a_gap_and_a_restart_and_forgotten_at_a
     # Some thirty jumps, which a gap hides in part, tell rate and bend to a factor of two.
     most = {"jumps": 2.0, "drift": 1.3}.get(name, 1.1)
     assert 1.0 / most < one.overall.hours_50 / left < most
-    told = [
+    reported = [
         event.kind
         for later in (10.0, 20.0)
         for event in tracker.update(observed(hours[-1] + later, {}, rng, 0.001))
     ]
-    assert told == ["outlier", "repair"]
+    assert reported == ["outlier", "repair"]
     assert not tracker.predict().components["friction"].known
     with pytest.raises(ValueError, match="at least the hours of the latest test"):
         tracker.update(observed(hours[0], {}))

@@ -138,7 +138,7 @@ def test_overall_life_counts_a_fault_whose_growth_is_not_certain_yet():
     assert prognosis.overall.criterion == "short circuit C exceeds 0.25"
 
 
-def test_nothing_is_told_before_any_test():
+def test_nothing_is_reported_before_any_test():
     prognosis = Tracker().predict()
     assert not prognosis.overall.known
     assert prognosis.overall.reason == "fewer than two tests agree so far"
@@ -154,7 +154,7 @@ def test_fault_beyond_its_limit_has_no_life_left():
     assert (prognosis.overall.hours_05, prognosis.overall.hours_95) == (0.0, 0.0)
 
 
-def test_life_beyond_the_horizon_is_not_told():
+def test_life_beyond_the_horizon_is_not_reported():
     settings = TrackerSettings(horizon_hours=300.0)
     growth = {"backlash": Growth("linear", 3e-4)}
     one, other = Tracker(settings=settings), Tracker()
@@ -190,7 +190,7 @@ def test_impossible_future_hours_are_refused(tracker, hours):
         tracker.futures(hours)
 
 
-def test_tests_until_growth_is_certain_are_told_by_the_evidence_of_a_test_so_far():
+def test_tests_until_growth_is_certain_are_predicted_from_the_evidence_of_a_test_so_far():
     # From 0.5 to 0.05 in ten tests, a factor of 10; 1e-4 is 500 times less still: 27 tests.
     words = growth_not_certain(0.05, 10)
     assert words == "growth is not certain yet: its probability is 0.950 (about 27 more tests)"
@@ -207,15 +207,15 @@ def test_tests_until_growth_is_certain_are_told_by_the_evidence_of_a_test_so_far
         (1e5, "limit not within the horizon of 1000 h"),
     ],
 )
-def test_tests_until_a_life_is_within_the_horizon_are_told(median: float, words: str):
+def test_tests_until_a_life_is_within_the_horizon_are_reported(median: float, words: str):
     # 100 h in 11 tests, ten times as far ahead: in 91 h more, 1,909 h are left and looked ahead.
     # Tests are ten hours apart.
     assert beyond_horizon(median, 100.0, 11, TrackerSettings(horizon_factor=10.0)) == words
 
 
-def test_what_is_waited_for_comes_in_about_as_many_tests_as_told():
+def test_what_is_waited_for_comes_in_about_as_many_tests_as_reported():
     tracker = Tracker(settings=TrackerSettings(horizon_factor=1.0))
-    told: dict[int, int] = {}
+    reported: dict[int, int] = {}
     number, rng = 0, np.random.default_rng(1)
     for number in range(1, 90):
         tracker.update(observed(10.0 * number, {"friction": 0.05 + 5e-3 * number}, rng))
@@ -223,7 +223,7 @@ def test_what_is_waited_for_comes_in_about_as_many_tests_as_told():
         if not reason:
             break
         if "horizon" in reason:
-            told[number] = int(reason.split("about ")[1].split()[0])
-    assert told, "never beyond the horizon"
-    first = min(told)
-    assert number - first <= 2 * told[first] + 2
+            reported[number] = int(reason.split("about ")[1].split()[0])
+    assert reported, "never beyond the horizon"
+    first = min(reported)
+    assert number - first <= 2 * reported[first] + 2

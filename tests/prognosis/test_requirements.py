@@ -240,7 +240,7 @@ def test_faults_beyond_their_range_count_as_at_its_end(model):
         assert values[0] == values[1]
 
 
-def test_step_of_50_us_tells_what_2_us_tells(monkeypatch):
+def test_step_of_50_us_gives_what_2_us_gives(monkeypatch):
     faults = np.concatenate([along("backlash", [0.0, 0.3]), along("gain", [0.1])])
     coarse = PerformanceModel(ACTUATOR).performance(faults)
     monkeypatch.setattr(requirements_performance, "LONGEST_STEP", 2e-6)

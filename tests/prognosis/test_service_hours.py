@@ -182,7 +182,7 @@ def test_without_count_and_hours_per_cycle_hours_are_unknown():
     assert len(service.used) == 0
 
 
-def test_hours_by_cycles_go_on_from_the_latest_known():
+def test_hours_by_cycles_continue_from_the_latest_known():
     service = ServiceHours()
     assert service.after(3, 7.0) == 21.0
     for entry in counted_at([100.0, 110.0]):
@@ -248,7 +248,7 @@ def latest(log: CountLog, unit: tuple[str, str], stamp_s: float = 1e6) -> float:
     return math.nan if found is None else found.hours
 
 
-def test_latest_count_of_a_unit_by_a_time_is_returned_whatever_the_order():
+def test_latest_count_of_a_unit_by_a_time_is_returned_regardless_of_the_order():
     log = CountLog()
     for stamp_s in (50, 10, 90):
         log.add(A, count(stamp_s))

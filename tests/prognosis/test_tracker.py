@@ -115,7 +115,7 @@ def test_component_unobservable_for_a_while_grows_less_certain():
     assert after.tests == before.tests
 
 
-def test_component_put_back_to_healthy_is_not_taken_for_exactly_healthy():
+def test_component_put_back_to_healthy_is_not_mistaken_for_exactly_healthy():
     tracker = Tracker()
     for i in range(40):
         tracker.update(observed(10.0 * i, {"friction": 1.5 * SIGMA}))
@@ -138,7 +138,7 @@ def test_gain_is_followed_to_either_side():
         assert tracker.predict().components["gain"].hours_50 == pytest.approx(truth, rel=0.3)
 
 
-def test_restored_and_frozen_trackers_say_the_same_as_the_one_they_are_of():
+def test_restored_and_frozen_trackers_state_the_same_as_the_one_they_are_of():
     whole, rng = Tracker(), np.random.default_rng(9)
     faults = [{"friction": 0.1, "eccentricity": 4e-3 * i} for i in range(60)]
     tests = [observed(10.0 * i, one, rng) for i, one in enumerate(faults)]
@@ -149,9 +149,9 @@ def test_restored_and_frozen_trackers_say_the_same_as_the_one_they_are_of():
     again, frozen = Tracker(), whole.frozen()
     again.restore({name: np.array(one) for name, one in whole.state().items()})
     before = whole.predict().samples
-    told = [tracker.update(test) for test in tests[40:] for tracker in (whole, again)]
-    assert told[::2] == told[1::2]
-    assert [event.kind for events in told[::2] for event in events] == ["step"]
+    reported = [tracker.update(test) for test in tests[40:] for tracker in (whole, again)]
+    assert reported[::2] == reported[1::2]
+    assert [event.kind for events in reported[::2] for event in events] == ["step"]
     np.testing.assert_array_equal(whole.predict().samples, again.predict().samples)
     np.testing.assert_array_equal(frozen.predict().samples, before)
 

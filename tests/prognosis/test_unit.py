@@ -46,7 +46,7 @@ def grown() -> tuple[Unit, list[Outlook]]:
 
 
 @pytest.mark.slow
-def test_life_is_told_for_each_fault_and_requirement_and_the_earlier_of_both(grown):
+def test_life_is_reported_for_each_fault_and_requirement_and_the_earlier_of_both(grown):
     last = grown[1][-1]
     truth = 10.0 * (math.log(11.0) / 0.03 - 59)
     life = last.lives["friction"]
@@ -98,7 +98,7 @@ def test_health_is_that_of_the_tracked_values(grown):
     assert [i.name for i in last.health.requirements] == list(REQUIREMENTS)
 
 
-def test_healthy_actuator_is_told_no_life_and_no_alarm():
+def test_healthy_actuator_gets_no_life_and_no_alarm():
     """Of errors that a false alarm could be made of."""
     prognostics = Unit(History(*UNIT), TEN_HOURS)
     for number in range(20):
@@ -158,7 +158,7 @@ def test_without_history_there_is_no_answer():
         Unit(History(*UNIT)).outlook(PARAMETERS, TEN_HOURS)
 
 
-def test_test_that_comes_late_is_told_and_changes_no_level():
+def test_test_that_comes_late_is_reported_and_changes_no_level():
     prognostics, before = lived(3)
     back = prognostics.update(made_test(-5), PARAMETERS, TEN_HOURS)
     assert back is not None
@@ -200,7 +200,7 @@ def test_limit_that_changes_counts_from_then_on_for_the_whole_history():
     assert plain(prognostics.outlook(PARAMETERS, settings)) == plain(expected[-1])
 
 
-def test_requirement_that_a_healthy_actuator_misses_is_told():
+def test_requirement_that_a_healthy_actuator_misses_is_reported():
     settings = replace(TEN_HOURS, requirements=RequirementLimits(bandwidth=60.0))
     _, outlooks = lived(2, settings)
     assert outlooks[-1].health.requirements == ()
@@ -221,7 +221,7 @@ def test_worst_requirement_with_a_warning_is_named_while_no_life_is_known():
     assert all(item.level == OK for item in last.health.faults)
 
 
-def test_set_aside_history_is_told_with_the_first_test(tmp_path: Path):
+def test_set_aside_history_is_reported_with_the_first_test(tmp_path: Path):
     path = tmp_path / "history.sqlite"
     path.write_text("nothing\n")
     prognostics, outlooks = lived(2, path=path)
@@ -418,7 +418,7 @@ def test_count_that_was_read_after_the_test_does_not_count_for_it():
     assert "no count was received on topic usage" in outlook.rul.reason
 
 
-def test_missed_tests_count_and_are_told():
+def test_missed_tests_count_and_are_reported():
     _, outlooks = lived(20, missing=(7, 8, 12))
     events = {item.hours: item.events for item in outlooks if item.events}
     assert any("2 tests without a valid estimate" in event.text for event in events[100.0])

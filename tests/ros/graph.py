@@ -44,7 +44,7 @@ class Graph:
         All estimates so far, and when each came [s].
     status
         Latest status by its name.
-    told
+    reported
         All messages that differ of each status, in their order.
     blocks
         When each block of telemetry was sent [ns], and received [s].
@@ -57,7 +57,7 @@ class Graph:
         self.received: list[tuple[float, FaultEstimate]] = []
         self.healths: list[Health] = []
         self.status: dict[str, Status] = {}
-        self.told: dict[str, list[str]] = {}
+        self.reported: dict[str, list[str]] = {}
         self.blocks: list[tuple[int, float]] = []
         self._open = ExitStack()
 
@@ -208,9 +208,9 @@ class Graph:
         for item in message.status:
             values = {pair.key: pair.value for pair in item.values}
             self.status[item.name] = Status(item.level[0], item.message, values, time.time())
-            told = self.told.setdefault(item.name, [])
-            if not told or told[-1] != item.message:
-                told.append(item.message)
+            reported = self.reported.setdefault(item.name, [])
+            if not reported or reported[-1] != item.message:
+                reported.append(item.message)
 
     def _note_block(self, _: bytes, information: Any) -> None:
         self.blocks.append(

@@ -251,19 +251,21 @@ class Spinning:
 
     def listen(self, kind: type, topic: str, qos: QoSProfile) -> list[Any]:
         """Return where messages come in."""
-        heard: list[Any] = []
-        self.node(f"listener_{len(self.nodes)}").create_subscription(kind, topic, heard.append, qos)
-        return heard
+        arrived: list[Any] = []
+        self.node(f"listener_{len(self.nodes)}").create_subscription(
+            kind, topic, arrived.append, qos
+        )
+        return arrived
 
     def statuses(self) -> dict[str, DiagnosticStatus]:
         """Return where the latest status of each name comes in."""
-        told: dict[str, DiagnosticStatus] = {}
+        reported: dict[str, DiagnosticStatus] = {}
 
         def note(message: DiagnosticArray) -> None:
-            told.update({status.name: status for status in message.status})
+            reported.update({status.name: status for status in message.status})
 
         self.node("observer").create_subscription(DiagnosticArray, "/diagnostics", note, 100)
-        return told
+        return reported
 
     def call(self, kind: Any, name: str, **fields: Any) -> Any:
         """Return the answer of a service."""

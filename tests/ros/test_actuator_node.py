@@ -253,7 +253,7 @@ def test_impossible_faults_are_refused_by_name_and_simulated_time_is_on_the_cloc
         assert clocks() == sorted(clocks())
 
 
-def test_it_says_once_that_it_cannot_keep_up_and_by_how_much(capfd):
+def test_it_states_once_that_it_cannot_keep_up_and_by_how_much(capfd):
     with running(rate=100.0, block_s=2e-3) as listener:
         listener.until(lambda: len(listener.received("simulated_faults")) >= 3)
         worst = listener.until(

@@ -37,7 +37,7 @@ def test_every_actuator_is_of_one_shard_and_shards_are_about_equal(count):
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 8])
-def test_listed_actuators_are_dealt_out_evenly_whatever_their_order(count):
+def test_listed_actuators_are_dealt_out_evenly_regardless_of_their_order(count):
     listed = NAMES[:6]
     shares = [Selection(listed).of(Shard(index, count)) for index in range(count)]
     assert sorted(name for share in shares for name in share) == sorted(listed)
@@ -60,7 +60,7 @@ def test_impossible_shards_and_lists_are_refused_by_name():
         Selection("flap")  # type: ignore[arg-type]
 
 
-def test_listed_actuators_of_other_shards_are_said_and_others_are_ignored():
+def test_listed_actuators_of_other_shards_are_stated_and_others_are_ignored():
     shard = Shard(0, 2)
     made = admission(NAMES[:6], shard)
     mine = list(made.listed)
@@ -92,8 +92,8 @@ def test_one_beyond_the_limit_is_refused_by_name_once_and_nothing_grows():
     made = admission(most=2)
     followed = {"a": 0.0, "b": 0.0}
     assert made.refuse("b", {"a": 0.0}) is None
-    said = [made.refuse("c", followed) for _ in range(3)]
-    assert said == ["not monitored: the limit most_actuators = 2 is reached", "", ""]
+    printed = [made.refuse("c", followed) for _ in range(3)]
+    assert printed == ["not monitored: the limit most_actuators = 2 is reached", "", ""]
     level, message = made.status(followed)
     assert level == WARN
     assert "ignored: 3 messages of actuators beyond the limit, the latest of 'c'" in message

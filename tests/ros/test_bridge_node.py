@@ -214,7 +214,7 @@ def test_temperature_of_a_topic_is_published_as_a_measured_cause(graph, mapping_
     assert checked_causes(causes)[0].sigma == 2.0
 
 
-def test_bridge_that_is_activated_again_goes_on(session):
+def test_bridge_that_is_activated_again_continues(session):
     session.publish_until(lambda: session.blocks, "the first block")
     assert session.bridge.trigger_deactivate() == TransitionCallbackReturn.SUCCESS
     count = len(session.descriptions)
@@ -483,7 +483,7 @@ def test_joint_without_effort_is_bridged_and_named(graph: Spinning):
     wait_for(lambda: (robots.publish(), robots.joints.level == OK)[1], "all joints with effort")
 
 
-def test_bridge_without_joint_states_says_so(graph: Spinning):
+def test_bridge_without_joint_states_states_so(graph: Spinning):
     bridge = graph.managed(BridgeNode)
     assert bridge.bring_up()
     [task] = bridge.tasks()

@@ -186,13 +186,13 @@ def test_arguments_are_described_common_to_all_and_refused_when_unknown(name, gi
         nodes_of(name, **wrong)
 
 
-def test_rosbag2_is_told_the_quality_of_service_of_each_topic_with_a_depth_that_loses_none():
+def test_rosbag2_receives_the_quality_of_service_of_each_topic_with_a_depth_that_loses_none():
     file = FOLDERS["ema_bringup"] / "config" / "record_qos.yaml"
     offered = ACTUATOR_TOPICS | MONITOR_TOPICS | PLAYER_TOPICS | NODE_TOPICS
-    told = yaml.safe_load(file.read_text(encoding="utf-8"))
-    assert set(told) == {f"/ema/{name}" for name in offered}
+    reported = yaml.safe_load(file.read_text(encoding="utf-8"))
+    assert set(reported) == {f"/ema/{name}" for name in offered}
     for name, (_, qos) in offered.items():
-        given = told[f"/ema/{name}"]
+        given = reported[f"/ema/{name}"]
         # As ros2bag reads it: the short keys of the policies.
         read = QoSProfile(
             history=HistoryPolicy.get_from_short_key(given["history"]),
@@ -241,7 +241,7 @@ def test_arguments_become_parameters(file: str, given: dict, node: str, own: dic
 
 @pytest.mark.usefixtures("launch_modules")
 @pytest.mark.parametrize(
-    ("file", "given", "told"),
+    ("file", "given", "reported"),
     [
         ("ema", {"actuator_params": "no.yaml"}, r"actuator_params:=no\.yaml: no such"),
         ("fleet", {"monitors": "2", "monitor_params": "no.yaml"}, r"monitor_params:=no\.yaml"),
@@ -251,8 +251,8 @@ def test_arguments_become_parameters(file: str, given: dict, node: str, own: dic
         ("replay", {"bag": "worn", "rate": "fast"}, "rate:=fast: expected a number"),
     ],
 )
-def test_impossible_argument_is_refused_by_name(file: str, given: dict, told: str):
-    with pytest.raises(RuntimeError, match=told):
+def test_impossible_argument_is_refused_by_name(file: str, given: dict, reported: str):
+    with pytest.raises(RuntimeError, match=reported):
         nodes_of(f"{file}.launch.py", **given)
 
 

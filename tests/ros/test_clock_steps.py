@@ -41,7 +41,7 @@ def judged() -> tuple[ActuatorStatus, list[Health]]:
 
 
 @pytest.mark.parametrize("step_s", [0, -5, -3600])
-def test_level_of_a_monitor_expires_whatever_its_clock_does(step_s: int):
+def test_level_of_a_monitor_expires_regardless_of_what_its_clock_does(step_s: int):
     actuator, published = judged()
     for passed_s in range(1, 40):
         now = Moment(FIRST_NS + (passed_s + step_s) * S, (1000 + passed_s) * S)
@@ -92,7 +92,7 @@ def test_level_ends_with_its_claim_when_the_clock_has_gone_back():
 
 
 @pytest.mark.parametrize("behind_s", [0, 3600])
-def test_health_expires_where_it_is_shown_whatever_the_clock_does(behind_s: int):
+def test_health_expires_where_it_is_shown_regardless_of_what_the_clock_does(behind_s: int):
     """The clock of who shows it goes back after, or before, it is received."""
     _, [health] = judged()
     healths, claims = LatestHealths(), Claims()

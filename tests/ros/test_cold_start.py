@@ -28,7 +28,7 @@ def start_cold(graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
             cold.setenv("NUMBA_CACHE_DIR", str(tmp_path))
             graph.start("monitor")
         graph.wait_for(
-            lambda: any("compiling kernels" in text for text in graph.told.get(ACTIVE, ())),
+            lambda: any("compiling kernels" in text for text in graph.reported.get(ACTIVE, ())),
             "the compilation in the status",
         )
 

@@ -13,11 +13,11 @@ from ..waiting import DEADLINE_S, wait_for
 from .spinning import fail, spinning, wait_for_match
 
 
-def test_messages_are_heard_in_order_while_a_service_waits(context, make_node):
+def test_messages_are_received_in_order_while_a_service_waits(context, make_node):
     node, peer = make_node("slow"), make_node("peer")
     release = threading.Event()
     begun: list[str] = []
-    heard: list[tuple[int, str]] = []
+    received: list[tuple[int, str]] = []
 
     def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         begun.append(threading.current_thread().name)
@@ -27,7 +27,7 @@ def test_messages_are_heard_in_order_while_a_service_waits(context, make_node):
     node.create_service(Trigger, "wait", serve, callback_group=WaitingCallbackGroup())
 
     def hear(message: Int64) -> None:
-        heard.append((message.data, threading.current_thread().name))
+        received.append((message.data, threading.current_thread().name))
 
     node.create_subscription(Int64, "numbers", hear, 1000)
     client = peer.create_client(Trigger, "wait")
@@ -41,26 +41,26 @@ def test_messages_are_heard_in_order_while_a_service_waits(context, make_node):
         wait_for(lambda: begun, "the call")
         for number in range(500):
             publisher.publish(Int64(data=number))
-        wait_for(lambda: len(heard) == 500, "all messages")
-        assert [number for number, _ in heard] == list(range(500))
+        wait_for(lambda: len(received) == 500, "all messages")
+        assert [number for number, _ in received] == list(range(500))
         # One call of the group at a time, in a thread of its own and begun once.
         assert len(begun) == 1
-        assert {name for _, name in heard}.isdisjoint(begun)
-        assert len({name for _, name in heard}) == 1
+        assert {name for _, name in received}.isdisjoint(begun)
+        assert len({name for _, name in received}) == 1
         assert not any(answer.done() for answer in answers)
         release.set()
         wait_for(lambda: all(answer.done() for answer in answers), "the answers")
     assert len(begun) == 2
 
 
-def test_messages_that_have_come_are_heard_in_a_row_but_not_without_end(context, make_node):
+def test_messages_that_have_come_are_received_in_a_row_but_not_without_end(context, make_node):
     """To wait for each anew takes longer than the message does."""
     node, peer = make_node("slow"), make_node("peer")
-    heard: list[int] = []
+    received: list[int] = []
     failures: list[str] = []
 
     def hear(message: Int64) -> None:
-        heard.append(message.data)
+        received.append(message.data)
         if message.data == 3:
             raise ValueError("three")
 
@@ -73,8 +73,8 @@ def test_messages_that_have_come_are_heard_in_a_row_but_not_without_end(context,
         publisher.publish(Int64(data=number))
     assert publisher.wait_for_all_acked()
     counts = [0]
-    wait_for(lambda: _spin_and_count(executor, heard, counts) == 250, "all messages")
-    assert heard == list(range(250))
+    wait_for(lambda: _spin_and_count(executor, received, counts) == 250, "all messages")
+    assert received == list(range(250))
     assert failures == ["three"]
     # What else waits has its turn at least once in a hundred messages.
     steps = [after - before for before, after in pairwise(counts)]
@@ -83,7 +83,7 @@ def test_messages_that_have_come_are_heard_in_a_row_but_not_without_end(context,
     executor.shutdown()
 
 
-def _spin_and_count(executor: NodeExecutor, heard: list[int], counts: list[int]) -> int:
+def _spin_and_count(executor: NodeExecutor, received: list[int], counts: list[int]) -> int:
     executor.spin_once(timeout_sec=0.1)
-    counts.append(len(heard))
-    return len(heard)
+    counts.append(len(received))
+    return len(received)

@@ -70,9 +70,9 @@ class Published:
         with self._changed:
             assert self._changed.wait_for(condition, DEADLINE_S), self.estimates
 
-    def _note(self, told: list[Any], one: Any) -> None:
+    def _note(self, reported: list[Any], one: Any) -> None:
         with self._changed:
-            told.append(one)
+            reported.append(one)
             self._changed.notify_all()
 
     def report_end(self, text: str, trace: str) -> None:
@@ -122,7 +122,7 @@ def test_settings_that_motion_cannot_be_combined_with_are_named_without_a_traceb
 
 
 @pytest.mark.parametrize("how", [SystemExit, MemoryError], ids=lambda how: how.__name__)
-def test_thread_that_ends_refuses_its_window_is_told_and_begun_again(
+def test_thread_that_ends_refuses_its_window_is_reported_and_begun_again(
     published: Published, monkeypatch: pytest.MonkeyPatch, how: type[BaseException]
 ):
     monkeypatch.setattr(steady_thread, "_FIRST_WAIT_S", 0.2)

@@ -26,8 +26,8 @@ def test_program_that_is_interrupted_while_it_imports_ends_without_a_traceback(n
         loaded = Path(f"/proc/{running.pid}/maps")
         wait_for(lambda: "/numpy/" in loaded.read_text(encoding="utf-8"), "the imports")
         running.send_signal(signal.SIGINT)
-        _, said = running.communicate(timeout=DEADLINE_S)
-    assert (running.returncode, said) == (-signal.SIGINT, b"")
+        _, printed = running.communicate(timeout=DEADLINE_S)
+    assert (running.returncode, printed) == (-signal.SIGINT, b"")
 
 
 @pytest.mark.parametrize("name", NODES)
@@ -49,5 +49,5 @@ def test_each_node_goes_round_twice(graph: Spinning, tmp_path: Path, capfd: Any,
     ] * 2:
         assert trigger() == TransitionCallbackReturn.SUCCESS
         assert node.state == state
-    said = capfd.readouterr().err
-    assert not any(word in said for word in ("Traceback", "[ERROR]", "[FATAL]")), said
+    printed = capfd.readouterr().err
+    assert not any(word in printed for word in ("Traceback", "[ERROR]", "[FATAL]")), printed

@@ -81,16 +81,16 @@ def make_recorded(make_node: Callable[..., Recorded]) -> Callable[..., Recorded]
         ("activate", KeyError("no such file"), "unconfigured"),
     ],
 )
-def test_refusal_leaves_the_state_and_is_told_until_it_works(
+def test_refusal_leaves_the_state_and_is_reported_until_it_works(
     graph: Spinning, step: str, error: Exception, state: str
 ):
-    node, told = graph.add(Recorded({step: error}, context=graph.context)), graph.statuses()
+    node, reported = graph.add(Recorded({step: error}, context=graph.context)), graph.statuses()
     assert not node.bring_up()
     assert node.state == state
 
     def reported_refusal() -> Any:
         """Return the refusal: the states before it may be shown first."""
-        status = told.get("/ema/recorded: lifecycle")
+        status = reported.get("/ema/recorded: lifecycle")
         words = state, f"cannot {step}", "no such file"
         return status if status and all(part in status.message for part in words) else None
 
@@ -98,18 +98,18 @@ def test_refusal_leaves_the_state_and_is_told_until_it_works(
     node.refuse.clear()
     assert node.trigger_configure() == SUCCESS if state == "unconfigured" else True
     assert node.trigger_activate() == SUCCESS
-    wait_for(lambda: told["/ema/recorded: lifecycle"].message == "active", "the end of it")
+    wait_for(lambda: reported["/ema/recorded: lifecycle"].message == "active", "the end of it")
 
 
-def test_status_is_told_in_every_state(graph: Spinning):
-    node, told = graph.add(Recorded(context=graph.context)), graph.statuses()
+def test_status_is_reported_in_every_state(graph: Spinning):
+    node, reported = graph.add(Recorded(context=graph.context)), graph.statuses()
 
     def until(task: str, condition: Callable[[DiagnosticStatus], bool]) -> DiagnosticStatus:
         def found() -> DiagnosticStatus | None:
-            status = told.get(f"/ema/recorded: {task}")
+            status = reported.get(f"/ema/recorded: {task}")
             return status if status and condition(status) else None
 
-        return wait_for(found, f"the status of {task}: {told}")
+        return wait_for(found, f"the status of {task}: {reported}")
 
     for trigger, state, level in (
         (lambda: SUCCESS, "unconfigured", WARN),
@@ -135,7 +135,7 @@ def test_status_is_told_in_every_state(graph: Spinning):
 
 
 @pytest.mark.parametrize("step", ["configure", "deactivate", "clean_up"])
-def test_step_that_fails_lets_go_of_all_and_the_node_can_begin_anew(make_recorded, step: str):
+def test_step_that_fails_releases_all_and_the_node_can_begin_again(make_recorded, step: str):
     node = make_recorded()
     before = len(entities_of(node))
     node.made = lambda: (
@@ -166,8 +166,8 @@ def test_each_transition_has_a_line_in_the_log(make_recorded, capfd):
     for trigger in (node.trigger_deactivate, node.trigger_cleanup, node.trigger_shutdown):
         assert trigger() == SUCCESS
     lines = capfd.readouterr().err.splitlines()
-    told = [line.rpartition(": ")[2] for line in lines if "[ema.recorded]" in line]
-    assert told == ["configured", "active", "inactive", "unconfigured", "finalized"]
+    reported = [line.rpartition(": ")[2] for line in lines if "[ema.recorded]" in line]
+    assert reported == ["configured", "active", "inactive", "unconfigured", "finalized"]
 
 
 NAMED = """
@@ -211,15 +211,15 @@ def test_signal_ends_a_node_in_each_state():
             assert process.wait(DEADLINE_S) == 0
 
 
-def test_parameter_of_another_name_is_told_with_the_one_that_may_be_meant(make_recorded, capfd):
+def test_parameter_of_another_name_is_reported_with_the_one_that_may_be_meant(make_recorded, capfd):
     node = make_recorded(parameters={"use_sim_tme": True, "use_time": "red"})
     assert node.bring_up()
-    told = capfd.readouterr().err
+    reported = capfd.readouterr().err
     assert (
         "use_sim_tme is not declared by this node and has no effect: did you mean use_sim_time?"
-        in told
+        in reported
     )
-    assert "use_time is not declared by this node and has no effect\n" in told
+    assert "use_time is not declared by this node and has no effect\n" in reported
 
 
 def test_status_has_the_time_of_the_machine_as_long_as_there_is_no_clock(graph: Spinning):

@@ -97,8 +97,8 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
         opened.enter_context(spinning(executor, other))
         opened.callback(other.stopping.set)
         assert other.bring_up()
-        heard = (topics.TELEMETRY, topics.DESCRIPTION)
-        wait_for_match(other, *(session._publishers[name] for name in heard))
+        arrived = (topics.TELEMETRY, topics.DESCRIPTION)
+        wait_for_match(other, *(session._publishers[name] for name in arrived))
         session.subscribe(Health, topics.HEALTH, topics.LATCHED_BY_MANY, key="all")
         for name in names:
             session.describe_from_a_node_of_its_own(described(name))
@@ -110,14 +110,14 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
         # Each status is of one node, and each unit has a file that one of them writes.
         nodes = {0: "/ema/monitor", 1: "/ema/monitor_1"}
 
-        def said() -> set[str]:
+        def printed() -> set[str]:
             return {s.name for array in session.received("/diagnostics") for s in array.status}
 
         session.until(
-            lambda: {f"{nodes[shards[name]]}: {name} history" for name in names} <= said()
+            lambda: {f"{nodes[shards[name]]}: {name} history" for name in names} <= printed()
         )
         for name in names:
-            assert f"{nodes[1 - shards[name]]}: {name} health" not in said()
+            assert f"{nodes[1 - shards[name]]}: {name} health" not in printed()
             history = session.statuses(f"{name} history")[-1:]
             assert all(status.level == b"\0" for status in history)
         files = sorted(path.name for path in tmp_path.glob("*.sqlite"))

@@ -160,10 +160,10 @@ WRONG: dict[str, tuple[Callable[[], MeasuredCauses], str]] = {
 @pytest.mark.usefixtures("live")
 @pytest.mark.parametrize("case", WRONG)
 def test_impossible_measurement_is_named_and_counted(session: MonitorSession, case: str):
-    make, said = WRONG[case]
+    make, printed = WRONG[case]
     before = session.node.actuators["flap"].defect_count
     session.send(topics.MEASURED_CAUSES, make())
-    status = session.until_status("flap telemetry", said, WARN)
+    status = session.until_status("flap telemetry", printed, WARN)
     assert {item.key: item.value for item in status.values}["defects"] == str(before + 1)
 
 

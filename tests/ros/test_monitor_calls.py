@@ -97,9 +97,9 @@ def test_impossible_goal_is_rejected_and_log_and_status_have_the_reason(
 ):
     session.node.work.calls._rejections = Throttle(1000.0)
     assert not any(Goal(session, **goal).is_accepted for _ in range(3))
-    said = capfd.readouterr().err
-    assert said.count("goal of identify_faults rejected") == 1
-    assert all(text in said for text in ("rejected", *texts)), said
+    printed = capfd.readouterr().err
+    assert printed.count("goal of identify_faults rejected") == 1
+    assert all(text in printed for text in ("rejected", *texts)), printed
     [task] = [item for item in session.node.tasks() if item.name == "identification"]
     assert all(text in task.values["goal rejected"] for text in texts)
 
@@ -222,7 +222,7 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
         assert session.next_estimate().calibration_id == answer.calibration_id
 
 
-def test_calibration_that_does_not_come_about_says_why(session: MonitorSession):
+def test_calibration_that_does_not_come_about_states_why(session: MonitorSession):
     for request, text in (
         ({"windows": 0}, "windows = 0"),
         ({"windows": 2**31 - 1}, "windows = 2147483647: expected 1 to 200 healthy windows"),

@@ -28,7 +28,7 @@ def session() -> Iterator[MonitorSession]:
         yield running
 
 
-def test_publishers_of_the_default_quality_are_heard_once_and_latched_ones_too(session):
+def test_publishers_of_the_default_quality_are_received_once_and_latched_ones_too(session):
     latched = session.probe.create_publisher(Usage, topics.USAGE, topics.LATCHED)
     latched.publish(Usage(actuator_id="rudder", flight_hours=-1.0))
     plain = session.probe.create_publisher(Usage, topics.USAGE, DEFAULT_QOS)
@@ -66,11 +66,11 @@ def test_clock_that_jumps_back_and_far_on_is_survived():
         def until_it_is(moment_ns: int) -> None:
             now[0] = moment_ns
 
-            def told() -> bool:
+            def reported() -> bool:
                 clock.publish(Clock(clock=stamp_to_message(now[0])))
                 return session.node.get_clock().now().nanoseconds == now[0]
 
-            wait_for(told, "the clock")
+            wait_for(reported, "the clock")
 
         session.describe()
         # A replay that begins again, an hour before, and a day on, when all is old.
@@ -87,7 +87,7 @@ def test_clock_that_jumps_back_and_far_on_is_survived():
         assert session.node.state == "active"
 
 
-def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_anew(session):
+def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_again(session):
     session.describe()
     session.feed(Source().cycle())
     session.next_estimate()
@@ -152,12 +152,12 @@ def test_settings_that_change_in_a_window_refuse_it_and_hold_from_the_next_one(s
 
 def test_log_has_a_line_for_a_calibration_and_for_each_change_of_level(tmp_path, capfd):
     given = {"calibration_file": str(tmp_path / "flap.yaml"), "level_confirmations": 2}
-    said = ""
+    printed = ""
 
     def lines(text: str) -> list[str]:
-        nonlocal said
-        said += capfd.readouterr().err
-        return [line for line in said.splitlines() if "[INFO]" in line and text in line]
+        nonlocal printed
+        printed += capfd.readouterr().err
+        return [line for line in printed.splitlines() if "[INFO]" in line and text in line]
 
     with monitor(given) as session:
         session.describe()
@@ -176,15 +176,15 @@ def test_log_has_a_line_for_a_calibration_and_for_each_change_of_level(tmp_path,
             session.next_estimate()
         changes = ("flap: health STALE -> OK", "flap: health OK -> ERROR: friction")
         wait_for(lambda: all(map(lines, changes)), "the changes of level")
-    assert [len(lines(text)) for text in ("calibration: fitted to", *changes)] == [1, 1, 1], said
-    assert "after a restart" not in said
+    assert [len(lines(text)) for text in ("calibration: fitted to", *changes)] == [1, 1, 1], printed
+    assert "after a restart" not in printed
 
 
 def test_impossible_name_makes_no_actuator_and_without_one_answers_have_no_figures(session):
     for name in (" flap", "flap\n", "f" * 101):
-        said = len(session.statuses("input"))
+        printed = len(session.statuses("input"))
         session.feed(Source().cycle()[:1], name)
-        session.until_status("input", "impossible actuator_id", since=said)
+        session.until_status("input", "impossible actuator_id", since=printed)
         assert not session.statuses(f"{name} telemetry")
     request = PredictRemainingLife.Request(duty=2.0)
     answer = session.call(PredictRemainingLife, "/ema/monitor/predict_remaining_life", request)
@@ -196,7 +196,7 @@ def test_impossible_name_makes_no_actuator_and_without_one_answers_have_no_figur
     assert math.isnan(unknown_estimate("flap", "").faults.gain)
 
 
-def test_summary_says_in_a_line_what_health_says():
+def test_summary_states_in_a_line_what_health_states():
     health = Health(actuator_id="flap", serial_number="1", level=WARN, health_index=0.4)
     health.dominant_fault = "short_circuit_a"
     health.rul.known, health.rul.hours_50 = True, 120.0

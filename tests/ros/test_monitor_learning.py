@@ -144,7 +144,7 @@ def test_person_accepts_the_records_of_a_learning_joint(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_setting_accepts_the_records_and_a_restart_goes_on_with_them(tmp_path: Path):
+def test_setting_accepts_the_records_and_a_restart_continues_with_them(tmp_path: Path):
     # Provisional fits have 6 and 8 records.
     given = {"baseline_folder": str(tmp_path), "accept_after": 7}
     with monitor(given) as session:

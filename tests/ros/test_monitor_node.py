@@ -59,7 +59,7 @@ def test_estimate_is_that_of_the_library(estimate: FaultEstimate):
     assert (estimate.actuator_id, estimate.serial_number) == (FLAP.actuator_id, FLAP.serial_number)
 
 
-def test_health_tells_of_the_fault(estimate: FaultEstimate, health: Health):
+def test_health_reports_the_fault(estimate: FaultEstimate, health: Health):
     assert health.header.stamp == estimate.window_end
     assert (health.actuator_id, health.serial_number) == (FLAP.actuator_id, FLAP.serial_number)
     assert (health.level, health.dominant_fault) == (WARN, "friction")
@@ -114,12 +114,12 @@ def test_health_is_stale_while_the_monitor_is_not_active_and_after_three_expecte
         session.feed(Source().cycle())
         assert session.next_estimate().valid
         session.until(lambda: [h for h in session.healths() if h.level == OK])
-        said = len(session.statuses("flap health"))
+        printed = len(session.statuses("flap health"))
         assert session.change_state(Transition.TRANSITION_DEACTIVATE)
         session.until(lambda: session.healths()[-1].level == STALE)
         assert session.healths()[-1].reason.startswith("the monitor is not active")
         for task in ("flap health", "flap telemetry", "flap friction"):
-            session.until_status(task, "the monitor is not active", b"\x03", since=said)
+            session.until_status(task, "the monitor is not active", b"\x03", since=printed)
         # After the next test it knows again.
         assert session.change_state(Transition.TRANSITION_ACTIVATE)
         session.until_subscribed()

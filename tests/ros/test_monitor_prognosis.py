@@ -71,7 +71,7 @@ def test_status_carries_life_and_history(session: MonitorSession, folder: Path):
     assert values["flight hours [h]"] == HOURS * TESTS
 
 
-def test_service_tells_life_at_another_duty_and_changes_nothing(
+def test_service_reports_life_at_another_duty_and_changes_nothing(
     session: MonitorSession, health: Health
 ):
     now, twice = predict(session, 1.0).health, predict(session, 2.0, "flap").health

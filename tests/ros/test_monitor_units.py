@@ -74,7 +74,7 @@ def test_unit_that_is_exchanged_begins_a_history_of_its_own(
         assert (back.serial_number, back.cycles) == ("SIM-0001", 3)
 
 
-def test_what_fails_after_an_estimate_says_so_and_a_unit_that_is_fitted_begins_without_health(
+def test_what_fails_after_an_estimate_states_so_and_a_unit_that_is_fitted_begins_without_health(
     cycles: list[Telemetry], monkeypatch: pytest.MonkeyPatch
 ):
     def fail(*_: Any) -> Any:
@@ -99,9 +99,9 @@ def test_what_fails_after_an_estimate_says_so_and_a_unit_that_is_fitted_begins_w
             (number, True) for number in range(3)
         ]
         session.until_status("flap health", "", bytes([OK]))
-        said = len(session.statuses("flap health"))
+        printed = len(session.statuses("flap health"))
         session.mount(OTHER)
-        status = session.until_status("flap health", "no valid estimate so far", since=said)
+        status = session.until_status("flap health", "no valid estimate so far", since=printed)
         assert (status.hardware_id, status.level) == ("/ema/flap/SIM-0002", bytes([STALE]))
 
 

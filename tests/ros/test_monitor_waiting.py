@@ -60,7 +60,7 @@ def outcomes(session: MonitorSession) -> list[tuple[int, bool]]:
     return [(one.window, one.valid) for one in session.estimates()]
 
 
-def test_oldest_window_is_dropped_others_are_refused_on_deactivation_and_work_goes_on_after(
+def test_oldest_window_is_dropped_others_are_refused_on_deactivation_and_work_continues_after(
     held: threading.Event,
 ):
     source = Source()

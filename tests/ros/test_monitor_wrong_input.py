@@ -95,7 +95,7 @@ def test_defect_outside_of_a_window_is_named_and_costs_none(
     assert [e.valid for e in session.estimates()[estimates:]] == [True]
 
 
-def test_defect_is_told_although_an_older_window_is_being_identified():
+def test_defect_is_reported_although_an_older_window_is_being_identified():
     source = Source()
     with monitor() as session:
         session.describe()

@@ -60,7 +60,7 @@ def test_default_prints_so_that_every_tool_reads_the_number_back(parameters):
             assert yaml.safe_load(repr(value)) == value, key
 
 
-def test_what_is_live_says_why_a_value_is_refused(nodes, parameters):
+def test_what_is_live_states_why_a_value_is_refused(nodes, parameters):
     for name, item, value, descriptor in parameters:
         limits = [*descriptor.floating_point_range, *descriptor.integer_range]
         if descriptor.read_only or not limits:

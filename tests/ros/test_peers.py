@@ -12,7 +12,7 @@ from ema_ros.status import OK, WARN
 from ..waiting import wait_for
 
 
-def test_one_who_goes_is_told_once_and_missed_for_a_minute():
+def test_one_who_goes_is_reported_once_and_missed_for_a_minute():
     peers = Peers()
     assert (
         peers.update({"/ema/actuator", "/ema/recorder"}, {"/ema/actuator", "/ema/recorder"}, 0.0)
@@ -30,7 +30,7 @@ def test_one_who_goes_is_told_once_and_missed_for_a_minute():
     assert task.values == {"present": "/ema/recorder", "gone": "/ema/actuator"}
 
 
-def test_one_who_comes_back_is_not_missed_and_told_anew_when_gone_again():
+def test_one_who_comes_back_is_not_missed_and_reported_again_when_gone_again():
     peers = Peers()
     peers.update({"/ema/a", "/ema/b"}, {"/ema/a", "/ema/b"}, 0.0)
     assert peers.update(set(), set(), 1.0) == ["/ema/a", "/ema/b"]

@@ -65,19 +65,19 @@ def task(player: PlayerNode) -> Task:
     return only
 
 
-def texts(heard: list[Any]) -> list[int]:
-    return [int(message.data) for message in heard]
+def texts(received: list[Any]) -> list[int]:
+    return [int(message.data) for message in received]
 
 
 def test_bag_is_played_in_order_with_its_clock(graph: Spinning, bag: Path):
-    heard = [graph.listen(String, f"t{number}", STREAM) for number in range(2)]
+    received = [graph.listen(String, f"t{number}", STREAM) for number in range(2)]
     clock = graph.listen(Clock, "/clock", BEST_EFFORT)
     player = player_of(graph, bag, rate=5.0)
     assert player.bring_up()
     assert player.finished.wait(DEADLINE_S)
-    wait_for(lambda: len(heard[0]) + len(heard[1]) == 101, "all messages")
-    assert texts(heard[0]) == list(range(0, 101, 2))
-    assert texts(heard[1]) == list(range(1, 101, 2))
+    wait_for(lambda: len(received[0]) + len(received[1]) == 101, "all messages")
+    assert texts(received[0]) == list(range(0, 101, 2))
+    assert texts(received[1]) == list(range(1, 101, 2))
     end = Time(nanoseconds=START_NS + 100 * STEP_NS).to_msg()
     wait_for(lambda: clock[-1].clock == end, "the clock at the end")
     stamps_ns = [Time.from_msg(message.clock).nanoseconds for message in clock]
@@ -94,9 +94,9 @@ def test_subscriber_that_comes_late_is_waited_for(graph: Spinning, bag: Path):
     assert player.bring_up()
     wait_for(lambda: "waiting for a subscriber" in task(player).message, "the waiting")
     assert "/ema/t1" in task(player).message
-    heard = graph.listen(String, "t1", STREAM)
+    received = graph.listen(String, "t1", STREAM)
     assert player.finished.wait(DEADLINE_S)
-    wait_for(lambda: len(heard) == 50, "all messages")
+    wait_for(lambda: len(received) == 50, "all messages")
 
 
 def test_only_what_an_actuator_sends_is_played_on_demand(graph: Spinning, tmp_path: Path):
@@ -138,16 +138,16 @@ def test_player_that_is_ended_does_not_wait_for_the_next_message(graph: Spinning
         writer.add_topic("/ema/t0", String, STREAM)
         for hour in range(2):
             writer.write("/ema/t0", String(), START_NS + hour * 3600 * 10**9)
-    heard = graph.listen(String, "t0", STREAM)
+    received = graph.listen(String, "t0", STREAM)
     player = player_of(graph, tmp_path / "slow.mcap")
     assert player.bring_up()
-    wait_for(lambda: heard, "the first message")
+    wait_for(lambda: received, "the first message")
     assert player.trigger_shutdown() == TransitionCallbackReturn.SUCCESS
-    assert (len(heard), player.exit_code) == (1, 0)
+    assert (len(received), player.exit_code) == (1, 0)
 
 
-def numbers(heard: list[list[Any]]) -> list[int]:
-    return sorted(texts(heard[0]) + texts(heard[1]))
+def numbers(received: list[list[Any]]) -> list[int]:
+    return sorted(texts(received[0]) + texts(received[1]))
 
 
 @pytest.mark.parametrize(
@@ -158,20 +158,20 @@ def numbers(heard: list[list[Any]]) -> list[int]:
     ],
 )
 def test_a_part_of_a_bag_is_played(graph: Spinning, bag: Path, part: dict, expected: range):
-    heard = [graph.listen(String, f"t{number}", STREAM) for number in range(2)]
+    received = [graph.listen(String, f"t{number}", STREAM) for number in range(2)]
     latched = graph.listen(String, "latched", LATCHED)
     player = player_of(graph, bag, rate=10.0, **part)
     assert player.bring_up()
     assert player.finished.wait(DEADLINE_S)
-    wait_for(lambda: len(heard[0]) + len(heard[1]) == len(expected), "all messages")
-    assert numbers(heard) == list(expected)
+    wait_for(lambda: len(received[0]) + len(received[1]) == len(expected), "all messages")
+    assert numbers(received) == list(expected)
     # What holds at the beginning is published before it.
     wait_for(lambda: latched, "the latched message")
     assert [message.data for message in latched] == ["latched"]
 
 
 @pytest.mark.parametrize(
-    ("parameters", "told"),
+    ("parameters", "reported"),
     [
         ({"actuator_only": True}, "flight.mcap: nothing to play: it has no actuator messages"),
         ({"start_offset": 1.5}, "start_offset = 1.5 s is after the end of"),
@@ -179,24 +179,26 @@ def test_a_part_of_a_bag_is_played(graph: Spinning, bag: Path, part: dict, expec
         ({"topics": ["latched"], "start_offset": 0.5}, "no message to play from 0.5 s to 1.000 s"),
     ],
 )
-def test_part_that_is_not_there_is_refused(graph: Spinning, bag: Path, parameters: dict, told: str):
+def test_part_that_is_not_there_is_refused(
+    graph: Spinning, bag: Path, parameters: dict, reported: str
+):
     player = player_of(graph, bag, **parameters)
     assert player.trigger_configure() == TransitionCallbackReturn.FAILURE
-    assert told in player._refused
+    assert reported in player._refused
 
 
 def test_a_loop_begins_again_as_after_a_seek(graph: Spinning, bag: Path):
-    heard = graph.listen(String, "t0", STREAM)
+    received = graph.listen(String, "t0", STREAM)
     clock = graph.listen(Clock, "/clock", BEST_EFFORT)
     states = graph.listen(PlaybackState, "playback_state", LATCHED_BY_MANY)
     latched = graph.listen(String, "latched", LATCHED)
     player = player_of(graph, bag, rate=10.0, loop=True, start_offset=0.5)
     assert player.bring_up()
-    wait_for(lambda: len(heard) > 2 * 26, "a third pass")
+    wait_for(lambda: len(received) > 2 * 26, "a third pass")
     player.trigger_deactivate()
     assert not player.finished.is_set()
     one = list(range(50, 101, 2))
-    assert texts(heard)[: 2 * 26] == one * 2
+    assert texts(received)[: 2 * 26] == one * 2
     assert int(task(player).values["pass"]) >= 3
     wait_for(lambda: [state.jumped for state in states].count(True) >= 2, "the jumps")
     at = [stamp_from_message(state.position) for state in states if state.jumped]
@@ -206,8 +208,8 @@ def test_a_loop_begins_again_as_after_a_seek(graph: Spinning, bag: Path):
     wait_for(lambda: len(latched) >= 3, "what is latched, in each pass")
 
 
-def test_paused_playback_goes_on_step_by_step(graph: Spinning, bag: Path):
-    heard = [graph.listen(String, f"t{number}", STREAM) for number in range(2)]
+def test_paused_playback_continues_step_by_step(graph: Spinning, bag: Path):
+    received = [graph.listen(String, f"t{number}", STREAM) for number in range(2)]
     player = player_of(graph, bag, start_paused=True, rate=20.0)
     assert player.bring_up()
     wait_for(lambda: not player._outputs.missing(), "the listeners")
@@ -219,16 +221,16 @@ def test_paused_playback_goes_on_step_by_step(graph: Spinning, bag: Path):
     assert ask(GetPlaybackRate, "get_rate").rate == 20.0
     assert ask(Trigger, "play_next").success  # it is the latched message
     assert ask(Trigger, "play_next").success
-    wait_for(lambda: numbers(heard) == [0], "a message")
+    wait_for(lambda: numbers(received) == [0], "a message")
     answer = ask(BurstPlayback, "burst", num_messages=10)
     assert (answer.success, answer.actually_burst) == (True, 10)
-    wait_for(lambda: numbers(heard) == list(range(11)), "the messages")
+    wait_for(lambda: numbers(received) == list(range(11)), "the messages")
     answer = ask(BurstPlayback, "burst", num_messages=0)
     assert (answer.success, answer.message) == (False, "num_messages = 0: expected at least 1")
     assert ask(Trigger, "toggle_paused").success
     assert not ask(IsPlaybackPaused, "is_paused").paused or player.finished.is_set()
     assert player.finished.wait(DEADLINE_S)
-    wait_for(lambda: len(heard[0]) + len(heard[1]) == 101, "the rest")
+    wait_for(lambda: len(received[0]) + len(received[1]) == 101, "the rest")
     assert ask(Trigger, "play_next").message == "the player has ended"
 
 
@@ -272,16 +274,16 @@ def test_what_cannot_be_played_is_left_out_and_named(graph: Spinning, tmp_path: 
                 writer.write(name, String(data=str(number)), time_ns, time_ns)
         # Cut off within its text.
         writer.write_serialized("/ema/t0", b"\0\1\0\0\x09\0\0\0ab", time_ns + STEP_NS)
-    heard = graph.listen(String, "t0", STREAM)
+    received = graph.listen(String, "t0", STREAM)
     player = player_of(graph, path, rate=10.0, stay=True)
     assert player.bring_up()
-    wait_for(lambda: len(heard) == 4, "the good messages")
+    wait_for(lambda: len(received) == 4, "the good messages")
     wait_for(lambda: task(player).values["skipped"] == 1, "the malformed message is counted")
-    said = task(player)
-    assert said.level == WARN
+    printed = task(player)
+    assert printed.level == WARN
     for expected in (
         "/ema/a b: not played",
         "/rosout: not played",
         "topic /ema/t0: 1 malformed message",
     ):
-        assert expected in said.message
+        assert expected in printed.message

@@ -164,8 +164,8 @@ def test_bridge_is_permitted_what_its_mapping_names(tmp_path):
     assert result.exit_code == 0, result.output
     profile = ElementTree.parse(tmp_path / "bridge.policy.xml").find(".//profile")
     assert profile is not None
-    heard = [item.text for item in profile.findall("topics[@subscribe]/topic")]
-    assert heard == ["/clock", "/joint_states", "/left/command"]
+    received = [item.text for item in profile.findall("topics[@subscribe]/topic")]
+    assert received == ["/clock", "/joint_states", "/left/command"]
 
 
 def obstacles() -> Iterator[str]:

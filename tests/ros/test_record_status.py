@@ -35,7 +35,7 @@ def actuator(
     return unit
 
 
-def test_status_says_what_a_record_needs_after_three_short_motions():
+def test_status_states_what_a_record_needs_after_three_short_motions():
     unit = actuator(UNKNOWN)
     tasks = []
     for number in range(3):

@@ -95,8 +95,8 @@ def test_everything_published_is_recorded_in_order(graph: Spinning, tmp_path: Pa
         assert begin_ns <= item.publish_time_ns <= item.log_time_ns <= end_ns
     for topic, qos in (("/ema/telemetry", STREAM), ("/ema/latched", LATCHED)):
         (offered,) = recorded_qos(bag.topics[topic].qos)
-        told = {"history": "unknown", "depth": 0}  # what discovery does not tell
-        assert offered_qos(offered) == offered_qos(qos) | told
+        reported = {"history": "unknown", "depth": 0}  # what discovery does not tell
+        assert offered_qos(offered) == offered_qos(qos) | reported
 
 
 def test_default_is_the_namespace_and_the_diagnostics(graph: Spinning, tmp_path: Path):
@@ -150,7 +150,7 @@ def test_log_times_are_simulated_where_time_is(graph: Spinning, tmp_path: Path):
     assert item.log_time_ns == 42 * 10**9
 
 
-def test_pausing_goes_on_in_the_same_bag(graph: Spinning, tmp_path: Path):
+def test_pausing_continues_in_the_same_bag(graph: Spinning, tmp_path: Path):
     publisher = graph.node().create_publisher(String, "text", STREAM)
     recorder = recorder_of(graph, tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
@@ -204,7 +204,7 @@ def test_default_output_is_named_by_the_time(graph: Spinning, tmp_path: Path, mo
     assert abs(time.time() - at) < 60.0
 
 
-def test_every_publisher_is_heard_whatever_it_offers(graph: Spinning, tmp_path: Path):
+def test_every_publisher_is_received_regardless_of_what_it_offers(graph: Spinning, tmp_path: Path):
     source = graph.node()
     reliable = source.create_publisher(String, "text", LATCHED)
     best_effort = source.create_publisher(String, "text", BEST_EFFORT)
@@ -219,7 +219,7 @@ def test_every_publisher_is_heard_whatever_it_offers(graph: Spinning, tmp_path: 
     wait_for_match(recorder, late)
 
 
-def test_gone_publisher_is_told(graph: Spinning, tmp_path: Path):
+def test_gone_publisher_is_reported(graph: Spinning, tmp_path: Path):
     source = graph.node()
     publisher = source.create_publisher(String, "text", STREAM)
     recorder = recorder_of(graph, tmp_path / "flight", topics=["text", "never"])
@@ -266,8 +266,8 @@ def test_type_that_is_not_the_installed_one_is_not_recorded(
     recorder = recorder_of(graph, tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
     wait_for(lambda: task(recorder).values["not recorded"] == "/ema/text", "the remark")
-    told = "not installed" if missing else "RIHS01_of_another_version"
-    assert told in task(recorder).message
+    reported = "not installed" if missing else "RIHS01_of_another_version"
+    assert reported in task(recorder).message
 
 
 def test_messages_that_the_middleware_drops_are_counted(
@@ -314,7 +314,7 @@ def test_messages_that_the_middleware_drops_are_counted(
     assert sum(map(int, by_topic[1::2])) == lost > 0
 
 
-def test_recorder_that_stood_still_says_so_in_status_and_bag(
+def test_recorder_that_stood_still_states_so_in_status_and_bag(
     graph: Spinning, tmp_path: Path, monkeypatch: Any
 ):
     monkeypatch.setattr(recorder_node, "_STANDSTILL_S", 0.5)
@@ -334,11 +334,11 @@ def test_recorder_that_stood_still_says_so_in_status_and_bag(
     pattern = (
         r"gap: (messages from [\d.]+ s to [\d.]+ s may be missing: the recorder was suspended .*)"
     )
-    told = [match[1] for text in remarks if (match := re.fullmatch(pattern, text))]
-    assert len(told) == len(remarks) >= 1
+    reported = [match[1] for text in remarks if (match := re.fullmatch(pattern, text))]
+    assert len(reported) == len(remarks) >= 1
     information = yaml.safe_load((tmp_path / "flight" / "metadata.yaml").read_text())
     noted = information["rosbag2_bagfile_information"]["custom_data"]
-    assert set(told) <= set(noted.values())
+    assert set(reported) <= set(noted.values())
 
 
 def test_recorder_writes_when_a_level_changes_and_on_demand(
@@ -395,7 +395,7 @@ def test_recorder_writes_when_a_level_changes_and_on_demand(
     assert bag.damage == ""
 
 
-def test_cache_that_is_too_small_is_told(graph: Spinning, tmp_path: Path):
+def test_cache_that_is_too_small_is_reported(graph: Spinning, tmp_path: Path):
     text = graph.node().create_publisher(String, "text", STREAM)
     given = {"snapshot_duration": 1000.0, "max_cache_size": 100_000}
     recorder = recorder_of(graph, tmp_path / "flight", topics=["text"], **given)

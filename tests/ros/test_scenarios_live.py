@@ -99,20 +99,24 @@ def course(record: UnitRecord) -> Course:
 
 
 def test_every_health_message_of_a_bag_is_that_of_the_live_monitor(session, course, tests):
-    told = [health_to_message(outlook, course.record.description) for outlook in course.outlooks]
-    assert [plain(message) for message in told] == [plain(one) for one in session.healths()]
-    assert [message.flight_hours for message in told] == [item.flight_hours for _, item in tests]
-    assert told[-1].rul.known
+    reported = [
+        health_to_message(outlook, course.record.description) for outlook in course.outlooks
+    ]
+    assert [plain(message) for message in reported] == [plain(one) for one in session.healths()]
+    assert [message.flight_hours for message in reported] == [
+        item.flight_hours for _, item in tests
+    ]
+    assert reported[-1].rul.known
 
 
 def test_live_and_offline_answers_are_equal_to_the_last_digit(session, course):
     live = asked(session, *SCENARIOS)
     assert live.success, live.message
-    told = [message_of(ScenarioLife, scenario_report(*one)) for one in course.scenarios]
-    assert [str(one) for one in told] == [str(one) for one in live.scenarios]
+    reported = [message_of(ScenarioLife, scenario_report(*one)) for one in course.scenarios]
+    assert [str(one) for one in reported] == [str(one) for one in live.scenarios]
     assert course.growth.duty is not None
     assert "as flown since" in live.health.assumption
-    lives = {one.name: one for one in told}
+    lives = {one.name: one for one in reported}
     assert str(lives["as flown"].rul) == str(live.health.rul)
     assert live.health.rul.known
     assert lives["idle"].rul.known

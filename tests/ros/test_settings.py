@@ -57,7 +57,7 @@ def test_given_values_are_used_and_whole_numbers_are_numbers(make_oven):
     assert type(oven.temperature) is float
 
 
-def test_descriptors_tell_unit_range_and_choices(make_oven):
+def test_descriptors_report_unit_range_and_choices(make_oven):
     node = make_oven()
     declare(node, Oven)
     temperature = node.describe_parameter("temperature")
@@ -92,7 +92,7 @@ def set_one(node: Node, name: str, value: Any) -> Any:
     return result
 
 
-def test_live_settings_follow_and_tell(make_oven):
+def test_live_settings_follow_and_report(make_oven):
     node, changes = make_oven(), []
     left = LiveSettings(node, Oven, "left.", changes.append)
     right = LiveSettings(node, Oven, "right.")
@@ -120,7 +120,7 @@ def test_impossible_change_is_refused_by_name(make_oven, name: str, value: Any):
 
 
 @pytest.mark.parametrize(("first", "second"), [("1e2", "1.2e2"), (100, 120)])
-def test_number_keeps_its_type_whatever_it_came_as(make_oven, first, second):
+def test_number_keeps_its_type_regardless_of_what_it_came_as(make_oven, first, second):
     # YAML 1.1 reads 1e2 and 1e-06 as texts, and so do tools that load what others dumped.
     node = make_oven(left__temperature=first, left__trays="3")
     left = LiveSettings(node, Oven, "left.")
@@ -133,15 +133,15 @@ def test_number_keeps_its_type_whatever_it_came_as(make_oven, first, second):
 
 
 def test_each_parameter_is_answered_once_however_many_settings_a_node_has(make_oven):
-    node, told = make_oven(), []
+    node, reported = make_oven(), []
     for side in ("left.", "middle.", "right."):
         LiveSettings(node, Oven, side)
     node.add_on_set_parameters_callback(
-        lambda parameters: told.extend(parameters) or SetParametersResult(successful=True)
+        lambda parameters: reported.extend(parameters) or SetParametersResult(successful=True)
     )
     [answer] = node.set_parameters([Parameter("left.temperature", value=100)])
     assert answer.successful
-    assert [repr(item.value) for item in told] == ["100.0"]
+    assert [repr(item.value) for item in reported] == ["100.0"]
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ def test_parameter_is_in_the_unit_in_which_it_prints_plainly(make_oven):
     assert not set_one(node, "width_um", 2e6).successful
 
 
-def test_settings_can_be_fixed_for_a_time_and_the_refusal_says_why(make_oven):
+def test_settings_can_be_fixed_for_a_time_and_the_refusal_states_why(make_oven):
     node, reasons = make_oven(), ["the oven is hot"]
     oven = LiveSettings(node, Oven, why_fixed=lambda: reasons[-1])
     result = set_one(node, "trays", 3)

@@ -53,8 +53,8 @@ def test_code_is_capitals_of_at_most_64_characters():
 
 
 def test_category_is_one_of_ne_107_or_normal():
-    said = [values_of(Task("x", level, "", "x"))["ne107"] for level in (OK, WARN, ERROR, STALE)]
-    assert said == ["NORMAL", "CHECK_FUNCTION", "FAILURE", "CHECK_FUNCTION"]
+    printed = [values_of(Task("x", level, "", "x"))["ne107"] for level in (OK, WARN, ERROR, STALE)]
+    assert printed == ["NORMAL", "CHECK_FUNCTION", "FAILURE", "CHECK_FUNCTION"]
     assert values_of(Task("x", WARN, "", "x", {}, "OFF_SPEC"))["ne107"] == "OFF_SPEC"
 
 
@@ -64,8 +64,8 @@ def test_line_that_repeats_is_let_through_now_and_then_with_how_often_it_came():
     assert throttle.passed("flap: window 2 is dropped", 1.0) is None
     assert throttle.passed("rudder: window 1 is dropped", 1.0) is not None
     assert throttle.passed("flap: window 3 is dropped", 29.0) is None
-    told = throttle.passed("flap: window 4 is dropped", 30.0)
-    assert told == "flap: window 4 is dropped (and 2 similar before)"
+    reported = throttle.passed("flap: window 4 is dropped", 30.0)
+    assert reported == "flap: window 4 is dropped (and 2 similar before)"
     assert throttle.passed("flap: window 5 is dropped", 70.0) == "flap: window 5 is dropped"
 
 
@@ -83,7 +83,7 @@ def test_telemetry_that_stops_is_not_ok_though_estimates_were_valid():
     assert seen == [(OK, "6 valid estimates"), (STALE, "telemetry has stopped; 6 valid estimates")]
 
 
-def test_level_of_a_fault_agrees_with_its_value_or_says_what_is_missing():
+def test_level_of_a_fault_agrees_with_its_value_or_states_what_is_missing():
     unit = ActuatorStatus("flap", WindowFinder(TriggerSettings()), lambda _: None, 0, Arrivals())
     description, settings = ActuatorDescription(), PrognosisSettings()
     unit.finder.describe(description)

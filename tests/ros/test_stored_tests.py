@@ -200,7 +200,7 @@ def test_fault_of_a_history_is_shown_though_the_clock_was_not_followed(tmp_path:
 
 
 @pytest.mark.parametrize("damage", ["", "[]", "{", '{"boot_id": 3}'])
-def test_file_of_the_clock_that_is_damaged_is_written_anew(tmp_path: Path, damage: str):
+def test_file_of_the_clock_that_is_damaged_is_written_again(tmp_path: Path, damage: str):
     kept = tmp_path / "clock.json"
     kept.write_text(damage)
 

@@ -66,11 +66,11 @@ def is_told_and_over(node: ManagedNode, name: str, reason: str) -> None:
     assert ends() == 1
 
 
-def told(capfd: pytest.CaptureFixture[str], reason: str) -> bool:
+def reported(capfd: pytest.CaptureFixture[str], reason: str) -> bool:
     return reason in "".join(capfd.readouterr())
 
 
-def test_recorder_goes_on_writing_by_time(graph, tmp_path, monkeypatch, capfd):
+def test_recorder_continues_writing_by_time(graph, tmp_path, monkeypatch, capfd):
     fail = fails_once(monkeypatch, BagWriter, "flush")
     publisher = graph.node().create_publisher(String, "text", QoSProfile(depth=10))
     node = up(graph, RecorderNode, output=str(tmp_path / "flight"), topics=["text"], flush_s=0.05)
@@ -79,7 +79,7 @@ def test_recorder_goes_on_writing_by_time(graph, tmp_path, monkeypatch, capfd):
     is_told_and_over(node, "recording", "made up")
     publisher.publish(String(data="after"))
     wait_for(lambda: len(list(Bag(tmp_path / "flight").raw_messages())) == 1, "the message on disk")
-    assert told(capfd, "the bag flusher thread has ended: ZeroDivisionError('made up')")
+    assert reported(capfd, "the bag flusher thread has ended: ZeroDivisionError('made up')")
 
 
 def test_simulation_begins_a_new_cycle(graph, monkeypatch, capfd):
@@ -90,7 +90,7 @@ def test_simulation_begins_a_new_cycle(graph, monkeypatch, capfd):
     # A busy machine may not keep up.
     assert task(node, "simulation").message.startswith(("running", "cannot keep up"))
     assert node.exit_code == 0
-    assert told(capfd, "the simulation thread has ended: ZeroDivisionError('made up')")
+    assert reported(capfd, "the simulation thread has ended: ZeroDivisionError('made up')")
 
 
 def test_dashboard_serves_again(graph, capfd):
@@ -99,16 +99,16 @@ def test_dashboard_serves_again(graph, capfd):
     is_told_and_over(node, "dashboard", "it returned")
     with urllib.request.urlopen(node.address, timeout=DEADLINE_S) as answer:
         assert answer.status == 200
-    assert told(capfd, "the dashboard thread has ended: it returned")
+    assert reported(capfd, "the dashboard thread has ended: it returned")
 
 
-def test_what_follows_from_tests_goes_on(graph, monkeypatch, capfd):
+def test_what_follows_from_tests_continues(graph, monkeypatch, capfd):
     fail = fails_once(monkeypatch, FollowUps, "_next")
     fail()
     node = up(graph, MonitorNode, history_folder="")
     is_told_and_over(node, "identification", "made up")
     assert task(node, "identification").level == OK
-    assert told(capfd, "the follow-ups thread has ended: ZeroDivisionError('made up')")
+    assert reported(capfd, "the follow-ups thread has ended: ZeroDivisionError('made up')")
 
 
 def test_failure_of_the_executor_does_not_end_the_node(context, monkeypatch, capfd):
@@ -128,7 +128,7 @@ def test_failure_of_the_executor_does_not_end_the_node(context, monkeypatch, cap
         executor.shutdown()
     finally:
         node.destroy_node()
-    assert told(capfd, "a callback failed:\nTraceback")
+    assert reported(capfd, "a callback failed:\nTraceback")
 
 
 def test_failures_of_a_kind_are_logged_once_and_counted(context, capfd):

@@ -152,7 +152,7 @@ def test_short_delay_is_made_up_for():
     assert not pacer.pace().behind
 
 
-def test_after_a_long_delay_the_schedule_goes_on_from_there():
+def test_after_a_long_delay_the_schedule_continues_from_there():
     clock = SimulatedTime()
     pacer = Pacer(1.0, clock.monotonic)
     clock.now_s += 5.0
@@ -293,7 +293,7 @@ def test_stopped_runner_starts_again_with_a_new_cycle_and_running_indices(make_r
     np.testing.assert_allclose(run.lateness_s()[kept:], -0.01, atol=1e-8)
 
 
-def test_failure_is_told(make_run):
+def test_failure_is_reported(make_run):
     run = make_run()
 
     def fail(*_: object) -> RunningCycle:

@@ -70,7 +70,7 @@ def test_increments_have_a_lognormal_factor_of_mean_one():
     assert logs.std() == pytest.approx(sigma, rel=5 / math.sqrt(2 * n))
 
 
-def test_same_seed_same_life_whatever_the_order_of_the_growths():
+def test_same_seed_same_life_regardless_of_the_order_of_the_growths():
     growths = {"gain": Growth("drift", 0.0, noise=1e-2), "friction": Growth("linear", 1e-3, 0, 0.3)}
     one = grow(healthy_faults(), growths, 0.0, 10.0, rng(1))
     other = grow(healthy_faults(), dict(reversed(growths.items())), 0.0, 10.0, rng(1))

@@ -56,7 +56,7 @@ def test_the_multiple_fault_is_that_of_the_study_of_precision(runs):
 @pytest.mark.parametrize(
     ("error", "verdict"), [(2.9, "within"), (0.5, "better"), (2.31, "better"), (3.39, "worse")]
 )
-def test_verdict_says_on_which_side_of_the_range_an_error_is(runs, error, verdict):
+def test_verdict_states_on_which_side_of_the_range_an_error_is(runs, error, verdict):
     row = side(changed(runs, 16, error_percent=error), "friction high", THESIS_MODEL)
 
     assert (row["verdict"], row["runs"]) == (verdict, 3)

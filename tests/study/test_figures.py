@@ -118,7 +118,7 @@ def test_every_mark_is_in_a_legend_of_at_most_eight_entries(everything, ours):
     assert legend(draw_convergence(ours, "fast")) == costs
 
 
-def test_figures_without_any_runs_say_so():
+def test_figures_without_any_runs_state_so():
     for figure in (
         draw_single_faults(EMPTY, TIME),
         draw_multiple_fault(EMPTY),

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.long
 
 @pytest.mark.parametrize("case", ["friction high", "eccentricity low", "multiple"])
 @pytest.mark.parametrize("variant", [VARIANTS[0], VARIANTS[-1]], ids=lambda one: one.model)
-def test_optimum_costs_what_the_study_says_and_less_than_the_truth(variant, case):
+def test_optimum_costs_what_the_study_states_and_less_than_the_truth(variant, case):
     objective, _, at_truth, _ = problem(variant.model, case)
     found = optimum(variant, case)
     [residuals] = objective.residuals(objective.encode(found.faults)[None])

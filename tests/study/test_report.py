@@ -56,8 +56,8 @@ def page(written):
     return Page(written)
 
 
-def test_page_needs_nothing_beside_it(written, page):
-    assert not {"script", "link", "iframe", "object"} & set(page.said)
+def test_page_needs_nothing_next_to_it(written, page):
+    assert not {"script", "link", "iframe", "object"} & set(page.printed)
     assert {link.removeprefix("#") for link in page.values("href")} <= {*page.values("id")}
     assert page.values("src")
     assert all(source.startswith("data:image/png;base64,") for source in page.values("src"))
@@ -68,7 +68,7 @@ def test_page_needs_nothing_beside_it(written, page):
 
 
 def test_every_section_is_there_and_in_the_contents(page):
-    titles = page.said["h2"]
+    titles = page.printed["h2"]
     anchors = [value for tag, name, value in page.attributes if (tag, name) == ("h2", "id")]
     assert len(titles) == 10
     assert page.values("href") == [f"#{anchor}" for anchor in anchors]
@@ -86,9 +86,9 @@ def test_every_section_is_there_and_in_the_contents(page):
     ],
     ids=["none", "three", "demonstrations alone"],
 )
-def test_report_copes_with_what_is_missing_and_says_so(tmp_path, runs):
+def test_report_copes_with_what_is_missing_and_states_so(tmp_path, runs):
     page = Page(write_report(tmp_path, runs, None, {}))
-    assert len(page.said["h2"]) == 10
+    assert len(page.printed["h2"]) == 10
     assert "Not measured" in page.words
     for row in by_model(runs).itertuples():
         assert f"{row.model} {row.runs}" in page.words
@@ -107,7 +107,7 @@ def test_figures_have_four_digits_and_what_is_missing_an_empty_cell():
 def test_report_opens_with_a_verdict_of_three_sentences(page, ours):
     lines = verdict(agreement(ours), time_per_10000_windows(ours))
     assert len(lines) == 3
-    opening = page.words.partition(page.said["h2"][0])[0]
+    opening = page.words.partition(page.printed["h2"][0])[0]
     assert all(line in opening for line in lines)
     assert lines[0].startswith("With the thesis's model")
     assert lines[1].startswith("With the fast model")

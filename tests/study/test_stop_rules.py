@@ -17,7 +17,7 @@ def test_tables_9_and_10_use_all_generations():
 
 
 @pytest.mark.parametrize("algorithm", ["ga", "pso", "de", "gwo"])
-def test_speed_study_stops_by_the_threshold_at_once_whatever_the_algorithm(algorithm):
+def test_speed_study_stops_by_the_threshold_at_once_regardless_of_the_algorithm(algorithm):
     rule = stop_rule("floor_corrected", algorithm, "fast_stop", 1, FLOOR)
     assert rule.threshold == 1e-3 + FLOOR
     assert stops_at(rule, [1.0, 2e-2, 9e-3, 1e-4]) == 2

@@ -31,7 +31,7 @@ def sources_of(table):
     return list(table.frame.columns.unique("source"))
 
 
-def test_printed_runs_stand_beside_ours(tables):
+def test_printed_runs_stand_next_to_ours(tables):
     frame = tables[12].frame
 
     assert sources_of(tables[12]) == [PRINTED, THESIS_MODEL, FAST_MODEL]

@@ -385,7 +385,7 @@ def history(unit: Unit, now_ns: int, period_s: float, first: int = 1) -> UnitHis
             )
         )
     label = _LIMITED[unit.worst].label
-    said = (
+    printed = (
         (0.05, "history", "history of 3 earlier tests was taken over"),
         (0.25, "calibration", "calibration flap-2031 with 20 healthy windows is used"),
         (0.4, "gap", "2 tests missed"),
@@ -394,7 +394,7 @@ def history(unit: Unit, now_ns: int, period_s: float, first: int = 1) -> UnitHis
         (0.82, "fault", f"{label}: OK → WARN"),
     )
     events = []
-    for place, kind, text in said:
+    for place, kind, text in printed:
         test = tests[int(place * len(tests))]
         hours = test.flight_hours
         events.append(UnitEvent(stamp=test.stamp, flight_hours=hours, kind=kind, text=text))

@@ -152,15 +152,15 @@ class Server:
 
     def _tests(self, ended: threading.Event, period_s: float, _: float, __: str) -> None:
         units = list(self.units.values())
-        start, number, told = time.monotonic(), 0, 0.0
+        start, number, reported = time.monotonic(), 0, 0.0
         while not ended.wait(0.02):
             now = time.monotonic() - start
             while number < now / period_s * len(units):
                 self.test(units[number % len(units)])
                 number += 1
-            if now >= told:
+            if now >= reported:
                 self.send("/diagnostics", made.diagnostics(units, time.time_ns()))
-                told = now + 1.0
+                reported = now + 1.0
 
     def _telemetry(
         self, ended: threading.Event, period_s: float, share: float, opened: str

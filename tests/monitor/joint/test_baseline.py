@@ -75,7 +75,7 @@ def of_motion(speeds, travels):
     )
 
 
-def test_motion_that_repeats_is_told_from_one_that_is_alike_by_chance():
+def test_motion_that_repeats_is_separated_from_motion_alike_by_chance():
     """A sweep that begins anywhere: its speeds scatter by 2 %, and within 5 % in most units."""
     rng = np.random.default_rng(3)
     repeated, by_chance = 0, 0

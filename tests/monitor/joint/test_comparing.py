@@ -120,7 +120,7 @@ def test_payload_that_changes_the_gravity_at_the_centre_is_no_friction():
     assert result[INERTIA].change == pytest.approx(0.2, abs=0.02)
 
 
-def test_friction_and_torque_are_not_told_apart_when_nearly_all_effort_is_friction():
+def test_friction_and_torque_are_not_separated_when_nearly_all_effort_is_friction():
     """Inertia and gravity of 1 % of the friction: both changes have the same effect."""
     healthy = np.array([1.0, 0.12, 0.002, 0.0, 1.0])
     shape = Shape(coulomb=1.0, sine=0.004, has_gravity=True)

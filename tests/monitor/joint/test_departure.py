@@ -97,7 +97,7 @@ def test_smallest_change_of_a_figure_is_found_in_90_percent():
     assert found / 200 >= 0.84
 
 
-def test_too_few_tests_say_nothing():
+def test_too_few_tests_state_nothing():
     healthy = drawn(np.random.default_rng(0), 2)
     with pytest.raises(ValueError, match="2 healthy tests: expected 3"):
         departure_of(healthy[0], healthy, FIGURES)

@@ -42,7 +42,7 @@ def test_elastic_gear_is_found(calibration):
 @pytest.mark.parametrize(
     ("h", "bits", "noise"), [(0.01, 20, 0.05), (0.02, 11, 0.05), (0.01, 10, 0.1), (0.02, 12, 0.2)]
 )
-def test_stiff_gear_is_not_taken_for_elastic(h, bits, noise, seed):
+def test_stiff_gear_is_not_mistaken_for_elastic(h, bits, noise, seed):
     """Jerk and snap filter the noise of a coarse encoder: this improves the prediction a little."""
     sensors = Sensors(noise=noise, step=2.0 * np.pi / 2**bits)
     motion = tones(h=h) if seed else places(h=h)

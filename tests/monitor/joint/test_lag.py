@@ -25,7 +25,7 @@ def record(**changes: float) -> Telemetry:
 
 
 @pytest.mark.parametrize("lag_s", [-0.02, 0.005, 0.05, 0.1])
-def test_lag_of_the_effort_is_measured_whatever_the_friction(lag_s: float):
+def test_lag_of_the_effort_is_measured_regardless_of_the_friction(lag_s: float):
     joints = [{}, {"coulomb": 1.5 * Joint().coulomb}, {"viscous": 2.0 * Joint().viscous}]
     for changes in joints:
         base, found = (

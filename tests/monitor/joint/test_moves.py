@@ -12,19 +12,19 @@ DAY_NS = 86_400_000_000_000
 def followed(ratios, *, limit=1.5, seed=0, scatter=0.01):
     rng = np.random.default_rng(seed)
     series = MoveSeries(limit=limit, reference=4)
-    told = []
+    reported = []
     for day, ratio in enumerate(ratios):
         noise = np.exp(scatter * rng.standard_normal(3))
         figures = {f"RMS {i}": (i + 1.0) * ratio * one for i, one in enumerate(noise)}
-        told.append(series.add(Move(day * DAY_NS, figures)))
-    return told
+        reported.append(series.add(Move(day * DAY_NS, figures)))
+    return reported
 
 
 def test_constant_unit_stays_ok_and_has_no_predicted_life():
-    told = [one for seed in range(20) for one in followed(np.ones(30), seed=seed)[4:]]
-    assert all(one.life_days is None for one in told)
+    reported = [one for seed in range(20) for one in followed(np.ones(30), seed=seed)[4:]]
+    assert all(one.life_days is None for one in reported)
     # 520 tests at 1 %: 5 are expected, more than 13 come once in 1,000 runs.
-    assert sum(one.level != "OK" for one in told) <= 13
+    assert sum(one.level != "OK" for one in reported) <= 13
 
 
 @pytest.mark.parametrize("law", ["line", "exponential"])
@@ -34,7 +34,7 @@ def test_life_holds_the_crossing(law):
     if law == "exponential":
         rise = np.where(days < 10.0, 0.0, 0.02 * np.exp(0.2 * (days - 10.0)))
     crossing = int(np.argmax(1.0 + rise >= 1.5))
-    held = told = 0
+    held = reported = 0
     for seed in range(10):
         verdicts = followed(1.0 + rise, seed=seed)
         assert [one.level for one in verdicts[:4]] == ["STALE"] * 4
@@ -42,10 +42,10 @@ def test_life_holds_the_crossing(law):
         assert "limit of 1.5 is exceeded" in verdicts[crossing + 3].reason
         for day in range(14, crossing - 1):
             if life := verdicts[day].life_days:
-                told += 1
+                reported += 1
                 held += life[0] <= crossing - day <= life[2]
-    assert told >= 20
-    assert held / told >= 0.8
+    assert reported >= 20
+    assert held / reported >= 0.8
 
 
 def test_impossible_moves_are_named():

@@ -46,7 +46,7 @@ def test_two_faulty_records_of_different_days_are_both_named():
     assert found == {0, 5}
 
 
-def test_healthy_record_beside_the_faulty_one_of_its_day_is_not_named():
+def test_healthy_record_next_to_the_faulty_one_of_its_day_is_not_named():
     """A day with two records: compared with the faulty one, the healthy one differs, too."""
     baseline = with_faults(baseline_of(days=3, a_day=2), [2], friction=1.31)
     (outlier,) = outliers(baseline)

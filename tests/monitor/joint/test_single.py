@@ -7,7 +7,7 @@ from ema_monitor.joint.single import DOUBT, SIGNIFICANCE, Observation, SingleTes
 
 
 @pytest.mark.parametrize("days", [1, 2, 3, 8])
-def test_healthy_records_are_doubtful_as_rarely_as_their_probability_says(days):
+def test_healthy_records_are_doubtful_as_rarely_as_their_probability_states(days):
     """Also after one day, whose prediction has wide tails."""
     rng = np.random.default_rng(days)
     healthy = [

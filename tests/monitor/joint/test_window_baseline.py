@@ -110,7 +110,7 @@ def test_parts_of_a_test_are_judged_by_their_own_loads():
         assert found.is_significant == departs
 
 
-def test_day_that_may_be_what_differs_is_said(healthy):
+def test_day_that_may_be_what_differs_is_stated(healthy):
     dry = figures_of(slide(friction=0.63, noise=0.02, seed=30))
     same, next_day = (healthy.departure(day * 86_400 * 10**9, dry) for day in (0, 1))
     assert same

@@ -70,17 +70,17 @@ class Viewer:
     ----------
     channels
         What was advertised, by topic.
-    heard
+    received
         Log times [ns] and messages, decoded by the schema that was advertised, by topic.
-    told
+    reported
         Other messages of the protocol, in their order.
     """
 
     def __init__(self, web: Web, url: str, **options: Any) -> None:
         self._web = web
         self.channels: dict[str, dict[str, Any]] = {}
-        self.heard: dict[str, list[tuple[int, Any]]] = defaultdict(list)
-        self.told: list[Any] = []
+        self.received: dict[str, list[tuple[int, Any]]] = defaultdict(list)
+        self.reported: list[Any] = []
         self._decoders = DecoderFactory()
         self._topics: dict[int, str] = {}
         self._numbers: dict[str, int] = {}
@@ -125,13 +125,13 @@ class Viewer:
 
     def wait_for(self, topic: str, count: int = 1) -> list[Any]:
         """Wait for a number of messages on a topic; return all that came."""
-        wait_for(lambda: len(self.heard[topic]) >= count, f"{count} messages on {topic}")
-        return [message for _, message in self.heard[topic]]
+        wait_for(lambda: len(self.received[topic]) >= count, f"{count} messages on {topic}")
+        return [message for _, message in self.received[topic]]
 
     def wait_until_heard(self, topic: str, is_meant: Callable[[Any], bool]) -> None:
         """Wait for a message of which a condition holds."""
-        heard = self.heard[topic]
-        wait_for(lambda: any(is_meant(message) for _, message in heard), f"the one on {topic}")
+        received = self.received[topic]
+        wait_for(lambda: any(is_meant(message) for _, message in received), f"the one on {topic}")
 
     async def _connect(self, url: str, options: dict[str, Any]) -> Any:
         return await self._web.session.ws_connect(
@@ -150,17 +150,17 @@ class Viewer:
             for channel in content["channels"]:
                 self.channels[channel["topic"]] = channel
         else:
-            self.told.append(content)
+            self.reported.append(content)
 
     def _take_data(self, data: bytes) -> None:
         if data[0] == 1:
             number, log_time_ns = struct.unpack_from("<IQ", data, 1)
             topic = self._topics[number]
             channel = self.channels[topic]
-            self.heard[topic].append((log_time_ns, self._decoder(channel)(data[13:])))
+            self.received[topic].append((log_time_ns, self._decoder(channel)(data[13:])))
         elif data[0] == 5:
             status, time_ns, speed, jumped, _ = struct.unpack_from("<BQfBI", data, 1)
-            self.told.append(
+            self.reported.append(
                 {
                     "op": "playbackState",
                     "status": status,

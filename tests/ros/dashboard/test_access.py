@@ -141,10 +141,10 @@ def test_a_token_is_needed_where_one_is_set(session, web, token_file):
     assert refused_handshake(web, node.address, Cookie=shown) == 101
 
 
-def test_a_refusal_says_which_check_it_was(session, web, token_file):
+def test_a_refusal_states_which_check_it_was(session, web, token_file):
     node = session.dashboard(token_file=str(token_file))
 
-    def told(**headers: str) -> tuple[int, str]:
+    def reported(**headers: str) -> tuple[int, str]:
         # As the page asks when its WebSocket is refused, which a browser does not explain.
         async def ask() -> tuple[int, str]:
             async with web.session.post(node.address, headers=headers) as answer:
@@ -153,16 +153,16 @@ def test_a_refusal_says_which_check_it_was(session, web, token_file):
         return web.run(ask())
 
     shown = {"Authorization": f"Bearer {TOKEN}"}
-    assert told() == (401, "a token is required: Authorization: Bearer, or /?token=\n")
-    assert told(Authorization="Bearer x") == (
+    assert reported() == (401, "a token is required: Authorization: Bearer, or /?token=\n")
+    assert reported(Authorization="Bearer x") == (
         401,
         "the token is wrong: Authorization: Bearer, or /?token=\n",
     )
-    status, words = told(**shown, Host="evil.example")
+    status, words = reported(**shown, Host="evil.example")
     assert (status, words[:30]) == (403, "host 'evil.example' is not per")
-    status, words = told(**shown, Origin="https://evil.example")
+    status, words = reported(**shown, Origin="https://evil.example")
     assert (status, words[:36]) == (403, "origin 'https://evil.example' is not")
-    assert told(**shown)[0] == 405
+    assert reported(**shown)[0] == 405
 
 
 def test_beyond_loopback_token_and_tls_are_needed(session, token_file, certificate):
@@ -205,7 +205,7 @@ def test_an_occupied_port_is_passed_over_or_refused(session):
     assert port_of(second) > port
 
 
-def test_clients_beyond_the_limit_are_told_so_and_places_become_free(session, web):
+def test_clients_beyond_the_limit_are_refused_and_places_become_free(session, web):
     node = session.dashboard(most_clients=2)
     viewers = [session.view(node) for _ in range(2)]
     assert refused_handshake(web, node.address) == 503
@@ -257,7 +257,7 @@ def test_a_hostile_client_is_disconnected_and_the_others_are_served(served, web,
     assert session.view(node, "/ema/health").wait_for("/ema/health")
 
 
-def test_what_is_not_served_is_refused_in_words(served):
+def test_what_is_not_served_is_refused_with_a_message(served):
     session, node = served
     viewer = session.view(node)
     for request, words in (
@@ -278,7 +278,8 @@ def test_what_is_not_served_is_refused_in_words(served):
     ):
         viewer.send(request)
         wait_for(
-            lambda words=words: any(words in item.get("message", "") for item in viewer.told), words
+            lambda words=words: any(words in item.get("message", "") for item in viewer.reported),
+            words,
         )
 
 
@@ -371,14 +372,14 @@ def test_more_is_kept_than_may_wait_and_a_new_client_gets_all_of_it(session, web
         node._hub.keep(topic, str(number), partial(serialize_message, message), 0)
     viewer.look_at(topic)
     viewer.wait_until_heard(topic, lambda message: message.actuator_id == str(count - 1))
-    heard = [message.actuator_id for _, message in viewer.heard[topic]]
+    received = [message.actuator_id for _, message in viewer.received[topic]]
     # Beside them it has the histories of actuators of other tests, whose health is latched.
     own = [str(number) for number in range(count)]
-    assert [name for name in heard if name in own] == own
+    assert [name for name in received if name in own] == own
     assert values(node)["dropped messages"] == 0
 
 
-def said(node: DashboardNode, request: bytes) -> bytes:
+def printed(node: DashboardNode, request: bytes) -> bytes:
     """Return what is answered to bytes on a connection of their own."""
     with socket.create_connection(("127.0.0.1", port_of(node)), timeout=30.0) as connection:
         connection.sendall(request)
@@ -390,17 +391,17 @@ def said(node: DashboardNode, request: bytes) -> bytes:
 def test_host_that_is_none_is_refused_and_in_no_header(served):
     _, node = served
     for host in (b"localhost:1; script-src *", b"localhost:x", b"localhost\xff", b""):
-        answer = said(node, b"GET / HTTP/1.1\r\nHost: " + host + b"\r\n\r\n")
+        answer = printed(node, b"GET / HTTP/1.1\r\nHost: " + host + b"\r\n\r\n")
         assert answer.startswith(b"HTTP/1.1 403 "), answer
         assert b"script-src *" not in answer.partition(b"\r\n\r\n")[0]
 
 
-def test_requests_that_are_none_are_counted_and_told_in_a_line(served, caplog):
+def test_requests_that_are_none_are_counted_and_reported_in_a_line(served, caplog):
     _, node = served
     before = values(node)["refused requests"]
     both = b"GET / HTTP/1.1\r\nContent-Length: 4\r\nTransfer-Encoding: chunked\r\nHost: h\r\n\r\n"
     for request in [both, b"\x16\x03\x01\x02garbage\r\n\r\n"] * 50:
-        said(node, request)
+        printed(node, request)
     assert values(node)["refused requests"] >= before + 100
     assert len(caplog.text) < 2000
     assert "Traceback" not in caplog.text

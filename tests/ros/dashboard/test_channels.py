@@ -64,7 +64,7 @@ def test_every_topic_is_a_channel_with_the_schema_of_its_messages(session):
         assert channel["schemaEncoding"] == "ros2msg"
         assert channel["schemaName"] == type_name(kind)
         assert channel["schema"] == schema_text(type_name(kind))
-    assert viewer.told[0]["capabilities"] == []  # clients change nothing
+    assert viewer.reported[0]["capabilities"] == []  # clients change nothing
 
 
 def test_values_arrive_as_they_were_published(session):
@@ -91,7 +91,7 @@ def test_values_arrive_as_they_were_published(session):
     for name, message in zip(names, (block, window, health("flap"), array_of_status), strict=True):
         # As text, NaN is NaN. On /diagnostics the dashboard reports as well.
         viewer.wait_until_heard(
-            name, lambda heard, sent=message: str(plain(heard)) == str(plain(sent))
+            name, lambda received, sent=message: str(plain(received)) == str(plain(sent))
         )
 
 
@@ -105,9 +105,9 @@ def test_a_late_client_gets_the_latest_of_each_actuator_and_nobody_else_gets_it_
         # What comes as a client subscribes may come twice, rather than not at all.
         early.wait_until_heard(
             "/ema/health",
-            lambda heard, sent=messages[number]: str(plain(heard)) == str(plain(sent)),
+            lambda received, sent=messages[number]: str(plain(received)) == str(plain(sent)),
         )
-    before = len(early.heard["/ema/health"])
+    before = len(early.received["/ema/health"])
     late = session.view(node, "/ema/health")
     latest = {(item.actuator_id, item.health_index) for item in late.wait_for("/ema/health", 2)}
     assert latest == {("left", 0.25), ("right", 0.75)}
@@ -152,11 +152,11 @@ def test_messages_have_the_time_of_the_graph_and_where_it_jumps_back_nothing_lat
     def tick(sec: int) -> None:
         time = Clock()
         time.clock.sec = sec
-        heard = viewer.heard["/clock"]
+        received = viewer.received["/clock"]
 
         def ticked() -> bool:
             clock.publish(time)
-            return bool(heard) and heard[-1][1].clock.sec == sec
+            return bool(received) and received[-1][1].clock.sec == sec
 
         wait_for(ticked, f"/clock at {sec} s")
 
@@ -164,13 +164,13 @@ def test_messages_have_the_time_of_the_graph_and_where_it_jumps_back_nothing_lat
     outputs[0].publish(health("left", sec=10))
     outputs[1].publish(health("right", sec=40))
     viewer.wait_for("/ema/health", 2)
-    assert {time_ns for time_ns, _ in viewer.heard["/ema/health"]} == {50 * 10**9}
+    assert {time_ns for time_ns, _ in viewer.received["/ema/health"]} == {50 * 10**9}
     tick(20)
     late = session.view(node, "/ema/health")
     outputs[1].publish(health("right", 0.5, sec=15))
 
-    def heard() -> set[int]:
-        return {message.header.stamp.sec for _, message in late.heard["/ema/health"]}
+    def received() -> set[int]:
+        return {message.header.stamp.sec for _, message in late.received["/ema/health"]}
 
-    wait_for(lambda: heard() >= {10, 15}, "what is left and what is new")
-    assert heard() == {10, 15}
+    wait_for(lambda: received() >= {10, 15}, "what is left and what is new")
+    assert received() == {10, 15}

@@ -19,7 +19,7 @@ def claimed(level: int, good_for_s: float, now_ns: int) -> Health:
 
 
 @pytest.mark.parametrize("how", ["silent", "expired"])
-def test_who_comes_after_a_monitor_has_gone_is_told_nothing_that_it_said(
+def test_who_comes_after_a_monitor_has_gone_receives_nothing_that_it_stated(
     session: DashboardSession, monkeypatch: pytest.MonkeyPatch, how: str
 ):
     monkeypatch.setattr(claims, "SILENT_S", 1.0)
@@ -32,8 +32,8 @@ def test_who_comes_after_a_monitor_has_gone_is_told_nothing_that_it_said(
     def is_shown(level: int, *, reported: bool = False) -> bool:
         if reported:
             status.publish(report)
-        heard = viewer.heard["/ema/health"]
-        return bool(heard) and heard[-1][1].level == level
+        received = viewer.received["/ema/health"]
+        return bool(received) and received[-1][1].level == level
 
     wait_for(lambda: status.publish(report) or node._claims._reported_s, "the monitor is heard")
     now_ns = session.source.get_clock().now().nanoseconds

@@ -99,7 +99,7 @@ def stamps(message: Any) -> list[int]:
 
 
 def latest(viewer: Any) -> Any:
-    return viewer.heard[HISTORY][-1][1] if viewer.heard[HISTORY] else None
+    return viewer.received[HISTORY][-1][1] if viewer.received[HISTORY] else None
 
 
 def test_only_the_page_itself_has_the_monitor_keep_a_note(session):
@@ -122,7 +122,7 @@ def test_only_the_page_itself_has_the_monitor_keep_a_note(session):
         assert posted(impossible)[0] == 400
 
 
-def test_the_history_survives_a_reload_and_goes_on_with_what_is_published(session):
+def test_the_history_survives_a_reload_and_continues_with_what_is_published(session):
     monitor = Monitor(session)
     monitor.publish(2)
     node = session.dashboard()
@@ -131,7 +131,7 @@ def test_the_history_survives_a_reload_and_goes_on_with_what_is_published(sessio
     assert latest(first).omitted == 7
     watcher = session.view(node, "/ema/health")
     monitor.publish(3, 1, events=(event(3, "step", "friction rose"), event(1, "restart", "x")))
-    watcher.wait_until_heard("/ema/health", lambda heard: heard.header.stamp.sec == 3)
+    watcher.wait_until_heard("/ema/health", lambda received: received.header.stamp.sec == 3)
     first.close()
 
     def reloaded() -> Any:
@@ -152,7 +152,7 @@ def test_the_history_survives_a_reload_and_goes_on_with_what_is_published(sessio
     assert monitor.asked == 1
 
 
-def test_a_monitor_that_begins_anew_is_asked_again(session):
+def test_a_monitor_that_begins_again_is_asked_again(session):
     monitor = Monitor(session)
     viewer = session.view(session.dashboard(), HISTORY, "/ema/fault_estimate")
     monitor.publish(2, 5)
@@ -163,7 +163,7 @@ def test_a_monitor_that_begins_anew_is_asked_again(session):
     wait_for(lambda: stamps(latest(viewer)) == list(range(6)), "the new base")
 
 
-def test_a_monitor_that_begins_anew_while_it_is_asked_is_asked_again(session):
+def test_a_monitor_that_begins_again_while_it_is_asked_is_asked_again(session):
     monitor, dashboard = Monitor(session), session.dashboard()
     viewer = session.view(dashboard, HISTORY)
 
@@ -224,12 +224,12 @@ def test_a_history_is_bounded(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_an_event_that_comes_again_is_one():
-    history, told = ActuatorHistory("flap", "1"), event(5, "step", "friction rose")
-    history.note_health(health(5, (told,)))
-    history.note_health(health(5, (told,)))
-    history.set_base(UnitHistory(actuator_id="flap", serial_number="1", events=[told]))
-    history.note_health(health(5, (told,)))
-    assert history.message().events == [told]
+    history, reported = ActuatorHistory("flap", "1"), event(5, "step", "friction rose")
+    history.note_health(health(5, (reported,)))
+    history.note_health(health(5, (reported,)))
+    history.set_base(UnitHistory(actuator_id="flap", serial_number="1", events=[reported]))
+    history.note_health(health(5, (reported,)))
+    assert history.message().events == [reported]
 
 
 def test_what_only_the_dashboard_sees_stays_in_the_history():
@@ -266,7 +266,7 @@ def test_refusal_that_mentions_a_calibration_is_no_event_of_the_calibration():
     assert history.news() is None
 
 
-def test_tests_that_a_monitor_has_lost_are_told_where_they_were():
+def test_tests_that_a_monitor_has_lost_are_reported_where_they_were():
     history = ActuatorHistory("flap", "1")
     base = UnitHistory(actuator_id="flap", serial_number="1", tests=[unit_test(n) for n in (1, 2)])
     history.set_base(base)
@@ -275,12 +275,12 @@ def test_tests_that_a_monitor_has_lost_are_told_where_they_were():
     assert not history.message().events
     base.tests, base.omitted = [unit_test(8)], 0
     history.set_base(base)
-    [told] = history.message().events
-    assert (told.stamp.sec, told.kind) == (8, "history")
-    assert told.text == "the monitor started a new history, without 2 earlier tests"
+    [reported] = history.message().events
+    assert (reported.stamp.sec, reported.kind) == (8, "history")
+    assert reported.text == "the monitor started a new history, without 2 earlier tests"
 
 
-def test_a_restart_that_the_monitor_tells_of_is_not_told_twice():
+def test_a_restart_that_the_monitor_reports_is_not_reported_twice():
     history = ActuatorHistory("flap", "1")
     history.note_estimate(estimate(5, 3))
     history.note_health(health(5, (event(6, "restart", "the monitor started"),)))
@@ -289,7 +289,7 @@ def test_a_restart_that_the_monitor_tells_of_is_not_told_twice():
     assert history.news() is None
 
 
-def test_a_gap_is_told_at_once_and_shown_after_a_reload(session):
+def test_a_gap_is_reported_at_once_and_shown_after_a_reload(session):
     monitor = Monitor(session)
     status = session.source.create_publisher(NodeStatus, "node_status", 10)
     node = session.dashboard()
@@ -307,14 +307,14 @@ def test_a_gap_is_told_at_once_and_shown_after_a_reload(session):
         return latest(viewer).is_addition
 
     wait_for(is_told, "what is new")
-    [told] = latest(viewer).events
-    assert (told.kind, told.text) == ("gap", "5 samples of telemetry missing")
+    [reported] = latest(viewer).events
+    assert (reported.kind, reported.text) == ("gap", "5 samples of telemetry missing")
     assert latest(viewer).tests == []
     viewer.close()
     reloaded = session.view(node, HISTORY).wait_for(HISTORY)[0]
     assert not reloaded.is_addition
     assert stamps(reloaded) == [0, 1, 2]
-    assert [item.text for item in reloaded.events] == [told.text]
+    assert [item.text for item in reloaded.events] == [reported.text]
 
 
 def test_a_base_does_not_lose_the_tests_that_came_after_it():

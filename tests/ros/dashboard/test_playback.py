@@ -96,7 +96,7 @@ def position_s(state: PlaybackState) -> float:
     return (stamp_from_message(state.position) - START_NS) / 1e9
 
 
-def test_a_seek_publishes_what_is_latched_there_and_then_goes_on(session, bag):
+def test_a_seek_publishes_what_is_latched_there_and_then_continues(session, bag):
     replay = Replay(session, bag)
     assert replay.call(Trigger, "pause").success
     for seconds, latched in (
@@ -149,18 +149,18 @@ def reconnected(session: DashboardSession, node: Any) -> Viewer:
 
     def connect() -> Viewer | None:
         viewer = session.view(node)
-        wait_for(lambda: viewer.told or viewer.socket.closed, "the information of the server")
-        offers = viewer.told and "playbackControl" in viewer.told[0]["capabilities"]
+        wait_for(lambda: viewer.reported or viewer.socket.closed, "the information of the server")
+        offers = viewer.reported and "playbackControl" in viewer.reported[0]["capabilities"]
         return viewer if offers else None
 
     return wait_for(connect, "the control of a playback")
 
 
-def told(viewer: Viewer, request: str) -> dict[str, Any]:
+def reported(viewer: Viewer, request: str) -> dict[str, Any]:
     """Wait for the state that answers a request."""
 
     def answers() -> list[dict[str, Any]]:
-        return [item for item in viewer.told if item.get("request") == request]
+        return [item for item in viewer.reported if item.get("request") == request]
 
     wait_for(answers, f"an answer to {request}")
     return answers()[-1]
@@ -172,31 +172,31 @@ def test_a_replay_is_driven_from_foxglove(session, bag):
     replay = Replay(session, bag, stay=True)
     wait_for(lambda: before.socket.closed, "the server to start anew")  # clients then reconnect
     viewer = reconnected(session, node)
-    information = viewer.told[0]
+    information = viewer.reported[0]
     assert information["dataStartTime"] == {"sec": START_NS // 10**9, "nsec": 0}
     assert information["dataEndTime"] == {"sec": START_NS // 10**9 + 20, "nsec": 0}
     viewer.look_at("/ema/telemetry", "/ema/health")
 
     viewer.control(play=False, request="pause")
-    assert told(viewer, "pause")["status"] == 1
+    assert reported(viewer, "pause")["status"] == 1
     played = replay.player._playback.played
     viewer.control(play=False, speed=4.0, seek_ns=START_NS + 12 * 10**9, request="seek")
-    answer = told(viewer, "seek")
+    answer = reported(viewer, "seek")
     assert (answer["status"], answer["speed"], answer["jumped"]) == (1, 4.0, True)
     assert answer["time_ns"] == START_NS + 12 * 10**9
     assert replay.player._playback.played == played
     assert replay.player._playback.rate == 4.0
-    viewer.heard.clear()
+    viewer.received.clear()
     viewer.control(play=True, speed=4.0, request="play")
-    assert told(viewer, "play")["status"] == 0
-    wait_for(lambda: len(viewer.heard["/ema/telemetry"]) > 10, "telemetry from there on")
-    at_ns, block = viewer.heard["/ema/telemetry"][0]
+    assert reported(viewer, "play")["status"] == 0
+    wait_for(lambda: len(viewer.received["/ema/telemetry"]) > 10, "telemetry from there on")
+    at_ns, block = viewer.received["/ema/telemetry"][0]
     assert block.first_index >= 1200
     # The time of the graph: that of the bag, up to the step of the clock.
     assert abs(at_ns - (START_NS + block.first_index * STEP_NS)) < 10**9
 
     viewer.control(play=False, speed=4.0, seek_ns=START_NS + 2 * 10**9, request="back")
-    told(viewer, "back")
+    reported(viewer, "back")
     late = reconnected(session, node)
     late.look_at("/ema/health")
     stamps = {m.header.stamp.sec - START_NS // 10**9 for m in late.wait_for("/ema/health", 2)}
@@ -208,13 +208,13 @@ def test_what_the_player_refuses_changes_nothing_and_is_answered(session, bag):
     replay = Replay(session, bag)
     viewer = reconnected(session, node)
     viewer.control(play=True, seek_ns=START_NS + 10**12, request="far")
-    assert not told(viewer, "far")["jumped"]
+    assert not reported(viewer, "far")["jumped"]
     viewer.control(play=True, speed=1e6, request="fast")
-    assert told(viewer, "fast")["speed"] == 1.0
+    assert reported(viewer, "fast")["speed"] == 1.0
     assert replay.player._playback.rate == 1.0
 
 
-def test_an_answer_tells_how_the_player_stands_after_what_was_asked(session, monkeypatch):
+def test_an_answer_reports_how_the_player_stands_after_what_was_asked(session, monkeypatch):
     asked, frames = threading.Event(), queue.SimpleQueue()
 
     async def call(*_: object) -> None:
