@@ -125,7 +125,7 @@ def test_live_and_offline_answers_are_equal_to_the_last_digit(session, course):
     assert lives["idle"].rul.cycles_50 == pytest.approx(lives["idle"].rul.hours_50 / 2.0)
     assert lives["loads"].rul.known
     assert not lives["hot"].rul.known
-    assert "the temperature of its winding so far is not known" in lives["hot"].rul.reason
+    assert "the temperature of its winding so far is unknown" in lives["hot"].rul.reason
 
 
 @pytest.mark.parametrize(
