@@ -262,7 +262,7 @@ def test_scenario_that_nothing_flown_is_known_to_compare_with_has_an_unknown_lif
     by_hours = worn(BY_HOURS)
     reported = by_hours.under(Scenario("idle", travel_per_hour=25.0), None, BY_HOURS)
     assert not reported.rul.known
-    assert "its duty so far is not known" in reported.rul.reason
+    assert "its duty so far is unknown" in reported.rul.reason
     with pytest.raises(NotComparableError, match="the temperature of its winding so far"):
         Scenario("hot", winding={120.0: 1.0}).future(course(1.0), 1.0)
     twice = by_hours.under(Scenario("twice", duty=2.0), None, BY_HOURS)
