@@ -131,7 +131,7 @@ def test_load_above_the_friction_is_a_load_though_the_effort_never_changes_sign(
 def test_record_that_is_given_twice_is_refused():
     records = healthy_telemetry(Joint(), None, None, scatter=0.0, a_day=1, seed=0)
     again = len(records) + 1
-    with pytest.raises(ValueError, match=f"healthy records 2 and {again} are the same"):
+    with pytest.raises(ValueError, match=f"healthy records 2 and {again} are identical"):
         learn([*records, records[1]], described(None, records[0].sample_period))
 
 
