@@ -46,7 +46,7 @@ _ASKED_OF_MONITOR: Final = (
     *("calibrate", "change_baseline", "forget_actuator", *_HISTORY, "predict_remaining_life"),
 )
 _ASKED_BY_DASHBOARD: Final = (
-    *(f"monitor/{name}" for name in _HISTORY),
+    *(f"monitor/{name}" for name in ("change_baseline", *_HISTORY)),
     *(f"player/{name}" for name in _STEERED_BY_DASHBOARD),
 )
 _STEERING: Final = (

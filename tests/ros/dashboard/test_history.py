@@ -18,7 +18,7 @@ from ema_interfaces.msg import (
     UnitHistory,
     UnitTest,
 )
-from ema_interfaces.srv import GetHistory, NoteEvent
+from ema_interfaces.srv import GetHistory
 from ema_ros import topics
 
 from ...waiting import wait_for
@@ -37,12 +37,6 @@ class Monitor:
         self._estimates = self.node.create_publisher(FaultEstimate, "fault_estimate", topics.STATE)
         self._healths = self.node.create_publisher(Health, "health", topics.LATCHED)
         self.node.create_service(GetHistory, "~/get_history", self._answer)
-        self.node.create_service(NoteEvent, "~/note_event", self._note)
-
-    def _note(self, request: NoteEvent.Request, response: NoteEvent.Response) -> Any:
-        self.noted = request
-        response.success, response.message = request.text != "no", "not today"
-        return response
 
     def publish(self, sec: int, window: int = 0, *, events: tuple[UnitEvent, ...] = ()) -> None:
         self._estimates.publish(estimate(sec, window))
@@ -100,26 +94,6 @@ def stamps(message: Any) -> list[int]:
 
 def latest(viewer: Any) -> Any:
     return viewer.received[HISTORY][-1][1] if viewer.received[HISTORY] else None
-
-
-def test_only_the_page_itself_has_the_monitor_keep_a_note(session):
-    monitor, node = Monitor(session), session.dashboard()
-    monitor.publish(2)
-    note = {"namespace": "/ema", "actuator_id": "flap", "sec": 2, "nanosec": 0, "person": "Ada"}
-
-    def posted(text: object, **options: Any) -> tuple[int, str]:
-        given = {"json": note | {"text": text}} | options
-        status, _, content = session.web.get(f"{node.address}note", method="post", **given)
-        return status, content.decode()
-
-    wait_for(lambda: posted("seen")[0] == 204, "the note is kept")
-    assert (monitor.noted.person, monitor.noted.stamp.sec) == ("Ada", 2)
-    assert posted("no") == (400, "/ema/monitor/note_event: not today\n")
-    assert posted("seen", headers={"Origin": "http://example.org"})[0] == 403
-    assert posted("seen", json=None, data='{"a": 1}')[0] == 415
-    assert posted("x" * 5000)[0] == 413
-    for impossible in (3, "", "\ud800"):
-        assert posted(impossible)[0] == 400
 
 
 def test_the_history_survives_a_reload_and_continues_with_what_is_published(session):
@@ -263,6 +237,17 @@ def test_refusal_that_mentions_a_calibration_is_no_event_of_the_calibration():
     refused.valid, refused.verdict = False, FaultEstimate.REFUSED
     refused.reason = "the effort differs from that of the calibration: compare the mapping"
     assert not history.note_estimate(refused)
+    assert history.news() is None
+
+
+def test_record_of_a_learning_joint_is_no_event_of_the_calibration():
+    history = ActuatorHistory("flap", "1")
+    for sec, codes in ((6, ["learning"]), (7, ["learning", "window_unusable"]), (8, ["learning"])):
+        record = estimate(sec, sec)
+        record.valid, record.verdict = False, FaultEstimate.REFUSED
+        record.lacks_calibration, record.reason_codes = True, codes
+        record.reason = "learning: 4 records on 1 day"
+        history.note_estimate(record)
     assert history.news() is None
 
 

@@ -3,7 +3,6 @@
 import asyncio
 import socket
 import threading
-from unittest.mock import AsyncMock
 
 import pytest
 
@@ -20,7 +19,7 @@ from ...waiting import DEADLINE_S, wait_for
 def server():
     listener = bound_socket("127.0.0.1", 0, 1)
     made = WebServer(
-        listener, None, Access([], [], ""), Hub(), lambda _: None, AsyncMock(), 4, 1000, {}, print
+        listener, None, Access([], [], ""), Hub(), lambda _: None, {}, 4, 1000, {}, print
     )
     made.start()
     return made

@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Final
 
 from rclpy.clock import Clock as RosClock
@@ -16,6 +17,7 @@ from ema_dashboard.contents import FleetDocument
 from ema_dashboard.hub import Hub
 from ema_dashboard.known_topics import CLOCK, UNIT_HISTORY, KnownTopic, known_topics
 from ema_dashboard.metrics import Metrics
+from ema_dashboard.monitor_requests import MonitorRequests, read_baseline_change, read_note
 from ema_dashboard.playback_control import PlaybackControl
 from ema_dashboard.settings import (
     DashboardSettings,
@@ -24,7 +26,7 @@ from ema_dashboard.settings import (
     read_token,
     tls_context,
 )
-from ema_dashboard.unit_history import Histories, read_note
+from ema_dashboard.unit_history import Histories
 from ema_dashboard.web_server import WebServer
 from ema_interfaces.msg import Health, NodeStatus
 from ema_ros.claims import Claims
@@ -56,7 +58,7 @@ class DashboardNode(ManagedNode):
 
     Messages are forwarded without decoding. Topics that are neither latched nor needed for the
     history are received only while a client shows them. The node changes nothing in the graph,
-    except the player, which clients may control, and the notes that monitors store.
+    except the player, which clients may control, and notes and baselines, which monitors store.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -86,6 +88,7 @@ class DashboardNode(ManagedNode):
         self._histories = {
             name: Histories(self, name, self._hub, self._time_ns) for name in namespaces
         }
+        self._requests = {name: MonitorRequests(self, name, self._hub) for name in namespaces}
         self._metrics = Metrics(self._hub.figures)
         self._web = WebServer(
             listener,
@@ -93,7 +96,10 @@ class DashboardNode(ManagedNode):
             access,
             self._hub,
             self._playback.ask,
-            self._keep_note,
+            {
+                "/note": partial(self._request, read_note),
+                "/baseline": partial(self._request, read_baseline_change),
+            },
             settings.most_clients,
             round(settings.buffer_mb * 1e6),
             {"/metrics": self._metrics.exposition, "/fleet.json": FleetDocument(settings.archive)},
@@ -169,6 +175,8 @@ class DashboardNode(ManagedNode):
             self._clock_ns = None
         for histories in self._histories.values():
             histories.update()
+        for requests in self._requests.values():
+            requests.update()
         self._find_player()
         self._end_claims()
 
@@ -262,12 +270,13 @@ class DashboardNode(ManagedNode):
         names = (topic.name for topic in topics if topic.relative == PLAYBACK_STATE)
         return self._hub.playback_range is not None or any(map(self.count_publishers, names))
 
-    async def _keep_note(self, content: Any) -> None:
-        namespace, note = read_note(content)
-        histories = self._histories.get(namespace or "/")
-        if histories is None:
+    async def _request(self, read: Callable[[Any], tuple[str, Any]], content: Any) -> None:
+        """Send a client's request to the monitors of its namespace."""
+        namespace, request = read(content)
+        requests = self._requests.get(namespace or "/")
+        if requests is None:
             raise ValueError("this namespace is not shown by the dashboard")
-        await histories.keep_note(note)
+        await requests.send(request)
 
     def _note_time(self, time_ns: int) -> None:
         """Store the ROS time; if it jumps back, discard later messages."""

@@ -14,12 +14,11 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import STALE
-from ema_core.wording import counted, one_line
+from ema_core.wording import counted
 from ema_dashboard.hub import Hub
 from ema_dashboard.known_topics import UNIT_HISTORY
-from ema_dashboard.service_call import call
 from ema_interfaces.msg import FaultEstimate, Health, UnitEvent, UnitHistory, UnitTest
-from ema_interfaces.srv import GetHistory, NoteEvent
+from ema_interfaces.srv import GetHistory
 from ema_ros.stamps import stamp_from_message
 
 MOST_TESTS: Final = 2000
@@ -87,7 +86,9 @@ class ActuatorHistory:
             and before.lacks_calibration
             and before.reason_codes == estimate.reason_codes
         )
-        if estimate.lacks_calibration and not is_repeated:
+        # The progress of learning is not an event.
+        is_learning = "learning" in estimate.reason_codes
+        if estimate.lacks_calibration and not is_repeated and not is_learning:
             self._happened(estimate.header.stamp, "calibration", estimate.reason)
         if estimate.valid:
             self._estimate = estimate
@@ -203,7 +204,6 @@ class Histories:
         self._time_ns = time_ns
         self._lock = threading.RLock()  # answers arrive in separate threads
         self._monitors: dict[str, Client] = {}
-        self._note_keepers: dict[str, Client] = {}
         # Time of the request to a monitor for a unit [s]; infinite after the answer.
         self._asked: dict[tuple[str, str], float] = {}
         self._histories: dict[str, ActuatorHistory] = {}
@@ -247,8 +247,6 @@ class Histories:
             is_new = _SERVICE_TYPE in types and name not in self._monitors
             if is_new and name.startswith(self._prefix):
                 self._monitors[name] = self._node.create_client(GetHistory, name)
-                name = f"{name.rpartition('/')[0]}/note_event"
-                self._note_keepers[name] = self._node.create_client(NoteEvent, name)
         now_s = time.monotonic()
         with self._lock:
             for name, client in self._monitors.items():
@@ -259,16 +257,6 @@ class Histories:
                         self._asked.pop(key, None)
                     elif key not in self._asked or now_s - self._asked[key] > _PATIENCE_S:
                         self._ask(key, client, now_s)
-
-    async def keep_note(self, note: NoteEvent.Request) -> None:
-        """Store a note in an actuator's monitor. Raises ValueError if no monitor accepts it."""
-        reason = "no monitor is running"
-        for name, client in tuple(self._note_keepers.items()):
-            try:
-                return await call(self._hub, client, name, note)
-            except ValueError as error:
-                reason = str(error)
-        raise ValueError(reason)
 
     def _forget_asked(self, actuator_id: str) -> None:
         self._asked = {key: at_s for key, at_s in self._asked.items() if key[1] != actuator_id}
@@ -303,26 +291,6 @@ class Histories:
             self._hub.publish(self._topic, history.serialised(), log_time_ns)
         elif news is not None:
             self._hub.publish(self._topic, serialize_message(news), log_time_ns)
-
-
-def read_note(content: Any) -> tuple[str, NoteEvent.Request]:
-    """Parse a client's JSON note. Return namespace and request; ValueError if invalid."""
-    match content:
-        case {
-            "namespace": str(namespace),
-            "actuator_id": str(actuator_id),
-            "sec": int(sec),
-            "nanosec": int(nanosec),
-            "person": str(person),
-            "text": str(text),
-        } if 0 <= sec < 2**31 and 0 <= nanosec < 2**31:
-            return namespace, NoteEvent.Request(
-                actuator_id=one_line("actuator_id", actuator_id, _MOST_TEXT),
-                stamp=Time(sec=int(sec), nanosec=int(nanosec)),
-                person=one_line("person", person, _MOST_TEXT),
-                text=one_line("text", text, _MOST_TEXT),
-            )
-    raise ValueError("expected namespace, actuator_id, sec, nanosec, person and text as JSON")
 
 
 def _drop_oldest(items: dict[Any, Any], most: int) -> int:

@@ -53,8 +53,9 @@ class WebServer:
         Source of the messages.
     control
         Called with a request for a playback; raises ValueError for an invalid request.
-    keep_note
-        Called with a note's JSON; raises ValueError if the note is not stored.
+    posts
+        Functions called with the JSON of a POST request, by path; they raise ValueError if the
+        request is refused.
     most_clients
         Largest number of clients.
     most_bytes
@@ -72,7 +73,7 @@ class WebServer:
         access: Access,
         hub: Hub,
         control: Callable[[bytes], None],
-        keep_note: Callable[[Any], Awaitable[None]],
+        posts: Mapping[str, Callable[[Any], Awaitable[None]]],
         most_clients: int,
         most_bytes: int,
         documents: Mapping[str, Document],
@@ -83,7 +84,7 @@ class WebServer:
         self._access = access
         self._hub = hub
         self._control = control
-        self._keep_note = keep_note
+        self._posts = dict(posts)
         self._most_clients = most_clients
         self._most_bytes = most_bytes
         self._scheme = "https" if tls else "http"
@@ -125,7 +126,8 @@ class WebServer:
     async def _open(self) -> None:
         application = web.Application(client_max_size=_MOST_BODY_BYTES, middlewares=[self._guard])
         application.router.add_get("/{path:.*}", self._serve)
-        application.router.add_post("/note", self._take_note)
+        for path in self._posts:
+            application.router.add_post(path, self._post)
         self._runner = web.AppRunner(
             application,
             access_log=None,
@@ -238,12 +240,12 @@ class WebServer:
             return self._refuse(404, f"{request.path[:100]} not found")
         return self._file(request, file)
 
-    async def _take_note(self, request: web.Request) -> web.StreamResponse:
+    async def _post(self, request: web.Request) -> web.StreamResponse:
         # Pages of other origins may send this type only after a preflight, which is not answered.
         if request.content_type != "application/json":
             return self._refuse(415, "expected application/json")
         try:
-            await self._keep_note(json.loads(await request.read()))
+            await self._posts[request.path](json.loads(await request.read()))
         except (ValueError, RecursionError) as error:
             return self._refuse(400, str(error))
         return web.Response(status=204, headers=_HEADERS)
