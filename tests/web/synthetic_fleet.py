@@ -125,7 +125,7 @@ def fleet(count: int, seed: int = 0) -> list[Unit]:
     ]
 
 
-def _of(unit: Unit, kind: Any, stamp_ns: int, **fields: Any) -> Any:
+def message_of(unit: Unit, kind: Any, stamp_ns: int, /, **fields: Any) -> Any:
     """Return a message of a unit with a stamp."""
     message = kind(actuator_id=unit.actuator_id, **fields)
     message.header.stamp = stamp_to_message(stamp_ns)
@@ -136,7 +136,7 @@ def _of(unit: Unit, kind: Any, stamp_ns: int, **fields: Any) -> Any:
 
 def description(unit: Unit, now_ns: int) -> ActuatorDescription:
     fields = {"model": "BLDC flap actuator", "sample_period": SAMPLE_PERIOD_S}
-    return _of(unit, ActuatorDescription, now_ns, **fields)
+    return message_of(unit, ActuatorDescription, now_ns, **fields)
 
 
 def _life(quantiles: Sequence[float], criterion: str) -> RemainingUsefulLife:
@@ -153,7 +153,7 @@ def _life(quantiles: Sequence[float], criterion: str) -> RemainingUsefulLife:
     )
 
 
-def _unknown(reason: str) -> RemainingUsefulLife:
+def unknown_life(reason: str) -> RemainingUsefulLife:
     nan = math.nan
     return RemainingUsefulLife(
         known=False, hours_05=nan, hours_50=nan, hours_95=nan,
@@ -171,7 +171,7 @@ def health(unit: Unit, stamp_ns: int) -> Health:
     assert worst.limit is not None
     limit = worst.healthy + worst.limit
     life = _life(quantiles, f"{worst.label} exceeds {limit:g}")
-    far = _unknown("it does not grow")
+    far = unknown_life("it does not grow")
     faults = []
     for number, fault in enumerate(_LIMITED):
         assert fault.limit is not None
@@ -213,7 +213,7 @@ def health(unit: Unit, stamp_ns: int) -> Health:
         f"Remove before {hours + low:,.0f} service hours (in {low:,.0f} h; 5 % risk of failure "
         f"until then); median end of life {hours + middle:,.0f} h: {worst.label} exceeds {limit:g}",
     )
-    return _of(
+    return message_of(
         unit,
         Health,
         stamp_ns,
@@ -259,7 +259,7 @@ def estimate(
     if unit.worst % 2 == 0 or unit.share > 0.8:
         causes = [HiddenCause(name="winding_temperature", value=41.3, sigma=2.6, unit="K")]
         causes[0].alternatives = ["torque constant"]
-    return _of(
+    return message_of(
         unit,
         FaultEstimate,
         stamp_ns,
@@ -315,7 +315,7 @@ def forecast(unit: Unit, stamp_ns: int) -> HealthForecast:
                 name=fault.name, limit=fault.limit, values=np.clip(values, 0.0, 1.0).ravel()
             )
         )
-    return _of(
+    return message_of(
         unit,
         HealthForecast,
         stamp_ns,
@@ -342,7 +342,7 @@ def advice(unit: Unit, stamp_ns: int) -> Advice:
         Advice.CONTINUE: f"the decision can wait for the next test: 0.1 % {grounds}; 11.4 EUR/h "
         "if the decision waits, 12.6 EUR/h if not",
     }
-    return _of(
+    return message_of(
         unit,
         Advice,
         stamp_ns,
@@ -398,7 +398,7 @@ def history(unit: Unit, now_ns: int, period_s: float, first: int = 1) -> UnitHis
         test = tests[int(place * len(tests))]
         hours = test.flight_hours
         events.append(UnitEvent(stamp=test.stamp, flight_hours=hours, kind=kind, text=text))
-    return _of(unit, UnitHistory, now_ns, tests=tests, events=[*events, *unit.events])
+    return message_of(unit, UnitHistory, now_ns, tests=tests, events=[*events, *unit.events])
 
 
 def addition(unit: Unit, now_ns: int, kind: str, text: str) -> UnitHistory:
@@ -423,7 +423,7 @@ def window_fit(unit: Unit, stamp_ns: int) -> WindowFit:
     t = np.linspace(0.0, 0.5, 400, endpoint=False)
     command, speed, current = _chirp(t)
     rng = unit.rng
-    return _of(
+    return message_of(
         unit,
         WindowFit,
         stamp_ns,
@@ -448,7 +448,7 @@ def block(unit: Unit, number: int, stamp_ns: int) -> TelemetryBlock:
     start = number * BLOCK % len(_T)
     part = slice(start, start + BLOCK)
     noise = unit.rng.normal(size=BLOCK)
-    return _of(
+    return message_of(
         unit,
         TelemetryBlock,
         stamp_ns,

@@ -10,7 +10,7 @@ It is told what to do by a line of JSON each on its standard input, and answers 
     {"do": "run", "period": 5.0, "telemetry": 1.0, "open": "rudder"}
     {"do": "messages", "actuator": "rudder"}
     {"do": "playback", "status": 0, "rate": 1.0, "position": 12.5, "jumped": false}
-    {"do": "requests"}                    what was asked for by playback controls
+    {"do": "requests"}                    requests of playback controls and changes of baselines
     {"do": "halt"}, {"do": "stop"}
 """
 
@@ -27,11 +27,13 @@ from unittest.mock import AsyncMock
 
 import numpy as np
 import synthetic_fleet as made
+import synthetic_joints as joints
 from rclpy.serialization import serialize_message
 
 from ema_dashboard.access import Access
 from ema_dashboard.hub import Hub
 from ema_dashboard.known_topics import known_topics
+from ema_dashboard.monitor_requests import read_baseline_change
 from ema_dashboard.settings import bound_socket
 from ema_dashboard.web_server import WebServer
 from ema_interfaces.msg import FaultEstimate, PlaybackState
@@ -45,6 +47,7 @@ BAG_S = 600.0
 _TOPICS = (
     *("actuator_description", "health", "fault_estimate", "health_forecast", "advice"),
     *("unit_history", "window_fit", "telemetry", "playback_state", "/diagnostics"),
+    *("baseline", "friction_curve"),
 )
 _STREAMS = {"telemetry", "/diagnostics"}
 
@@ -52,8 +55,9 @@ _STREAMS = {"telemetry", "/diagnostics"}
 class Server:
     """The server, its fleet, and the latest message of each actuator on each latched topic."""
 
-    def __init__(self, count: int, period_s: float, channels: list[str]) -> None:
-        self.units = {unit.actuator_id: unit for unit in made.fleet(count)}
+    def __init__(self, count: int, joint_count: int, period_s: float, channels: list[str]) -> None:
+        units: list[made.Unit] = [*made.fleet(count), *joints.robots(joint_count)]
+        self.units = {unit.actuator_id: unit for unit in units}
         self.period_s = period_s
         self.tested_ns: dict[str, int] = {}
         self.latest: dict[tuple[str, str], Any] = {}
@@ -65,10 +69,14 @@ class Server:
         self.running: threading.Event | None = None
         now = time.time_ns()
         for number, unit in enumerate(self.units.values()):
-            self.describe(unit, now - int(period_s * made.NS * number / max(count, 1)))
+            self.describe(unit, now - int(period_s * made.NS * number / len(units)))
 
     def describe(self, unit: made.Unit, now_ns: int) -> None:
-        self.keep("actuator_description", unit, made.description(unit, now_ns))
+        if isinstance(unit, joints.Joint):
+            description = joints.description(unit, now_ns)
+        else:
+            description = made.description(unit, now_ns)
+        self.keep("actuator_description", unit, description)
         self.tested_ns[unit.actuator_id] = now_ns
         self.judge(unit, now_ns)
 
@@ -76,12 +84,31 @@ class Server:
         self, unit: made.Unit, now_ns: int, refused: str = "", verdict: int = REFUSED
     ) -> None:
         """Publish what follows from a window of a unit."""
+        if isinstance(unit, joints.Joint):
+            self.compare(unit, now_ns)
+            return
         self.keep("fault_estimate", unit, made.estimate(unit, now_ns, refused, verdict))
         if not refused:
             self.keep("health", unit, made.health(unit, now_ns))
             self.keep("health_forecast", unit, made.forecast(unit, now_ns))
             self.keep("advice", unit, made.advice(unit, now_ns))
         self.keep("window_fit", unit, made.window_fit(unit, now_ns))
+
+    def compare(self, joint: joints.Joint, now_ns: int) -> None:
+        """Publish what follows from a record of a joint."""
+        self.keep("baseline", joint, joints.baseline(joint, now_ns))
+        self.keep("fault_estimate", joint, joints.estimate(joint, now_ns))
+        self.keep("health", joint, joints.health(joint, now_ns))
+        if not joint.is_learning:
+            self.keep("friction_curve", joint, joints.curve(joint, now_ns))
+
+    async def change_baseline(self, content: Any) -> None:
+        _, request = read_baseline_change(content)
+        joint = self.units[request.actuator_id]
+        assert isinstance(joint, joints.Joint)
+        self.requests.append(plain(request))
+        joints.change_baseline(joint, request)
+        self.compare(joint, time.time_ns())
 
     def keep(self, topic: str, unit: made.Unit, message: Any) -> None:
         with self.lock:
@@ -110,9 +137,8 @@ class Server:
                 hub.keep(full_name(name), actuator_id, serialize_message(message), 0)
         listener = bound_socket("127.0.0.1", port, 1)
         access = Access([], [], "")
-        self.server = WebServer(
-            listener, None, access, hub, self.ask, AsyncMock(), 16, 2**27, {}, print
-        )
+        posts = {"/note": AsyncMock(), "/baseline": self.change_baseline}
+        self.server = WebServer(listener, None, access, hub, self.ask, posts, 16, 2**27, {}, print)
         self.server.start()
         self.hub = hub
         return listener.getsockname()[1]
@@ -129,7 +155,12 @@ class Server:
 
     def history(self, unit: made.Unit) -> bytes:
         tested_ns = self.tested_ns[unit.actuator_id]
-        return serialize_message(made.history(unit, tested_ns, self.period_s))
+        return serialize_message(self.tests_of(unit, tested_ns))
+
+    def tests_of(self, unit: made.Unit, now_ns: int, first: int = 1) -> Any:
+        if isinstance(unit, joints.Joint):
+            return joints.history(unit, now_ns, self.period_s, first)
+        return made.history(unit, now_ns, self.period_s, first)
 
     def ask(self, data: bytes) -> None:
         """Note what is asked of the playback."""
@@ -204,7 +235,7 @@ class Server:
             kind = "calibration" if verdict == REFUSED else "fault"
             addition = made.addition(unit, now_ns, kind, refused)
         else:
-            addition = made.history(unit, now_ns, self.period_s, first=unit.tests)
+            addition = self.tests_of(unit, now_ns, first=unit.tests)
             addition.is_addition, addition.events = True, []
         self.send("unit_history", addition)
 
@@ -220,6 +251,10 @@ class Server:
                 unit.share = order.get("share", unit.share)
                 unit.level = order.get("level", unit.level)
                 unit.costs = order.get("costs", unit.costs)
+                if isinstance(unit, joints.Joint):
+                    unit.records = order.get("records", unit.records)
+                    self.compare(unit, time.time_ns())
+                    return {}
                 self.keep("health", unit, made.health(unit, time.time_ns()))
                 self.keep("advice", unit, made.advice(unit, time.time_ns()))
             case "test" if unit:
@@ -280,11 +315,12 @@ def plain(message: Any) -> Any:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--actuators", type=int, default=9)
+    parser.add_argument("--joints", type=int, default=0)
     parser.add_argument("--period", type=float, default=60.0, help="between tests of a unit [s]")
     parser.add_argument("--without", nargs="*", default=["playback_state"], help="topics")
     options = parser.parse_args()
     names = [name for name in _TOPICS if name not in options.without]
-    server = Server(options.actuators, options.period, names)
+    server = Server(options.actuators, options.joints, options.period, names)
     for line in sys.stdin:
         print(json.dumps(server.obey(json.loads(line))), flush=True)
     server.stop()

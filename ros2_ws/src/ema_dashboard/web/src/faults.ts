@@ -10,7 +10,7 @@ export const FAULTS: Fault[] = registry.faults;
 export const ASSESSED = FAULTS.filter((fault) => fault.assessed);
 
 /** DRIVE_UNKNOWN of the description. */
-const UNKNOWN_DRIVE = 2;
+export const UNKNOWN_DRIVE = 2;
 
 /** Faults that records of an unknown drive show. */
 const OF_RECORDS = new Set(["friction", "backlash"]);

@@ -15,6 +15,9 @@ export const DEPARTED = VERDICTS.indexOf("departed");
 
 export const ACTIONS = ["unknown", "continue", "inspect", "remove"] as const;
 
+/** State of a baseline that is being learned. */
+export const LEARNING_STATE = 0;
+
 export const PLAYING = 0;
 export const PAUSED = 1;
 export const ENDED = 2;

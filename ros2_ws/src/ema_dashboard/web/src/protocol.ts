@@ -1,5 +1,6 @@
 // What worker and page say to each other.
 
+import type { FrictionTrend } from "./friction_trend.ts";
 import type { HistoryColumns } from "./unit_history.ts";
 import type { LiveSignals } from "./telemetry.ts";
 
@@ -31,6 +32,7 @@ export type FromWorker =
   | { kind: "channels"; topics: string[] }
   | { kind: "messages"; received: Received[] }
   | { kind: "history"; key: string; columns: HistoryColumns }
+  | { kind: "trends"; trends: Map<string, FrictionTrend> } // of joints, by their keys
   | { kind: "live"; key: string; signals: LiveSignals };
 
 export type ToWorker =

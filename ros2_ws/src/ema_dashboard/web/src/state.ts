@@ -1,8 +1,10 @@
 // What is known of the fleet. Messages come in batches; views are told at most five times a second.
 
+import type { FrictionTrend } from "./friction_trend.ts";
 import {
-  type ActuatorDescription, type Advice, type DiagnosticArray, type DiagnosticStatus,
-  type FaultEstimate, type Health, type HealthForecast, type PlaybackState, type WindowFit,
+  type ActuatorDescription, type Advice, type BaselineStatus, type DiagnosticArray,
+  type DiagnosticStatus, type FaultEstimate, type FrictionCurve, type Health, type HealthForecast,
+  type PlaybackState, type WindowFit,
   PLAYING, seconds, type Time,
 } from "./messages.ts";
 import { type Address, type Connection, type FromWorker, type Received, keyOf } from "./protocol.ts";
@@ -26,6 +28,8 @@ export interface Actuator extends Address {
   forecast?: HealthForecast;
   advice?: Advice;
   fit?: WindowFit;
+  baseline?: BaselineStatus; // of a joint
+  curve?: FrictionCurve; // of a joint that is shown
   isSilent?: boolean; // the dashboard is not heard any more: its health may be another by now
 }
 
@@ -51,6 +55,7 @@ export class State {
   topics: string[] | undefined;
   actuators = new Map<string, Actuator>();
   diagnostics = new Map<string, Diagnostic>();
+  trends = new Map<string, FrictionTrend>(); // of joints
   playback?: PlaybackState;
   history?: { key: string; columns: HistoryColumns };
   lastReceived = 0; // local clock [ms]
@@ -97,6 +102,7 @@ export class State {
       case "session":
         this.actuators.clear();
         this.diagnostics.clear();
+        this.trends.clear();
         this.playback = undefined;
         this.history = undefined;
         this.#now = { stamp: 0, at: 0, isClock: false };
@@ -109,6 +115,9 @@ export class State {
         break;
       case "history":
         this.history = message;
+        break;
+      case "trends":
+        for (const [key, trend] of message.trends) this.trends.set(key, trend);
         break;
       case "messages":
         this.lastReceived = Date.now();
@@ -162,6 +171,12 @@ export class State {
         break;
       case "window_fit":
         after.fit = message as WindowFit;
+        break;
+      case "baseline":
+        after.baseline = message as BaselineStatus;
+        break;
+      case "friction_curve":
+        after.curve = message as FrictionCurve;
         break;
       default:
         return;
@@ -221,6 +236,8 @@ export class State {
         forecast: kept(actuator.forecast),
         advice: kept(actuator.advice),
         fit: kept(actuator.fit),
+        baseline: kept(actuator.baseline),
+        curve: kept(actuator.curve),
       });
     }
   }

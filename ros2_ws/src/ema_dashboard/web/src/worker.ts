@@ -1,8 +1,10 @@
 // Connection, decoding and thinning run here, so that the page itself only draws.
 
+import { UNKNOWN_DRIVE } from "./faults.ts";
+import { FrictionRecord, type FrictionTrend } from "./friction_trend.ts";
 import { Link } from "./link.ts";
 import {
-  type DiagnosticArray, type PlaybackState, type TelemetryBlock, type UnitHistory, seconds,
+  type ActuatorDescription, type DiagnosticArray, type PlaybackState, type TelemetryBlock, type UnitHistory, seconds,
 } from "./messages.ts";
 import { actuatorOf } from "./peek.ts";
 import { type Address, type FromWorker, type Received, type ToWorker, keyOf } from "./protocol.ts";
@@ -10,13 +12,14 @@ import { Telemetry } from "./telemetry.ts";
 import { UnitRecord } from "./unit_history.ts";
 
 const BATCH_MS = 50; // 20 Hz
+const MOST_TRENDS_MS = 10; // in a batch
 const MOST_ADDED = 16 * 1024; // size of an addition to a history [B]
 
 const OF_ALL = new Set([
   "health", "fault_estimate", "health_forecast", "advice", "unit_history", "actuator_description",
-  "playback_state",
+  "baseline", "playback_state",
 ]);
-const OF_THE_OPEN = new Set(["telemetry", "window_fit"]);
+const OF_THE_OPEN = new Set(["telemetry", "window_fit", "friction_curve"]);
 const OF_THE_SYSTEM = new Set(["/diagnostics", "/clock"]);
 
 let watched: Address | null = null;
@@ -26,6 +29,9 @@ let hasNewHistory = false;
 let received: Received[] = [];
 let clock: Received | undefined;
 const records = new Map<string, UnitRecord>();
+const frictions = new Map<string, FrictionRecord>();
+const joints = new Set<string>();
+const changedTrends = new Set<string>();
 
 const tell = (message: FromWorker, transfer: Transferable[] = []) =>
   (self as unknown as Worker).postMessage(message, transfer);
@@ -35,21 +41,26 @@ function split(topic: string): [string, string] {
   return [topic.slice(0, at), topic.slice(at + 1)];
 }
 
-function recordOf(key: string): UnitRecord {
-  let record = records.get(key);
-  if (!record) {
-    record = new UnitRecord();
-    records.set(key, record);
+function entryOf<T>(entries: Map<string, T>, key: string, create: new () => T): T {
+  let entry = entries.get(key);
+  if (!entry) {
+    entry = new create();
+    entries.set(key, entry);
   }
-  return record;
+  return entry;
 }
 
 /** Take a history: an addition at once, a long one when it is shown, as it may never be. */
-function extend(record: UnitRecord, size: number, decode: () => UnitHistory): void {
-  if (size > MOST_ADDED) return record.replace(decode);
-  const history = decode();
-  if (history.is_addition) record.add(history);
-  else record.replace(() => history);
+function extend(key: string, size: number, decode: () => UnitHistory): void {
+  changedTrends.add(key);
+  const history = size > MOST_ADDED ? undefined : decode();
+  for (const record of [
+    entryOf(records, key, UnitRecord), entryOf(frictions, key, FrictionRecord),
+  ]) {
+    if (!history) record.replace(decode);
+    else if (history.is_addition) record.add(history);
+    else record.replace(() => history);
+  }
 }
 
 function isWatched(key: string): boolean {
@@ -87,10 +98,14 @@ const link = new Link(new URL(".", self.location.href.replace(/^http/, "ws")).hr
       telemetry.add(decode() as TelemetryBlock);
       hasNewTelemetry = true;
     } else if (name === "unit_history") {
-      extend(recordOf(key), data.byteLength, () => decode() as UnitHistory);
+      extend(key, data.byteLength, () => decode() as UnitHistory);
       hasNewHistory ||= isWatched(key);
     } else {
-      received.push({ namespace, topic: name, message: decode() });
+      const message = decode();
+      const isJoint = name === "baseline" || name === "actuator_description" &&
+        (message as ActuatorDescription).drive === UNKNOWN_DRIVE;
+      if (isJoint) joints.add(key);
+      received.push({ namespace, topic: name, message });
     }
   },
   channels: (topics) => tell({ kind: "channels", topics }),
@@ -98,6 +113,9 @@ const link = new Link(new URL(".", self.location.href.replace(/^http/, "ws")).hr
   session() {
     received = [];
     records.clear();
+    frictions.clear();
+    joints.clear();
+    changedTrends.clear();
     telemetry = new Telemetry();
     tell({ kind: "session" });
   },
@@ -106,7 +124,24 @@ const link = new Link(new URL(".", self.location.href.replace(/^http/, "ws")).hr
 function jump(time: number): void {
   telemetry = new Telemetry();
   for (const record of records.values()) record.forgetAfter(time);
+  for (const key of joints) {
+    frictions.get(key)?.forgetAfter(time);
+    if (frictions.has(key)) changedTrends.add(key);
+  }
   hasNewHistory = true;
+}
+
+/** Trends of joints that have changed, as many as are computed in a short time. */
+function trends(): Map<string, FrictionTrend> {
+  const found = new Map<string, FrictionTrend>();
+  const start = performance.now();
+  for (const key of changedTrends) {
+    if (performance.now() - start > MOST_TRENDS_MS) break;
+    if (!joints.has(key)) continue;
+    changedTrends.delete(key);
+    found.set(key, frictions.get(key)!.trend());
+  }
+  return found;
 }
 
 function flush(): void {
@@ -116,10 +151,12 @@ function flush(): void {
   }
   if (received.length) tell({ kind: "messages", received });
   received = [];
+  const changed = trends();
+  if (changed.size) tell({ kind: "trends", trends: changed });
   if (!watched) return;
   const key = keyOf(watched);
   if (hasNewHistory && records.has(key)) {
-    tell({ kind: "history", key, columns: recordOf(key).columns() });
+    tell({ kind: "history", key, columns: records.get(key)!.columns() });
     hasNewHistory = false;
   }
   if (hasNewTelemetry && !telemetry.isEmpty) {

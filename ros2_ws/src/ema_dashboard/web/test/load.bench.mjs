@@ -1,16 +1,17 @@
-// 200 actuators with live telemetry: time of the page's main thread, and memory.
+// 200 actuators with live telemetry, and 60 joints: time of the page's main thread, and memory.
 //
 // LOAD_S=600 makes it the long form, in which nothing may grow.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { test } from "node:test";
-import { Stage, browse } from "./stage.mjs";
+import { Stage, browse, until } from "./stage.mjs";
 
 const SECONDS = Number(process.env.LOAD_S ?? 10);
 const LONG_S = 120;
 const MOST_BUSY = 0.3; // of a second
 const MOST_GROWTH = 0.1; // of what is used when all garbage is collected
+const MOST_TASK_MS = 100; // of the longest task while the grid scrolls
 const LEAST_FRAMES = 8; // drawn in a second, of at most 20: browser and server share the cores
 
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
@@ -51,42 +52,43 @@ class Gauge {
   }
 }
 
+/** Measure a page for some seconds; return how often its live plots are drawn in a second. */
+async function measure(gauge, page, name, seconds) {
+  const drawn = () => page.evaluate(() => globalThis.drawn ?? 0);
+  const before = await gauge.used();
+  const [start, frames, begun] = [await gauge.metrics(), await drawn(), performance.now()];
+  await pause(1000 * seconds);
+  const [end, passed] = [await gauge.metrics(), (performance.now() - begun) / 1000];
+  const busy = (end.TaskDuration - start.TaskDuration) / passed;
+  const rate = ((await drawn()) - frames) / passed;
+  const after = await gauge.used();
+  const growth = (of) => after[of] / before[of] - 1;
+  const share = (of) => `${(100 * growth(of)).toFixed(1)} %`;
+  console.log(`${name}: ${busy.toFixed(3)} s a second, ${rate.toFixed(1)} drawings a second, ` +
+    `heap ${(after.heap / 1e6).toFixed(1)} MB (${share("heap")}), ${after.nodes} nodes ` +
+    `(${share("nodes")}), resident ${(after.resident / 1e6).toFixed(0)} MB ` +
+    `(${share("resident")})`);
+  assert.ok(busy <= MOST_BUSY, `${name}: ${busy} s a second`);
+  if (SECONDS >= LONG_S) {
+    for (const of of Object.keys(after)) {
+      assert.ok(growth(of) < MOST_GROWTH, `${name}: ${of} grew by ${share(of)}`);
+    }
+  }
+  return rate;
+}
+
 test(`200 actuators for ${SECONDS} s leave the main thread free`, async () => {
   const stage = await Stage.open("--actuators", 200, "--period", 5);
   const browser = await browse();
   const page = await browser.newPage({ viewport: { width: 1280, height: 900 } });
   const gauge = await Gauge.of(browser, page);
-  const drawn = () => page.evaluate(() => globalThis.drawn ?? 0);
-
-  const measure = async (name, seconds) => {
-    const before = await gauge.used();
-    const [start, frames, begun] = [await gauge.metrics(), await drawn(), performance.now()];
-    await pause(1000 * seconds);
-    const [end, passed] = [await gauge.metrics(), (performance.now() - begun) / 1000];
-    const busy = (end.TaskDuration - start.TaskDuration) / passed;
-    const rate = ((await drawn()) - frames) / passed;
-    const after = await gauge.used();
-    const growth = (of) => after[of] / before[of] - 1;
-    const share = (of) => `${(100 * growth(of)).toFixed(1)} %`;
-    console.log(`${name}: ${busy.toFixed(3)} s a second, ${rate.toFixed(1)} drawings a second, ` +
-      `heap ${(after.heap / 1e6).toFixed(1)} MB (${share("heap")}), ${after.nodes} nodes ` +
-      `(${share("nodes")}), resident ${(after.resident / 1e6).toFixed(0)} MB ` +
-      `(${share("resident")})`);
-    assert.ok(busy <= MOST_BUSY, `${name}: ${busy} s a second`);
-    if (SECONDS >= LONG_S) {
-      for (const of of Object.keys(after)) {
-        assert.ok(growth(of) < MOST_GROWTH, `${name}: ${of} grew by ${share(of)}`);
-      }
-    }
-    return rate;
-  };
 
   try {
     await stage.source.order({ do: "run", period: 5, telemetry: 1, open: "left_outboard_flap" });
     await page.goto(stage.address);
     await page.waitForSelector("table.fleet tbody tr:nth-child(200)", { timeout: 30_000 });
     await pause(2000);
-    await measure("fleet", SECONDS / 2);
+    await measure(gauge, page, "fleet", SECONDS / 2);
     await page.evaluate(() => {
       // Each drawing of one of the three live plots clears its canvas once.
       const clear = CanvasRenderingContext2D.prototype.clearRect;
@@ -99,8 +101,48 @@ test(`200 actuators for ${SECONDS} s leave the main thread free`, async () => {
     });
     await page.locator("[aria-labelledby=live]").scrollIntoViewIfNeeded();
     await pause(5000 + (SECONDS >= LONG_S ? 25_000 : 0)); // until what is kept has its size
-    const rate = await measure("live plots", SECONDS);
+    const rate = await measure(gauge, page, "live plots", SECONDS);
     assert.ok(rate >= LEAST_FRAMES && rate <= 21, `${rate} drawings a second`);
+  } finally {
+    await browser.close();
+    stage.close();
+  }
+});
+
+test(`60 joints for ${SECONDS} s leave the main thread free, while the grid scrolls, too`, async () => {
+  const stage = await Stage.open("--actuators", 0, "--joints", 60, "--period", 5);
+  const browser = await browse();
+  try {
+    for (const [name, viewport] of [["grid", { width: 1440, height: 3000 }],
+      ["grid on a phone", { width: 320, height: 640 }]]) {
+      const page = await browser.newPage({ viewport });
+      const gauge = await Gauge.of(browser, page);
+      await page.goto(stage.address);
+      await until("60 joints", async () => (await page.locator(".joint").count()) === 60 &&
+        (await page.locator(".joint .sparkline").count()) === 57, 60_000);
+      // A record of each joint every 5 s: twelve times as many as a monitor analyses at most.
+      await stage.source.order({ do: "run", period: 5 });
+      await pause(2000);
+      await measure(gauge, page, name, SECONDS / 2);
+      const longest = await page.evaluate((ms) => new Promise((resolve) => {
+        const tasks = [0];
+        new PerformanceObserver((list) => tasks.push(...list.getEntries().map((one) => one.duration)))
+          .observe({ entryTypes: ["longtask"] });
+        const start = performance.now();
+        const height = document.documentElement.scrollHeight - innerHeight;
+        const step = () => {
+          const passed = performance.now() - start;
+          scrollTo(0, height * Math.abs(Math.sin(passed / 1000)));
+          if (passed < ms) requestAnimationFrame(step);
+          else resolve(Math.max(...tasks));
+        };
+        step();
+      }), 500 * SECONDS);
+      console.log(`${name}: longest task while it scrolls ${longest.toFixed(0)} ms`);
+      assert.ok(longest <= MOST_TASK_MS, `${name}: a task of ${longest} ms`);
+      await stage.source.order({ do: "halt" });
+      await page.close();
+    }
   } finally {
     await browser.close();
     stage.close();

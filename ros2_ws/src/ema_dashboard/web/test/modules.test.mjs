@@ -12,6 +12,9 @@ const { levelNow } = await load("levels.ts");
 const { actuatorOf } = await load("peek.ts");
 const { rowsOf } = await load("quantities.ts");
 const { State, isOf } = await load("state.ts");
+const joints = await load("joints.ts");
+const { FrictionRecord } = await load("friction_trend.ts");
+const { picture } = await load("friction_curve.ts");
 
 test("a value has the digits that its sigma leaves", () => {
   assert.equal(format.withSigma(0.24893, 0.0018), "0.2489 ± 0.0018");
@@ -48,6 +51,103 @@ test("a record is a row for each quantity, in the words of the commands", () => 
   assert.equal(of({ name: "viscous_friction" }).label,
     "viscous friction (of all friction at the usual speed)");
   assert.deepEqual(rowsOf(undefined), []);
+});
+
+const quantity = (more) => ({
+  name: "friction", judgement: 1, change: 0.3, low: 0.25, high: 0.35, smallest_change: 0.06,
+  unit: "-", reason: "", rivals: [], ...more,
+});
+
+test("joints are grouped by robot, the worst first between robots and within", () => {
+  const ranks = { "a/1": 3, "a/2": 1, "a/10": 3, "b/1": 0, "b/2": 3, lone: 2.7, "c/x/1": 1, "c/x/2": 1 };
+  const all = Object.keys(ranks).map((id) => ({ namespace: "/ema", id, key: `/ema/${id}`, serial: "" }));
+  const robots = joints.robotsOf(all, ({ id }) => ranks[id]);
+  // Two joints with a warning come before one.
+  assert.deepEqual(robots.map(({ name }) => name), ["b", "c/x", "a", ""]);
+  assert.deepEqual(robots[2].joints.map(({ id }) => id), ["a/2", "a/1", "a/10"]);
+  const changed = (id, change, judgement = 1) => ({
+    namespace: "/ema", id, key: `/ema/${id}`, serial: "",
+    usable: { quantities: [quantity({ change, judgement })] },
+  });
+  // Only a significant change moves a joint: noise must not.
+  const [{ joints: sorted }] = joints.robotsOf(
+    [changed("d/1", 0.02, 0), changed("d/2", 0.04, 0), changed("d/3", 0.2), changed("d/4", 0.4)], () => 1);
+  assert.deepEqual(sorted.map(({ id }) => id), ["d/4", "d/3", "d/1", "d/2"]);
+  const two = joints.robotsOf(["/x", "/y"].map((namespace) => (
+    { namespace, id: "elbow", key: `${namespace}/elbow`, serial: "" })), () => 3);
+  assert.deepEqual(two.map(({ namespace }) => namespace), ["/x", "/y"]);
+  assert.deepEqual(joints.namesOf("left/arm/elbow"), { robot: "left/arm", joint: "elbow" });
+  assert.deepEqual(joints.namesOf("elbow"), { robot: "", joint: "elbow" });
+});
+
+test("a joint shows its friction, what else changed and its temperature", () => {
+  const usable = {
+    quantities: [quantity({}), quantity({ name: "play", change: 0.002, unit: "rad" }),
+      quantity({ name: "inertia", judgement: 0 })],
+    measured: [{ name: "load_torque", value: 3, sigma: 1 }, { name: "winding_temperature", value: 31, sigma: 2 }],
+  };
+  const joint = { usable, estimate: usable };
+  assert.equal(joints.frictionOf(joint).change, "+30.0 %");
+  assert.deepEqual(joints.otherChanges(joint).map(({ name }) => name), ["play"]);
+  assert.equal(joints.temperatureOf(joint).value, 31);
+  assert.equal(joints.frictionOf({}), undefined);
+  assert.equal(joints.temperatureOf({}), undefined);
+  assert.equal(joints.isJoint({ description: { drive: 2 } }), true);
+  assert.equal(joints.isJoint({ description: { drive: 0 } }), false);
+  assert.equal(joints.isJoint({ baseline: {} }), true);
+});
+
+test("the progress of learning is in words, with what is known", () => {
+  const of = (more) => ({ state: 0, records: 4, records_needed: 0, days: 1,
+    detectable_same_day: NaN, detectable_other_day: NaN, ...more });
+  assert.equal(joints.countsText(of({})), "4 records on 1 day");
+  assert.equal(joints.countsText(of({ records_needed: 10, days: 2 })), "4 of 10 records on 2 days");
+  assert.equal(joints.countsText(of({ records: 1 })), "1 record on 1 day");
+  assert.equal(joints.countsText(of({ state: 1, records: 12, records_needed: 10 })), "12 records on 1 day");
+  const text = (same, other) => joints
+    .detectableText(of({ detectable_same_day: same, detectable_other_day: other })).replaceAll("\u00a0", " ");
+  assert.equal(text(NaN, NaN), "");
+  assert.equal(text(0.0821, 0.21), "friction changes above 8.2 % would show, above 21 % on another day");
+  assert.equal(text(0.08, NaN), "friction changes above 8 % would show");
+});
+
+test("the friction trend follows a history: replaced, extended, and cut at a seek", () => {
+  const record = (sec, friction, sigma = 0.01) => {
+    const [faults, sigmas] = [new Float64Array(8).fill(NaN), new Float64Array(8).fill(NaN)];
+    [faults[0], sigmas[0]] = [friction, sigma];
+    return { stamp: { sec, nanosec: 0 }, faults, sigmas };
+  };
+  const of = (tests, serial_number = "1") => ({ serial_number, tests });
+  const friction = new FrictionRecord();
+  let decoded = 0;
+  friction.replace(() => { decoded += 1; return of([record(1, 0.1), record(2, NaN), record(3, 0.2)]); });
+  friction.add(of([record(3, 0.25), record(4, 0.3)]));
+  assert.equal(decoded, 0, "decoded only when it is shown");
+  const trend = friction.trend();
+  // Friction 0.1 is 20 % above nominal; a record without friction has no point.
+  assert.deepEqual(trend.change, [0.2, 0.5, 0.6]);
+  assert.ok(Math.abs(trend.high[0] - trend.change[0] - 1.645 * 0.02) < 1e-12);
+  friction.forgetAfter(3);
+  assert.deepEqual(friction.trend().change, [0.2, 0.5]);
+  assert.equal(decoded, 1);
+  friction.add(of([record(9, 0.05)], "2"));
+  assert.deepEqual(friction.trend().change, [0.1], "another unit");
+  friction.replace(() => of(Array.from({ length: 2000 }, (_, i) => record(i, i / 2000))));
+  const { change } = friction.trend();
+  assert.ok(change.length > 24 && change.length <= 48, change.length);
+  assert.ok(change.every((value, i) => !i || value > change[i - 1]));
+});
+
+test("friction over speed has a gap at rest, and counts what lies outside the band", () => {
+  const { columns, covered, judged, outside } = picture({
+    speed: Float64Array.of(-2, -1, 1, 2), healthy_low: Float64Array.of(-1.1, -1.1, 0.9, NaN),
+    healthy_high: Float64Array.of(-0.9, -0.9, 1.1, NaN), latest: Float64Array.of(NaN, -1.5, 1, 1.2),
+  });
+  assert.deepEqual(columns, [
+    [-2, -1, 0, 1, 2], [-0.9, -0.9, null, 1.1, null], [-1.1, -1.1, null, 0.9, null],
+    [null, -1.5, null, 1, 1.2], [null, -1.5, null, null, null],
+  ]);
+  assert.deepEqual([covered, judged, outside], [3, 2, 1]);
 });
 
 test("an unknown drive has the faults of its records, and the effort that was recorded", () => {

@@ -2,7 +2,7 @@
 // It can be cut off, refuse, and count what the page loads.
 
 import { readFile } from "node:fs/promises";
-import { createServer } from "node:http";
+import { createServer, request as ask } from "node:http";
 import { connect } from "node:net";
 import path from "node:path";
 import { fileURLToPath } from "node:url";
@@ -76,7 +76,17 @@ export class Origin {
       return;
     }
     if (request.method === "POST") {
-      response.writeHead(this.refuses || 405).end(this.refuses ? this.reason : "");
+      if (this.refuses || request.url === "/") {
+        response.writeHead(this.refuses || 405).end(this.refuses ? this.reason : "");
+        return;
+      }
+      const { method, url: path, headers } = request;
+      const behind = ask({ port: this.backend, host: "127.0.0.1", method, path, headers }, (answer) => {
+        response.writeHead(answer.statusCode, answer.headers);
+        answer.pipe(response);
+      });
+      behind.on("error", () => request.socket.destroy());
+      request.pipe(behind);
       return;
     }
     if (request.url.startsWith("/fleet.json")) {

@@ -11,11 +11,24 @@ await mkdir(folder, { recursive: true });
 
 const DESKTOP = { width: 1440, height: 900 };
 const PHONE = { width: 390, height: 844 };
+const NARROW = { width: 320, height: 640 };
+const ROBOTS = ["--actuators", 2, "--joints", 14];
+const ELBOW = "#/actuator/%2Fema/left%2Felbow";
 const WORN = "#/actuator/%2Fema/left_outboard_flap";
 
 const live = (order) => async (stage) => stage.source.order({ do: "run", period: 30, ...order });
 const rows = (page) => page.waitForSelector("table.fleet tbody tr");
 const plots = (page) => page.waitForSelector(".plots.many canvas");
+const sparklines = async (page) => {
+  await page.waitForSelector(".sparkline");
+  await page.waitForSelector(".joint.learning");
+};
+const refuseBaseline = async (page) => {
+  await page.getByRole("button", { name: "Accept", exact: true }).click();
+  await page.fill("form.change [name=person]", "Ada Lovelace");
+  await page.getByRole("button", { name: "Accept the baseline" }).click();
+  await page.waitForSelector("form.change [role=alert]");
+};
 const archived = async (stage) => { stage.origin.fleet = drawnFleet(); await live({})(stage); };
 const curve = (page) => page.waitForSelector("[aria-labelledby=survival] canvas");
 
@@ -35,6 +48,20 @@ const STATES = [
         if (part === "telemetry") await page.waitForTimeout(2500);
       },
     }))),
+  ...[{}, { view: PHONE }, { view: NARROW }].flatMap((view, i) => [
+    { name: `joints${["", "_phone", "_narrow"][i]}`, options: ROBOTS, ready: sparklines, full: true,
+      ...view },
+    { name: `joint${["", "_phone", "_narrow"][i]}`, options: ROBOTS, at: ELBOW, full: true, ...view,
+      ready: (page) => page.waitForSelector("[aria-labelledby=friction] canvas") },
+    { name: `learning${["", "_phone", "_narrow"][i]}`, options: ROBOTS, full: true, ...view,
+      at: "#/actuator/%2Fema/left%2Fwrist_3", ready: refuseBaseline },
+  ]),
+  { name: "joints_table", options: ROBOTS, ready: async (page) => {
+    await sparklines(page);
+    await page.getByRole("button", { name: "table" }).click();
+    await rows(page);
+  } },
+  { name: "joints_60", options: ["--actuators", 0, "--joints", 60], ready: sparklines },
   { name: "failed", at: "#/actuator/%2Fema/right_outboard_flap", before: live({}), ready: plots },
   { name: "refused", at: WORN, ready: async (page, stage) => {
     await plots(page);
@@ -105,6 +132,10 @@ for (const state of STATES.filter(({ name }) => !only.length || only.includes(na
     await page.goto(stage.address + (state.at ?? ""));
     await state.ready(page, stage);
     await page.waitForTimeout(500); // fonts and the plots' first drawing
+    // A picture of the whole page has what is out of sight, too.
+    await page.$$eval(".joint, .fleet tbody tr", (all, isFull) => {
+      for (const one of all) if (isFull) one.style.contentVisibility = "visible";
+    }, state.full ?? false);
     await page.evaluate(() => scrollTo(0, 0));
     await page.waitForTimeout(200);
     const file = path.join(folder, `${state.name}_${colorScheme}.png`);

@@ -8,9 +8,12 @@ import { keyOf } from "../protocol.ts";
 import type { Actuator, State } from "../state.ts";
 import { type HistoryColumns, begunAnew } from "../unit_history.ts";
 import { Folded, WhatToDo, isPhone } from "./advice.tsx";
+import { Baseline, Progress } from "./baseline.tsx";
 import { Events } from "./events.tsx";
+import { FrictionOverSpeed } from "./friction.tsx";
 import { History, Trend } from "./history.tsx";
 import { useApp, useSecond } from "./hooks.ts";
+import { isJoint, isLearning } from "../joints.ts";
 import { Life, RemoveBefore, why } from "./life.tsx";
 import { Live } from "./live.tsx";
 import {
@@ -57,13 +60,18 @@ export function OneActuator({ state, address }: { state: State; address: Place }
 function contents(
   state: State, address: Place, actuator: Actuator, columns?: HistoryColumns,
 ): Record<Part, () => ComponentChildren> {
-  const { health } = actuator;
+  const { health, description } = actuator;
+  const baseline = actuator.baseline && (
+    <Baseline baseline={actuator.baseline} description={description} of={address} />
+  );
   return {
-    faults: () => (
+    faults: () => isLearning(actuator) ? baseline : (
       <>
+        <FrictionOverSpeed curve={actuator.curve} description={description} />
         <Quantities estimate={actuator.estimate} />
         <History actuator={actuator} columns={columns} />
         {health && <TrackedFaults actuator={actuator} health={health} />}
+        {baseline}
       </>
     ),
     life: () => (
@@ -90,7 +98,11 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
   const fault = health && worstFault(health);
   const anew = columns && begunAnew(columns);
   const isDeparted = estimate?.verdict === DEPARTED;
-  const isRefused = estimate !== undefined && (!estimate.valid || isDeparted);
+  const learning = isLearning(actuator) ? actuator.baseline : undefined;
+  // Records of a learning joint give no estimate; a further reason is a defect of the record.
+  const isOfLearning = estimate?.reason_codes?.includes("learning") &&
+    (!learning || estimate.reason_codes.length === 1);
+  const isRefused = estimate !== undefined && (!estimate.valid || isDeparted) && !isOfLearning;
   return (
     <section class={`card head ${classOf(level)}`} aria-labelledby="name">
       <div class="head-line">
@@ -107,7 +119,10 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
       </div>
       {isRefused && (
         <p class={`banner ${isDeparted ? "warn" : "error"}`}>
-          <strong>The latest test {isDeparted ? "differs from healthy ones" : "was refused"}:</strong>{" "}
+          <strong>
+            {isJoint(actuator) ? "The latest record" : "The latest test"}{" "}
+            {isDeparted ? "differs from healthy ones" : "was refused"}:
+          </strong>{" "}
           <Folded title="Why">{estimate.reason || "no reason given"}</Folded>
         </p>
       )}
@@ -117,8 +132,9 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
           since then.
         </p>
       )}
-      {health?.level === 3 && <Stale health={health} />}
-      {health ? (
+      {health?.level === 3 && !learning && <Stale health={health} />}
+      {learning && <Progress baseline={learning} />}
+      {learning && level.name === "learning" ? null : health ? (
         <div class="summary">
           <div>
             <Wrong actuator={actuator} health={health} />

@@ -4,10 +4,12 @@ import { memo } from "preact/compat";
 import { useMemo } from "preact/hooks";
 import { labelOf } from "../faults.ts";
 import { fixed } from "../format.ts";
-import { LEVELS } from "../levels.ts";
+import { isJoint, isLearning } from "../joints.ts";
+import { LEARNING, LEVELS } from "../levels.ts";
 import { ACTIONS, DEPARTED, seconds } from "../messages.ts";
 import type { Actuator, State } from "../state.ts";
 import { useApp, useStored } from "./hooks.ts";
+import { Joints } from "./joints.tsx";
 import { Life, RemoveBefore, why } from "./life.tsx";
 import { Badge, Bar, Shape, Since, classOf, levelOf, silence } from "./parts.tsx";
 import { addressOf } from "./route.ts";
@@ -76,17 +78,20 @@ function matches(actuator: Actuator, words: string): boolean {
   return words.toLowerCase().split(/\s+/).every((word) => text.toLowerCase().includes(word));
 }
 
-const CHOICES = [LEVELS[2]!, LEVELS[1]!, LEVELS[3]!, LEVELS[0]!];
+const CHOICES = [LEVELS[2]!, LEVELS[1]!, LEVELS[3]!, LEARNING, LEVELS[0]!];
 
 export function Fleet({ state }: { state: State }) {
   const [by, setBy] = useStored("ema-sort", "level");
   const [words, setWords] = useStored("ema-filter", "");
   const [shown, setShown] = useStored("ema-levels", "");
+  const [view, setView] = useStored("ema-joints", "grid");
   const all = [...state.actuators.values()];
   const namespaces = useMemo(() => new Set(all.map((one) => one.namespace)), [all.length]);
   const chosen = all.filter((one) =>
     matches(one, words) && (!shown || nameOf(one) === shown));
-  const rows = sorted(chosen, by);
+  const hasJoints = all.some(isJoint);
+  const joints = view === "grid" ? chosen.filter(isJoint) : [];
+  const rows = sorted(view === "grid" ? chosen.filter((one) => !isJoint(one)) : chosen, by);
   // Advice needs costs; where nobody has set them there is none.
   const isAdvised = all.some(({ advice }) => advice !== undefined && advice.action > 0);
   const columns = COLUMNS.filter(({ name }) => name !== "advice" || isAdvised);
@@ -95,11 +100,11 @@ export function Fleet({ state }: { state: State }) {
   return (
     <main id="main" tabIndex={-1}>
       <h1 class="fleet-title">
-        Fleet <span class="soft">{all.length} {all.length === 1 ? "actuator" : "actuators"}</span>
+        Fleet <span class="soft">{numbersOf(all)}</span>
       </h1>
       <div class="fleet-tools">
         <div class="chips" role="group" aria-label="Show one level only">
-          {CHOICES.map((level) => (
+          {CHOICES.filter((level) => hasJoints || level !== LEARNING).map((level) => (
             <button type="button" key={level.name} class={`chip ${level.name}`}
               aria-pressed={shown === level.name}
               onClick={() => setShown(shown === level.name ? "" : level.name)}>
@@ -113,25 +118,39 @@ export function Fleet({ state }: { state: State }) {
           <input type="search" value={words} placeholder="name, serial number, fault"
             onInput={(event) => setWords(event.currentTarget.value)} />
         </label>
-        <label class="sort-choice">
-          <span>Sort by</span>
-          <select value={by} onChange={(event) => setBy(event.currentTarget.value)}>
-            {columns.map(({ name, title }) => (
-              <option key={name} value={name}>
-                {name === "level" ? "Level, worst first" : title}
-              </option>
+        {hasJoints && (
+          <div class="choice" role="group" aria-label="Joints">
+            {["grid", "table"].map((name) => (
+              <button type="button" key={name} aria-pressed={view === name}
+                onClick={() => setView(name)}>{name}</button>
             ))}
-          </select>
-        </label>
+          </div>
+        )}
+        {rows.length > 0 && (
+          <label class="sort-choice">
+            <span>Sort by</span>
+            <select value={by} onChange={(event) => setBy(event.currentTarget.value)}>
+              {columns.map(({ name, title }) => (
+                <option key={name} value={name}>
+                  {name === "level" ? "Level, worst first" : title}
+                </option>
+              ))}
+            </select>
+          </label>
+        )}
       </div>
-      {rows.length === 0 ? (
+      {joints.length > 0 && (
+        <Joints state={state} joints={joints} hasNamespace={namespaces.size > 1} />
+      )}
+      {chosen.length === 0 && (
         <p class="empty">
           No actuator of {all.length} matches.{" "}
           <button type="button" class="link" onClick={() => { setWords(""); setShown(""); }}>
             Show all
           </button>
         </p>
-      ) : (
+      )}
+      {rows.length > 0 && (
         <table class={`fleet ${isAdvised ? "advised" : ""}`} role="table">
           <caption class="unseen">Actuators, {rows.length} of {all.length}</caption>
           <thead role="rowgroup">
@@ -150,6 +169,16 @@ export function Fleet({ state }: { state: State }) {
       )}
     </main>
   );
+}
+
+/** Numbers of joints and of actuators whose drive is modelled. */
+function numbersOf(all: Actuator[]): string {
+  const joints = all.filter(isJoint).length;
+  const others = all.length - joints;
+  return [
+    joints && `${joints} ${joints === 1 ? "joint" : "joints"}`,
+    (others || !joints) && `${others} ${others === 1 ? "actuator" : "actuators"}`,
+  ].filter(Boolean).join(", ");
 }
 
 function nameOf(actuator: Actuator): string {
@@ -227,6 +256,7 @@ const Row = memo(({ actuator, hasNamespace, isAdvised }: {
 
 function waiting(actuator: Actuator): string {
   if (actuator.estimate && !actuator.estimate.valid) {
+    if (isLearning(actuator)) return actuator.estimate.reason;
     const is = actuator.estimate.verdict === DEPARTED ? "" : "refused: ";
     return `test ${is}${actuator.estimate.reason}`;
   }

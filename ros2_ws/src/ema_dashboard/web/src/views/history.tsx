@@ -2,7 +2,7 @@
 
 import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
-import { ASSESSED, FAULTS, type Fault, inPercent, isShown } from "../faults.ts";
+import { ASSESSED, FAULTS, type Fault, UNKNOWN_DRIVE, inPercent, isShown } from "../faults.ts";
 import { fixed, hours as inHours, withSigma } from "../format.ts";
 import { UNKNOWN } from "../levels.ts";
 import type { HealthForecast } from "../messages.ts";
@@ -48,38 +48,42 @@ export function Trend({ fault, columns, actuator, height = 210 }: {
   const item = health?.faults.find(({ name }) => name === fault.name);
   const isDominant = health?.dominant_fault === fault.name;
   const k = FAULTS.indexOf(fault);
+  const { scale, unit, decimals } = axisOf(fault, actuator);
   const built = useMemo(
-    () => assemble(columns, k, isHours, forecast, fault.name), [columns, forecast, isHours, k],
+    () => assemble(columns, k, isHours, forecast, fault.name, scale),
+    [columns, forecast, isHours, k, scale],
   );
-  const distance = item ? Math.abs(item.limit - fault.healthy) : 0.5;
-  const limits = fault.twoSided
-    ? [fault.healthy - distance, fault.healthy + distance] : [fault.healthy + distance];
-  const bottom = fault.twoSided ? fault.healthy - 1.2 * distance : 0;
-  const top = fault.healthy + 1.2 * distance;
+  const distance = scale * (item ? Math.abs(item.limit - fault.healthy) : 0.5);
+  const healthy = scale * fault.healthy;
+  const limits = fault.twoSided ? [healthy - distance, healthy + distance] : [healthy + distance];
+  const bottom = fault.twoSided ? healthy - 1.2 * distance : 0;
+  const top = healthy + 1.2 * distance;
   const now = isHours ? columns.hours.at(-1)! : columns.stamp.at(-1)!;
   const level = item ? itemLevel(actuator, item.level) : UNKNOWN;
-  const shown = item
-    ? `${inPercent(fault, item.value)} · ${withSigma(item.value, item.sigma)}` : "–";
+  const normalised = item && unit === "-" ? ` · ${withSigma(item.value, item.sigma)}` : "";
+  const shown = item ? inPercent(fault, item.value) + normalised : "–";
 
+  const shownLimit = (limit: number) =>
+    (unit === "-" ? fixed(limit, 2) : `+${fixed(limit, 0)} %`);
   const draw = (plot: uPlot, colour: Colour) => {
     intervals(plot, built.x, built.low, built.high, colour("interval"));
-    for (const limit of limits) line(plot, limit, `limit ${fixed(limit, 2)}`, colour("limit"));
+    for (const limit of limits) line(plot, limit, `limit ${shownLimit(limit)}`, colour("limit"));
     if (forecast) upright(plot, now, "now", colour("ink-soft"));
   };
   const series: uPlot.Series[] = [
     {
       label: "estimate", stroke: "data", width: 0,
       points: { show: true, size: 6, fill: "data", width: 1.5 },
-      value: (_, v) => fixed(v, 4),
+      value: (_, v) => fixed(v, decimals),
     },
     {
       label: "not significant", stroke: "data", width: 0,
       points: { show: true, size: 6, fill: "card", width: 1.5 },
-      value: (_, v) => fixed(v, 4),
+      value: (_, v) => fixed(v, decimals),
     },
     ...built.quantiles.map((p, i): uPlot.Series => ({
       label: `${100 * p} %`, stroke: "fan-line", width: i === built.middle ? 2 : 0.5,
-      points: { show: false }, value: (_, v) => fixed(v, 3),
+      points: { show: false }, value: (_, v) => fixed(v, decimals),
     })),
   ];
   const last = 2 + built.quantiles.length;
@@ -92,8 +96,8 @@ export function Trend({ fault, columns, actuator, height = 210 }: {
         {isDominant && <span class="tag">dominant</span>}
         <Badge level={level} />
       </figcaption>
-      <Plot label={inWords(fault, shown, limits, columns, level.word, isHours)} height={height}
-        x={isHours ? "service hours [h]" : "time of the test"} y={`${fault.label} [-]`}
+      <Plot label={inWords(fault, shown, limits.map(shownLimit), columns, level.word, isHours)} height={height}
+        x={isHours ? "service hours [h]" : "time of the test"} y={`${fault.label} [${unit}]`}
         isTime={!isHours} series={series} data={built.data} bands={bands} legend={false}
         yRange={(_, least, most) => [Math.min(bottom, least ?? 0), Math.max(top, 1.05 * (most ?? 0))]}
         draw={draw} />
@@ -101,13 +105,19 @@ export function Trend({ fault, columns, actuator, height = 210 }: {
   );
 }
 
+/** Scale and unit of a fault: of a joint, friction is its change in per cent. */
+function axisOf(fault: Fault, { description }: Actuator) {
+  const isPercent = description?.drive === UNKNOWN_DRIVE && fault.name === "friction";
+  return isPercent ? { scale: (100 * fault.slope) / fault.base, unit: "%", decimals: 1 }
+    : { scale: 1, unit: "-", decimals: 4 };
+}
+
 function inWords(
-  fault: Fault, shown: string, limits: number[], columns: HistoryColumns, level: string,
+  fault: Fault, shown: string, limits: string[], columns: HistoryColumns, level: string,
   isHours: boolean,
 ): string {
   const until = isHours ? ` up to ${inHours(columns.hours.at(-1)!)} service hours` : "";
-  const limit = limits.map((one) => fixed(one, 2)).join(" and ");
-  return `${fault.label} over ${columns.hours.length} tests${until}: now ${shown}, limit ${limit}, ` +
+  return `${fault.label} over ${columns.hours.length} tests${until}: now ${shown}, limit ${limits.join(" and ")}, ` +
     `level ${level}`;
 }
 
@@ -123,14 +133,14 @@ interface Assembled {
 /** Tests first, then the forecast, on one ascending axis. */
 function assemble(
   columns: HistoryColumns, k: number, isHours: boolean, forecast: HealthForecast | undefined,
-  name: string,
+  name: string, scale: number,
 ): Assembled {
   const at = isHours ? columns.hours : columns.stamp;
   const order = Array.from(at.keys()).filter((i) => Number.isFinite(at[i]!))
     .sort((one, other) => at[one]! - at[other]!);
   const x = order.map((i) => at[i]!);
-  const value = order.map((i) => columns.faults[k]![i]!);
-  const sigma = order.map((i) => columns.sigmas[k]![i]!);
+  const value = order.map((i) => scale * columns.faults[k]![i]!);
+  const sigma = order.map((i) => scale * columns.sigmas[k]![i]!);
   const isHollow = order.map((i) => ((columns.insignificant[i]! >> k) & 1) === 1);
   const of = forecast?.faults.find((one) => one.name === name);
   const probabilities = of ? Array.from(forecast!.probabilities) : [];
@@ -143,7 +153,8 @@ function assemble(
     [...known.map((v, i) => (isHollow[i] ? v : null)), ...gap],
     ...probabilities.map((_, row) => [
       ...x.map(() => null),
-      ...Array.from(of!.values.subarray(row * ahead.length, (row + 1) * ahead.length)),
+      ...Array.from(of!.values.subarray(row * ahead.length, (row + 1) * ahead.length),
+        (value) => scale * value),
     ]),
   ] as uPlot.AlignedData;
   return {

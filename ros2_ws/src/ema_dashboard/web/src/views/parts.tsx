@@ -2,12 +2,17 @@
 
 import type { ComponentChildren } from "preact";
 import { duration } from "../format.ts";
-import { LEVELS, type Level, UNKNOWN, levelNow } from "../levels.ts";
-import { type Health, OK, STALE, seconds } from "../messages.ts";
+import { isLearning } from "../joints.ts";
+import { LEARNING, LEVELS, type Level, UNKNOWN, levelNow } from "../levels.ts";
+import { ERROR, type Health, OK, STALE, WARN, seconds } from "../messages.ts";
 import type { Actuator } from "../state.ts";
 import { useApp, useSecond } from "./hooks.ts";
 
-export function levelOf({ health, isSilent }: Actuator): Level {
+export function levelOf(actuator: Actuator): Level {
+  const { health, isSilent } = actuator;
+  // A joint without a baseline has no level, but it may fail.
+  const isAlarm = health?.level === WARN || health?.level === ERROR;
+  if (isLearning(actuator) && !isAlarm && !isSilent) return LEARNING;
   if (!health) return UNKNOWN;
   return levelNow(health.level, health.last_level, isSilent);
 }
@@ -25,7 +30,7 @@ export function silence({ health, isSilent }: Actuator): string {
   return isSilent ? `no message from the dashboard; ${last}` : last;
 }
 
-// A shape for each level, so that it is told without colours: disc, triangle, octagon, ring.
+// A shape for each level, so that it is told without colours: disc, triangle, octagon, ring, square.
 const SHAPES = {
   ok: (
     <>
@@ -51,6 +56,12 @@ const SHAPES = {
       <path d="M12 6.5 V12.5 L16 14.5" class="sign" />
     </>
   ),
+  learning: (
+    <>
+      <rect x="2" y="2" width="20" height="20" rx="4" class="shape" />
+      <path d="M7 17 V14 M12 17 V10.5 M17 17 V7" class="sign" />
+    </>
+  ),
 };
 
 export function classOf(level: Level): string {
@@ -66,10 +77,12 @@ export function Shape({ level, size = 24 }: { level: Level; size?: number }) {
   );
 }
 
-export function Badge({ level, large = false }: { level: Level; large?: boolean }) {
+export function Badge({ level, large = false, size = large ? 36 : 22 }: {
+  level: Level; large?: boolean; size?: number;
+}) {
   return (
     <span class={`badge ${classOf(level)} ${large ? "large" : ""}`}>
-      <Shape level={level} size={large ? 36 : 22} />
+      <Shape level={level} size={size} />
       <span>{level.word}</span>
     </span>
   );
