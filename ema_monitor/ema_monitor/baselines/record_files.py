@@ -3,6 +3,7 @@
 import hashlib
 import math
 import zipfile
+import zlib
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +19,16 @@ from ema_monitor.joint.record import NS_A_DAY
 from ema_monitor.windows.window import Window
 
 _SUFFIX: Final = ".npz"
+_DAMAGES: Final = (
+    ValueError,
+    KeyError,
+    EOFError,
+    NotImplementedError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""Errors of ``numpy.load`` for a damaged file."""
+
 _ANGLES: Final = ("command", "position")
 """Columns that are stored relative to the first position: a multi-turn angle exceeds float32."""
 
@@ -82,12 +93,18 @@ class RecordFiles:
         self.stored = [record for record in self.stored if record not in gone]
 
     def read(self, records: Sequence[StoredRecord]) -> list[Window]:
-        """Return records; damaged files are deleted and left out."""
+        """Return records; damaged files are deleted and left out.
+
+        Raises
+        ------
+        OSError
+            If an existing file cannot be read; it remains.
+        """
         windows, damaged = [], []
         for record in records:
             try:
                 windows.append(_window(record.path))
-            except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+            except (FileNotFoundError, *_DAMAGES):
                 damaged.append(record)
         self.remove(damaged)
         return windows

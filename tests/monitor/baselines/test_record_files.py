@@ -82,3 +82,37 @@ def test_few_records_are_thinned_to_the_earliest(most: int):
     records = [StoredRecord(START_NS + number, Path(str(number))) for number in range(4)]
     assert thinned(records, most)[0] == records[0]
     assert len(thinned(records, most)) == most
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_damage_of_a_record_raises_an_error(tmp_path: Path, seed: int):
+    """The decoder raises errors of several types, depending on what is damaged."""
+    files = RecordFiles(tmp_path)
+    stored = files.add(record(0))
+    assert stored is not None
+    good, rng = stored.path.read_bytes(), np.random.default_rng(seed)
+    contents = [b"", good[:10], good.replace(b"\x08\x00", b"\x63\x00")]
+    for _ in range(40):
+        damaged = bytearray(good)
+        for place in rng.integers(len(damaged), size=rng.integers(1, 20)):
+            damaged[place] = rng.integers(256)
+        contents.append(bytes(damaged))
+    for content in contents:
+        stored.path.write_bytes(content)
+        damaged_files = RecordFiles(tmp_path)
+        assert len(damaged_files.read(damaged_files.stored)) <= 1
+
+
+def test_record_that_cannot_be_read_is_an_error_and_remains(tmp_path: Path, monkeypatch):
+    files = RecordFiles(tmp_path)
+    stored = files.add(record(0))
+    assert stored is not None
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(24, "Too many open files")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "open", refuse)
+        with pytest.raises(OSError, match="Too many open files"):
+            files.read(files.stored)
+    assert len(files.read(files.stored)) == 1
