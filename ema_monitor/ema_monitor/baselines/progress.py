@@ -10,6 +10,7 @@ import numpy as np
 from ema_core.wording import counted
 from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.joint.comparison import FRICTION
+from ema_monitor.joint.trend import friction_rise
 from ema_monitor.joint.wording import advice_sentences
 from ema_monitor.reasons import Learning
 from ema_monitor.windows.window import Window
@@ -97,7 +98,8 @@ def refusal_of(calibration: JointCalibration, *, accepts_outliers: bool = False)
     calibration
         Calibration fitted to the records.
     accepts_outliers
-        Whether a person confirms that records that differ from the others are healthy.
+        Whether a person confirms that all records are healthy, although records differ from the
+        others or friction rises.
     """
     if calibration.windows < FEWEST:
         return (
@@ -109,8 +111,15 @@ def refusal_of(calibration: JointCalibration, *, accepts_outliers: bool = False)
             "the records do not judge friction: even a doubling would not show; record more motion "
             "in both directions"
         )
-    if calibration.outliers and not accepts_outliers:
+    if accepts_outliers:
+        return ""
+    if calibration.outliers:
         return "; ".join(map(str, calibration.outliers))
+    if rise := friction_rise(calibration.baseline):
+        return (
+            f"friction rises by {100.0 * rise:.0f} % over the records, as of a joint that wears: "
+            "reset the baseline after a repair, or confirm that the joint was healthy"
+        )
     return ""
 
 

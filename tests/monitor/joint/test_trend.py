@@ -1,0 +1,46 @@
+"""Friction that rises over the healthy records is not accepted as a baseline."""
+
+from pathlib import Path
+
+import pytest
+
+from ema_monitor.baselines.unit_baseline import UnitBaseline
+from ema_monitor.calibration.joint_calibration import calibrate_joint
+from ema_monitor.joint.trend import friction_rise
+
+from ..baselines.healthy import JOINT, record
+
+
+def rise(count: int, per_record: float, records_per_day: int, seed: int = 0) -> float:
+    windows = [
+        record(number + 100 * seed, number // records_per_day, 1.0 + per_record * number)
+        for number in range(count)
+    ]
+    return friction_rise(calibrate_joint(windows, JOINT).baseline)
+
+
+@pytest.mark.parametrize("records_per_day", [3, 100])
+@pytest.mark.parametrize("seed", range(3))
+def test_healthy_scatter_is_no_rise(records_per_day: int, seed: int):
+    assert rise(12, 0.0, records_per_day, seed) == 0.0
+
+
+@pytest.mark.parametrize("records_per_day", [3, 100])
+def test_wear_is_a_rise(records_per_day: int):
+    # A line from 1 to 1.33, relative to its median.
+    assert rise(12, 0.03, records_per_day) == pytest.approx(0.33 / 1.165, abs=0.04)
+
+
+def test_falling_friction_is_no_rise():
+    assert rise(12, -0.03, 100) == 0.0
+
+
+def test_worn_joint_is_not_accepted_while_it_gets_worse(tmp_path: Path):
+    """With three records a day, each record alone is within the scatter of the days."""
+    with UnitBaseline(tmp_path, JOINT) as baseline:
+        for number in range(20):
+            baseline.add(record(number, number // 3, 1.0 + 0.1 * number))
+        with pytest.raises(ValueError, match=r"friction rises by \d+ % over the records"):
+            baseline.accept("automatic: accept_after = 20", is_automatic=True)
+        assert not baseline.is_accepted
+        assert baseline.accept("Ada", "loads differ", force=True).records == 20
