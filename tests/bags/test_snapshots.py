@@ -131,6 +131,18 @@ def test_snapshot_has_the_time_after_the_change_as_well(record):
     assert recording.write_snapshot().startswith("5 messages (5.000 s) written to ")
 
 
+def test_level_that_flickers_does_not_prevent_a_snapshot(record):
+    recording = record(Health, snapshot_duration=5.0, snapshot_after=3.0)
+    written = [
+        (time_s, recording.write_snapshot())
+        for time_s in range(20)
+        if received(recording, health((OK, WARN)[time_s // 2 % 2]), time_s * S)
+    ]
+    # The first change is at 2 s; the snapshot has the time before it as well.
+    assert written[0] == (10, written[0][1])
+    assert written[0][1].startswith("11 messages (10.000 s) written to ")
+
+
 def test_clock_that_is_set_back_does_not_postpone_a_snapshot(record):
     recording = record(Health, TelemetryBlock, snapshot_after=3.0)
     received(recording, health(OK), 100 * S)

@@ -160,9 +160,10 @@ class BagRecorder:
         self._kept: deque[_Kept] = deque()
         self._status_prefix = f"{recorder_name}:"
         self._levels: dict[str, int] = {}
-        # Level changes that await a snapshot, and the log time at which it is due [ns].
+        # Level changes that await a snapshot, and the log time at which it is due, and at which it
+        # is due at the latest [ns].
         self._changes: list[str] = []
-        self._due_ns = 0
+        self._due_ns = self._latest_due_ns = 0
 
     @property
     def kept_s(self) -> float:
@@ -185,8 +186,12 @@ class BagRecorder:
         self._keep(item)
         after_ns = round(self._settings.snapshot_after * 1e9)
         if change := self._level_change(message):
+            if not self._changes:
+                longest_ns = round(self._settings.snapshot_duration * 1e9)
+                self._latest_due_ns = log_time_ns + after_ns + longest_ns
             self._changes.append(change)
-            self._due_ns = log_time_ns + after_ns
+            # Further changes postpone the snapshot, but a level that flickers must not prevent it.
+            self._due_ns = min(log_time_ns + after_ns, self._latest_due_ns)
         # A clock that was set back must not postpone the snapshot.
         is_waiting = 0 < self._due_ns - log_time_ns <= after_ns
         if not self._changes or is_waiting or not self._kept:
@@ -256,8 +261,11 @@ class BagRecorder:
         self._kept.append(item)
         self.kept_bytes += item.size
         settings = self._settings
-        after_s = settings.snapshot_after if self._changes else 0.0
-        duration_ns = round((settings.snapshot_duration + after_s) * 1e9)
+        duration_s = settings.snapshot_duration
+        if self._changes:
+            # The snapshot is due within this time, and has the time before the first change.
+            duration_s += settings.snapshot_duration + settings.snapshot_after
+        duration_ns = round(duration_s * 1e9)
         while self._kept:
             # A clock that was set back makes no message old.
             is_old = item.log_time_ns - self._kept[0].log_time_ns > duration_ns
