@@ -152,3 +152,12 @@ def test_prismatic_joint_of_the_robot_description_has_metres_and_newtons():
 def test_robot_description_that_is_not_xml_is_reported():
     reason = JointFinder().describe("/robot_description", "<robot")
     assert reason.startswith("/robot_description is not a robot description: ")
+
+
+@pytest.mark.parametrize("name", ["", "a\nb", "x" * 300])
+def test_joint_with_an_invalid_name_is_refused_and_the_others_are_found(name):
+    graph = Graph()
+    assert names_of(graph.run({"/joint_states": state(["a", name])})) == ["a"]
+    [(key, reason)] = graph.finder.refused.items()
+    assert key == ("/joint_states", name)
+    assert reason.startswith("/joint_states: joint = ")

@@ -233,6 +233,8 @@ class BridgeNode(ManagedNode):
             "joint state topics": ", ".join(states) or "none",
             "without effort": ", ".join(without) or "none",
         }
+        if refused := list(self._finder.refused.values()):
+            values["refused names"] = "; ".join(refused)
         level, text = OK, f"{counted(len(actuators), 'joint')} on {', '.join(states)}"
         if not states:
             level, text = WARN, "no publisher of joint states"
@@ -241,6 +243,8 @@ class BridgeNode(ManagedNode):
         elif without:
             level = WARN
             text += f"; no effort is published: {', '.join(without)}: friction cannot be judged"
+        if refused:
+            level, text = WARN, f"{text}; {counted(len(refused), 'joint')} ignored: {refused[0]}"
         return Task("joints", level, text, super().hardware_id, values)
 
     def _type_of(self, topic: str, published: set[str]) -> Any:

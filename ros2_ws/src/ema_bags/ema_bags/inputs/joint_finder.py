@@ -11,6 +11,7 @@ import numpy as np
 from ema_bags.inputs.joint_states import REFERENCE
 from ema_bags.inputs.mapping import AngleSource, Clock, ColumnMapping, CurrentSource, SpeedSource
 from ema_bags.inputs.names import roles_of
+from ema_core.description import check_name
 
 JOINT_STATE: Final = "sensor_msgs/msg/JointState"
 CONTROLLER_STATE: Final = "control_msgs/msg/JointTrajectoryControllerState"
@@ -24,6 +25,7 @@ _LEAST_MESSAGES: Final = 10
 # Once all joints of a message are decided, only one message per second is examined.
 _RECHECK_NS: Final = 1_000_000_000
 _MOST_ORDERS: Final = 100
+_MOST_REFUSED: Final = 100
 
 
 class Columns(NamedTuple):
@@ -82,6 +84,11 @@ class JointFinder:
         Patterns of the actuator names to find, such as ``left/*``; empty for all joints.
     effort_unit
         Unit of the effort: ``N.m``, ``A`` or ``N``; for prismatic joints, N replaces N.m.
+
+    Attributes
+    ----------
+    refused
+        Why joints whose names are not valid for an actuator are not found, by topic and joint.
     """
 
     def __init__(self, joints: Sequence[str] = (), effort_unit: str = "N.m") -> None:
@@ -91,6 +98,7 @@ class JointFinder:
         # Field of the commanded position, and the joints seen, by command topic.
         self._commands: dict[str, tuple[str, set[str]]] = {}
         self._prismatic: dict[str, set[str]] = {}
+        self.refused: dict[tuple[str, str], str] = {}
 
     def add(self, topic: str, kind: str, message: Any, received_ns: int) -> None:
         """Examine a message.
@@ -170,6 +178,12 @@ class JointFinder:
     def _is_wanted(self, topic: str, name: str, columns: Columns) -> bool:
         """Return whether a joint matches the patterns, and no better topic has it."""
         actuator = actuator_name(topic, name)
+        try:
+            check_name("joint", actuator)
+        except ValueError as error:
+            if len(self.refused) < _MOST_REFUSED:
+                self.refused[topic, name] = f"{topic}: {error}"
+            return False
         if self._patterns and not any(fnmatchcase(actuator, item) for item in self._patterns):
             return False
         rivals = (
