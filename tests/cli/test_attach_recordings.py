@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ema_cli.bags.robot_files import find_recordings
+from ema_cli.processes import attach_run
 from ema_sim.robot.arm import JOINT_NAMES
 from ema_sim.robot.work import RobotArm, WorkSettings
 
@@ -97,6 +99,7 @@ def test_healthy_end_before_all_records_is_an_answer_with_the_first_record(work)
         (["none.csv", "--healthy", "5"], 1, "none.csv: there is no such file or folder"),
         (["day_1.csv", "--healthy", "5", "--html", "page.txt"], 2, "page.txt: expected a name"),
         (["--html", "page.html"], 2, "--html needs RECORDINGS"),
+        (["--accept-after", "61"], 2, "61 is not in the range 0<=x<=60"),
     ],
 )
 def test_wrong_use_is_refused_with_what_is_expected(work, monkeypatch, arguments, code, error):
@@ -110,3 +113,37 @@ def test_folder_without_a_recording_is_refused(tmp_path):
     result = ema("attach", tmp_path, "--healthy", "5")
     assert result.exit_code == 1
     assert "this folder holds no recording (a bag, .mcap, .db3, .csv" in result.stderr
+
+
+def test_numbers_in_names_give_the_order_of_recordings(tmp_path):
+    for name in ("run_10.csv", "run_2.csv", "run_1.csv"):
+        (tmp_path / name).touch()
+    names = [path.name for path in find_recordings([tmp_path])]
+    assert names == ["run_1.csv", "run_2.csv", "run_10.csv"]
+
+
+def test_dated_recordings_are_sorted_by_time_and_unread_ones_are_named(work, tmp_path):
+    """The later recording has the first name: its worn records are not the healthy ones."""
+    (tmp_path / "a.csv").write_bytes((work / "day_2.csv").read_bytes())
+    (tmp_path / "b.csv").write_bytes((work / "day_1.csv").read_bytes())
+    (tmp_path / "c.csv").write_text("x,y\n1,2\n")
+    result = ema("attach", tmp_path, "--healthy", "6", "--joint", "wrist_2")
+    assert "▲ WARN" in result.stdout
+    assert f"warning: {tmp_path / 'c.csv'}: " in result.stderr
+
+
+def test_healthy_records_with_rising_friction_are_doubted(tmp_path):
+    arm = RobotArm(seed=3, rate=RATE)
+    write_work(tmp_path / "day.csv", arm, 36, NOV_3, ["wrist_2"], **WORN)
+    result = ema("attach", tmp_path, "--healthy", "10")
+    assert "warning: wrist_2: the healthy records may not be healthy: " in result.stderr
+
+
+def test_other_folders_than_those_of_runs_are_never_deleted(tmp_path, monkeypatch):
+    monkeypatch.setattr(attach_run, "_MOST_RECORDED", 1000)
+    names = ("20251129T095444Z", "20261129T095444Z", "20261130T095444Z", "factory_acceptance")
+    for name in names:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "data.mcap").write_bytes(bytes(600))
+    attach_run._limit_size(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [names[2], names[3]]

@@ -14,6 +14,7 @@ from ema_core.dates import has_date, moment
 from ema_core.description import ActuatorDescription
 from ema_core.levels import STALE
 from ema_core.telemetry import Telemetry
+from ema_monitor.baselines.progress import refusal_of
 from ema_monitor.calibration.joint_calibration import JointCalibration, calibrate_joint
 from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import SKIPPED, Estimate
@@ -55,6 +56,13 @@ class JointCourse:
     """Health after each of the later records that gave one, by the record's end [ns]."""
     remarks: list[str] = field(default_factory=list)
     """Defects of the recordings, and why motion is not a record."""
+    unread: list[str] = field(default_factory=list)
+    """Why recordings were not read; empty if all were."""
+
+    @property
+    def baseline_doubt(self) -> str:
+        """Why the healthy records may not be healthy; empty if nothing suggests it."""
+        return refusal_of(self.calibration) if self.calibration else ""
 
     @property
     def level(self) -> int:
@@ -118,7 +126,7 @@ def follow_joint(
     Parameters
     ----------
     paths
-        Recordings in the order of their time.
+        Recordings in the order of their time; dated recordings are sorted.
     mapping, description
         Mapping and description of the joint.
     until
@@ -130,10 +138,15 @@ def follow_joint(
         If a recording cannot be read; the message names it.
     """
     remarks: list[str] = []
-    records = _imported(paths, mapping, description, remarks)
+    unread: list[str] = []
+    records = _imported(paths, mapping, description, remarks, unread)
     described = records[0].description
-    course = JointCourse(described, remarks=remarks)
-    course.is_dated = all(has_date(first_stamp(record)) for record in records)
+    course = JointCourse(described, remarks=remarks, unread=unread)
+    stamps = [first_stamp(record) for record in records]
+    course.is_dated = all(map(has_date, stamps))
+    if course.is_dated:
+        order = sorted(range(len(records)), key=stamps.__getitem__)
+        records = [records[number] for number in order]
     settings = PrognosisSettings()
     unit = Unit(History(*described.unit_key), settings)
     intake = Intake(described.actuator_id, WORK, described, measures_duty=False)
@@ -169,10 +182,11 @@ def _imported(
     mapping: ColumnMapping,
     description: ActuatorDescription,
     remarks: list[str],
+    unread: list[str],
 ) -> list[Imported]:
     """Return the telemetry of files, resampled to the first rate if the rates are similar.
 
-    Defects, and files without the joint, are added to the remarks.
+    Defects are added to ``remarks``, and why files were not read to both lists.
 
     Raises
     ------
@@ -189,14 +203,15 @@ def _imported(
                 ratio = record.description.sample_period / period
                 if ratio != 1.0 and abs(ratio - 1.0) < _SIMILAR_RATE:
                     record = imported_by(file, mapping, description, period)
-        except ValueError as error:
+        except (ValueError, OSError) as error:
             text = str(error)
-            remarks.append(text if str(path) in text else f"{path}: {text}")
+            unread.append(text if str(path) in text else f"{path}: {text}")
             continue
         remarks += [f"{path}: {remark}" for remark in (*file.remarks, *record.defects)]
         records.append(record)
     if not records:
-        raise ValueError("; ".join(remarks))
+        raise ValueError("; ".join(unread))
+    remarks += unread
     return records
 
 

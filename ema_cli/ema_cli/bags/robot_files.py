@@ -1,5 +1,6 @@
-"""Recordings of a robot: files in order of time, and the mapping of each of its joints."""
+"""Recordings of a robot: files in order of their names, and the mapping of each of its joints."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,8 @@ class RobotJoint(NamedTuple):
 def find_recordings(paths: Sequence[Path]) -> list[Path]:
     """Return the recordings in files and folders, in the order of their names.
 
+    Numbers in names are ordered by their values: ``run_2`` is before ``run_10``.
+
     A folder is a bag or a data set, or contains recordings.
 
     Raises
@@ -35,12 +38,18 @@ def find_recordings(paths: Sequence[Path]) -> list[Path]:
     for path in paths:
         if not path.exists():
             raise ValueError(f"{path}: there is no such file or folder")
-        inside = [path] if _is_recording(path) else sorted(filter(_is_recording, path.iterdir()))
+        inside = [path] if _is_recording(path) else list(filter(_is_recording, path.iterdir()))
         if not inside:
             suffixes = ", ".join((*BAGS, *TABLES))
             raise ValueError(f"{path}: this folder holds no recording (a bag, {suffixes})")
-        recordings += inside
+        recordings += sorted(inside, key=_numbered)
     return list(dict.fromkeys(recordings))
+
+
+def _numbered(path: Path) -> list[tuple[int, str]]:
+    """Return a key that orders numbers in names by their values."""
+    parts = re.split(r"([0-9]+)", path.name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
 def _is_recording(path: Path) -> bool:

@@ -62,7 +62,7 @@ _LIVE: Final = ("topics", "accept_after", "folder", "namespace", "assignments", 
 )
 @click.option(
     "--accept-after",
-    type=click.IntRange(0, 200),
+    type=click.IntRange(0, 60),
     default=0,
     metavar="RECORDS",
     help="Records after which a baseline is accepted; 0: by a person.",
@@ -151,7 +151,7 @@ def _attach_recordings(recorded: _Recorded, command: str, *, as_json: bool) -> N
     # Imported here: a live run needs none of it.
     from ema_cli.bags.joint_course import follow_joint
     from ema_cli.bags.robot_files import find_recordings, joints_of
-    from ema_cli.show.joint_table import joint_table, mapping_of
+    from ema_cli.show.joint_table import joint_table, mapping_of, warnings_of
 
     paths, page = find_recordings(recorded.sources), recorded.page
     if page is not None:
@@ -167,6 +167,8 @@ def _attach_recordings(recorded: _Recorded, command: str, *, as_json: bool) -> N
         click.echo(json.dumps([mapping_of(course) for course in courses], indent=2))
     else:
         click.echo("\n".join(joint_table(courses)))
+    for warning in warnings_of(courses):
+        click.echo(f"warning: {warning}", err=True)
     if page is not None:
         from ema_cli.report.joints_page import joints_page
 

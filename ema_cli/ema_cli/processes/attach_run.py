@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import shutil
 import time
 from collections.abc import Mapping, Sequence
@@ -35,6 +36,7 @@ _SETTLED_S: Final = 3.0
 _REFRESH_S: Final = 0.25
 _BRIDGE_TASK: Final = "joints"
 _MOST_RECORDED: Final = 1_000_000_000
+_RUN: Final = re.compile(r"\d{8}T\d{6}Z")
 
 
 @dataclass(frozen=True)
@@ -116,12 +118,19 @@ def run_attach(
 
 
 def _limit_size(recordings: Path) -> None:
-    """Delete the recordings of the oldest runs until all have at most ``_MOST_RECORDED`` bytes."""
-    runs = sorted(path for path in recordings.glob("*") if path.is_dir())
-    sizes = [sum(file.stat().st_size for file in run.iterdir()) for run in runs]
+    """Delete the recordings of the oldest runs until all have at most ``_MOST_RECORDED`` bytes.
+
+    Only folders with the name of a run count: the folder may contain other recordings as well.
+    """
+    runs = sorted(path for path in recordings.glob("*") if _is_run(path))
+    sizes = [sum(file.lstat().st_size for file in run.rglob("*")) for run in runs]
     for run, remaining in zip(runs, np.cumsum(sizes[::-1])[::-1], strict=True):
         if remaining > _MOST_RECORDED:
             shutil.rmtree(run)
+
+
+def _is_run(path: Path) -> bool:
+    return bool(_RUN.fullmatch(path.name)) and path.is_dir() and not path.is_symlink()
 
 
 def _commands(options: AttachOptions, folder: Path, started: str) -> dict[str, Sequence[str]]:

@@ -46,6 +46,18 @@ def joint_table(courses: Sequence[JointCourse]) -> list[str]:
     return [*lines, *reasons, *filter(None, [summary])]
 
 
+def warnings_of(courses: Sequence[JointCourse]) -> list[str]:
+    """Return why recordings were not read, and why healthy records may not be healthy."""
+    unread = list(dict.fromkeys(text for course in courses for text in course.unread))
+    doubts = [
+        f"{course.description.actuator_id}: the healthy records may not be healthy: "
+        f"{course.baseline_doubt}"
+        for course in courses
+        if course.baseline_doubt
+    ]
+    return [*unread, *doubts]
+
+
 def mapping_of(course: JointCourse) -> dict[str, Any]:
     """Return a joint as plain values for JSON; unknown numbers are null."""
     comparison = course.valid[-1].comparison if course.valid else None
