@@ -77,12 +77,12 @@ class Baselines:
         with self._lock:
             try:
                 baseline = self._of(description)
+                if baseline.is_fit_due:
+                    baseline.fit()
             except (OSError, ValueError) as error:
                 self._log.warn(description.actuator_id, _unusable_text(error), is_first=True)
                 self._actuators.show_learning(description, _unusable_text(error))
                 return
-            if baseline.is_fit_due:
-                baseline.fit()
             text = self._publish(baseline, baseline.latest_ns)
         self._actuators.show_learning(description, text)
 
