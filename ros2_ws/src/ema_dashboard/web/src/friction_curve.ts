@@ -3,13 +3,14 @@
 import type { FrictionCurve } from "./messages.ts";
 
 export interface Picture {
-  columns: (number | null)[][]; // speed, healthy 95 % and 5 %, latest, latest outside the band
+  /** Speed; healthy 95 % and 5 % and latest, backward then forward; latest outside the band. */
+  columns: (number | null)[][];
   covered: number; // speeds of the latest record
   judged: number; // of these, speeds that the healthy records cover
   outside: number;
 }
 
-/** Columns of the plot, with a gap between the directions. */
+/** Columns of the plot. The directions are apart: no line leads from one to the other. */
 export function picture(curve: FrictionCurve): Picture {
   const rows = Array.from(curve.speed, (speed, i) => ({
     speed, low: curve.healthy_low[i]!, high: curve.healthy_high[i]!, latest: curve.latest[i]!,
@@ -17,14 +18,14 @@ export function picture(curve: FrictionCurve): Picture {
   const covered = rows.filter(({ latest }) => Number.isFinite(latest));
   const judged = covered.filter(({ low, high }) => Number.isFinite(low) && Number.isFinite(high));
   const isOutside = ({ latest, low, high }: (typeof rows)[number]) => latest < low || latest > high;
-  const forward = rows.findIndex(({ speed }) => speed > 0);
-  if (forward > 0) rows.splice(forward, 0, { speed: 0, low: NaN, high: NaN, latest: NaN });
   const column = (of: (row: (typeof rows)[number]) => number) =>
     rows.map((row) => (Number.isFinite(of(row)) ? of(row) : null));
   return {
     columns: [
-      rows.map(({ speed }) => speed), column(({ high }) => high), column(({ low }) => low),
-      column(({ latest }) => latest), column((row) => (isOutside(row) ? row.latest : NaN)),
+      rows.map(({ speed }) => speed),
+      ...[-1, 1].flatMap((sign) => (["high", "low", "latest"] as const).map((name) =>
+        column((row) => (Math.sign(row.speed) === sign ? row[name] : NaN)))),
+      column((row) => (isOutside(row) ? row.latest : NaN)),
     ],
     covered: covered.length,
     judged: judged.length,

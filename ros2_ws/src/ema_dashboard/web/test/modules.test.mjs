@@ -138,14 +138,16 @@ test("the friction trend follows a history: replaced, extended, and cut at a see
   assert.ok(change.every((value, i) => !i || value > change[i - 1]));
 });
 
-test("friction over speed has a gap at rest, and counts what lies outside the band", () => {
+test("friction over speed has no line between the directions, and counts what lies outside the band", () => {
   const { columns, covered, judged, outside } = picture({
     speed: Float64Array.of(-2, -1, 1, 2), healthy_low: Float64Array.of(-1.1, -1.1, 0.9, NaN),
     healthy_high: Float64Array.of(-0.9, -0.9, 1.1, NaN), latest: Float64Array.of(NaN, -1.5, 1, 1.2),
   });
   assert.deepEqual(columns, [
-    [-2, -1, 0, 1, 2], [-0.9, -0.9, null, 1.1, null], [-1.1, -1.1, null, 0.9, null],
-    [null, -1.5, null, 1, 1.2], [null, -1.5, null, null, null],
+    [-2, -1, 1, 2],
+    [-0.9, -0.9, null, null], [-1.1, -1.1, null, null], [null, -1.5, null, null],
+    [null, null, 1.1, null], [null, null, 0.9, null], [null, null, 1, 1.2],
+    [null, -1.5, null, null],
   ]);
   assert.deepEqual([covered, judged, outside], [3, 2, 1]);
 });

@@ -2,7 +2,7 @@
 
 import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
-import { dateTime, significant, unit as behind } from "../format.ts";
+import { dateTime } from "../format.ts";
 import { picture } from "../friction_curve.ts";
 import { type ActuatorDescription, type FrictionCurve, seconds } from "../messages.ts";
 import { Section } from "./parts.tsx";
@@ -14,15 +14,18 @@ export function FrictionOverSpeed({ curve, description }: {
   const built = useMemo(() => curve && picture(curve), [curve]);
   if (!curve || !built || built.covered === 0) return null;
   const speedUnit = description && description.lead > 0 ? "m/s" : "rad/s";
-  const value = (_: uPlot, v: number | null) =>
-    (v === null ? "–" : significant(v, 3) + behind(curve.unit));
   const series: uPlot.Series[] = [
-    { label: "healthy, 95 %", stroke: "interval", width: 1, points: { show: false }, value },
-    { label: "healthy, 5 %", stroke: "interval", width: 1, points: { show: false }, value },
-    { label: "latest record", stroke: "data", width: 2.5, points: { show: true, size: 6, fill: "data" }, value },
+    ...["backward", "forward"].flatMap((direction): uPlot.Series[] => [
+      { label: `healthy, 95 %, ${direction}`, stroke: "interval", width: 1, points: { show: false } },
+      { label: `healthy, 5 %, ${direction}`, stroke: "interval", width: 1, points: { show: false } },
+      {
+        label: `latest record, ${direction}`, stroke: "data", width: 2.5,
+        points: { show: true, size: 6, fill: "data" },
+      },
+    ]),
     {
       label: "outside the band", stroke: "limit", width: 0,
-      points: { show: true, size: 10, fill: "card", width: 2 }, value,
+      points: { show: true, size: 10, fill: "card", width: 2 },
     },
   ];
   const outside = built.judged === 0 ? "the healthy records do not cover these speeds"
@@ -33,7 +36,7 @@ export function FrictionOverSpeed({ curve, description }: {
       <p class="soft">{outside}</p>
       <Plot label={`Friction over speed of the latest record: ${outside}`} height={300}
         x={`speed [${speedUnit}]`} y={`friction [${curve.unit}]`} series={series} data={built.columns as uPlot.AlignedData}
-        bands={[{ series: [1, 2], fill: "band" }]} legend={false} draw={directions} />
+        bands={[{ series: [1, 2], fill: "band" }, { series: [4, 5], fill: "band" }]} legend={false} draw={directions} />
     </Section>
   );
 }
