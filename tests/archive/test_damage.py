@@ -228,7 +228,7 @@ def test_unit_whose_newest_bag_is_cut_is_not_ok(ema, two_tests: Path, tmp_path: 
     ema("archive", "scan", archive, two_tests)
     result = ema("archive", "run", archive, *HERE)
     assert result.exit_code == 3
-    assert "0 damaged, 1 read in part, 0 could not be read" in result.stdout
+    assert "0 damaged, 1 read in part, 0 unreadable" in result.stdout
     _, [(_, level, last, reason)] = answer(archive, LEVELS)
     assert (level, last) == ("STALE", "OK")
     assert reason.startswith(f"later tests may be lost: {cut} can be read only in part: it is")

@@ -154,7 +154,7 @@ def test_bags_that_cannot_be_used_are_rows_with_their_reason(ema, fleet, tmp_pat
     ema("archive", "scan", folder, fleet / "unit_0")
     result = ema("archive", "run", folder, *HERE)
     assert result.exit_code == 3
-    assert "2 damaged, 0 read in part, 0 could not be read" in result.stdout
+    assert "2 damaged, 0 read in part, 0 unreadable" in result.stdout
     question = "select bag, reason from refused where what = 'damaged' order by bag"
     _, rows = answer(folder, question)
     assert [Path(bag).name for bag, _ in rows] == ["empty.mcap", "none.mcap"]

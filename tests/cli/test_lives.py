@@ -91,11 +91,11 @@ def test_each_life_is_that_of_a_unit_which_its_calibration_fits(ema, two_lives):
     assert "serial number" not in result.stderr
     both = ema("predict", folder / "life_0000", folder / "life_0001")
     assert both.exit_code == 1
-    for part in (*names, "a prognosis is for one unit"):
+    for part in (*names, "expected bags of a single unit"):
         assert part in both.stderr
     above = ema("predict", folder)
     assert above.exit_code == 1
-    assert f"{folder / 'life_0000'}, {folder / 'life_0001'}: give one of these" in above.stderr
+    assert f"{folder / 'life_0000'}, {folder / 'life_0001'}: select one of these" in above.stderr
 
 
 def test_estimates_hold_truth_and_covariance(ema, tmp_path, short):

@@ -133,7 +133,9 @@ def test_predictions_so_far_are_reported_with_the_fault_that_ends_life():
     assert friction.calibration_ahead < 1.5
     assert 1.0 <= friction.widening < 1.3
     assert math.isnan(next(iter(message.requirements)).widening)
-    [line] = [one for one in summary(course, message) if one.startswith("predictions so far")]
+    [line] = [
+        one for one in summary(course, message) if one.startswith("calibration of predictions")
+    ]
     assert f"friction {friction.calibration:.2f} for the next test" in line
     assert f"{friction.calibration_ahead:.2f} for 20 tests ahead" in line
 
@@ -290,7 +292,7 @@ def test_two_actuators_are_refused_by_name_unless_one_is_chosen(ema, written):
     record = read_unit([one, other], ReadingOptions("rudder"))
     assert record.description.actuator_id == "rudder"
     assert len(record.windows) == 1
-    assert "passed over" in record.remarks[0]
+    assert "skipped" in record.remarks[0]
 
 
 def test_two_bags_whose_windows_overlap_are_refused(ema, tmp_path):
@@ -364,7 +366,7 @@ def test_folder_without_a_bag_reports_which_of_its_folders_hold_some(tmp_path):
     named = ", ".join(str(tmp_path / f"life_{number}") for number in (0, 2, 3))
     with pytest.raises(ValueError, match="folder without bags") as refused:
         find_bags([tmp_path])
-    assert f"{named} and 1 more: give one of these" in str(refused.value)
+    assert f"{named} and 1 more: select one of these" in str(refused.value)
 
 
 def test_calibration_next_to_the_bags_is_that_of_the_unit(ema, written, tmp_path):

@@ -119,7 +119,9 @@ def test_plot_is_refused_because_there_is_no_model(ema, folder):
     bag = folder / "worn.mcap"
     drawn = ema("plot", bag, *options(folder), "--window", "0", "-o", folder / "fit.png")
     assert drawn.exit_code == 1
-    assert "a controller that is not modelled: there is no model to compare or draw" in drawn.stderr
+    assert (
+        "a calibration for an unknown drive, which has no model to compare or draw" in drawn.stderr
+    )
     assert "use `ema estimate` or `ema report`" in drawn.stderr
 
 
