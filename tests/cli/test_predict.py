@@ -358,7 +358,7 @@ def test_impossible_usage_is_reported_and_not_used(tmp_path):
 def test_folder_without_a_bag_reports_which_of_its_folders_hold_some(tmp_path):
     with pytest.raises(ValueError, match="folder without bags") as refused:
         find_bags([tmp_path])
-    assert "give one of these" not in str(refused.value)
+    assert "select one of these" not in str(refused.value)
     for number in range(5):
         (tmp_path / f"life_{number}").mkdir()
         if number != 1:
