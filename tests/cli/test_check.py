@@ -353,7 +353,7 @@ def test_doubt_with_a_sentence_is_not_in_the_table(ema, tmp_path):
     pd.DataFrame(FORMS["commanded current"][0]).to_csv(tmp_path / "log.csv", index=False)
     text = ema("check", tmp_path / "log.csv").stdout
     assert text.count("is a setpoint according to its name") == 1
-    assert "setpoint" not in text
+    assert "set point" not in text
 
 
 @pytest.mark.parametrize("version", ["v2.1", "v3.0"])
