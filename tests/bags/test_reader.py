@@ -297,7 +297,7 @@ def test_what_is_not_a_recording_is_refused(tmp_path: Path):
     with pytest.raises(ValueError, match=r"notes.mcap is not an MCAP file: it starts with b'these"):
         Bag(tmp_path / "notes.mcap")
     for content, remedy in (
-        (b"t,x\n0,1\n1,2\n", "ema import"),
+        (b"t,x\n0,1\n1,2\n", "ema check"),
         (b"SQLite format 3", "ros2 bag convert"),
     ):
         (tmp_path / "other").write_bytes(content)

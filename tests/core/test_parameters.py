@@ -107,7 +107,7 @@ def test_number_gets_the_type_of_its_default(value: Any):
         ({"trays": -1}, ["trays = -1", "[0, 4]"]),
         ({"mode": "steam"}, ["mode = 'steam'", "fan, grill"]),
         ({"mode": ""}, ["mode = ''", "fan, grill"]),
-        ({"label": 3}, ["label = 3", "text"]),
+        ({"label": 3}, ["label = 3", "string"]),
     ],
 )
 def test_impossible_value_is_refused_by_name_value_unit_and_range(

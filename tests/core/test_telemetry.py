@@ -64,7 +64,7 @@ def test_part_carries_its_own_stamp_and_index():
 @pytest.mark.parametrize(("start", "stop"), [(-2, 5), (5, 5), (0, 10_000)])
 def test_part_that_is_none_is_refused(start, stop):
     row = np.zeros(10)
-    with pytest.raises(ValueError, match=r"no part of 10 samples"):
+    with pytest.raises(ValueError, match=r"out of range: there are 10 samples"):
         Telemetry(0, 1e-4, 1, row, row, row, row).part(start, stop)
 
 

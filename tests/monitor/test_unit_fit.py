@@ -160,7 +160,7 @@ def test_example_values_that_were_left_in_a_description_are_named(description):
     strong = p.replace({"J_m": 10.0 * p.J_m, "k_t": 10.0 * p.k_t, "k_e": 10.0 * p.k_e})
     window = made_by(Deviations(), CHIRP)
     half = replace(description, parameters=strong)
-    with pytest.raises(ValueError, match="have the built-in example's values") as error:
+    with pytest.raises(ValueError, match="still have the values of the built-in example") as error:
         calibrate_model([window], half)
     named = str(error.value).partition("matter here: ")[2]
     assert {"R_s = 2.13", "GAP = 0.05"} <= set(named.split(", "))
@@ -304,7 +304,7 @@ def test_nothing_to_calibrate_on_is_refused(description):
 
 def test_windows_of_another_sample_period_are_refused(healthy_windows, description):
     resampled = changed(healthy_windows[1], sample_period=2e-4)
-    with pytest.raises(ValueError, match=r"window 1: .* 0\.0002 s, the first of 0\.0001 s"):
+    with pytest.raises(ValueError, match=r"window 1: .* 0\.0002 s, in the first window 0\.0001 s"):
         calibrate_model([healthy_windows[0], resampled], description)
 
 

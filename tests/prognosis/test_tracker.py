@@ -161,7 +161,7 @@ def test_restored_and_frozen_trackers_state_the_same_as_the_one_they_are_of():
     [
         (lambda: TrackerSettings(laws={"rust": KnownLaw()}), "unknown fault 'rust'"),
         (lambda: TrackerSettings(samples=1), "samples = 1 is outside"),
-        (lambda: KnownLaw("constant"), "law = 'constant' is unknown"),
+        (lambda: KnownLaw("constant"), "law = 'constant': expected one of"),
         (lambda: KnownLaw("power"), "shape = 0: the law power"),
         (lambda: KnownLaw("exponential"), "shape = 0: law exponential"),
     ],

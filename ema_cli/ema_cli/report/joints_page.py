@@ -96,7 +96,7 @@ def draw_friction(course: JointCourse) -> Figure:
         axes.set_xlabel("time since the first compared record [min]")
     axes.axhline(0.0, color=GREY, lw=1.0)
     axes.errorbar(times, change, [change - low, high - change], fmt="o", ms=3, lw=1.0, color=BLUE)
-    axes.set_ylabel("friction [% of healthy]")
+    axes.set_ylabel("change of friction [%]")
     tidy(axes)
     if course.is_dated:
         figure.autofmt_xdate(rotation=20)

@@ -437,7 +437,7 @@ def test_missing_columns_are_named(plain, with_play):
     lost = replace(lost, speed=np.full(len(lost), math.nan))
     result = identify_record(window(lost), described(MOTOR_SPEED), with_play)
     assert result.verdict == REFUSED
-    assert "the speed is not measured" in result.reason
+    assert "the speed is missing in some samples" in result.reason
 
 
 def test_calibration_of_another_unit_is_refused_unless_forced(plain):

@@ -35,7 +35,14 @@ def _nodes(context: LaunchContext) -> list[Node]:
         "dashboard": ("ema_dashboard", {}),
     }
     nodes = [
-        ema.node(context, name, package, further=file, parameters=values)
+        ema.node(
+            context,
+            name,
+            package,
+            further=file,
+            parameters=values,
+            respawns=name != "recorder",  # its folder must be new
+        )
         for name, (package, values) in parameters.items()
     ]
     accept_after = int(ema.value_of(context, "accept_after"))
