@@ -77,6 +77,13 @@ def test_table_has_level_since_and_change_of_friction(work):
     assert reason.startswith("wrist_2: Coulomb friction rose")
 
 
+def test_unit_of_the_effort_is_the_given_one(work, tmp_path):
+    page = tmp_path / "page.html"
+    arguments = ("--healthy", "6", "--joint", "wrist_2", "--effort-unit", "N.m")
+    assert ema("attach", work, *arguments, "--html", page).exit_code == 0
+    assert "kg.m^2" in page.read_text(encoding="utf-8")
+
+
 def test_joint_without_a_later_record_is_not_judged(work):
     result = ema("attach", work / "day_1.csv", "--healthy", "2026-11-05")
     assert result.exit_code == 3
@@ -136,7 +143,7 @@ def test_healthy_records_with_rising_friction_are_doubted(tmp_path):
     arm = RobotArm(seed=3, rate=RATE)
     write_work(tmp_path / "day.csv", arm, 36, NOV_3, ["wrist_2"], **WORN)
     result = ema("attach", tmp_path, "--healthy", "10")
-    assert "warning: wrist_2: the healthy records may not be healthy: " in result.stderr
+    assert "warning: day: the healthy records may not be healthy: " in result.stderr
 
 
 def test_other_folders_than_those_of_runs_are_never_deleted(tmp_path, monkeypatch):

@@ -162,7 +162,7 @@ def test_example_values_that_were_left_in_a_description_are_named(description):
     half = replace(description, parameters=strong)
     with pytest.raises(ValueError, match="still have the values of the built-in example") as error:
         calibrate_model([window], half)
-    named = str(error.value).partition("matter here: ")[2]
+    named = str(error.value).partition("the built-in example: ")[2]
     assert {"R_s = 2.13", "GAP = 0.05"} <= set(named.split(", "))
     assert not any(name in named for name in ("J_m", "k_t", "omega_c"))
 

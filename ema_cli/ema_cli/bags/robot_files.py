@@ -59,7 +59,10 @@ def _is_recording(path: Path) -> bool:
 
 
 def joints_of(
-    paths: Sequence[Path], mapping_file: Path | None, joints: Sequence[str]
+    paths: Sequence[Path],
+    mapping_file: Path | None,
+    joints: Sequence[str],
+    effort_unit: str | None = None,
 ) -> list[RobotJoint]:
     """Return the joints of recordings, recognised in the first recording that has any.
 
@@ -71,6 +74,8 @@ def joints_of(
         Mapping; None to recognise the columns.
     joints
         Names of the joints; empty for all.
+    effort_unit
+        Unit of the effort; None as mapped or recognised.
 
     Raises
     ------
@@ -86,13 +91,20 @@ def joints_of(
             problems.append(str(error))
             continue
         recognised = [
-            RobotJoint(item.mapping, _named(item.joint or path.stem))
+            RobotJoint(_with_unit(item.mapping, effort_unit), _named(item.joint or path.stem))
             for item in examination.joints
             if item.mapping is not None
         ]
         if recognised:
             return recognised
     raise ValueError("; ".join(problems))
+
+
+def _with_unit(mapping: ColumnMapping, effort_unit: str | None) -> ColumnMapping:
+    """Return a mapping whose effort has a unit, if one is given."""
+    if effort_unit is None or mapping.current is None:
+        return mapping
+    return replace(mapping, current=replace(mapping.current, unit=effort_unit))
 
 
 def _named(name: str) -> ActuatorDescription:

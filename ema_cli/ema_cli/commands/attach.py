@@ -106,7 +106,7 @@ def attach(
         if healthy is None:
             raise click.UsageError("--healthy is missing: which of the records are healthy?")
         _refuse_options(context, _LIVE, "is for running robots, without RECORDINGS")
-        recorded = _Recorded(sources, healthy, mapping_file, joints, html, overwrite)
+        recorded = _Recorded(sources, healthy, mapping_file, joints, effort_unit, html, overwrite)
         _attach_recordings(recorded, shlex.join(context.meta[ARGUMENTS]), as_json=as_json)
         return
     _refuse_options(context, ("healthy", "mapping_file", "html", "as_json"), "needs RECORDINGS")
@@ -142,6 +142,7 @@ class _Recorded(NamedTuple):
     healthy: HealthyUntil
     mapping_file: Path | None
     joints: tuple[str, ...]
+    effort_unit: str | None
     page: Path | None
     overwrite: bool
 
@@ -158,7 +159,7 @@ def _attach_recordings(recorded: _Recorded, command: str, *, as_json: bool) -> N
         require_free(page, paths, overwrite=recorded.overwrite, endings=(".html", ".htm"))
     courses = []
     with progress_bar() as progress:
-        joints = joints_of(paths, recorded.mapping_file, recorded.joints)
+        joints = joints_of(paths, recorded.mapping_file, recorded.joints, recorded.effort_unit)
         task = progress.add_task("comparing records", total=len(joints))
         for joint in joints:
             courses.append(follow_joint(paths, *joint, recorded.healthy))

@@ -15,7 +15,7 @@ from rich.text import Text
 from ema_cli.bags.diagnoses import quantity_of
 from ema_cli.show.terminal import COLOURS, TerminalDisplay, level_in_words
 from ema_core.causes import CauseEstimate
-from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.wording import beside_limit, counted, time_in_words
 from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.joint.wording import brief
@@ -61,12 +61,12 @@ class Row:
 
     @property
     def level_text(self) -> str:
-        """Level with its symbol; for a unit that is learning, its progress."""
-        return (
-            f"{_LEARNING_SHAPE} LEARNING {self.learning}"
-            if self.learning
-            else level_in_words(self.level)
-        )
+        """Level with its shape; progress if the unit is learning, the last alarm if it is stale."""
+        if self.learning:
+            return f"{_LEARNING_SHAPE} LEARNING {self.learning}"
+        text = level_in_words(self.level)
+        is_hidden = self.level == STALE and self.last_level in (WARN, ERROR)
+        return f"{text}, was {LEVEL_NAMES[self.last_level]}" if is_hidden else text
 
     @property
     def content(self) -> tuple[Any, ...]:

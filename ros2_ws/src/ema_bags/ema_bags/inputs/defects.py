@@ -29,6 +29,8 @@ _LEAST_STEPS: Final = 200
 _JUMP: Final = 4.0
 _SUDDEN: Final = 20.0
 _CATCHES_UP: Final = 1.5
+# Samples per update of the position, below which a modelled drive is not questioned.
+_FEW_REPEATS: Final = 1.5
 _FAR_BEYOND: Final = 2.0
 _JUMP_OF_RANGE: Final = 0.05
 _NEIGHBOURS: Final = 3
@@ -213,6 +215,8 @@ def _held(
     """
     held = find_held(columns)
     irregular = None if "position" in held else irregular_updates(columns["position"])
+    if irregular is not None and not is_unknown and irregular.mean < _FEW_REPEATS:
+        irregular = None  # the samples of a repeated table, at its update rate
     if not held and irregular is None:
         return
     rate_hz = 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)
