@@ -185,7 +185,8 @@ def assess(
         Values tracked over all tests so far, by component. The estimate is used for missing
         components, and for None.
     intermittent
-        Intermittent faults: at least WARN, and ERROR in a test that shows them beyond their limit.
+        Intermittent faults. Each raises the level to at least WARN, and to ERROR in a test that
+        shows it beyond its limit.
 
     Raises
     ------
@@ -196,15 +197,16 @@ def assess(
     -----
     The level is WARN if the lower 95 % bound of a fault exceeds a share of its limit, or if the
     estimate has departed, and ERROR if the value of a fault exceeds its limit. A fault is STALE if
-    no recent test has shown it, or if its upper 95 % bound exceeds the limit. For a modelled drive,
+    no recent test could determine it, or if its upper 95 % bound exceeds the limit. For a modelled drive,
     OK requires every fault: if a fault is STALE, the level is STALE and the health index unknown,
     unless the level is WARN or ERROR. The direction of eccentricity is not a fault.
 
-    The confidence is the share of faults that the estimate and recent tests show. If the goodness
-    of fit exceeds half its limit, the confidence is reduced by the excess or by the unexplained
-    share, whichever reduces it less; at both limits it is zero. If the estimate and the tracker
-    both find a fault healthy, the smaller sigma is used. A value that is held back until the next
-    test is WARN if it would be WARN or ERROR by itself.
+    The confidence is the share of faults that the estimate and recent tests can determine. If the
+    goodness of fit, where larger is worse, exceeds half its limit, the confidence is reduced by
+    this excess or by the unexplained share, whichever gives the smaller reduction. It is zero if
+    both are at their limits. If the estimate and the tracker both find a fault healthy, the smaller
+    sigma is used. A value that is held back until the next test is WARN if it would be WARN or
+    ERROR by itself.
 
     A hidden cause beyond its usual range, or in a window that fits poorly, gives a WARN
     (`unusual_causes`). A torque constant below its healthy value counts as a loss of torque per

@@ -436,9 +436,10 @@ class Unit:
             return tests, left_out
 
     def forecaster(self, outlook: Outlook) -> Forecaster | None:
-        """Return a forecaster of the faults after an outlook, independent of later tests.
+        """Return a forecaster of the faults as they were at an outlook.
 
-        The result is None if a later test has been added since the outlook.
+        Tests that are added later do not change it. The result is None if a test has been added
+        since the outlook.
         """
         with self._lock:
             latest, tracker = self.growth.service.latest, self.growth.tracker

@@ -1,4 +1,4 @@
-"""Sources of runs: the thesis, or our models, each with and without the thesis's own code."""
+"""Sources of runs: the printed tables, and each model with this project's or the thesis's code."""
 
 from typing import Final
 

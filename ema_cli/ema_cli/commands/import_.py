@@ -54,8 +54,8 @@ def import_(
     """Convert third-party telemetry in each FILE to a bag that all other commands read.
 
     A FILE is a table (CSV, Parquet, .npz), a bag of rosbag2, or the folder of a LeRobot data set.
-    `ema check` recognises the columns and writes the file for --mapping. What is wrong with units,
-    signs, ratio or stamps is named before anything is written.
+    `ema check` recognises the columns and writes the file for --mapping. Wrong units, signs,
+    ratios or time stamps are reported, and nothing is written unless --accept-defects is given.
     """
     is_asked = guide or bool(entries)
     if is_asked and mapping_file is not None:

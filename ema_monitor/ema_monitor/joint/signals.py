@@ -94,11 +94,11 @@ class Signals:
         return len(self.effort)
 
     def pieces(self, direction: int) -> int:
-        """Return the number of strokes in a direction, 1 or -1; long strokes count once per 2 s."""
+        """Return the number of strokes in ``direction``, 1 or -1; a long one counts once per 2 s."""
         return len(self._numbers(direction))
 
     def strokes(self, direction: int) -> int:
-        """Return the number of strokes in a direction, 1 or -1."""
+        """Return the number of strokes in ``direction``, which is 1 or -1."""
         # Numbers of consecutive strokes differ by 2 or more, numbers of pieces of a stroke by 1.
         numbers = self._numbers(direction)
         return int(np.count_nonzero(np.diff(numbers) > 1)) + (len(numbers) > 0)

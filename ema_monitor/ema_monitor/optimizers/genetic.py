@@ -27,8 +27,8 @@ class GeneticAlgorithm(Population):
     A mutant is one step away from its parent in a random direction, clipped to the box. The step
     rule of Matlab's adaptive feasible mutation is not published. Here the initial step is half the
     width of the box. The step is multiplied by 1.5 after a generation with a new best point, and
-    divided by 1.5 otherwise, within 1e-6 and 1 width. This is a success rule similar to
-    Rechenberg's (1973), in equilibrium if every other generation improves.
+    divided by 1.5 otherwise, but stays between 1e-6 and 1 times the width. This is a success rule
+    similar to Rechenberg's (1973), in equilibrium if every other generation improves.
 
     Parameters and errors are as in `Population`.
 

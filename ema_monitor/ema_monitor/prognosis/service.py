@@ -187,7 +187,9 @@ class ServiceHours:
         Parameters
         ----------
         cycles
-            Number of test cycles up to the test. hours_per_cycle Flight hours per test cycle [h].
+            Number of test cycles up to the test.
+        hours_per_cycle
+            Flight hours per test cycle [h].
         """
         if not self.used:
             # A unit without known service hours counts as new.
@@ -230,7 +232,7 @@ class ServiceHours:
         ]
 
     def _check(self, test: TimedTest) -> list[Finding]:
-        """Use a test with a new count, or hold the test back until the next count."""
+        """Use a test if its service hours are plausible; else hold it back until the next count."""
         held = self._held
         if not self.used or self._is_plausible(self.used[-1], test):
             self._accept(test)

@@ -156,10 +156,10 @@ def known_law(fault: str, written: str) -> KnownLaw:
     fault
         Component of the fault vector.
     written
-        ``LAW[:RATE[:SHAPE]]``: the law; its median rate a [1/h], or time scale c [h] for ``power``;
-        and its second parameter, x_0, b or p [-], or s [1/sqrt(h)] for ``drift``. ``linear`` has no
-        second parameter. Without parameters, the law must match the fault's law in
-        ``NOMINAL_LAWS``, whose parameters are then used.
+        ``LAW[:RATE[:SHAPE]]``. RATE is the median rate a [1/h]; for ``power``, it is the time scale
+        c [h]. SHAPE is the second parameter of the law: x_0, b or p [-]; for ``drift``, s
+        [1/sqrt(h)]; ``linear`` has none. LAW alone is allowed only if it is the fault's law in
+        ``NOMINAL_LAWS``; the parameters are then taken from there.
 
     Raises
     ------

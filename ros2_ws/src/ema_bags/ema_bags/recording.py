@@ -173,7 +173,7 @@ class Recording(ABC):
         topics
             Names of the topics; None for all.
         first, last
-            Places of the first and last message; None for no limit.
+            Places of the first and last message to read, inclusive; None for no limit.
 
         Raises
         ------

@@ -142,7 +142,7 @@ class AngleSource(_ShaftSource):
 
 @dataclass(frozen=True)
 class SpeedSource(_ShaftSource):
-    """Source of the speed."""
+    """Column or message field with the measured speed of the user shaft or the motor."""
 
     unit: str = text("rad/s", "unit of the source", (*SPEEDS, *LINEAR_SPEEDS))
     shaft: str = text("motor", "shaft of the speed", SHAFTS)
