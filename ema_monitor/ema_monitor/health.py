@@ -197,9 +197,9 @@ def assess(
     -----
     The level is WARN if the lower 95 % bound of a fault exceeds a share of its limit, or if the
     estimate has departed, and ERROR if the value of a fault exceeds its limit. A fault is STALE if
-    no recent test could determine it, or if its upper 95 % bound exceeds the limit. For a modelled drive,
-    OK requires every fault: if a fault is STALE, the level is STALE and the health index unknown,
-    unless the level is WARN or ERROR. The direction of eccentricity is not a fault.
+    no recent test could determine it, or if its upper 95 % bound exceeds the limit. For a modelled
+    drive, OK requires every fault: if a fault is STALE, the level is STALE and the health index
+    unknown, unless the level is WARN or ERROR. The direction of eccentricity is not a fault.
 
     The confidence is the share of faults that the estimate and recent tests can determine. If the
     goodness of fit, where larger is worse, exceeds half its limit, the confidence is reduced by

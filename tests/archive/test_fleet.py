@@ -146,7 +146,7 @@ def test_figures_of_a_fleet(archive):
 
 def test_a_fleet_without_tests_has_a_summary(tmp_path):
     archive = tmp_path / "archive"
-    with pytest.raises(ValueError, match="is no archive"):
+    with pytest.raises(ValueError, match="is not an archive"):
         fleet_summary(archive)
     with Store(archive, is_new=True):
         pass

@@ -30,6 +30,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.reports import health_report
 from ema_ros import topics
 from ema_ros.stamps import stamp_to_message
 from ema_sim.actuator import SimulatedActuator
@@ -133,11 +134,15 @@ def predicted(path: Path, prognosis: PrognosisSettings):
 def rows_of(steps) -> dict[str, list[str]]:
     """Estimates and health as the texts of rows, which show every bit."""
     estimates = [estimate_row(estimate, number) for number, (estimate, _) in enumerate(steps)]
-    health = [health_row(outlook, estimate.calibration_id) for estimate, outlook in steps]
+    reports = [health_report(outlook, UNIT.unit_key) for _, outlook in steps]
+    health = [
+        health_row(report, estimate.calibration_id)
+        for report, (estimate, _) in zip(reports, steps, strict=True)
+    ]
     return {
         "estimates": as_texts(estimates, BAG_TABLES["estimates"]),
         "health": as_texts(health, HEALTH),
-        "growth": sorted(repr(plain(row)) for row in growth_rows(steps[-1][1])),
+        "growth": sorted(repr(plain(row)) for row in growth_rows(reports[-1])),
     }
 
 
@@ -146,8 +151,8 @@ def as_texts(rows: list[dict], schema: pa.Schema) -> list[str]:
 
 
 def plain(row: dict) -> dict:
-    """A row without its provenance and place."""
-    return {name: value for name, value in row.items() if name not in PROVENANCE}
+    """A row without its provenance and place, its columns sorted by name."""
+    return {name: value for name, value in sorted(row.items()) if name not in PROVENANCE}
 
 
 @pytest.fixture(scope="module")

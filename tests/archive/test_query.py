@@ -54,7 +54,7 @@ def test_question_that_is_none_or_reaches_outside_is_refused(whole, question, me
 @pytest.mark.slow
 @pytest.mark.parametrize("what", ["worst_first", "select serial_number, level from units"])
 def test_export_writes_what_a_query_gives(ema, whole, tmp_path, what):
-    for name in ("export.csv", "told.parquet"):
+    for name in ("export.csv", "export.parquet"):
         result = ema("archive", "export", whole, what, "-o", tmp_path / name)
         assert (result.exit_code, result.stdout) == (0, f"{tmp_path / name}: 2 rows\n")
     table = pq.read_table(tmp_path / "export.parquet")
@@ -65,7 +65,7 @@ def test_export_writes_what_a_query_gives(ema, whole, tmp_path, what):
     again = ema("archive", "export", whole, what, "-o", tmp_path / "export.csv")
     assert again.exit_code == 1
     assert "already exists: use --replace to overwrite it" in again.stderr
-    for name in ("export.csv", "told.parquet"):
+    for name in ("export.csv", "export.parquet"):
         # Also what a killed export left does not hinder it.
         (tmp_path / f"{name}.partial").write_text("left")
         forced = ema("archive", "export", whole, "units", "-o", tmp_path / name, "--replace")

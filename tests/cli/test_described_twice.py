@@ -24,7 +24,7 @@ def test_file_is_not_used_next_to_a_description_and_the_warning_names_what_diffe
     result = ema("info", bag, "--actuator", unit)
     assert result.exit_code == 0
     for part in (
-        f"{unit} is not used",
+        f"{unit} is ignored",
         "R_s 2.13 ohm in the bag, 1.9 ohm in the file",
         "serial_number SIM-0001 in the bag, 4711 in the file",
         "--accept-defects",

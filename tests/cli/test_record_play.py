@@ -95,7 +95,7 @@ def test_history_plot_is_next_to_the_bag_and_names_the_actuators_there_are(ema, 
     assert replayed.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
     result = ema("plot", replayed, "--replace", "--history", "--actuator-id", "rudder")
     assert result.exit_code == 1
-    assert "no estimates of actuator 'rudder', but of flap" in result.stderr
+    assert "no estimates of actuator 'rudder', only of flap" in result.stderr
 
 
 def test_options_become_parameters_of_the_nodes(monkeypatch, ema):

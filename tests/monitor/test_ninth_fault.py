@@ -21,7 +21,7 @@ ENTRY = """    Fault(
     ),
 """
 CHANGES = (
-    (')\n"""The components in the order', ENTRY + ')\n"""The components in the order'),
+    (')\n"""Components of the fault vector', ENTRY + ')\n"""Components of the fault vector'),
     (
         "    gain: float\n\n    @classmethod",
         "    gain: float\n    viscosity: float\n\n    @classmethod",

@@ -88,4 +88,4 @@ def test_an_estimate_of_later_motion_ends_a_defect():
     )
     for last, is_open in ((39, True), (40, False)):
         unit.record(Diagnosed(3, last, FLAP, estimate), unknown_outlook("no test"), Moment(0, 0))
-        assert ("impossible" in unit_tasks(unit, 0)[0].message) == is_open
+        assert ("invalid description" in unit_tasks(unit, 0)[0].message) == is_open

@@ -94,7 +94,7 @@ class Signals:
         return len(self.effort)
 
     def pieces(self, direction: int) -> int:
-        """Return the number of strokes in ``direction``, 1 or -1; a long one counts once per 2 s."""
+        """Return the number of strokes in ``direction``, 1 or -1; a long one counts per 2 s."""
         return len(self._numbers(direction))
 
     def strokes(self, direction: int) -> int:
