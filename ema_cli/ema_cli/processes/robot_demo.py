@@ -16,7 +16,7 @@ ACCEPT_AFTER: Final = 4
 """Number of healthy records after which the demo accepts a baseline."""
 
 # A record has two cycles, and all records are analysed.
-_ASSIGNMENTS: Final = ("record_interval_s:=0.0", "record_s:=35.0")
+_ASSIGNMENTS: Final = ("record_interval_s:=0.0", "record_s:=44.0")
 
 
 def run_robot_demo(
