@@ -81,7 +81,7 @@ def attached(folder: Path, healthy: str) -> dict[str, Any]:
 
 
 def wear_case(case: tuple[int, str]) -> dict[str, Any]:
-    """Return the outcome of a unit of the arm, one joint of which wears."""
+    """Return the outcome for an arm with one wearing joint."""
     seed, joint = case
     arm = RobotArm(seed=seed, rate=RATE)
     work = WorkSettings(healthy_cycles=0)

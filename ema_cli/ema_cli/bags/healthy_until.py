@@ -30,7 +30,7 @@ class HealthyUntil:
         Raises
         ------
         ValueError
-            If the text is none of these.
+            If the text is not a time, a duration or a number of records.
         """
         text = text.strip()
         if text.isdecimal() and len(text) <= 6 and int(text):

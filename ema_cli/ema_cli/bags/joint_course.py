@@ -9,7 +9,7 @@ from ema_bags.inputs.files import open_input
 from ema_bags.inputs.importing import Imported
 from ema_bags.inputs.mapping import ColumnMapping
 from ema_cli.bags.healthy_until import HealthyUntil
-from ema_cli.bags.records import imported_by
+from ema_cli.bags.records import differs_slightly, imported_by
 from ema_core.dates import has_date, moment
 from ema_core.description import ActuatorDescription
 from ema_core.levels import STALE
@@ -29,7 +29,6 @@ from ema_monitor.windows.trigger import Defect, TriggerSettings
 from ema_monitor.windows.window import Window
 
 _PAUSE_NS: Final = 6_000_000_000  # longer than the rest that ends a record
-_SIMILAR_RATE: Final = 0.1
 
 WORK: Final = TriggerSettings(record_s=40.0, record_rest_s=20.0)
 """Settings for records of ordinary work, as in ``attach.yaml`` of ema_bringup: a record has several
@@ -142,7 +141,7 @@ def follow_joint(
     records = _imported(paths, mapping, description, remarks, unread)
     described = records[0].description
     course = JointCourse(described, remarks=remarks, unread=unread)
-    stamps = [first_stamp(record) for record in records]
+    stamps = [_first_stamp(record) for record in records]
     course.is_dated = all(map(has_date, stamps))
     if course.is_dated:
         order = sorted(range(len(records)), key=stamps.__getitem__)
@@ -171,7 +170,7 @@ def follow_joint(
     return course
 
 
-def first_stamp(record: Imported) -> int:
+def _first_stamp(record: Imported) -> int:
     """Return the first stamp of an imported recording [ns]; 0 if it has no samples."""
     first = next(iter(record.blocks()), None)
     return 0 if first is None else first.stamp_ns
@@ -200,8 +199,7 @@ def _imported(
             record = imported_by(file, mapping, description)
             if records:
                 period = records[0].description.sample_period
-                ratio = record.description.sample_period / period
-                if ratio != 1.0 and abs(ratio - 1.0) < _SIMILAR_RATE:
+                if differs_slightly(record.description.sample_period, period):
                     record = imported_by(file, mapping, description, period)
         except (ValueError, OSError) as error:
             text = str(error)

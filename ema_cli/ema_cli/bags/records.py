@@ -114,6 +114,11 @@ def read_record(
     return imported
 
 
+def differs_slightly(sample_period: float, expected: float) -> bool:
+    """Return whether a sample period differs only as the clocks of two loggers do."""
+    return sample_period != expected and abs(sample_period / expected - 1.0) < _SIMILAR_RATE
+
+
 def read_records(
     sources: Sequence[InputFile],
     mapping: ColumnMapping,
@@ -138,7 +143,7 @@ def read_records(
     period = records[0].description.sample_period
     for number, record in enumerate(records):
         h = record.description.sample_period
-        if h != period and abs(h / period - 1.0) < _SIMILAR_RATE:
+        if differs_slightly(h, period):
             source = sources[number]
             records[number] = imported_by(source, mapping, description, period)
             click.echo(

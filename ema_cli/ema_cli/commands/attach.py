@@ -149,7 +149,7 @@ class _Recorded(NamedTuple):
 
 def _attach_recordings(recorded: _Recorded, command: str, *, as_json: bool) -> None:
     """Print the joints of recordings, and exit with 3 if a joint is not judged."""
-    # Imported here: a live run needs none of it.
+    # Imported here, since only recordings need these modules.
     from ema_cli.bags.joint_course import follow_joint
     from ema_cli.bags.robot_files import find_recordings, joints_of
     from ema_cli.show.joint_table import joint_table, mapping_of, warnings_of

@@ -4,20 +4,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ema_core.description import ActuatorDescription
-from ema_core.wording import counted
+from ema_core.wording import counted, text_table
 
 _HEADINGS = ("joint", "rate", "effort", "speed", "command", "can be judged")
 
 
 @dataclass(frozen=True)
 class JointList:
-    """Joints of robots, shown as a table of text."""
+    """Joints of robots, shown as a plain table or as lines."""
 
     joints: Sequence[ActuatorDescription]
     """Descriptions of the joints."""
 
     def __str__(self) -> str:
-        return "\n".join([counted(len(self.joints), "joint"), *self._table()])
+        rows = map(_row, sorted(self.joints, key=lambda unit: unit.actuator_id))
+        return f"{counted(len(self.joints), 'joint')}\n{text_table(_HEADINGS, list(rows))}"
 
     @property
     def lines(self) -> list[str]:
@@ -25,14 +26,6 @@ class JointList:
         return [
             f"{name}: {rate}, effort {effort}, speed {speed}, command {command}: {judged}"
             for name, rate, effort, speed, command, judged in map(_row, self.joints)
-        ]
-
-    def _table(self) -> list[str]:
-        rows = [_HEADINGS, *map(_row, sorted(self.joints, key=lambda unit: unit.actuator_id))]
-        widths = [max(len(row[i]) for row in rows) for i in range(len(_HEADINGS))]
-        return [
-            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-            for row in rows
         ]
 
 

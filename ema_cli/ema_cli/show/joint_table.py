@@ -7,7 +7,7 @@ from ema_cli.bags.joint_course import JointCourse
 from ema_cli.show.terminal import level_in_words
 from ema_core.dates import moment
 from ema_core.levels import LEVEL_NAMES, STALE
-from ema_core.wording import counted
+from ema_core.wording import counted, text_table
 from ema_monitor.identification.estimate import Estimate, plain
 from ema_monitor.joint.comparison import FRICTION, QUANTITIES, Judgement, QuantityChange
 from ema_monitor.joint.wording import smallest_text
@@ -32,12 +32,7 @@ def row_of(course: JointCourse) -> tuple[str, ...]:
 
 def joint_table(courses: Sequence[JointCourse]) -> list[str]:
     """Return the table as lines, with the reason of each level that is not OK below it."""
-    rows = [HEADINGS, *map(row_of, courses)]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(HEADINGS))]
-    lines = [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
+    lines = text_table(HEADINGS, list(map(row_of, courses))).splitlines()
     reasons = [
         f"{course.description.actuator_id}: {course.reason}" for course in courses if course.reason
     ]
