@@ -415,6 +415,10 @@ def test_arrays_of_a_numpy_archive_are_joints(ema, tmp_path):
     assert "has no two arrays of the same length" in ema("check", tmp_path / "none.npz").stderr
     (tmp_path / "torn.npz").write_bytes(b"PK\3\4 torn")
     assert "is not a NumPy archive" in ema("check", tmp_path / "torn.npz").stderr
+    np.savez(tmp_path / "good.npz", q=np.zeros(4), t=np.zeros(4))
+    damaged = (tmp_path / "good.npz").read_bytes().replace(b"{'descr': '<f8'", b"{'descr': '<f8\"")
+    (tmp_path / "damaged.npz").write_bytes(damaged)
+    assert "is not a NumPy archive" in ema("check", tmp_path / "damaged.npz").stderr
 
 
 def joint_state(bag: OtherBag, names: list[str], columns: dict[str, Any], row: int, at_ns: int):

@@ -7,7 +7,7 @@ import zlib
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import IO, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,7 @@ _DAMAGES: Final = (
     zipfile.BadZipFile,
     zlib.error,
 )
-"""Errors of ``numpy.load`` for a damaged file."""
+"""Errors of :mod:`zipfile` and ``numpy.load`` for a damaged file."""
 
 _ANGLES: Final = ("command", "position")
 """Columns that are stored relative to the first position: a multi-turn angle exceeds float32."""
@@ -161,7 +161,17 @@ def _arrays(window: Window) -> dict[str, Any]:
 
 
 def _window(path: Path) -> Window:
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+    """Read a record; its checksums are verified before any array header is parsed."""
+    with path.open("rb") as file:
+        with zipfile.ZipFile(file) as members:
+            if damaged := members.testzip():
+                raise zipfile.BadZipFile(f"{path}: checksum of {damaged} is wrong")
+        file.seek(0)
+        return _decoded(file)
+
+
+def _decoded(file: IO[bytes]) -> Window:
+    with np.load(file, allow_pickle=False) as arrays:
         origin = float(arrays["origin"])
         columns = {name: arrays[name].astype(np.float64) for name in COLUMNS}
         for name in _ANGLES:

@@ -1,6 +1,5 @@
 """Columns from arrays: NumPy archives, and arrays of equal length in the rows of a table."""
 
-import zipfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -32,6 +31,8 @@ def read_archive(path: Path, table: Table) -> StoredTable:
     ------
     ValueError
         If the file is not an archive, or no two arrays have the same length.
+    OSError
+        If the file cannot be read.
     """
     arrays: dict[str, NDArray[Any]] = {}
     try:
@@ -43,7 +44,9 @@ def read_archive(path: Path, table: Table) -> StoredTable:
                     continue
                 if array.dtype.kind in _NUMBERS and array.ndim in (1, 2) and array.size:
                     arrays[name] = np.squeeze(array)
-    except (zipfile.BadZipFile, ValueError, EOFError) as error:
+    except OSError:
+        raise
+    except Exception as error:  # numpy and zipfile raise many types for damaged archives
         raise ValueError(f"{path} is not a NumPy archive (.npz): {error}") from error
     lengths = Counter(
         max(array.shape) if array.ndim == 2 else len(array)
