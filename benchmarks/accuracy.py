@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Accuracy of the fault estimator beside the thesis's, and how far its covariance is honest.
 
     python benchmarks/accuracy.py [--json FILE] [--quick]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cost of the advice over seeded lives, beside an oracle, fixed intervals and running to failure.
 
     python benchmarks/advisory.py [--lives N] [--others N] [--json FILE]

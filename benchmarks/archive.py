@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An archive at work: time and memory by its size, speed-up, queries, killed workers.
 
     python archive.py [--full] [--only PART] [--json FILE]

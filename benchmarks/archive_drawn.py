@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tests of a fleet that are drawn instead of recorded; workers import this."""
 
 import json

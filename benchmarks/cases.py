@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Validation windows of the fault estimator, each reproducible from its case.
 
 The pulse-width modulation of the reference actuator is chaotic but deterministic: two runs from

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A benchmark of another commit and of the working tree side by side, in turns.
 
     python commits.py COMMIT SCRIPT [--turns 3] [ARGUMENTS OF THE SCRIPT]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What clients of the dashboard cost the graph: by how much `health` is later because of them.
 
     python benchmarks/dashboard.py [--rounds N] [--tests N] [--json FILE]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Departures of test windows from the healthy windows of their unit, by cause and by day (M47).
 
     python benchmarks/departures.py [--json FILE] [--healthy N] [--each N]

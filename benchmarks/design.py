@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a test shows what was promised before it, and how short a designed one is.
 
     python benchmarks/design.py [--json FILE] [--quick]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Accuracy with a sinusoidal motor under field-oriented control, beside six-step commutation.
 
     python benchmarks/field_oriented.py [--json FILE] [--quick]

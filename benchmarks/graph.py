@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A graph of nodes as processes in a domain of its own, and what listens to it."""
 
 import os

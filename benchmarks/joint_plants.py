@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joints of other makes for joints.py: their physics, their controllers, and their recorded logs.
 
 ``ema_sim.robot.joint`` simulates them. A unit of a joint is drawn by its seed. Its healthy records

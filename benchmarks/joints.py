@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well the route for unknown drives judges joints of other makes, beside least squares.
 
     python benchmarks/joints.py [--quick] [--joints A,B] [--seeds N] [--json FILE] [--folder FOLDER]

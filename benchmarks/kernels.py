@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Speed of the two model kernels against C++, on this computer.
 
     python benchmarks/kernels.py [--json FILE]

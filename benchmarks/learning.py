@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Learning of a joint's baseline from the work of a simulated arm.
 
     python benchmarks/learning.py [--seed N] [--records N] [--json FILE]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples lost and latency in a live graph of three processes, read from the bags of demos.
 
     python benchmarks/live.py [--demos N] [--duration S] [--json FILE]

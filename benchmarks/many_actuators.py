@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How many actuators 1, 2 and 4 monitor processes follow, and what happens beyond.
 
     python benchmarks/many_actuators.py [--monitors 1,2,4] [--actuators 8,16,...] [--bursts N]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Processor time of one monitor that follows 100 joints of unknown drives in ordinary motion.
 
     python benchmarks/many_joints.py [--joints N] [--blocks 0.1,0.01] [--records N] [--json FILE]

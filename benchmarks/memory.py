@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Peak memory of the commands that read bags, on a bag of one minute and one of ten.
 
 python memory.py [--json FILE]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What ordinary motion tells of the faults, without any test cycle.
 
     python benchmarks/ordinary_motion.py [--json FILE] [--quick] [--plants N]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Actuators that nothing was tuned on, and what is recorded of them, by seeds.
 
 A unit is the simulator's own actuator or a foreign one (`foreign`). A window of a test cycle

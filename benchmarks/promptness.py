@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How promptly nodes end on request, and write a recording to disk.
 
     python benchmarks/promptness.py [--repeats N] [--json FILE]

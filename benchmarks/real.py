@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the commands report of records of real actuators (docs/real-data.md).
 
     python benchmarks/real.py FOLDER [--json FILE] [--picture FILE]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of docs/real-data.md from the figures of `real.py`.
 
     python benchmarks/real_document.py FIGURES [--write DOCUMENT] [--picture FILE]

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The reference actuator in scalar C++: what a step of it costs there.
 // g++ -O3 -march=native [-ffast-math] reference_step.cpp -o reference_step && ./reference_step
 //

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A monitor that begins again: time from a unit's file of many tests to its health.
 
     python resume.py [--tests 1000] [--runs 5] [--json FILE]

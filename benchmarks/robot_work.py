@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Arms at work: the wear at which a joint is named, and healthy days without a warning.
 
     python benchmarks/robot_work.py [--seeds N] [--hours H] [--json FILE]

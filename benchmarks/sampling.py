@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What rate, sampling of the current and missing columns cost: errors, verdicts and intervals.
 
     python benchmarks/sampling.py [--json FILE] [--vectors N] [--seed S]

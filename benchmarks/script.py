@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all benchmarks share: their commands, and the processes that they measure in."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults beside an error of a sensor: gain, offset or delay of current, speed or position.
 
     python benchmarks/sensor_errors.py [--json FILE] [--quick | --full] [--step PERCENT] [--seed N]

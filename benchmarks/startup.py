@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Start-up: processor and wall time of short commands, run again and again with warm caches.
 
 python startup.py [--runs 9] [--json FILE]

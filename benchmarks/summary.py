@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All targets in one table, from what the other benchmarks wrote.
 
     python benchmarks/summary.py

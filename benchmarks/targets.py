@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Targets beside what was measured, and tables of figures."""
 
 from collections.abc import Iterable, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Windows of cases identified, and the estimates beside the truth."""
 
 from collections.abc import Iterable, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the monitor can be trusted on an actuator that nothing of it was tuned on.
 
     python benchmarks/trust.py [--json FILE] [--quick | --full] [--held-out]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The unit of computing time: a window of the yardstick, hand-written SIMD in C++, on one core.
 
 Times in this unit mean the same on every processor. Needs g++.

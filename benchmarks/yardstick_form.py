@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The yardstick's form of the model through the lanes of our kernels, step by step the same.
 
 It separates the speed of the lanes from what the shipped pair form does beyond it: two more

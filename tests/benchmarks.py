@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Modules of the benchmarks, which are no package."""
 
 import importlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commands, run in the process of the test, and the sample that they read."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Environment of all tests: ROS nodes of a test see no other nodes, and messages check fields."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a test may not leave behind: DDS participants and threads of Python."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Processes that a crashed or killed worker of xdist has left."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the packages of the repository are: those of the library, and those for ROS alone."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pages that the commands write, read strictly."""
 
 from html.parser import HTMLParser

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A test file runs in one process: its fixtures are made once; nodes first, numerics in the end."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Waiting for conditions: on a busy machine everything comes, though late."""
 
 import math

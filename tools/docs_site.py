@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MkDocs hooks of `make docs`.
 
 The hooks insert the help of all commands and all message definitions, replace links to files

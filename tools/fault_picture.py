@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Draw the telemetry of the example actuator with each fault at its limit (docs/faults.png).
 
 Usage: `python tools/fault_picture.py docs/faults.png`.

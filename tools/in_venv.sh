@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Runs a command in .venv-NAME, made from requirements/NAME.lock.txt unless it is there already.
 #
 #   tools/in_venv.sh sbom python tools/sbom.py ema.cdx.json

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Compiles requirements/*.in to lock.txt, sbom.lock.txt and docs.lock.txt beside them, with the hashes of all files of each release. Arguments go to uv, e.g. --upgrade.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Generate docs/parameters.md from parameter declarations: ``python tools/parameter_page.py``."""
 
 import json

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Installs the numerics by pip where there is no ROS, reads the sample bag and identifies its faults.
 #
 #   tools/pip_check.sh        the Python of .venv; versions are those of requirements/lock.txt

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Generate docs/records.md from the definitions of estimate, health and reasons (``make records``).
 
 A field has the same name in message, JSON, history and archive. `REPRESENTED` lists the exceptions.

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Write the software bill of materials (CycloneDX 1.6, JSON) of the installation.
 
     tools/in_venv.sh sbom python tools/sbom.py ema.cdx.json

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Makes .venv, builds ros2_ws and writes activate.sh. What is done already is not done again.
 #
 #   PYTHON=python3.12 tools/setup.sh

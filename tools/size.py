@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Print the size of the repository (`make size`). The figures are for information only."""
 
 import statistics

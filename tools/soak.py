@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Run the node tests repeatedly, the last runs under CPU load.
 
     tools/soak.py [--runs 20] [--busy 10] [--processes 8] [--limit 3600] [PYTEST ARGUMENTS...]

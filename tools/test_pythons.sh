@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Sets the project up, runs `make quick` and a demo of ten seconds, with each Python that it is for.
 #
 #   tools/test_pythons.sh         # Python 3.11, 3.12 and 3.13, those installed

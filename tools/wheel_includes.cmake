@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # Read after every project() of the workspace (CMAKE_PROJECT_INCLUDE), when ROS comes from wheels.
 #
 # The wheels' exported targets name the Python and numpy headers of the machine they were built

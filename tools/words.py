@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Find words that are not plain technical English.
 
 README, docs, comments of ROS messages and string literals of Python sources are checked against

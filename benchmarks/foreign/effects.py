@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Effects that the monitor model does not have, in two sets, and plants drawn with them.
 
 ``DEVELOPMENT`` may be looked at while the monitor is made. ``HELD_OUT`` has other functional forms

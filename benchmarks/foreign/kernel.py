@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernel of the foreign actuator: currents by backward Euler, mechanics at a longer step.
 
 Electrics at ``ELECTRIC_STEP`` with the resistive drop implicit; mechanics at ``MECHANIC_STEP``

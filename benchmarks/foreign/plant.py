@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The foreign actuator: its plant and its sensors, with faults and hidden causes."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each mechanism of growth pays: the prognosis without it, on the same lives.
 
     python -m prognosis.ablation [--own N] [--developed N] [--held-out N] [--unseen N] [--thin N]

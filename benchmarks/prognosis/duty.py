@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Remaining life by damage and by hours, of friction that wears by a duty that may change.
 
     python -m prognosis.duty [--lives N] [--every N] [--json FILE]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Estimates drawn with the errors that the real estimator was measured to make.
 
 A test takes sigmas and correlations from one of the measured windows whose faults are nearest to

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How the real estimator errs along lives, measured once for the benchmark of prognosis.
 
     python -m prognosis.estimator_errors [--windows N] [--spoiled N]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simple fits and an oracle, for lives by foreign laws.
 
 The fits know which component ends life, and the time of a repair, before which they use no tests. A

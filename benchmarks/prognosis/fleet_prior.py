@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much the prognosis of a unit gains by the growth of others, and that it does not lose.
 
     python -m prognosis.fleet_prior [--fleet N] [--lives N] [--json FILE]

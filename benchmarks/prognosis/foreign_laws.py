@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Accuracy and honesty of the remaining life over lives by laws that the tracker does not have.
 
     python -m prognosis.foreign_laws [--lives N] [--constant N] [--laws SET] [--json FILE]

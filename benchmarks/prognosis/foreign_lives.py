@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lives by laws that the tracker does not have, with estimates whose errors last.
 
 Tests are 5 to 20 h apart, one in ten is missing, and the errors of successive estimates are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of growth that are not in the bank of the tracker, drawn for one life each.
 
 Everything is in shares of the limit, y = x / limit, and in hours u of growth, and stepped for many

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The lives that prognosis is scored on, and what the real estimator finds in their tests."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Standard metrics of prognosis, on the remaining useful life.
 
 Definitions of A. Saxena, J. Celaya, B. Saha, S. Saha and K. Goebel, Metrics for Offline Evaluation

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Accuracy and honesty of the remaining useful life over lives by laws that the tracker has.
 
     python -m prognosis.own_laws [--lives N] [--constant N] [--whole N] [--real N] [--json FILE]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is scored: the tracker with laws known and unknown, and an oracle."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scores of the predictions of a life, and of many lives together."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The whole prognosis of a unit as a monitor makes it: fault limits, requirements and health."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bag task: conversion of a bag's telemetry to rows of estimates, counts and duty."""
 
 from dataclasses import dataclass, field, replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writing of bag and unit results to the store, one transaction per batch."""
 
 from collections.abc import Iterable, Sequence

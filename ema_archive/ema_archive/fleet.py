@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Summary of a fleet for page and report, from the tables of an archive."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Storage of a unit's history as rows: tests, assessments and growth state."""
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tests that may be lost in unreadable or incomplete bags, and the affected units."""
 
 from typing import Any, Final

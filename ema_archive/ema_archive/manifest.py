@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Manifest of an archive: its settings, sources, bags and units, and the work that is due."""
 
 import json

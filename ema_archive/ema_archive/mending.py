@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Repair of damaged archive tables: unreadable rows are marked for recomputation."""
 
 from typing import Final

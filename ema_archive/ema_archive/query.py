@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Read-only SQL queries on the tables of an archive, without access to other files."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Update of an archive: estimates from bags, then health and life of units."""
 
 import time

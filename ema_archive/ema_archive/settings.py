@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inputs that determine an archive's results: stored settings and software version."""
 
 import hashlib

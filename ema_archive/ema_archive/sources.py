@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Listing and local copies of bags and calibrations, in folders and object stores."""
 
 import errno

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Store of an archive: one DuckDB file, safe against process kills."""
 
 import fcntl

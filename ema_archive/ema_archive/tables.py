@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Table schemas of an archive, and conversion of results to rows and back."""
 
 import json

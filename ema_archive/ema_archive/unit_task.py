@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Unit task: conversion of rows of estimates and use to rows of health and life."""
 
 import hashlib

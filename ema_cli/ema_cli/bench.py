@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Command options for a simulated actuator on its test bench."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identification of a window by several algorithms from the same start."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Executor options, shared by commands that run many tasks."""
 
 from collections.abc import Callable, Iterator

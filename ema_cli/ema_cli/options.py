@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exit codes, one-line errors, and options shared by commands."""
 
 from collections.abc import Callable, Iterable, Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Output checks: never overwrite an input; overwrite any other file only if requested."""
 
 import shutil

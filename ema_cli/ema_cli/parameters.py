@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Command settings by node parameter name: ``-p NAME=VALUE`` and ``--params FILE``."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SROS2 policies, one file per node, with permitted topics, services and actions.
 
 python -m ema_cli.policies [--namespace /left] [--mapping mapping.yaml] [-o FOLDER]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulation of lives, written as bags or as estimates."""
 
 import json

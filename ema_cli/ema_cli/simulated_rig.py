@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tests of a simulated actuator, returned as windows without a bag."""
 
 from collections.abc import Callable, Mapping

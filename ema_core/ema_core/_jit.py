@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compilation options of all kernels, and their cache on disk.
 
 numba's file cache of a function becomes stale if a called function changes in another file.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Acquisition of telemetry: meaning of current samples, and measured columns."""
 
 from collections.abc import Collection

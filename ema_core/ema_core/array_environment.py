@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Process environment for medium-sized arrays: single-threaded algebra and reuse of memory.
 
 The programs divide their work among processors themselves. Threads of numpy's linear algebra would

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Type aliases for arrays of any shape."""
 
 from typing import TypeAlias

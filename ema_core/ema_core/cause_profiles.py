@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time profiles of hidden causes (constant, step or ramp), and their notation as strings."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Registry of hidden causes: conditions other than faults that change telemetry.
 
 The simulator applies them (equations in docs/model.md). The monitor considers some of them as

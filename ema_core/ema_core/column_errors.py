@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Errors of telemetry columns: wrong factors, and the common mistakes that explain them.
 
 The table of mistakes is common. Three modules decide, because each sees what the others cannot:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages about wrong telemetry columns."""
 
 from typing import Final

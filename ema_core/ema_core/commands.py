@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Position commands as sampled arrays, and test cycles built around them.
 
 A command of ``n`` samples at period ``h`` holds the user-shaft angle [rad] at h, 2 h, ... n h; the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Consistency checks for coupled parameters of an actuator description.
 
 A change of one parameter of the built-in example without its dependent parameters describes an

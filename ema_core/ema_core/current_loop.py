@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gains of the current loops in a field-oriented drive, computed from nominal data."""
 
 import math

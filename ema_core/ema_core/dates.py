@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Timestamps with a date, or since a clock started, and their texts."""
 
 from datetime import UTC, datetime, timedelta

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identity and nominal data of an actuator."""
 
 from dataclasses import dataclass, field

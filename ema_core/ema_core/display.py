@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Display of results at a Python prompt and in notebooks."""
 
 from abc import abstractmethod

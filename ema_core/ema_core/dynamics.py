@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernels shared by the reference and monitor models: controller, mechanics, filter.
 
 They accept single floats and lanes of `ema_core.simd`, except where a docstring states otherwise.

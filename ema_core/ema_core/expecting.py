@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Type checks of arguments of public functions."""
 
 from typing import Any

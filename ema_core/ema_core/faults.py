@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Registry of faults: definition, range, limit, typical growth and effect of each fault.
 
 Bounds, health limits, parameters, approach travel, prior laws, uncertainty and documents derive

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exact solutions of the laws by which faults grow in service, for arrays of any shape.
 
 u is service hours, x >= 0 the distance of a component from its healthy value. ``rate`` is a [1/h],

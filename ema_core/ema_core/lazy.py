@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lazy import of a package's public names on first use (PEP 562)."""
 
 from collections.abc import Callable

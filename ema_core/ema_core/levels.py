@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Levels of status and health, numbered as in diagnostic_msgs/DiagnosticStatus."""
 
 from typing import Final

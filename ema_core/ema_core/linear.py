@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion of angle, speed and torque to mm, mm/s and N for linear actuators."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures (scalar measurements) of whole moves, for drives that do not log samples."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of an actuator: definitions, validation and flat tuples for kernels.
 
 The default values are from table 2 of the thesis (Politecnico di Torino, 2018). The gear ratio is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dataclass fields with metadata for validation, documentation and node parameters."""
 
 import math

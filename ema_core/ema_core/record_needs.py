@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motion that a record needs to be compared with healthy records."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of columns that repeat values because they are updated more slowly than sampled."""
 
 from typing import Final, NamedTuple

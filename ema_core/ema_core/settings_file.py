@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings, descriptions and mappings from YAML files."""
 
 from collections.abc import Callable, Mapping

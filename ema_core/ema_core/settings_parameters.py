@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion between fields of settings and parameters of nodes and commands."""
 
 from contextlib import suppress

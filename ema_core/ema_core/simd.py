@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SIMD vectors in kernels: scalar code processes several lanes at once.
 
 A kernel loads a `Vector` from an array and uses it like a float; `select` replaces branches. LLVM

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Digest of the source code that a result depends on, to detect outdated results."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Program start: silent interruption during imports, single-threaded linear algebra."""
 
 import io

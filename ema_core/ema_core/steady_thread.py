@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Thread that is restarted, with a report, if its work ends unexpectedly."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Common interface for running tasks on local processes, threads or a Dask cluster."""
 
 import multiprocessing

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Telemetry of an actuator in contiguous columns."""
 
 from collections.abc import Sequence

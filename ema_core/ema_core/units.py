@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Size of each unit in SI units, by its name in telemetry mappings."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading of YAML files of bounded size, without duplicate keys or huge numbers."""
 
 import re

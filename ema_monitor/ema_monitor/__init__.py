@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fault identification and prognosis for an electromechanical actuator, and its node.
 
 ``import ema_monitor`` offers the names of ``ema_monitor.api``; docs/python.md shows how to use

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Public Python API: faults, health and remaining life from telemetry."""
 
 import warnings

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibrations of modelled and unknown drives: fit, files, and a store for several units."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Diagnosis of one actuator: fault estimates from windows and stretches of motion."""
 
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence

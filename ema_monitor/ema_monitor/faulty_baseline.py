@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of calibration windows that a fault explains as well as a healthy unit does."""
 
 from collections.abc import Sequence

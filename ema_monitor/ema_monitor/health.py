@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Health of an actuator from an estimate: levels, health index and severity (docs/faults.md)."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Intake of one actuator's data: windows and use of units, from telemetry, measurements and counts.
 
 The node, `Monitor`, the commands that read bags and the archive all use it.

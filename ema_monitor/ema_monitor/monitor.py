@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Monitor of one actuator: estimates, health and defects from telemetry, without ROS."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sentences for reasons, in messages, tables and pages."""
 
 import math

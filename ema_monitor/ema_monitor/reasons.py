@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Typed reasons why there is no estimate, or why an estimate has reservations.
 
 Programs use the kind of a reason, its ``code``. `ema_monitor.reason_texts` has the sentences for

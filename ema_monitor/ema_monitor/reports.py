@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reports on a unit, as plain values with the fields of the corresponding ROS messages.
 
 The node publishes reports and commands print them, without further computation.

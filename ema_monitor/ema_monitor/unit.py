@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """State of a unit: health and remaining life from estimates and service-life counts."""
 
 import math

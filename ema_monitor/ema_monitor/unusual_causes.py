@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of hidden causes outside their usual range, which exclude the level OK."""
 
 from collections.abc import Iterable, Iterator

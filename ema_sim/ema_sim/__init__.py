@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reference model of an electromechanical actuator, its sensors, test bench and service life.
 
 ``import ema_sim`` exports the names of ``ema_sim.api``; docs/python.md shows their use.

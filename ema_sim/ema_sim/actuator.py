@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated actuator that advances the reference kernels block by block."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS node of a simulated actuator: runs test cycles and publishes its topics."""
 
 import time

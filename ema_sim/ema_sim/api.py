@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Public Python API of the simulator: telemetry of a faulty actuator in one call."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Test bench: runs an actuator with sensors, faults and hidden causes through test cycles."""
 
 import threading

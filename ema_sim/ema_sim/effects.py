@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Effects of hidden causes in a step of the reference actuator.
 
 The kernels come in pairs, without and with causes. numba selects a kernel by the type of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernel of the reference actuator with a sinusoidal motor under field-oriented control.
 
 The three phases are as in the six-step motor, with sinusoidal back-EMF; the inverter is averaged

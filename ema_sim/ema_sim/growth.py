@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Growth of simulated faults with service hours: one law with its parameters per component.
 
 u is service hours, x the distance of a component from its healthy value. Laws are evaluated by

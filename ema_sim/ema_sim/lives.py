@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated lives: faults grow in a new actuator until one of them reaches its limit.
 
 One fault dominates: it follows its law at a rate drawn around the typical rate. The remaining

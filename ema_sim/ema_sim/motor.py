@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motor and drive kernels of the reference actuator: commutation, windings, eccentric gap.
 
 The numbers (M2) to (M5) refer to equations in ``docs/model.md``.

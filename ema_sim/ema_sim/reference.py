@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernels of the reference actuator: three-phase BLDC motor, inverter, control and mechanics.
 
 One step is an explicit Euler step of 1 us, section 3.1 of the thesis; the numbers (M1) to (M8)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS node of a simulated robot arm: publishes what a real one would."""
 
 from array import array

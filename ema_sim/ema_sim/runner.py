@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Execution of a simulation in a thread, cycle by cycle, synchronised with the wall clock."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sensors: hidden causes, noise on the current, and finite resolution."""
 
 import math

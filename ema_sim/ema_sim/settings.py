@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings of the simulated actuator, each with its description, unit and range."""
 
 from dataclasses import asdict, dataclass, make_dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Base of the nodes that simulate a machine in real time or at another rate."""
 
 from typing import Any, Final

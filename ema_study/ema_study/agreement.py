@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Comparison with the thesis: errors by fault, and evaluation time."""
 
 from typing import Final

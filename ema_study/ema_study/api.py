@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Public Python API of the study: repeat a table of the thesis."""
 
 from ema_core.wording import unknown_name

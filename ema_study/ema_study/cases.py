@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fault cases of the thesis: ten single faults and one multiple fault."""
 
 from dataclasses import dataclass

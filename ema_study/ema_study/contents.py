@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of the thesis that the study can repeat: numbers, titles and runs."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parallel execution of runs in local processes or threads, or on a Dask cluster."""
 
 import timeit

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of chapter 4: responses, noise, and reference against monitor."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of runs: mean errors and times, convergence, and estimates."""
 
 from collections.abc import Sequence

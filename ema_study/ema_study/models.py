@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Monitor models of the study, and the objectives that the optimizers minimise."""
 
 from functools import cache

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Jobs of the study: the thesis's runs, and a few runs with its printed stop rule."""
 
 import hashlib

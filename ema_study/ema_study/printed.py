@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Printed results of the thesis: its 500 runs of tables 9 to 57, and its other tables."""
 
 from functools import cache

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Report of the study as one self-contained page."""
 
 from base64 import b64encode

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Responses of reference and monitor as in chapter 4 of the thesis."""
 
 from collections.abc import Mapping

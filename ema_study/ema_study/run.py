@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Single run of the study, its result, and results as a table."""
 
 import time

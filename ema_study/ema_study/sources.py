@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sources of runs: the printed tables, and each model with this project's or the thesis's code."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stop rules of the thesis (section 7.1).
 
 The best costs begin with the cost of the starting population. GA, PSO and DE do not count this

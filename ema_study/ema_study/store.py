@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Storage of a study's runs, one line per run; a study can be interrupted at any time."""
 
 import fcntl

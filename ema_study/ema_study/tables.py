@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables 8 to 61 of the thesis with printed and reproduced figures side by side."""
 
 from collections.abc import Iterable, Mapping, Sequence

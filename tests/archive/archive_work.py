@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the workers of the tests do with a bag; other processes import it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags of a small fleet: two units with calibrations of their own, over three months."""
 
 import math

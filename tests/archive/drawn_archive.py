@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An archive of drawn tests, each committed by itself; a test runs this as a program and kills it.
 
 python -m tests.archive.drawn_archive ARCHIVE

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The comparison of a record is kept in the table of estimates, and can be asked by SQL."""
 
 from dataclasses import replace

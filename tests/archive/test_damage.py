@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Damaged tables and bags: no answer and no OK rests on what is missing."""
 
 import contextlib

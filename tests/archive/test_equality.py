@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An archive holds what the commands for one bag and one unit say, to the bit."""
 
 import json

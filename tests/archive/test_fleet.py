@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The summary of a fleet has the figures of the tables."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Killed workers, a killed run and a full disk: nothing is lost, and nothing is there twice."""
 
 import contextlib

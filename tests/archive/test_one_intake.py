@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One recording gives the same through a monitor, `ema predict` and an archive, to the bit.
 
 Its duty counts in growth, each window has measured causes, and each test a count of service hours.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An archive says nothing of a unit whose newest test its stamps do not show."""
 
 from dataclasses import replace

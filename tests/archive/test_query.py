@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Questions in SQL: the ready views, and nothing beyond the tables."""
 
 import csv

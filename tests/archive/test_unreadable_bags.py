@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags that cannot be read: no unit whose test they may hold is OK, whatever is left of them."""
 
 import json

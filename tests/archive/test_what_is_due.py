@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is done again, and only that: what is new or follows from something that changed."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A case of an attack: it is repeated by its seed and number."""
 
 from collections import Counter

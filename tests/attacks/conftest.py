@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cases of attacks: a few with a fixed seed, or as many as EMA_ATTACKS says (`make campaign`)."""
 
 import os

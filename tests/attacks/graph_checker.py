@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rules that what a graph published has to keep, whatever happened to its nodes and links.
 
 Nothing here needs ROS: what was published is held against the rules. What a record cannot show, as

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a graph published, as plain values, read from a bag of all its topics."""
 
 from collections import defaultdict

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Graphs under disturbances, recorded and held against the rules of the checker.
 
 A case is one graph under one disturbance at random moments: partitions, restarts, time that goes

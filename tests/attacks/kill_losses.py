@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a killed node may have lost: the open chunk of a bag, the current test of a history."""
 
 from pathlib import Path

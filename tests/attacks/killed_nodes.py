@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes that are killed, or stand still, at random moments: what is lost, and whether all goes on.
 
 All but the actuator are killed in turn, and one stands still for 10 s. After each kill: what was

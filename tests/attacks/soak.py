@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Graphs that go on for hours: whether memory, threads, descriptors or shared memory grow.
 
 Four actuators, a monitor, a recorder and a dashboard. Memory is that of anonymous pages; its slope

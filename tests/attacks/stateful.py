@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random walks through the states of something, by hypothesis."""
 
 from typing import Any, cast

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A burst of large messages leaves no memory behind in the nodes that receive it."""
 
 import re

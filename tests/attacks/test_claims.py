@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What had no right to say OK, and did: failed, unknown, mixed up and silent units."""
 
 import json

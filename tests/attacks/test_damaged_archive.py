@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An archive is made of bags: what is missing or damaged of it is noticed, and made again."""
 
 import random

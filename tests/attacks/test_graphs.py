@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """In a disturbed graph each window is answered once, and nothing is lost silently."""
 
 import os

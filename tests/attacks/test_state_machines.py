@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What holds does so in all orders of steps."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nobody says OK who does not know: three units, their monitor, and whoever shows their health."""
 
 import math

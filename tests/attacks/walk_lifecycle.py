@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The lifecycle of a node: whatever is asked of it in whatever order, it answers and survives."""
 
 from hypothesis import strategies as st

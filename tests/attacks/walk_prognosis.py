@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The prognosis of a unit: tests, repairs, counts that are revoked, restarts and replays."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The queue of windows: each is identified, or answered otherwise, once and in its order."""
 
 from collections import Counter

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recorded messages as ROS itself decodes them, to compare with those that were sent."""
 
 import importlib

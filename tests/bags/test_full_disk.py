@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is recorded while the disk is full or fails, or somebody removes the bag."""
 
 import errno

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages are played at their times, and what is latched at a time is found."""
 
 import threading

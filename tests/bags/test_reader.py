@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recording is read in order and as far as it is intact, and never as what it is not."""
 
 import random

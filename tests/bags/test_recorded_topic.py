@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Losses are counted by sequence numbers, and qualities of service are read back."""
 
 import pytest

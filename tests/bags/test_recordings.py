@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records of an unknown drive in a recording: the same as live, and read back from the blocks."""
 
 from collections.abc import Sequence

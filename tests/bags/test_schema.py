@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Schemas, hashes and offered qualities of service are those of ROS 2; older ones are read."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recording of the seconds before something happened."""
 
 from collections.abc import Callable, Iterator

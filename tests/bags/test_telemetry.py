@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Telemetry in a recording: by its type and actuator, and with what the simulator adds to it."""
 
 import array

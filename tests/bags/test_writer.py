@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is recorded is what other readers of rosbag2's recordings read, whatever ends the writer."""
 
 import array

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Telemetry acquired in other ways, from `ema simulate` to the estimate."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joints of recordings: a baseline of the healthy records, and the level of the later ones."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The end of the healthy records is a time, a duration or a number of records."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`ema baseline` works on a folder without a monitor, and asks a monitor that runs."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema calibrate`` of records, one of which is not healthy."""
 
 from dataclasses import replace

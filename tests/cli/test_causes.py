@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema simulate --cause``: what the bag has of hidden causes."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema certify``: the whole way from options to the promise, and wrong options."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema check`` recognises the columns of joints in logs as people write them."""
 
 import json

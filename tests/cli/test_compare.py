@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema compare``: several algorithms on one window."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tab key completes commands and options of ``ema``."""
 
 import subprocess

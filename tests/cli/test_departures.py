@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Departures of tests from the healthy windows of a calibration, and labelled states."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``--actuator FILE`` beside the description in a bag: a warning, or the file by force."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema design``: from the wish to a command that keeps its promise on recorded tests."""
 
 import json

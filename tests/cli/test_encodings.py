@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commands run in any locale, and with any name that a file may have."""
 
 import os

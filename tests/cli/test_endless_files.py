@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pipes, devices and huge files are refused at once; none of them is waited for."""
 
 import os

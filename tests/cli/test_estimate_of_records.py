@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema estimate`` of records that are compared with a baseline."""
 
 import json

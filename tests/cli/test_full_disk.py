@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a file cannot be written to its end, the error names it and no part of it is left."""
 
 import resource

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema import`` writes what all other commands read, and says first what is wrong."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema import --guide`` asks for what cannot be guessed, and --set answers beforehand."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commands import what they need and no more: they start quickly."""
 
 import json

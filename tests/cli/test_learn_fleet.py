@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What ``ema learn-fleet`` makes of histories, and who uses it."""
 
 from pathlib import Path

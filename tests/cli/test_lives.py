@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema lives``: folders of bags and files of estimates, by seed, and what is refused."""
 
 import json

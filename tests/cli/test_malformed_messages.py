@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A malformed message costs itself and what it interrupts, never the whole bag."""
 
 import array

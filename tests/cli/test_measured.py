@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema estimate --measured``: what is known of a hidden cause beside the bag."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema new-actuator``: a description from the figures of a data sheet."""
 
 import math

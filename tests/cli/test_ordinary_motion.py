@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ordinary motion on the command line: simulated, looked into, identified."""
 
 import json

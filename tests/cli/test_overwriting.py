@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A command never writes onto what it reads, and onto other files only when it is forced to."""
 
 from pathlib import Path

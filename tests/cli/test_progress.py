@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Progress where there is no terminal: lines on standard error, with the time left."""
 
 import json

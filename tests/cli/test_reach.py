@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes that the commands make keep to this machine, unless ``--network`` is given."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recording a bag that is played: the same node mains in the process of the command."""
 
 import json

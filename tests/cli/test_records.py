@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings of an unknown drive on the command line: each file is a record, or says why not."""
 
 from pathlib import Path

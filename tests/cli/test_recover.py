@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is intact of a damaged bag becomes a whole one."""
 
 from pathlib import Path

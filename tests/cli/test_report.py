@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`ema report`: one page that says what the estimates and the prognosis say, and needs nothing."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records of an unknown drive, at any rate and a sample a block, from table to estimate."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A temperature column of a table, from ema check to the comparison with warmer records."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema thesis``: the study from the command line, small, and interrupted."""
 
 import json

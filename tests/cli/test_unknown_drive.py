@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A drive whose controller is unknown on the command line, from calibration to prognosis."""
 
 import json

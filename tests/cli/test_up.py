@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Processes under supervision, with small programs in the place of nodes; then real nodes."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema verify`` makes recorded estimates again, and finds those that were altered."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One version: shown by the command, declared by every package, written into recordings."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`ema watch`: what monitors publish, the worst first, as a table or a line for each change."""
 
 import io

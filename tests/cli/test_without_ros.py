@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags are read, identified and drawn where there is no ROS at all."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every wrong input ends in one clear line that names it, its value and what was expected."""
 
 import json

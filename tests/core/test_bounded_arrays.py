@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """No description that is taken makes an array that takes all memory: it is refused by name."""
 
 import tracemalloc

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wrong columns: which usual mistake makes a factor, and how it is put into words."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commands as samples, and the test cycle around one."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults and hidden causes: what they accept and do, and how far an estimate is off."""
 
 import math

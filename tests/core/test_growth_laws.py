@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Growth laws: increments against Runge-Kutta, and hours until a limit against the increments."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compilation of the kernels: the cache follows the sources, options are the promised ones."""
 
 import os

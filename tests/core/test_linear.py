@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Linear actuators: parameters in mm and N, results in mm and N."""
 
 import math

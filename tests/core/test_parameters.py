@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fields of settings and definition of an actuator: what is impossible or coupled is named."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The vectors of kernels: every operation, lane by lane, is that of numpy or of a float."""
 
 import itertools

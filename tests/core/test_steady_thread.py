@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A thread that ends by itself is seen, begun again at a bounded rate, and counted."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Workers: every task has one outcome, whatever becomes of its worker, and one thread."""
 
 import importlib.util

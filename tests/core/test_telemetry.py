@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Telemetry as columns: time stamps, parts, and what is refused."""
 
 from dataclasses import replace

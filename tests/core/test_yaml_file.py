@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """YAML files and regular files: what is read, and what is refused by name."""
 
 import os

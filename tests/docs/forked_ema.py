@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema`` for the shell of a test: each is a copy of one process, which has imported all before.
 
 A program of its own, given the path of the socket at which it listens.

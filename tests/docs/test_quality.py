@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The quality of each package is declared, and links between documents lead somewhere."""
 
 import re

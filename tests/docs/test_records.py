@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A field of an estimate or health has one name, in message, JSON and table, and on its page."""
 
 from dataclasses import fields, is_dataclass

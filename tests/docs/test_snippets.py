@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What README and guides show is what happens.
 
 Blocks of ``python`` in a document run one after the other, and so do blocks of ``sh``, in a folder

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calls that read or write text in whatever encoding the locale has."""
 
 import ast

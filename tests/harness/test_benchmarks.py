@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the scripts of the benchmarks share: a table of targets, JSON, and one summary of all."""
 
 import json

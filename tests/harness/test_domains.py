@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two runs of the tests on one machine never meet: domains are locked."""
 
 import os

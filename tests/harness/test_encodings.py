@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text is UTF-8 whatever the locale is: no call leaves its encoding open."""
 
 from pathlib import Path

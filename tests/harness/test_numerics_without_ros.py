@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `make quick` runs imports nothing of ROS."""
 
 import ast

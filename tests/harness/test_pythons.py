@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`make test-pythons` names the Pythons that it does not find, and fails if it tests none."""
 
 import os

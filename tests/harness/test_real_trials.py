@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which trials of real machines are compared with which: never with themselves."""
 
 from collections import Counter

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The checker of words reads texts, docstrings, comments and names, and no code."""
 
 import importlib.util

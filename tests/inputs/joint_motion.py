@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motion of a joint whose controller is unknown: moves to and fro with rests, in SI columns."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Data sets in the layouts of LeRobot: a file for each episode (v2), or for several (v3)."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags of other makes: JointState, ros2_control and ODrive messages, written by rosbags."""
 
 from pathlib import Path

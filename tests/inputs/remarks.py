@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Doubts of a recognised mapping in words."""
 
 from ema_bags.inputs.doubt_wording import doubt_text

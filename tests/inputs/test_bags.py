@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags of other makes, of both storages of rosbag2, give the telemetry that was published."""
 
 from dataclasses import replace

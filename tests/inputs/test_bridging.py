@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages as they come give the telemetry that a bag of them gives."""
 
 from itertools import pairwise

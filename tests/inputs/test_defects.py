@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is wrong is named before anything is estimated, with its value and what to write."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A reversed effort gains energy from friction; braking after a step does not."""
 
 from math import copysign, sin

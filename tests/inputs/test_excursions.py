@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Corrupt samples of joints whose limits are unknown, in files and live."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joints are found with the columns that their messages have."""
 
 from types import SimpleNamespace

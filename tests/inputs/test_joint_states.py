@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joint states are read once for all joints, and give what each joint alone gives."""
 
 from types import SimpleNamespace

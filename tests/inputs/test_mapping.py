@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Mapping files: mistakes are named; units, shafts and kinds of current, in closed form."""
 
 import math

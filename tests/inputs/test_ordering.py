@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples out of order by little, and stamps of two publishers at different rates."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Columns are recognised by what they do in a motion; a name alone leaves a doubt."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples at a fixed period from stamps that jitter, jump, are late or missing."""
 
 from itertools import pairwise

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Columns that repeat their values, angles that wrap, and samples that no actuator can give."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables as test engineers write them, and the mapping that is guessed from them."""
 
 from dataclasses import replace

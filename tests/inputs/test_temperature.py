@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A measured temperature beside telemetry: units, one value a second, and what is left out."""
 
 from types import SimpleNamespace

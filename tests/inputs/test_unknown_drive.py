@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks of a drive whose controller is unknown: what forbids estimates, and what is a note."""
 
 from dataclasses import replace

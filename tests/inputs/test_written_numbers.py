@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers as people write them: read, or refused with column, row and cell."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Times as people write them: read to the sample, or refused, never dropped."""
 
 import numpy as np

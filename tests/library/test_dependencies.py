@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each package imports is what its setup.cfg and package.xml declare."""
 
 import ast

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Each import contract of the repository fails on an import that breaks it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The packages as libraries: what they offer, and what it costs to import them."""
 
 import ast

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What libraries do not promise is used in three files, and does there what it is used for.
 
 Lanes, operation by operation, are tested in

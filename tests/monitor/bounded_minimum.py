@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The minimum of a bounded least-squares problem, proved without a solver."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hand-made comparisons of a record with its baseline, and the estimates that hold them."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Telemetry of simulated actuators, a calibration and estimates that the tests share."""
 
 from collections.abc import Callable, Mapping

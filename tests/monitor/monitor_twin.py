@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor model a second time: plain Python, written from its equations alone.
 
 The driven pair comes from the commutation of the reference, degree by degree, faults come in by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ordinary motion of the simulated actuator for tests."""
 
 import numpy as np

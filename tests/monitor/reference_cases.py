@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults that the tests of the identification share: the cases of the thesis, and others."""
 
 from ema_core.faults import FAULT_NAMES

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Streams of telemetry that carry a command and columns that tell the samples apart."""
 
 from collections.abc import Sequence

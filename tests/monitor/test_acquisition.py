@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Telemetry that is slower, sampled in other ways or lacks columns: model, limits and verdicts."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parts of an explanation are compared by name; labels are made where they are shown."""
 
 from ema_monitor.design.rehearsal import confused_with, fewest

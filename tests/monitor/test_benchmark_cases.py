@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Validation windows of the benchmarks are the same in every run, and foreign actuators as said."""
 
 from types import ModuleType

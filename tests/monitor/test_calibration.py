@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Match of a calibration with a unit, and its alignment with a window."""
 
 from dataclasses import replace

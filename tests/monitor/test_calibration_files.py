@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibrations survive their files to the bit, and defective files are refused."""
 
 import math

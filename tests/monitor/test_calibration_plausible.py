@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A worn unit is no baseline: calibrations that are implausible for their description."""
 
 from collections.abc import Mapping

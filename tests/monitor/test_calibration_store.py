@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Each unit has its own calibration, at the path of the setting."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Healthy windows under a measured load or of ordinary motion, and their limits."""
 
 from collections.abc import Sequence

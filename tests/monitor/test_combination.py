@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Combining stretches of ordinary motion is equivalent to fitting all of them at once."""
 
 from collections.abc import Sequence

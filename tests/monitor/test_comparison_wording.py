@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What has changed, what is unchanged and what is not judged, in words."""
 
 from dataclasses import replace

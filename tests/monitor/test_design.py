@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Test commands by design, and what a test will show, which is told before it is made."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Each deviation of a unit changes the model as its equation says, and zeros change nothing."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The loop around an optimizer: counting, best so far, and each reason to stop."""
 
 from typing import cast

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An estimate survives JSON exactly; its window is shown with the response of the model."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The estimate of several stretches describes all of them, not only the last."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Explanations of a window by faults and hidden causes, and their confusions."""
 
 import math

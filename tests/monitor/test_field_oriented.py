@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor's field-oriented drive: closed forms, the plant that it stands for, estimates."""
 
 import math

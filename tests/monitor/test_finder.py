@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A window finder turns description and telemetry into numbered windows, whenever either comes."""
 
 from dataclasses import replace

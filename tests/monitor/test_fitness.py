@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The residuals of each fitness and the cost that their squares add up to."""
 
 import math

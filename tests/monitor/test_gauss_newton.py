@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gauss-Newton: steps against proved minima, which trial is taken, and when a descent ends."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Levels, index and grade of health in closed form (docs/faults.md)."""
 
 from dataclasses import replace

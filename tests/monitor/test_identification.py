@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identification end to end: telemetry of the simulated actuator in, its faults out."""
 
 from dataclasses import fields, replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The course of an identification: progress, evaluations, budget, and where it begins."""
 
 from dataclasses import replace

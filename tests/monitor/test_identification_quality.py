@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Quality of an estimate: cost, goodness of fit and standard deviations."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Windows and settings that no estimate is made of, and why."""
 
 from dataclasses import replace

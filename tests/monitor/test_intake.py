@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Intake of one actuator: whose duty, counts and measured causes reach whose windows and tests."""
 
 from dataclasses import replace

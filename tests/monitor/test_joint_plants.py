@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Friction, torque, gravity and temperature act on the joints of the benchmark as stated."""
 
 from types import ModuleType

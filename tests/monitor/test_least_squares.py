@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Least squares: how much of a search it takes."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records bridge short gaps, and leave the surroundings of longer ones out of the fit."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A hidden cause that is measured is no longer to be told from faults; a wrong one is found out."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Memory of the earlier tests of a unit."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the monitor model does as a whole: steps, symmetry, many individuals, its kernels."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor model against the three-phase actuator that it stands for.
 
 PWM switching is chaotic, so that sample-exact agreement is impossible: under a Hann window of 2 ms

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A monitor without ROS: blocks in, defects, estimates and health out."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor of the library when the clock of its telemetry goes back."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A ninth fault is an entry in the registry, its physics and a field of the vector: all follows.
 
 The messages have a line for it besides; ``tests/core/test_faults.py`` compares their fields.

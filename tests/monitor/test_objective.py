@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the optimizers minimise: residuals on the unit box, and their derivatives."""
 
 from dataclasses import replace

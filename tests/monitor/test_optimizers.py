@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every registered optimizer must do, whatever it is."""
 
 import random

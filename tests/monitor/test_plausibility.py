@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples that no motor can give refuse a window: they are no departure, and nothing wears."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rules of each population algorithm, one by one."""
 
 from typing import Any, cast

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Quantiles that an estimate states."""
 
 from statistics import NormalDist

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Columns that read wrongly: what they say of each other, and units that are named."""
 
 import math

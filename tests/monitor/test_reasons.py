@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reasons are values with a code: each has a sentence, and comes back from JSON."""
 
 import json

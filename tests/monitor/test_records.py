@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A record is motion cut by the position alone, whatever the sensor and the blocks."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The band of a residual that carries information."""
 
 import numpy as np

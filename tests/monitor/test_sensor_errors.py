@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults beside an error of a sensor: right within their sigma, or no estimate with the reason."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stretches of ordinary motion: where they begin and end, and what is none."""
 
 from itertools import pairwise

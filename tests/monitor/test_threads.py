@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Work shared by threads: all of it, once, at the same time, and by whom."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Windows are found where the command says; what is wrong with a stream does not outlast it."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Both forms of the monitor model and their plain-Python twin are the same model."""
 
 from collections.abc import Callable, Mapping

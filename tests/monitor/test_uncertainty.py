@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well a window determines the faults, and which of them differ from healthy."""
 
 import numpy as np

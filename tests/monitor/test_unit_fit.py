@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fit of a unit to its healthy windows, of one command or several."""
 
 from dataclasses import replace

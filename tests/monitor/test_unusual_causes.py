@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """No OK where an unusual cause may hide a fault: on simulated windows, and in closed form."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Windows wait in order; where too many wait, the oldest is dropped and its refusal published."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Windows made by hand, without an actuator."""
 
 from collections.abc import Callable, Collection, Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where histories are, and requirements that several files ask and none changes."""
 
 from collections.abc import Iterator

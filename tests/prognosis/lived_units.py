@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Units whose friction and backlash grow over their tests."""
 
 import math

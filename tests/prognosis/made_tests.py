@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Estimates of tests as a monitor would find them, without a monitor, and histories of them."""
 
 from collections.abc import Collection, Iterable

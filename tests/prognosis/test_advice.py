@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is to come after a test: forecast, removal, the cheapest advice, and their words."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Life and removal after a repair, and beside OK."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is kept beside the tests: what was found after each, and growth; both survive a restart."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Another baseline is no repair: what it hides stays in the history."""
 
 import math

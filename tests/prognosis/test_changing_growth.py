@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Growth that keeps to no law: waves, missed predictions, rates that change."""
 
 import numpy as np

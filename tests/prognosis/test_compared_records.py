@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Health and growth of a unit whose records are compared with a baseline."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All kernels that follow growth are compiled before a monitor is active."""
 
 import json

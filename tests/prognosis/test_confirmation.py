@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A level of health rises at once, and falls once several tests in a row show the lower one."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Growth by damage: hours of growth go by the duty flown, and lives by the duty to come."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Duty in telemetry, and scenarios of duty in files."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What units say of growth: put together, kept in a file, and used for the next unit."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The history of a unit survives kills and damage at any moment; nothing is lost or overwritten."""
 
 import os

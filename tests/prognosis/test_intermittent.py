@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A fault that comes and goes warns until a person acknowledges it."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Growth laws as users write them, and what every registered law must do, whatever it is."""
 
 import numpy as np

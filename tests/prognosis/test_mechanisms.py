@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Each mechanism of growth can be switched off, and then has no part in a prediction."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which of the tests is the newest where the stamps do not show it, and what it gives."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Remaining useful life: first passage, duty, horizon, future of the faults, what is waited for."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What faults do to required performance, its limits, health as to it, and when it fails."""
 
 import numpy as np

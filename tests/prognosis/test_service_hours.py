@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Counts of service life reach their unit; hours at its tests never go back or stand still."""
 
 import math

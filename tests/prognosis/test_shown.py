@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A level needs every fault: each one is known for as long as the test that showed it."""
 
 from collections.abc import Collection, Sequence

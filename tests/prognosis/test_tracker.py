@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tracker: measurements, level, rate, law, onset, outliers, repairs and steps."""
 
 import math

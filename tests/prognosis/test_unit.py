@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is published of one unit after its tests: from history, tracker, requirements and usage."""
 
 import math

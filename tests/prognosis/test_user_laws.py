@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of growth that a user defines, from the public interface to a unit and its history."""
 
 from dataclasses import dataclass, replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tests of lives as an estimator would report them, for the tests of the tracker."""
 
 from collections.abc import Iterable, Mapping

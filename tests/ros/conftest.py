@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contexts and nodes of the tests, destroyed at their ends."""
 
 from collections.abc import Callable, Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A graph of node processes in a domain of its own, with an observer beside them."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A monitor in this process, and what other nodes send it, ask of it and hear from it."""
 
 from collections.abc import Callable, Iterable, Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contexts, nodes and executors in the process of the test, each destroyed when it is over."""
 
 import contextlib

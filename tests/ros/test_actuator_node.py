@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated actuator's node, in this process, as another node sees it."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which actuators a monitor follows: a list, a share of all, and no more than a number."""
 
 from types import SimpleNamespace

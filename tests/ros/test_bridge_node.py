@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bridge between a robot of another make and the monitor."""
 
 import array

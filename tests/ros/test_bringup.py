@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Launch files against stand-ins for the launch packages, parameter files against the nodes."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema check`` of topics of a running robot."""
 
 import json

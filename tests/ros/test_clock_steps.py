@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A claim ends by a clock that never goes back, in the monitor and where its health is shown."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """At a first start with nothing compiled, no window waits for a compiler."""
 
 import signal

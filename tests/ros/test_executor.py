@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One thread runs what is quick, others what waits, and no callback is handed out twice."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node that is killed takes nobody with it, and the others say that it has gone."""
 
 import signal

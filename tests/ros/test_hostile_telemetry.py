@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """No telemetry, whatever is in it, makes a traceback: it is refused, and the next is taken."""
 
 import itertools

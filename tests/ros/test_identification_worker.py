@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The thread that identifies: every window gets an estimate, and no thread ends unnoticed."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node and a monitor without ROS give a unit the same tests: estimate, count and duty."""
 
 from dataclasses import asdict, replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The interface package is complete, documented and survives the wire."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Each real node: every transition, twice, and an end while it is still imported."""
 
 import shutil

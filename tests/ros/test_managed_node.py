@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes bring themselves up, survive what clients ask of them, and end when they are told to."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many actuators: which are followed, by which of several monitors, and what becomes of others."""
 
 from contextlib import ExitStack

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is measured of a load or a temperature reaches the windows that it holds for."""
 
 from collections.abc import Callable, Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversions between numerics and messages lose nothing and refuse what is impossible."""
 
 import array

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A monitor among nodes that it does not know: other publishers, wrong names, changing settings."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A joint without a baseline is learning, until a person or a setting accepts its records."""
 
 import os

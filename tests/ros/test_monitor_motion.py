@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ordinary motion as other nodes see it: few estimates of many stretches, the same as offline."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor as other nodes see it: estimates, health, settings and lifecycle."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What follows an estimate, as other nodes see it: health, life, forecast, advice, fit, history."""
 
 import math

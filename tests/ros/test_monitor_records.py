@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A monitor of an unknown drive ends a record when the telemetry or the monitor itself ends."""
 
 import numpy as np

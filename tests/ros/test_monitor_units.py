@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tests and service life reach the unit that they are of, and are known again after a restart."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A drive whose controller is unknown, as other nodes see it: records, quantities and health."""
 
 import math

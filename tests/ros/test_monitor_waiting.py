@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Windows that wait for their identification: none vanishes, whatever becomes of it."""
 
 import threading

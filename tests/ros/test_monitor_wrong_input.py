@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is wrong with the telemetry is named, costs the window that it falls in, and no more."""
 
 import array

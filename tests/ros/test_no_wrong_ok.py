@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """No output says that a unit is OK which nobody knows to be, in 10,000 sequences of steps."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Deactivation while a history is being opened blocks no thread for good."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every parameter is declared with what one has to know, and the page has them all."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who has gone from the graph is missed, and only those with whom a node has to do."""
 
 from collections.abc import Callable

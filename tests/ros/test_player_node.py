@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The player gives a bag back as it was recorded, whole, in parts, in a loop and step by step."""
 
 from itertools import pairwise

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The policies of SROS2: what a node has in the graph is permitted, and no more."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The comparison of a record goes over the wire, and is read again, without a loss."""
 
 import pytest

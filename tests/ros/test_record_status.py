@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a monitor says of an unknown drive, whose tests are records of up to two minutes."""
 
 import numpy as np

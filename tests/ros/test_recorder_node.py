@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The recorder writes down what is published, says what it cannot, and survives its own end."""
 
 import errno

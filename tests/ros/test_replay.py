@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bag gives the same estimates offline, and replayed at any rate into a fresh monitor."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated arm's node, in this process, as another node sees it."""
 
 import xml.etree.ElementTree as ElementTree

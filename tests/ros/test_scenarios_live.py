@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Health, life and lives under scenarios: of a live monitor, and of the same tests from a bag."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters are declared from the definitions that validate them, and descriptions from files."""
 
 from collections.abc import Callable

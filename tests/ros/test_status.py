@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is published on /diagnostics follows the rules of those who read it."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A test that was stored before it was sent gives no OK where its stamps do not show its age."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A thread of a node that ends by itself is an ERROR in its status, and is begun again."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An actuator whose friction grows, and what a monitor is asked and says of it."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The reference actuator a second time: plain Python, written from its equations alone.
 
 Angles of the commutation are in degrees, faults and hidden causes come in by name, and nothing is

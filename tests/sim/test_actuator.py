@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the simulated actuator accepts, and what faults and hidden causes do to it."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The test bench: what it makes of a cycle, and cycles in step with the wall clock."""
 
 import threading

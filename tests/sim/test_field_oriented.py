@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sinusoidal motor under field-oriented control, against closed forms (M33, M34)."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Growth of simulated faults, and lives of it: laws, steps, noise, limits, lengths, seeds."""
 
 import math

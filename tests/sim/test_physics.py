@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Closed forms and invariants of the reference actuator: shaft, stator, energy, symmetry."""
 
 import math

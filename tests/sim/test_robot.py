@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated arm has the friction, the cycle, the wear and the temperatures that are set."""
 
 from itertools import islice

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What sensors and sampling add to the truth, and noise on the reference current."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The kernels and the plain-Python twin are the same actuator, with and without causes."""
 
 import math

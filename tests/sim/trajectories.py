@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs of the reference kernels that keep every state, and telemetry that is the same."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The lowest cost next to the true faults, with models that differ in one thing at a time.
 
 No search finds a better point than that: its error is the bias of the model (docs/study.md).

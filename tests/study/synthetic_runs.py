@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Invented runs of the study, for tables and figures that need many."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether our errors agree with the thesis's."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which tables the study repeats, and the runs that each needs."""
 
 from pathlib import Path

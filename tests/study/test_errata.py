@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The errata that the code rests on, each from the thesis's own runs or from the models.
 
 docs/errata.md holds the figures; these tests compute those that other modules rely on.

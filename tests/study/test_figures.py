@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the study: what they show is what the runs say."""
 
 import io

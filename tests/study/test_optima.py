@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where biases come from: optima next to the truth."""
 
 import pytest

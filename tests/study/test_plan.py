@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the study runs, against the thesis's own runs."""
 
 from ema_monitor.optimizers import ALGORITHMS

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The thesis's data: complete, and transcribed so that its own sums come out."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of the study: one page that stands alone, whatever runs there are."""
 
 import io

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Responses of chapter 4: what physics says of them, and the thesis's claims that it decides."""
 
 import numpy as np

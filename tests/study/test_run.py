@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One run of the study, and the problem that it solves."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The folder of a study: nothing that was run is lost, nothing stale is mixed in."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The thesis's tables beside ours, from complete, incomplete and no runs."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write tables of a drawn fleet into a folder, and print their summary as the dashboard serves it.
 
 python synthetic_archive.py FOLDER [UNITS]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages of a made-up fleet, as monitor and actuators would publish them, for tests of the page.
 
 The figures are plausible, and consistent with each other; no model is computed.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages of made-up joints of robots, as a monitor would publish them, for tests of the page.
 
 The figures are plausible, and consistent with each other; no model is computed.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A server of made-up messages in the protocol of the dashboard node, for tests of the page.
 
 It is told what to do by a line of JSON each on its standard input, and answers each with one:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the shipped page has of the project, without a browser."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Diagnoses and true faults by test cycle, live or from a bag."""
 
 from dataclasses import dataclass, field

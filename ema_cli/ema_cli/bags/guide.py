@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Guided mapping: guessed from a file, overridden by entries, completed by answers."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """End of the healthy records of a recording: a time, a duration or a number of records."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identification of the windows of a bag: its options, and the estimates."""
 
 from collections.abc import Callable, Iterable, Sequence

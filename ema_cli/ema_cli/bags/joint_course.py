@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Course of a joint: a baseline of its healthy records, and later records compared with it."""
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Options for a unit's prognosis, in addition to the identification options."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of the windows in a bag, and the options to select them."""
 
 from collections.abc import Callable, Iterator

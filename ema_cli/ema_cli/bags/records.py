@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading of third-party records by a mapping, usually from the same folder."""
 
 import heapq

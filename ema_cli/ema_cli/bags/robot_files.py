@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings of a robot: files in order of their names, and the mapping of each of its joints."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Course of one unit: its tests from bags, with health, life and true faults."""
 
 import filecmp

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema archive``: tables of the results of a fleet's bags, their update and queries."""
 
 import json

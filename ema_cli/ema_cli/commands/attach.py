@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema attach``: monitor the joints of running robots, or of recordings."""
 
 import json

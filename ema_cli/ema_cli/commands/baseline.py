@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema baseline``: list, show, accept, extend and reset the learned baselines of joints."""
 
 import getpass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema calibrate``: calibrate an actuator from healthy bags."""
 
 import sys

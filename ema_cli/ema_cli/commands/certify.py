@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema certify``: predict the accuracy of a test without telemetry."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema check``: recognise the columns of joints, and report what can be judged from them."""
 
 import json

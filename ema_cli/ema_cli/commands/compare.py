@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema compare``: compare algorithms on one window of a bag."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema completion``: shell completion of commands, options and files."""
 
 from typing import Final

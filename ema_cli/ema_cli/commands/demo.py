@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema demo``: show and record an actuator that wears out."""
 
 import sys

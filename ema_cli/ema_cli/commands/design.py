@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema design``: find the shortest test command that reaches target standard deviations."""
 
 import json

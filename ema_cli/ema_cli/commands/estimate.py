@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema estimate``: estimate the faults in a bag."""
 
 import json

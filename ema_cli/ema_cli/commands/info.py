@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema info``: show the content of a bag."""
 
 from dataclasses import replace

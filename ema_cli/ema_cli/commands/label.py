@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema label``: label tests of a unit in a known state."""
 
 from collections.abc import Iterable, Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema learn-fleet``: learn fault growth in a fleet from unit histories."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema lives``: simulate lives to failure, as bags or as estimates."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema moves``: diagnosis from figures of whole moves, for drives that log no samples."""
 
 import json

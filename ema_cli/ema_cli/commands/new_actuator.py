@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema new-actuator``: describe an actuator from the figures of its data sheet."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema play``: play a bag to the running system."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema plot``: draw telemetry, fit and faults of a bag."""
 
 from pathlib import Path

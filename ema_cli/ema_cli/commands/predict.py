@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema predict``: predict a unit's remaining life from bags of its tests."""
 
 import json

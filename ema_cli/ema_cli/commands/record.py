@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema record``: record the running system to a bag."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema recover``: copy the intact part of a damaged bag to a new bag."""
 
 from collections.abc import Callable

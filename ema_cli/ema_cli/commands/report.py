@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema report``: write a unit's verdict, evidence and pictures to one page."""
 
 import shlex

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema simulate``: simulate a faulty actuator and record it to a bag."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema thesis``: repeat the thesis's study of optimizers."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema up``: run the nodes of the health monitor as processes."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema verify``: recompute recorded estimates from the recorded telemetry."""
 
 import json

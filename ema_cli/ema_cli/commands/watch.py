@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ema watch``: show the health of all actuators in the terminal."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Picture of an estimate at its window or its last stretch of motion."""
 
 from matplotlib.figure import Figure

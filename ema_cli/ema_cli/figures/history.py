@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Picture of a history: true and estimated faults over test cycles."""
 
 from typing import Final, NamedTuple

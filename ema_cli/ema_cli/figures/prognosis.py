@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Picture of a prognosis: remaining life, growth of the faults, and the end of life."""
 
 from textwrap import fill

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Picture of the telemetry of a bag, with its windows."""
 
 from typing import Final

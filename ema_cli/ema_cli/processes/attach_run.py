@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Running of `ema attach`: nodes, list of joints and live table."""
 
 import math

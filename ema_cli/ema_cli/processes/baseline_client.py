@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Requests to a running monitor about learned baselines."""
 
 import threading

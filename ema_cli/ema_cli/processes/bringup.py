@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes of the health monitor, with their programs and arguments."""
 
 import json

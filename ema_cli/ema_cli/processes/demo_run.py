@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Running of a demo: domain, folder, nodes and shutdown."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reservation of ROS domains, each by one process of the machine at a time."""
 
 import fcntl

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Listener for the health of actuators in some namespaces."""
 
 import threading

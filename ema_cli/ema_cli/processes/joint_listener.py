@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Collection of joint messages from topics of a running robot."""
 
 import time

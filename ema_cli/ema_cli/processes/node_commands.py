@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Command lines to start several actuators and the monitors that share them."""
 
 from collections.abc import Sequence

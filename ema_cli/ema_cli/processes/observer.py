@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Collection of a demo's diagnoses and true faults."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Network reach of a command's nodes: this machine only, unless ``--network`` is set.
 
 ``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` only limits the discovery by a node. Therefore peers and

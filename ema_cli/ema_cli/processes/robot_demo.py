@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Running of the robot demo: a simulated arm, and `ema attach` on it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Deferral of signals until the program can end cleanly."""
 
 import signal

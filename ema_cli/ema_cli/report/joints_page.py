@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Page of the joints of a robot: levels, changes and the trend of friction."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reports of a unit, or of the fleet of an archive, as one self-contained page."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Verdict of a report: state, wear, remaining life, actions, and their basis."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Learned baselines as text: a table of joints, and the details of one joint."""
 
 import math

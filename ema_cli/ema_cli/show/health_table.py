@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Display of published health: a live table on a terminal, or else one line per change."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """List of joints with their columns and the quantities that can be judged from them."""
 
 from collections.abc import Sequence

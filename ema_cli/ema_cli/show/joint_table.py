@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Table of joints: level, since when, change of friction and further changes."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Display of live diagnoses: a table on a terminal, or else one line each."""
 
 from collections.abc import Sequence

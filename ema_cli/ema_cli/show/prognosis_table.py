@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prognosis as tables, sentences and plain values."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Terminal display: levels by word, shape and colour, and a live table."""
 
 from collections.abc import Mapping

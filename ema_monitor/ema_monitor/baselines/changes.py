@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """History of the changes of a baseline, one line of JSON each, append only."""
 
 import json

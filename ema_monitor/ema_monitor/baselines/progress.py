@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Progress of a baseline: its records, detection limits, and what would improve it."""
 
 import math

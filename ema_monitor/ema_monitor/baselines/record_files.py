@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Healthy records of a unit in compressed files, bounded in number."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Baseline of one unit on disk: candidate records, accepted calibration and history of changes."""
 
 import fcntl

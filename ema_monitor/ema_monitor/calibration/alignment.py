@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Alignment of windows with the same command.
 
 Noise or coarse steps in the measured command shift the sample at which motion is detected.

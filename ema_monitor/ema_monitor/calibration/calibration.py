@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibration of the monitor model for one unit, and its file format."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of contradictions between a healthy window and the description of its actuator.
 
 A window shows wrong parameters that `ema_core.consistency` cannot see, because they agree with each

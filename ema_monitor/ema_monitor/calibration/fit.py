@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibration of the monitor model on healthy windows of a unit."""
 
 import math

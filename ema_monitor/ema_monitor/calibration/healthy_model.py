@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Residuals of the healthy model in healthy windows."""
 
 from collections.abc import Iterator, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibration of a unit whose controller is not modelled: the baseline of its healthy records."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plausibility check of a calibration against the description of its unit."""
 
 import math

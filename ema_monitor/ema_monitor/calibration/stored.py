@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identifier, file format and unit check shared by all kinds of calibration."""
 
 import hashlib

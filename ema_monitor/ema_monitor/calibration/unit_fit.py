@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fit of a unit's deviations from its description to healthy windows."""
 
 import math

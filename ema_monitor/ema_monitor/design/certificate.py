@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Certificate of a test: its expected results, from a rehearsal (M30)."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Design of the shortest test that reaches wanted standard deviations (M31)."""
 
 import math

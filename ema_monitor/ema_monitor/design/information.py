@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Information that a command gives about the faults, predicted by the model (M31)."""
 
 from dataclasses import replace

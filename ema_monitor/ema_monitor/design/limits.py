@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Demands of a test on an actuator, and their limits."""
 
 from dataclasses import asdict, dataclass

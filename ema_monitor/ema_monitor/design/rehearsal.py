@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rehearsal of a test: windows of actuators with known faults, and their estimates (M30)."""
 
 import math

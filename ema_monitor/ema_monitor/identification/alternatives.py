@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parts of an explanation that a window cannot distinguish from each other (M27)."""
 
 from collections.abc import Iterable

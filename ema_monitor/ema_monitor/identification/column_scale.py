@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of telemetry columns that are wrong by a factor, for example by unit or sign.
 
 Three relations reveal a wrong factor: the position follows its command, the speed is the derivative

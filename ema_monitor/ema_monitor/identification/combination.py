@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Combination of stretches of ordinary motion until the faults are accurate enough (M29)."""
 
 from collections.abc import Iterator

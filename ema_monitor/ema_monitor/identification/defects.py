@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of defects of drive, shaft or sensors that prevent a fault estimate."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Estimate of the faults in a window, or a refusal, and its conversion to values for JSON."""
 
 import math

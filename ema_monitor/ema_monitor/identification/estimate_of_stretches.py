@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Combined estimate of several stretches of ordinary motion (M29).
 
 The estimate of the last stretch contains the faults and their covariance after all stretches. All

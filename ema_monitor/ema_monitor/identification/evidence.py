@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Comparison of explanations of a window by residuals and prior probability (M27)."""
 
 from collections.abc import Callable, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Explanation of a window by faults and hidden causes, with its alternatives (M27).
 
 The search fits faults only. Starting from its optimum, sets of faults and hidden causes compete. A

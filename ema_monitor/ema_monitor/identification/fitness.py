@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Distance measures between modelled and measured response, as rows of residuals.
 
 The cost is the sum of squares of a row. Therefore a row serves both algorithms that minimise a cost

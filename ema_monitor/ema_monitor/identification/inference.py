@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Derivation of an estimate from the optimum of a search: explanation, uncertainty, verdict."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Estimate for a unit whose controller is not modelled, from a record and a baseline."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gaussian prior and posterior of the faults in a sequence of windows (M29)."""
 
 from typing import Final, NamedTuple, Self

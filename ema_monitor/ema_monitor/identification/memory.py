@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Memory of a unit's earlier tests: a prior for faults and slow hidden causes (M27)."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Objective of a search: distance between model and window, for points in a unit box."""
 
 import math

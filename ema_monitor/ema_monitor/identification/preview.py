@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prediction of the information that the search of a stretch of ordinary motion gives (M28)."""
 
 from typing import Final, NamedTuple, Self

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pseudo-Huber loss as residuals."""
 
 import numpy as np

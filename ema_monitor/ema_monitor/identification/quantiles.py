@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Quantiles of faults over several explanations (M18)."""
 
 from statistics import NormalDist

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identification of the faults in a window by fitting a model."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings of the search for faults, for ROS parameters, command line and library."""
 
 from dataclasses import dataclass

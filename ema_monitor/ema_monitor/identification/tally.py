@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings and counts of the combination of stretches of ordinary motion."""
 
 from abc import ABC, abstractmethod

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Covariance and significance of the components of an estimate."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Verdict on an estimate from its misfit, with the reasons (M19)."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measured and modelled signals of a window, for display."""
 
 from dataclasses import dataclass, replace

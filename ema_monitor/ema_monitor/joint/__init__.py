@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Comparison of any machine with its own healthy records, by inverse dynamics."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Baseline of a joint: the healthy records and the effort model fitted to them."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Comparison of a record with a baseline: changed quantities, sizes of changes, detection limits.
 
 Each quantity is a direction in the space of the coefficients. Along each direction, the record is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Result of the comparison of a record with the baseline of its unit."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Friction over speed: the band of the healthy records of a joint, and a record."""
 
 from typing import Final, NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Departure of a test from the healthy tests of its unit, by its model-free figures.
 
 Each figure is compared with its prediction from the healthy tests (``single``). The Bonferroni

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Selection of the elastic terms of the effort model, jerk and snap, on healthy records."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Model-free figures of a record: scatter and roughness by direction, lag, lost motion."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cross-validation of effort models: the prediction error on held-out strokes."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Possible changes of a joint, as directions in the space of the coefficients of a record."""
 
 from typing import Final, NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lag of the effort behind the motion in a record, measured at the reversals of friction."""
 
 import math

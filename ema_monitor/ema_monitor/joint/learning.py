@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Estimation of a baseline from healthy records."""
 
 import math

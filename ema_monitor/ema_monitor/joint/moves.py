@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Level and remaining life from figures of whole moves, for drives that log no samples (M48)."""
 
 import math

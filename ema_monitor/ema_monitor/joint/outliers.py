@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of healthy records that differ from the other healthy records of the unit."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of each part of a record and each direction: features to classify labelled states.
 
 Each part has strokes in both directions. Because the parts show the scatter of the figures within a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Evaluation of a record: inverse-dynamics coefficients and model-free figures."""
 
 import math

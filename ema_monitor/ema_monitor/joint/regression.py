@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robust linear regression, with a covariance that is valid for rows correlated within strokes."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Interpolation of positions that are updated less often than they are published."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of effort ripple along the position, from cogging or gears, on healthy records."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scale and sign of the effort of a record, relative to the healthy records."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scatter of healthy records within a day and between days, and prediction of a new record.
 
 A figure of a record is modelled as ``x = mu + beta z + day + record + error``: normal effects with

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Effort model of a joint, and the selection of its terms on healthy records."""
 
 import math

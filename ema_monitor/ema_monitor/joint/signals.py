@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Filtered signals of a record: one zero-phase filter for all columns, then decimation."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Comparison of a single figure of a record with the healthy records."""
 
 import math

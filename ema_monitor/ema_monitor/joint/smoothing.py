@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Zero-phase smoothing of columns by a Gaussian."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Removal of effort spikes: samples far outside the usual range, from sensor or bus errors."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Classification of a standstill under a moving command: failure, drive off, or short command."""
 
 from dataclasses import dataclass

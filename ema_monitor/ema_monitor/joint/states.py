@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Classification of a test or record into labelled states."""
 
 from collections.abc import Iterable, Mapping, Sequence

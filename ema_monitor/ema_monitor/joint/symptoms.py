@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Comparison of play, tracking lag and model-free figures with the healthy records."""
 
 import math

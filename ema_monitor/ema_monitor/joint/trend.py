@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rise of friction over healthy records, which suggests wear while a baseline is learned."""
 
 import math

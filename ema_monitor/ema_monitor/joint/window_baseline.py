@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Healthy and labelled windows of a unit, and the departure of later windows from them (M47)."""
 
 from collections import Counter

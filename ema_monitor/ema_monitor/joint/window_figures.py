@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Model-free figures of a test window: levels, scatter and roughness of each stroke (M47)."""
 
 import math

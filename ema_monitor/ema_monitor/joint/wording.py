@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """User-facing texts of a comparison: summary, reasons and table rows."""
 
 import math

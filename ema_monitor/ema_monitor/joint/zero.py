@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of a shifted position zero from the gravity torque."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Deviations of a unit or a window from the nominal model, other than faults.
 
 A calibration fits the deviations of a unit to healthy windows. Deviations that may change between

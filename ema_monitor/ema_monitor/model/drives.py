@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drives of the monitor model, which convert a reference current to current and torque.
 
 The kernels accept lanes of `ema_core.simd` as well as single floats; the numbers (M10) to (M12)

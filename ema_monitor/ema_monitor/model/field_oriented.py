@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Field-oriented drive of the monitor model: the q axis of a sinusoidal motor.
 
 The kernels accept lanes of `ema_core.simd` as well as single floats; the number (M35) refers to an

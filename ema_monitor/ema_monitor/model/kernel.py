@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernels of the one-phase monitor model, vectorized over fault vectors.
 
 Each fault vector occupies one lane of `ema_core.simd`; the equation numbers refer to

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Log of measured hidden causes by actuator, and their selection for a window."""
 
 from bisect import bisect_right, insort

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Monitor model: simulates the response of a faulty actuator to the command of a window."""
 
 from collections.abc import Iterable

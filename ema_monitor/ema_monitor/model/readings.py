@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Effects of wrong command and position readings on a window (M27).
 
 Wrong readings change the input of the model, not the motion. If the command reading is delayed,

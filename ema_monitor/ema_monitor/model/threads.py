@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parallel execution of one call's work in a thread pool.
 
 numba's ``prange`` is not used: without OpenMP, it ends the process if two threads call it at the

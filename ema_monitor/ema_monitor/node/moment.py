@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A point in time on both clocks of a receiving node."""
 
 from typing import NamedTuple

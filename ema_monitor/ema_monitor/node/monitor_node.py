@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Monitor node: subscribes to telemetry, publishes estimates and health."""
 
 from pathlib import Path

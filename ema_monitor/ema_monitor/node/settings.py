@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings of the monitor node, and settings of the library as ROS parameters."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Optimizers by name. They minimise a cost in the unit box and are independent of actuators.
 
 To add an optimizer, implement ``interface.Optimizer`` in a separate file and register it here.

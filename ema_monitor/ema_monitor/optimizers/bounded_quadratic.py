@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Minimisation of a convex quadratic function in the unit box."""
 
 import math

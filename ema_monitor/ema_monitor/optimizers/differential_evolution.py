@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Differential evolution about the best individual: the standard form and the thesis's form."""
 
 import numpy as np

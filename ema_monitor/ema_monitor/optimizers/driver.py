@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Driver of an optimizer: evaluates points, tracks the best point, and ends the search."""
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gauss-Newton descents with exchangeable trial steps and termination.
 
 An iteration linearises the residuals, evaluates the trial steps of a `Search`, takes the step with

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Genetic algorithm with elites, scattered crossover and an adaptive mutation step."""
 
 from typing import Final

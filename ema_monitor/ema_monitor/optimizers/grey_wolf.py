@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Grey wolf optimization: the standard form, and the form of the thesis with leaders per wolf."""
 
 from typing import Final

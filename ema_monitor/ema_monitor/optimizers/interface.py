@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Interface of the optimizers: ``ask`` for points of the unit box, then ``tell`` their costs."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bounded least squares with screened starting points."""
 
 from collections.abc import Iterator

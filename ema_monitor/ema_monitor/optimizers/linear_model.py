@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Linear models of residuals, and the quadratic model of half their sum of squares."""
 
 from typing import Final, NamedTuple, Self

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Particle swarm optimization with adaptive inertia and random neighbourhoods."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Base class of population-based optimizers."""
 
 from abc import ABC, abstractmethod

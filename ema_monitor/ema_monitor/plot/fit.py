@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figure of an estimate: measured and modelled signals, and the faults."""
 
 from typing import Any, Final

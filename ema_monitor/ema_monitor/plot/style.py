@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Colours, markers and panels shared by all figures."""
 
 from collections.abc import Mapping

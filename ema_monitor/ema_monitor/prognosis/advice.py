@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Maintenance advice with the lowest expected cost (docs/prognosis.md, P18-P20)."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion of outlooks to assessments, which the history stores."""
 
 from collections.abc import Iterable

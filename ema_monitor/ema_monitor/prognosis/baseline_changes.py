@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Events about changes of a unit's calibration."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Confirmation of levels: a level only falls after several consecutive tests at the lower level."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Record of cumulative damage at each test of a unit."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Levels and departures of earlier tests in the outlook of the newest test."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Growth evidence from a fleet: collection from histories, merging, and storage."""
 
 import hashlib

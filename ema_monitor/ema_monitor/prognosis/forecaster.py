@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Computation of a unit's outlook (health and remaining life) from the growth of its faults."""
 
 import math

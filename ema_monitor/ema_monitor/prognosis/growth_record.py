@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Growth of a unit's faults, tracked over the tests with known service hours."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Entries of a unit's history: its tests, with the findings and events of each."""
 
 import json

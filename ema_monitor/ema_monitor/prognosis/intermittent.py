@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of intermittent faults and failures."""
 
 from collections import deque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """History entries of new tests, with their service hours and test cycles."""
 
 import math

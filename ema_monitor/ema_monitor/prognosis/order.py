@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ordering of a unit's tests by stamp or by reception."""
 
 from collections.abc import Sequence

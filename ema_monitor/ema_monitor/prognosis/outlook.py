@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Health and remaining life of an actuator after a test."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Events and findings of a unit that the next outlook publishes."""
 
 from collections import Counter

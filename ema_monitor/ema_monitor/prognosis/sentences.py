@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sentences on health and remaining life for maintenance planners."""
 
 import math

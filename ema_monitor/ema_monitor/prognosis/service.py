@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Service life of a unit: received counts, and service hours at the tests."""
 
 import math

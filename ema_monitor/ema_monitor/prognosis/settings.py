@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings of a prognosis."""
 
 from dataclasses import dataclass, field

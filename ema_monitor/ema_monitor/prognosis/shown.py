@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tracking of the latest test that showed each fault."""
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Windows and service-life counts of a recording.
 
 This package needs ``ema_bags``: install the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Service-life counts of a unit in a recording."""
 
 from ema_bags.recording import Recording

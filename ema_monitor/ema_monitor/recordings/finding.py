@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of the windows in a recording, with only its latest telemetry in memory."""
 
 from collections import deque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Windows of a recording; their telemetry is read when it is accessed."""
 
 from bisect import bisect_right

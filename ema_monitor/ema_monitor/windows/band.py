@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Band limitation of signals and residuals, to remove PWM ripple."""
 
 from functools import cache

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Buffer of the latest contiguous telemetry blocks."""
 
 from array import array

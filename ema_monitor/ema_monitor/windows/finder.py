@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Search for windows in the telemetry of one actuator.
 
 Live telemetry, replays and bags yield the same windows, because nothing depends on reception times.

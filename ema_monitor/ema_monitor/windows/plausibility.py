@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of implausible telemetry: samples that the described motor cannot produce."""
 
 from typing import Final

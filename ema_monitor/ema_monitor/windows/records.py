@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Extraction of records, which are seconds to minutes of motion of an unknown drive.
 
 Records are delimited by the position, because the drive may have no position command.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Relations between the sensors in a window: travel ratio and control law (M27)."""
 
 from typing import Final, NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of rest from a position signal, independent of sensor resolution and noise."""
 
 from collections import deque

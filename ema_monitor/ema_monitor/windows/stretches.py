@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Extraction of stretches, which are windows from ordinary motion without a test cycle (M28)."""
 
 from collections.abc import Sequence

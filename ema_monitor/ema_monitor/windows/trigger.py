@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Extraction of test windows from a telemetry stream, and detection of stream defects.
 
 Decisions only depend on running indices and timestamps, never on reception times, so that a replay

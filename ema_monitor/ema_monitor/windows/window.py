@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Window of telemetry, which is the input of one diagnosis."""
 
 import math

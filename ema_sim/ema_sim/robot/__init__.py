@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated robot arm: joints, their work, and its telemetry."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated six-joint arm: its joints, their gravity, and the inertia of a part in its hand."""
 
 from dataclasses import replace

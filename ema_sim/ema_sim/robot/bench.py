@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated arm as a source of dated samples, one at a time, for its node."""
 
 from collections.abc import Iterator, Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pick-and-place cycle of the simulated arm with two parts."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated robot joint: motor and load inertia, coupled by an elastic gear.
 
 All values refer to the output: rad, N.m and kg.m2, or m, N and kg.

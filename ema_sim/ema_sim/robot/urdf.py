@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robot description of the simulated arm."""
 
 import xml.etree.ElementTree as ElementTree

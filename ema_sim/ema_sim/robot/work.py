@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Work of a simulated arm: cycles, wear, temperature and measured telemetry."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records of a joint at 100 Hz, healthy or with more friction."""
 
 import numpy as np

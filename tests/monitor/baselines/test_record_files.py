@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Healthy records survive storage, and surplus records leave every day represented."""
 
 from collections import Counter

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Baseline of a unit: learning, acceptance, extension, reset, and kills within them."""
 
 import json

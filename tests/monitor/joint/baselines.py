@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Baselines and records made by hand from coefficients, without telemetry."""
 
 from collections.abc import Mapping, Sequence

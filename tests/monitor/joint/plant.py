@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rigid joint on a prescribed motion, so that the truth is exact, and its records."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A baseline is extended by labelled records, and by healthy records that were not made yet."""
 
 import math

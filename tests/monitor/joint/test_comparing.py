@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What has changed in a record is named, or listed with its rivals, and never called unchanged."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The curve of a record is its true friction, and leaves the healthy band when it rises."""
 
 import numpy as np

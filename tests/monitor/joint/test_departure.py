@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A test departs if no healthy test looks like it, and not before."""
 
 import numpy as np

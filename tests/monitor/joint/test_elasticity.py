@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Elasticity of a gear: found where there is one, and harmless to friction elsewhere."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Effort outside the model widens the interval of friction; noise does not."""
 
 from dataclasses import replace

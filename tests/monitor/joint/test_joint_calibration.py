@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A calibration of records survives its file to the bit, and refuses what does not fit."""
 
 import logging

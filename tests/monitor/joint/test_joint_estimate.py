@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records of a joint with known truth, from calibration to faults, causes and verdict."""
 
 import math

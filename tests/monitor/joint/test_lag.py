@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A late effort is measured and corrected, and never passes for another friction."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The coefficients of a joint are those of its plant, and only terms that its records show."""
 
 from dataclasses import replace

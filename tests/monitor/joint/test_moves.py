@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of moves give a level, and a life where they rise for certain."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A faulty record among the healthy records is named, and records of a healthy set are not."""
 
 from collections.abc import Iterable

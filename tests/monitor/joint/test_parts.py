@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parts of a record show by direction what tells states apart."""
 
 import numpy as np

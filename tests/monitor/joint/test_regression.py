@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robust regression is that of its closed form, and its covariance is that of its errors."""
 
 import numpy as np

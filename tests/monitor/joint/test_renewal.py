@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Positions that are renewed more slowly than they are published change no tracking lag."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ripple of the effort along the position: found where there is one, and harmless to friction."""
 
 from dataclasses import replace

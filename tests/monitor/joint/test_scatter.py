@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The prediction from healthy records is that of the hierarchical model, and keeps its promises."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All columns of a record pass one filter without phase, whose band follows the motion."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A healthy record is doubtful as rarely as promised, however little is known of the scatter."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Spikes of the effort are replaced, and nothing else is."""
 
 from dataclasses import replace

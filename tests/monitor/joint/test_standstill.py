@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A joint that stands still is a value; words and units are made where it is shown."""
 
 import math

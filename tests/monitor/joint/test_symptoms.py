@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Model-free figures depart from what the healthy records show, however much these scatter."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Friction that rises over the healthy records is not accepted as a baseline."""
 
 from pathlib import Path

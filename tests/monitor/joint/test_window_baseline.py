@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The healthy windows of a calibration judge later ones of the same motion."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of a window follow its motion, and only like motions are compared."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A position that counts from another zero is named beside the changes that it looks like."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Clients of the dashboard: they speak the protocol of Foxglove over a real connection."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A client of the dashboard, and a dashboard with the topics of an actuator."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A dashboard in the process of a test, beside the nodes that it shows."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The dashboard serves those whom it should, and goes on serving them whatever others do."""
 
 import asyncio

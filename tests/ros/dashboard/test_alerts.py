@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A change of level reaches an HTTP server, again after it has failed."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the nodes publish reaches clients of the dashboard as it was published."""
 
 import array

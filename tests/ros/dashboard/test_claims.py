@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a monitor said is shown for as long as it is good and the monitor is heard."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The dashboard serves the summary of an archive, within bounds."""
 
 import json

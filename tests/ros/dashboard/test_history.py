@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A page that is loaded anew shows the whole history of a unit, from the monitor and since."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The layouts for Foxglove, Lichtblick and PlotJuggler show what is really published."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the dashboard knows of actuators and nodes is there as metrics, and Grafana shows these."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A replay is driven by its services, and from Foxglove by way of the dashboard."""
 
 import queue

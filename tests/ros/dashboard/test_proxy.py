@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Behind a proxy that adds TLS and a path of its own, page and data are served as without one."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The web server stops at any moment, also while its thread begins again."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Status of one monitored actuator: defects, counts and published health."""
 
 from collections import deque

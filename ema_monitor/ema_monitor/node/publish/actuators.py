@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Status of the monitored actuators, and expiry of their levels."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Logging and status reports for the parts of a monitor."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion of results to ROS messages; a stamp out of range raises ValueError."""
 
 import math

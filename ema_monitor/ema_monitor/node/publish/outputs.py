@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Publishers of a monitor: one topic for estimates, latched topics per actuator."""
 
 import threading

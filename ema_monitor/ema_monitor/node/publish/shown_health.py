@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Published health of one actuator, and its expiry."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Status of one monitored actuator on ``/diagnostics``."""
 
 from collections.abc import Iterable

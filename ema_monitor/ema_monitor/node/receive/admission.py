@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Admission of actuators to a monitor by list, shard and limit, with refusal counts."""
 
 import hashlib

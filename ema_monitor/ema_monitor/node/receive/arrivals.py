@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reception times of telemetry, used to distinguish live from stored telemetry."""
 
 from collections import deque

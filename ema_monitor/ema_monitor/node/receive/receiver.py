@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reception of actuator messages and detection of windows."""
 
 from collections import deque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stamp clock and monotonic clock of a node, with detection of backward steps."""
 
 import contextlib

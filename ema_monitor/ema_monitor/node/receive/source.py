@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Telemetry, measured causes and usage counts of each actuator."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identification state of one actuator."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Learned baselines of the units of a monitor that have an unknown drive."""
 
 import threading

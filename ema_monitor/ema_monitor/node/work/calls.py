@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Service and action calls: calibration, and identification with a chosen algorithm."""
 
 import threading

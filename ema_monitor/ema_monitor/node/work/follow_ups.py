@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Forecast, advice and window fit after a test, published in a separate thread."""
 
 import threading

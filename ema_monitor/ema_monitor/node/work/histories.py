@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Monitored units and their histories."""
 
 import threading

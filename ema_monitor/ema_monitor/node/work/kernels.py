@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compilation of the monitor's kernels before it receives windows."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Health and remaining life of each unit, computed from its history."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Services for a unit's remaining life, history and notes."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Publication of test results: estimate, health and follow-ups."""
 
 from collections import deque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Queue of windows between the receiving and identifying threads."""
 
 import threading

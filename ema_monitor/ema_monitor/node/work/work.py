@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Working part of a monitor: threads for identification, follow-ups and calls."""
 
 from collections.abc import Callable, Iterable

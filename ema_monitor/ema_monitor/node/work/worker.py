@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identification of windows in a separate thread, in order of completion."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Duty of a unit between its tests, and extrapolation to future duty."""
 
 from collections.abc import Mapping

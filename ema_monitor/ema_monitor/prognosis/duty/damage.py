@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recorded duty and its damage: wear from load and travel, ageing from temperature."""
 
 from dataclasses import dataclass, field

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measurement of the duty from telemetry, block by block."""
 
 from collections import deque

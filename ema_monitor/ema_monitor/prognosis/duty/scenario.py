@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenarios: future duties specified by a planner, their validation, and the resulting growth."""
 
 from collections.abc import Mapping, Sequence

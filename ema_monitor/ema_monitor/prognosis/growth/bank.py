@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bank of Gaussian filters, one per cell of the grid (P5).
 
 Law, shape and rate are fixed within a cell, so the only state is the distance from healthy, which

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Grid of growth laws, shapes and rates over which a tracker distributes probability (P6).
 
 Rates are parametrized by the hours from healthy to the limit, and shapes by the bend of the curve,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibration check: comparison of a unit's predictions with its later tests (P13a).
 
 The probability integral transform (PIT) of a test is the predicted probability of a value below the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Updates of Gaussian filters that are robust to occasional large errors."""
 
 import math

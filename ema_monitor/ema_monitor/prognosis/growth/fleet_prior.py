@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prior of the growth curves and rates of a unit, learnt from a fleet (P26).
 
 Each unit contributes, for each growing fault, the likelihood of its tests under every curve and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Monte Carlo forecasts of fault growth.
 
 A fault follows its law in an effective time with random increments (P7). To first order, this is a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Base class for copying, storing and restoring the learnt state of growth models."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fault measurement from a valid test."""
 
 import math

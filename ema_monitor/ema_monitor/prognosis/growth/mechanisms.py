@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Growth mechanisms considered for faults of unknown law, with their priors."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Mixture of all growth hypotheses of a unit: grid cells and waves.
 
 Probabilities are exact Bayesian posteriors, except for wandering rates, waves and the kind of

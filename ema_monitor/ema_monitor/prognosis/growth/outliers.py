@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of outliers, repairs and steps: abrupt changes that growth does not explain."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fault estimates, remaining useful lives, and reasons why a life is unknown."""
 
 import math

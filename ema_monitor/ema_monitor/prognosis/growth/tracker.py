@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bayesian tracker of the growth of an actuator's faults (P5 to P9).
 
 Each component has a bank of Gaussian filters on a grid of laws, shapes and rates (``bank``), and

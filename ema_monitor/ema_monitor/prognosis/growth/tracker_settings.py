@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Assumptions of a tracker about growth: known laws, a fleet prior, and noise."""
 
 import math

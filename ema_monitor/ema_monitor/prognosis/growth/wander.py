@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wandering pace: a random growth rate factor with a correlation time of 500 h.
 
 Its logarithm z is an Ornstein-Uhlenbeck process with mean 0 and standard deviation ``SIGMA``. On a

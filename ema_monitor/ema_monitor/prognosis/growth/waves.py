@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kalman filters for faults with a superimposed wave, a periodic disturbance (P6c).
 
 Waves represent seasonal, temperature or load effects. The state has the level x, the rate v, and

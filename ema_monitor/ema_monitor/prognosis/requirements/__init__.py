@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Performance requirements and prediction of their failure."""

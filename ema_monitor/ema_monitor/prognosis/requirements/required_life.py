@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Remaining life until an actuator fails a requirement, computed from samples of future faults."""
 
 from collections.abc import Callable, Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Performance requirements, and compliance of an actuator with faults."""
 
 from dataclasses import dataclass, fields

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Surrogate for a slow function of the faults, fitted to exact values at a few points.
 
 The surrogate is a linear trend with kriging of its residuals (universal kriging; Santner, Williams

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads and writes rosbag2 recordings in MCAP.
 
 ``import ema_bags`` offers the names of ``ema_bags.api``; docs/python.md shows how to use

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recording of a simulated actuator without ROS nodes."""
 
 from collections.abc import Mapping

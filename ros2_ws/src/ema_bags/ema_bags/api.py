@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Library interface of recordings: messages and telemetry of a bag."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One MCAP file of an open recording, which buffers data while the disk is full."""
 
 import errno

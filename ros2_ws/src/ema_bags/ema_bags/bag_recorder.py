@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recording of received messages to a bag, or in memory until a snapshot is written."""
 
 from collections import deque

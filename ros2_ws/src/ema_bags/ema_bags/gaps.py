@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gaps in a recording: messages that were not received or not written."""
 
 from collections.abc import Mapping

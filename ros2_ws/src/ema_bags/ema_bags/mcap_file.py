@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading of the contents of an MCAP file, from its index or its intact part.
 
 mcap parses the records. Its readers refuse truncated files and files without an index. A killed

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Classes, definitions and hashes of message types by their names in recordings.
 
 Hashes are read from the installed files: rosbags computes equal hashes, but needs the definitions

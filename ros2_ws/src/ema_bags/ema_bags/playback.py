@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Playback of recorded messages at the recorded pace, or at a multiple of it."""
 
 import threading

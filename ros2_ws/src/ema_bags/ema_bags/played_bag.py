@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The played topics and time range of a bag."""
 
 from collections.abc import Callable, Iterable, Iterator

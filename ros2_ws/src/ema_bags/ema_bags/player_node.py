@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The player node: publishes the messages of a bag."""
 
 import threading

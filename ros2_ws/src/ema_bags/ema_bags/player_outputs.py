@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The publishers of a player, and the wait for their subscribers."""
 
 import threading

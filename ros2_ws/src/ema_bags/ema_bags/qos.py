@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Quality of service in the format of rosbag2.
 
 rosbags writes it as well, but the conversion of its classes to rclpy needs as much code.

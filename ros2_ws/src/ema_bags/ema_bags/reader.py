@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads rosbag2 recordings in MCAP, including the intact part of damaged recordings."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recorded topic: its quality of service, publishers and losses."""
 
 import threading

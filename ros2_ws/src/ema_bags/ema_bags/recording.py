@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Interface of recordings in bags and in memory: messages by topic, in the order of reception."""
 
 from abc import ABC, abstractmethod

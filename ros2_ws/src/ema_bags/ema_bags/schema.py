@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Message schemas of recordings: generation, comparison, and decoding without ROS.
 
 Schemas are generated here, because rosbags omits comments: its schemas differ from the schemas

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Suffixes by which recordings are recognised."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Telemetry and descriptions of an actuator in a recording."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All joints of the robots in the graph: bridge, monitor, recorder and dashboard.
 
 ros2 launch ema_bringup attach.launch.py

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A monitor, with telemetry from third-party topics.
 
 ros2 launch ema_bringup bridge.launch.py mapping_file:=/path/mapping.yaml

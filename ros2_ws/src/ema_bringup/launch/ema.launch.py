@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated actuator, monitor, dashboard and, if a bag is named, recorder.
 
 ros2 launch ema_bringup ema.launch.py bag:=worn_flap

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Arguments common to the launch files of this package, and nodes that use them."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Simulated actuators, monitors with a calibration for each actuator, and the dashboard.
 
 ros2 launch ema_bringup fleet.launch.py actuators:=left,right \

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor alone, for actuators that publish their own telemetry.
 
 ros2 launch ema_bringup monitor.launch.py calibration_file:=/path/calibration.yaml

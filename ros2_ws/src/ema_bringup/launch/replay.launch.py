@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Diagnosis of a recording: its actuator topics are played to a monitor, and the results shown.
 
 ros2 launch ema_bringup replay.launch.py bag:=worn_flap rate:=4.0

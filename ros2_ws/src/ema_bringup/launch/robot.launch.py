@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A simulated robot arm.
 
 ros2 launch ema_bringup robot.launch.py namespace:=/left

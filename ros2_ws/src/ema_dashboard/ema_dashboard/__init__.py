@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dashboard: serves the ROS graph to Foxglove and to a built-in web page."""

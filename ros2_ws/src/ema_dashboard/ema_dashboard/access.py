@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Access control of the dashboard: host names, origins of pages, token."""
 
 import hashlib

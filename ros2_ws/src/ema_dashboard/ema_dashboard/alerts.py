@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Alerts: level changes posted as JSON to an address."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Connection of a dashboard client: its requests and outgoing message queue."""
 
 import asyncio

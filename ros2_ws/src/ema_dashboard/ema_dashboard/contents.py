@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contents of the web server by path: files of the page, and documents computed on request."""
 
 import asyncio

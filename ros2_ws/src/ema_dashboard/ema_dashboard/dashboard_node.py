@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dashboard node: serves topics to Foxglove and to a web page."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hub: topics as channels of Foxglove's protocol, their latest messages, and their clients.
 
 Messages are published from any thread; clients run in the event loop of the hub.

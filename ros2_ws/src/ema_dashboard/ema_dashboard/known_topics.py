@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Topics that the dashboard shows, with their quality of service."""
 
 from collections.abc import Iterable

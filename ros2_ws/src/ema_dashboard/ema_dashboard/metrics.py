@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Metrics of actuators and nodes, for Prometheus and compatible collectors."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Requests of clients to monitors: notes on events, and changes of baselines."""
 
 from typing import Any, Final

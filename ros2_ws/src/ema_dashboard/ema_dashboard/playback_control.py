@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Playback control by clients: pause, seek and rate."""
 
 import asyncio

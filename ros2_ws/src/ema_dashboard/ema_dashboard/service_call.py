@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Service calls from the event loop of the hub."""
 
 import asyncio

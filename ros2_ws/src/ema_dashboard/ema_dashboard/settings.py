@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings of the dashboard: addresses, access, and limits of resources."""
 
 import errno

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Unit histories: fetched from monitors and continued from published messages."""
 
 import math

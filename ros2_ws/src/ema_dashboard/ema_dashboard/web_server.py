@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Web server of the dashboard: the page over HTTP, and Foxglove's protocol over WebSocket."""
 
 import asyncio

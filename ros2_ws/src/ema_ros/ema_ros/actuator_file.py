@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Description of an actuator from a YAML file."""
 
 from collections.abc import Sequence

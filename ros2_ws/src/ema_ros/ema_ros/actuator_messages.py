@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages of a simulated actuator by topic, for the node and for recordings."""
 
 import array

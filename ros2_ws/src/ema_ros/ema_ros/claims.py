@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Validity of published health: levels expire, and their monitor must keep reporting."""
 
 import copy

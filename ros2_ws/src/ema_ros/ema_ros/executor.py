@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Executor for nodes with blocking callbacks."""
 
 import threading

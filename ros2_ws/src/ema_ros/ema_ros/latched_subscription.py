@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Subscription to topics with both latched and volatile publishers."""
 
 from collections import deque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lifecycle node that survives invalid requests and reports its status."""
 
 import threading

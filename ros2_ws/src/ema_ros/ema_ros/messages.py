@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion of messages to and from telemetry, descriptions, faults and causes.
 
 Reading needs no ROS: a message is any object with the fields of its definition.

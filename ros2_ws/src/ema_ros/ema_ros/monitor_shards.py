@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names, parameters and parameter files of monitors that share the actuators."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS parameters from dataclasses: declaration, reading and validation."""
 
 from collections.abc import Callable, Mapping

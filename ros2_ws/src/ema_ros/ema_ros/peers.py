@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Peers of a node in the graph, and detection of peers that have disappeared."""
 
 from collections import defaultdict

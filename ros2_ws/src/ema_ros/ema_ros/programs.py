@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Entry points of nodes and ``ema``, with quiet interruption during imports."""
 
 from ema_core.start import program

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All uses of private parts of rclpy.
 
 These are the queued messages of a subscription, the lifecycle state within the process, the end of

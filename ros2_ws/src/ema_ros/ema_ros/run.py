@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Main function of nodes: bring-up, and orderly shutdown on SIGINT or SIGTERM."""
 
 import ctypes

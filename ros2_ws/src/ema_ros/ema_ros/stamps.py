@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion of timestamps in nanoseconds to and from builtin_interfaces/Time."""
 
 from typing import TYPE_CHECKING

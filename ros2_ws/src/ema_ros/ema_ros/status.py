@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Status of a node on ``/diagnostics``, in the format of ``diagnostic_updater``."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Topic names of actuator, monitor and player, without a dependency on ROS."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Topics of actuator and monitor, and the quality of service of their publishers.
 
 Telemetry is reliable with a history of ten seconds: a lost block costs a whole window. Topics that

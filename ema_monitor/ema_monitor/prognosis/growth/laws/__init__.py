@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tracked growth laws by name, in the order of their cells in the grid.
 
 To add a law, subclass ``interface.Law`` in a new module and list the class here.

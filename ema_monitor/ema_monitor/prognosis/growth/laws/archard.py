@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """dx/du = a (1 + b x): Archard wear with impacts that increase with backlash."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """dx/du = 0: no growth."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """dx = a du + s dW: drift with diffusion."""
 
 import math

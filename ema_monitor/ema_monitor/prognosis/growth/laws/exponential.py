@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """dx/du = a (x + x_0): self-reinforcing damage."""
 
 from ema_monitor.prognosis.growth.laws.interface import Law

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Growth by a user-defined law."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Interface of growth laws: candidate curves, propagation of levels and first passage of limits."""
 
 import math

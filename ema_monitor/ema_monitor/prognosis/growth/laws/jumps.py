@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Growth by jumps: a compound Poisson process with mean dx/du = a (1 + b x).
 
 Each rate has two cells: without a jump since the latest test, and with at least one. The jump rate

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """dx/du = a: wear under a steady load."""
 
 from ema_monitor.prognosis.growth.laws.interface import Curve, Law

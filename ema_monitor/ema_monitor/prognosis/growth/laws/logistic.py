@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """dx/du = a (x + x_0) (1 - x / K): self-reinforcing growth that saturates beyond the limit."""
 
 from typing import Final

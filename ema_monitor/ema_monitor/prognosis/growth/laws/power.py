@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """x = (u / c)^p: growth that accelerates with age."""
 
 from ema_monitor.prognosis.growth.laws.interface import BENDS, Curve, Law

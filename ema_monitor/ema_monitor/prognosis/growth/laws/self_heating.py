@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """dx/du = a exp(b x): insulation damage accelerated by the heat of the short circuit."""
 
 import math

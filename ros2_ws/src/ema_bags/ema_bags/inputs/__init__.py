@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Import of telemetry from third-party files, bags and topics."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which quantities of a joint the monitor can judge from a recording."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Columns from arrays: NumPy archives, and arrays of equal length in the rows of a table."""
 
 from collections import Counter

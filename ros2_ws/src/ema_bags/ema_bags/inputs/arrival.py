@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reconstruction of time stamps from arrival times."""
 
 from typing import Final

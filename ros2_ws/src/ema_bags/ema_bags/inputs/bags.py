@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Series from rosbag2 bags: MCAP read by ``ema_bags.reader``, SQLite by rosbags."""
 
 from collections import Counter

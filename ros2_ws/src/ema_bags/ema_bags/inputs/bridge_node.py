@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bridge node, which converts third-party topics to actuator telemetry."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Telemetry, message rates and diagnostics of one bridged actuator."""
 
 import time

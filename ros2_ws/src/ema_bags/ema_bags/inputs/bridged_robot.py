@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Telemetry of the joints that share a mapping."""
 
 from collections.abc import Callable, Iterable, Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion of live messages to telemetry."""
 
 from collections import deque

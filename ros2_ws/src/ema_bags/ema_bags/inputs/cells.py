@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parsing of numbers in table cells: decimal commas, thousands separators, Unicode minus signs."""
 
 import re

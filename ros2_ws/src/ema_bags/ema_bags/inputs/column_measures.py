@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of single columns and of pairs of columns: steps, repetition, saturation, lags."""
 
 import math

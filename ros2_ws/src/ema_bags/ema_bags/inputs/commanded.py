@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of columns that contain setpoints instead of measurements."""
 
 from collections.abc import Iterator

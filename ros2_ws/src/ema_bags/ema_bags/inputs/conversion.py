@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion of source values to telemetry columns in SI units."""
 
 import math

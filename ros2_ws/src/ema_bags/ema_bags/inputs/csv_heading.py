@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Encoding, separator, decimal sign, column names and units of a CSV file, from its first lines."""
 
 import csv

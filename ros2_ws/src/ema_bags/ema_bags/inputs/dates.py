@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parsing of dates and times of day in table cells, in common notations."""
 
 import re

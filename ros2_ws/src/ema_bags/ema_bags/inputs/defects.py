@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of defects in a mapping or in its data, before any estimate."""
 
 from collections.abc import Iterable, Iterator

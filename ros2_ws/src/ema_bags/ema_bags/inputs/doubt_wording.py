@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wording of doubts about a recognised mapping."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Doubts about a recognised mapping as typed values; ``doubt_wording`` has their text."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Results of the examination of a file, bag or topic, as typed values without words."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Examination of files, bags and topics: the role of each column, defects, possible judgements.
 
 ``examine`` reads a file or bag, ``examine_topics`` takes collected messages. Both return the same

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Excursions: spikes of a few samples that are faster than the rest of the series."""
 
 from typing import Final, NamedTuple

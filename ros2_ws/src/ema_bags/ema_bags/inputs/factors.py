@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of wrong units, signs and shafts from relations between position, command and speed.
 
 With the right factors, the position follows the command, its derivative equals the speed times the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Grouping of table columns by joint, from a part of their names that changes with the joint."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Paths to numbers in messages, such as ``position[name=flap_joint]``."""
 
 import re

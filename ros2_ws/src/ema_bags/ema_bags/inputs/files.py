@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Opening of third-party files and bags."""
 
 from pathlib import Path

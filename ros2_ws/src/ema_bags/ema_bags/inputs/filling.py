@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Interpolation in short gaps during which the motion does not reverse."""
 
 from typing import Final

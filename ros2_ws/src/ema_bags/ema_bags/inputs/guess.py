@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recognised mapping, refined so that units, signs and shafts agree with the motion."""
 
 import re

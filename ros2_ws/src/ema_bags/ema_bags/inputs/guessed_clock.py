@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Guessing the clock of a table from column names, units and values."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of sensor columns that are updated more slowly than they are published."""
 
 from collections.abc import Mapping

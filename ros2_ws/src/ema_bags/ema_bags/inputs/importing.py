@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Import of telemetry from the samples of a file or bag."""
 
 from collections.abc import Iterator, Mapping

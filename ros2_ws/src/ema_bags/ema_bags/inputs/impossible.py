@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Physically impossible samples: all-zero messages, absurdly large values and spikes."""
 
 from collections.abc import Mapping

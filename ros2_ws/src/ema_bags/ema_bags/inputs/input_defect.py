@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A defect of a mapping or of its data."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Interface of third-party files: a table or a bag as mapped series."""
 
 from abc import ABC, abstractmethod

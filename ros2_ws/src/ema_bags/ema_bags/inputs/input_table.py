@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A table as mapped series."""
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of joints and their columns in joint state topics."""
 
 from collections.abc import Iterable, Sequence

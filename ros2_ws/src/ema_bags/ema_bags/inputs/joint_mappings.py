@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Mappings that several joints of a source share."""
 
 from collections.abc import Iterable

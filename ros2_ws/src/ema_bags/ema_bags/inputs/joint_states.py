@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading of a robot's joint states once for all its joints."""
 
 from collections.abc import Callable, Mapping, Sequence

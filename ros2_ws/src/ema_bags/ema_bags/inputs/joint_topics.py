@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recognition of the joints on topics: collected messages, and the mapping of each joint."""
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence

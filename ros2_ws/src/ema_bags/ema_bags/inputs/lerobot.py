@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading of LeRobot data sets (v2 and v3): joint states and actions of episodes."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Physical limits on position steps, speeds and currents, in source units."""
 
 import math

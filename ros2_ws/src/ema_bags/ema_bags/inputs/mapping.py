@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Mapping from third-party files, bags and topics to telemetry columns."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Relations between the columns of telemetry in motion."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tests from tables with one row per move, for drives that do not log samples."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inference of the role and unit of columns from their names."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lazy import of pandas, which tables of plain numbers do not need."""
 
 from typing import TYPE_CHECKING, Any

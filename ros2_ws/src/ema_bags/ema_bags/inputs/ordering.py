@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sorting of samples that arrive slightly out of order, for example from two threads."""
 
 from typing import Final

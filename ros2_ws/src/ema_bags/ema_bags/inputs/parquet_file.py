@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading of Parquet files."""
 
 from pathlib import Path

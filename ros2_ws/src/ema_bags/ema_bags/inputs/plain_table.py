@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading of purely numeric tables without pandas, with identical results."""
 
 import re

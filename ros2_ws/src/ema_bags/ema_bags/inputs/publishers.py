@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of a second publisher of a joint from time stamps."""
 
 from collections.abc import Iterator

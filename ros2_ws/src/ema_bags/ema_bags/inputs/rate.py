@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Estimation of the sample rate from time stamps."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identification of joint positions, speeds, efforts and commands in a log, from physics.
 
 The speed is the derivative of the position, the position follows the command, and the effort is the

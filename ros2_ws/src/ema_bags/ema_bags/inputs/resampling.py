@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Resampling to a fixed period, tolerating jitter, clock jumps and lost samples."""
 
 from collections.abc import Iterator

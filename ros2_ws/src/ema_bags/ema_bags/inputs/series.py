@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Mapped series of tables and topics, and joining of topics."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Columns of a table file: as stored, and as numbers, dates and texts."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recognition of the joints of a table: the mapping of each, from its motion and its names."""
 
 from collections.abc import Iterable, Mapping, Sequence

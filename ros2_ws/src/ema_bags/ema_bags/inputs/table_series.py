@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Series of the mapped columns of a table, with a stamp for each row."""
 
 from collections.abc import Sequence

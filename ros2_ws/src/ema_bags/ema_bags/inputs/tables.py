@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading of table files: each column as numbers, times or texts."""
 
 import re

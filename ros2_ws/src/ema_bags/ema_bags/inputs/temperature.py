@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion of temperatures to the measured cause ``winding_temperature``."""
 
 from collections.abc import Iterator

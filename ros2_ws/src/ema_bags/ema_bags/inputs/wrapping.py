@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Unwrapping of angles that wrap after a turn or at the end of their register."""
 
 import math

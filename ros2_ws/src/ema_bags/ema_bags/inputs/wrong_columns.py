@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of wrong units, signs, shafts and scales in a mapping."""
 
 import math

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The summary of an archive's fleet, as the dashboard serves it.
 
 import type { Health, RemainingUsefulLife } from "./interfaces";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The registries of faults and hidden causes, as src/registry.json has them.
 
 import { decimalsOf, fixed, percent, significant } from "./format.ts";

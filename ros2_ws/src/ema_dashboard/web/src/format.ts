@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Numbers with the digits that their uncertainty leaves, times and durations, in words.
 
 const NONE = "–";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Columns of the picture of friction over speed.
 
 import type { FrictionCurve } from "./messages.ts";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The change of friction over the records of a joint, as a few points for a small picture.
 
 import { FAULTS } from "./faults.ts";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Joints: units of an unknown drive, which are compared with their own healthy records.
 
 import { UNKNOWN_DRIVE } from "./faults.ts";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Levels of health in words. A shape and the word stand beside every colour.
 
 type LevelName = "ok" | "warn" | "error" | "stale";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The connection to the dashboard node: the protocol of Foxglove, which ends and begins again.
 
 import { parse } from "@foxglove/rosmsg";

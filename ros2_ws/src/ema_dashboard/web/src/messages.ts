@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The messages that the page reads, as decoded by @foxglove/rosmsg2-serialization. Units are
 // those of the definitions in ema_interfaces/msg.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Which actuator a serialised message is of, without decoding it: header and actuator_id come
 // first in all messages of several actuators, and of 20,000 blocks a second one in 200 is wanted.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What worker and page say to each other.
 
 import type { FrictionTrend } from "./friction_trend.ts";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The comparison of a record in the words of ema_monitor/joint/wording.py.
 
 import { fixed, significant } from "./format.ts";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What is known of the fleet. Messages come in batches; views are told at most five times a second.
 
 import type { FrictionTrend } from "./friction_trend.ts";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The last seconds of one actuator's telemetry, thinned to the least and largest value of each
 // slot of time, so that no peak is lost.
 

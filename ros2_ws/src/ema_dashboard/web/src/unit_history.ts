@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The history of each unit: what the node sent, and what it added since then.
 
 import { type UnitEvent, type UnitHistory, type UnitTest, seconds } from "./messages.ts";

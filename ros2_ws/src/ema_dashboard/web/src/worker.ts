@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Connection, decoding and thinning run here, so that the page itself only draws.
 
 import { UNKNOWN_DRIVE } from "./faults.ts";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What keeps people from a page.
 
 import axe from "axe-core";

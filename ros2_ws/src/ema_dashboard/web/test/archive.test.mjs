@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The page of an archive's fleet, with the summary that the dashboard makes of drawn tables.
 
 import assert from "node:assert/strict";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The summary of a drawn fleet, made by the code that makes it for the dashboard.
 
 import { execFileSync } from "node:child_process";

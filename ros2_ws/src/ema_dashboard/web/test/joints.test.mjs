@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The page for robots in a real browser: grid of joints, a joint, and changes of its baseline.
 
 import assert from "node:assert/strict";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // 200 actuators with live telemetry, and 60 joints: time of the page's main thread, and memory.
 //
 // LOAD_S=600 makes it the long form, in which nothing may grow.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the page computes, without a browser.
 
 import assert from "node:assert/strict";

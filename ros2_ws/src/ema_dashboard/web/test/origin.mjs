@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // An origin for the tests: the shipped page, and the WebSocket of a server behind it, on one port.
 // It can be cut off, refuse, and count what the page loads.
 

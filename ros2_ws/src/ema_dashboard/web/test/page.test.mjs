@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The page in a real browser, driven by a server of made-up messages.
 
 import assert from "node:assert/strict";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A recording that is played to a real monitor and dashboard drives the same page.
 
 import assert from "node:assert/strict";

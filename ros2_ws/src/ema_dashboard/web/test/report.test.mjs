@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The page of `ema report` on a phone.
 
 import assert from "node:assert/strict";

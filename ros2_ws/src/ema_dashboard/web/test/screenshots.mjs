@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Pictures of every state of the page, in both themes: node test/screenshots.mjs FOLDER [NAMES...]
 
 import { mkdir } from "node:fs/promises";

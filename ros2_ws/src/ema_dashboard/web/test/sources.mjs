@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Modules of the page for tests in Node, which does not read TypeScript in all its versions.
 
 import { build } from "esbuild";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the tests and the screenshots run on: a server of made-up messages, an origin, a browser.
 
 import { execFileSync, spawn } from "node:child_process";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One actuator: what is wrong, why, and how long it lasts; then its parts, one at a time.
 
 import type { ComponentChildren } from "preact";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What to do with the actuator, and what it costs.
 
 import type { ComponentChildren } from "preact";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The fleet of an archive: what years of bags say of all units, not only of those that run now.
 
 import { useEffect, useMemo, useState } from "preact/hooks";

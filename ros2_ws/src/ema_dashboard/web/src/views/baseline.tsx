@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The baseline of a joint: its healthy records, and the changes that a person makes to it.
 
 import { useState } from "preact/hooks";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What happened to a unit, on a time line and as a list.
 
 import { useState } from "preact/hooks";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Overview of the fleet, the worst first.
 
 import { memo } from "preact/compat";

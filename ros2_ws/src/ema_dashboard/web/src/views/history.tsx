@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Each fault over the service hours: its tests, what is expected of it, and its limit.
 
 import { useMemo } from "preact/hooks";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Joints grouped by robot, the worst first: level, friction with its trend, and what else changed.
 
 import { memo } from "preact/compat";

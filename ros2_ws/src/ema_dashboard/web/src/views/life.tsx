@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Remaining life and removal in words.
 
 import { lifeHours } from "../format.ts";

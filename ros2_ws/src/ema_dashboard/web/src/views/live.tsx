@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Live telemetry of one actuator: drawn as it comes, at most 20 times a second, when it is seen.
 
 import { useEffect, useRef, useState } from "preact/hooks";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Pause, position and speed of a recording that is played.
 
 import { useState } from "preact/hooks";

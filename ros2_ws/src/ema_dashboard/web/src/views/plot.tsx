@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // uPlot in the page's colours. A plot is described in words for those who do not see it.
 
 import { useEffect, useRef } from "preact/hooks";

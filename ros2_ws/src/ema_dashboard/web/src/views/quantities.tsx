@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The latest record of a unit, compared with its healthy records.
 
 import { dateTime } from "../format.ts";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Remaining life over the service hours, with the cone that is left now.
 
 import { useMemo } from "preact/hooks";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The part of the address behind #, which a reload keeps.
 
 import { useEffect, useState } from "preact/hooks";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What is around every view: the bar on top, the state of the connection, and the playback.
 
 import { useEffect, useLayoutEffect } from "preact/hooks";

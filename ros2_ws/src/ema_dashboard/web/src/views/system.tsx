@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Status of the nodes, from /diagnostics.
 
 import { duration, significant } from "../format.ts";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Requirements, and the fault vector with its covariance.
 
 import { useState } from "preact/hooks";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The latest window: measured against estimated, and how far the estimate is to be trusted.
 
 import { useMemo } from "preact/hooks";

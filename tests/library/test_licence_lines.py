@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each source file names the licence in its first line; ruff (CPY001) checks those of Python."""
+
+import subprocess
+from pathlib import Path
+
+from ..packages import ROOT
+
+LICENCE = "SPDX-License-Identifier: Apache-2.0"
+MARKS = {
+    **{pattern: "#" for pattern in ("*.sh", "*.cmake", "*CMakeLists.txt")},
+    **{pattern: "//" for pattern in ("*.cpp", "*.mjs", "*.ts", "*.tsx")},
+}
+
+
+def names_licence(path: Path, mark: str) -> bool:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return f"{mark} {LICENCE}" == lines[lines[0].startswith("#!")]
+
+
+def test_each_source_file_names_its_licence():
+    for pattern, mark in MARKS.items():
+        listed = subprocess.run(
+            ["git", "ls-files", pattern], cwd=ROOT, capture_output=True, text=True, check=True
+        )
+        files = listed.stdout.splitlines()
+        assert files, pattern
+        assert [file for file in files if not names_licence(ROOT / file, mark)] == []
+    assert (ROOT / "LICENSE").read_text(encoding="utf-8").split()[:4] == [
+        *("Apache", "License", "Version", "2.0,")
+    ]
+
+
+def test_a_file_without_the_line_is_named(tmp_path):
+    script = tmp_path / "a.sh"
+    script.write_text("#!/bin/sh\nset -e\n", encoding="utf-8")
+    assert not names_licence(script, "#")
+    script.write_text(f"#!/bin/sh\n# {LICENCE}\nset -e\n", encoding="utf-8")
+    assert names_licence(script, "#")
