@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
 from rclpy.lifecycle import TransitionCallbackReturn
@@ -173,6 +174,7 @@ def test_each_transition_has_a_line_in_the_log(make_recorded, capfd):
 
 NAMED = """
 import sys
+import time
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 
@@ -188,6 +190,7 @@ class Named(ManagedNode):
         print("deactivate", flush=True)
 
     def clean_up(self):
+        time.sleep(float(sys.argv[2]) if sys.argv[2:] else 0.0)
         print("clean_up", flush=True)
 
 sys.exit(run(lambda: Named("named"), sys.argv[:1]))
@@ -209,6 +212,20 @@ def test_signal_ends_a_node_in_each_state():
             assert process.stdout.readline().strip() == state
             process.send_signal(signal.SIGTERM)
             assert process.stdout.read().split() == ends_with
+            assert process.wait(DEADLINE_S) == 0
+
+
+def test_shutdown_by_another_node_ends_the_process_in_each_state(graph: Spinning):
+    """As ``ros2 lifecycle set`` asks for it: the answer comes, however long the node cleans up."""
+    shutdown = {"unconfigured": 5, "inactive": 6, "active": 7}
+    for state, number in shutdown.items():
+        command = [sys.executable, "-c", NAMED, state, "1.5"]
+        with started(command, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline().strip() == state
+            transition = Transition(id=number)
+            answer = graph.call(ChangeState, "/ema/named/change_state", transition=transition)
+            assert answer.success
             assert process.wait(DEADLINE_S) == 0
 
 

@@ -175,4 +175,10 @@ def test_measurement_of_nobody_or_of_an_unknown_actuator(session: MonitorSession
     session.send(topics.MEASURED_CAUSES, measurement(S, 11.0, actuator_id="tab"))
     session.until_status("input", "'tab': measured cause load_torque = 11.0", WARN)
     session.send(topics.MEASURED_CAUSES, measurement(S, actuator_id="tab"))
+    unused = "measured causes of 'rudder', 'tab', which are not monitored"
+    session.until_status("input", unused, WARN)
     assert "tab" not in session.node.actuators
+    # They are used as soon as it is.
+    session.feed(Source().cycle()[:1], "tab")
+    session.until(lambda: unused not in session.statuses("input")[-1].message)
+    assert "tab" in session.node.sources.measurements.actuators()

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from action_msgs.msg import GoalStatus
+from lifecycle_msgs.msg import Transition
 from rclpy.action.client import ActionClient
 
 from ema_interfaces.action import IdentifyFaults
@@ -53,6 +54,19 @@ def waiting_calls(session: MonitorSession) -> list[Any]:
 
 def until_waited_for(session: MonitorSession) -> None:
     wait_for(lambda: waiting_calls(session), "the call to wait for windows")
+
+
+def test_inactive_monitor_refuses_a_calibration_in_one_line(tmp_path: Path, capfd):
+    with monitor({"calibration_folder": str(tmp_path)}) as session:
+        session.mount()
+        assert session.change_state(Transition.TRANSITION_DEACTIVATE)
+        capfd.readouterr()
+        answer = calibrate(session, windows=1)
+        assert (answer.success, answer.message) == (False, "the monitor is not active")
+        printed = capfd.readouterr().err
+    [line] = [line for line in printed.splitlines() if "calibrat" in line]
+    assert "[WARN]" in line
+    assert line.endswith("flap: not calibrated: the monitor is not active")
 
 
 def test_latest_window_is_identified_with_the_algorithm_of_choice(session: MonitorSession):

@@ -1,53 +1,60 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who has gone from the graph is missed, and only those with whom a node has to do."""
 
+import contextlib
+from collections import Counter
 from collections.abc import Callable
+from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
+from ema_ros.managed_node import ManagedNode
 from ema_ros.peers import FRESH_S, Peers, incompatible_publishers, nodes_in_touch
-from ema_ros.status import OK, WARN
+from ema_ros.status import ERROR, OK, WARN
 
 from ..waiting import wait_for
+from .spinning import Spinning, ros_context
 
 
 def test_one_who_goes_is_reported_once_and_missed_for_a_minute():
-    peers = Peers()
-    assert (
-        peers.update({"/ema/actuator", "/ema/recorder"}, {"/ema/actuator", "/ema/recorder"}, 0.0)
-        == []
-    )
+    peers = Peers("/ema/own")
+    both = {"/ema/actuator", "/ema/recorder"}
+    assert peers.update(both, Counter(both), 0.0) == []
     task = peers.task("unit", 0.0)
     assert (task.level, task.message) == (OK, "in contact with 2 nodes")
     assert task.values["present"] == "/ema/actuator, /ema/recorder"
-    assert peers.update({"/ema/recorder"}, {"/ema/recorder"}, 1.0) == ["/ema/actuator"]
-    assert peers.update({"/ema/recorder"}, {"/ema/recorder"}, 2.0) == []
+    assert peers.update({"/ema/recorder"}, Counter({"/ema/recorder"}), 1.0) == ["/ema/actuator"]
+    assert peers.update({"/ema/recorder"}, Counter({"/ema/recorder"}), 2.0) == []
     task = peers.task("unit", 1.0 + FRESH_S - 1e-6)
     assert (task.level, task.message) == (WARN, "lost contact with /ema/actuator")
     task = peers.task("unit", 1.0 + FRESH_S)
     assert (task.level, task.message) == (OK, "in contact with 1 node")
-    assert task.values == {"present": "/ema/recorder", "gone": "/ema/actuator"}
+    assert task.values == {
+        **{"present": "/ema/recorder", "gone": "/ema/actuator"},
+        "nodes of the same name": 0,
+    }
 
 
 def test_one_who_comes_back_is_not_missed_and_reported_again_when_gone_again():
-    peers = Peers()
-    peers.update({"/ema/a", "/ema/b"}, {"/ema/a", "/ema/b"}, 0.0)
-    assert peers.update(set(), set(), 1.0) == ["/ema/a", "/ema/b"]
-    assert peers.update({"/ema/a"}, {"/ema/a"}, 2.0) == []
+    peers = Peers("/ema/own")
+    peers.update({"/ema/a", "/ema/b"}, Counter({"/ema/a", "/ema/b"}), 0.0)
+    assert peers.update(set(), Counter(), 1.0) == ["/ema/a", "/ema/b"]
+    assert peers.update({"/ema/a"}, Counter({"/ema/a"}), 2.0) == []
     assert peers.task("unit", 2.0).message == "lost contact with /ema/b"
-    assert peers.update(set(), set(), 50.0) == ["/ema/a"]
+    assert peers.update(set(), Counter(), 50.0) == ["/ema/a"]
     # The other has been gone for longer than a minute then, this one has not.
     assert peers.task("unit", 61.5).message == "lost contact with /ema/a"
 
 
 def test_one_who_is_only_inactive_is_not_missed():
-    peers = Peers()
-    peers.update({"/ema/a"}, {"/ema/a"}, 0.0)
-    assert peers.update(set(), {"/ema/a", "/ema/stranger"}, 1.0) == []
+    peers = Peers("/ema/own")
+    peers.update({"/ema/a"}, Counter({"/ema/a"}), 0.0)
+    assert peers.update(set(), Counter({"/ema/a", "/ema/stranger"}), 1.0) == []
     assert peers.task("unit", 1.0).values["present"] == "/ema/a"
-    assert peers.update(set(), {"/ema/stranger"}, 2.0) == ["/ema/a"]
+    assert peers.update(set(), Counter({"/ema/stranger"}), 2.0) == ["/ema/a"]
 
 
 def test_in_touch_are_nodes_of_the_namespace_that_share_a_topic(make_node: Callable[..., Node]):
@@ -95,9 +102,28 @@ def test_a_publisher_that_no_subscription_can_receive_is_named_as_long_as_it_is_
     wait_for(lambda: own.count_publishers("strict") == 2, "the publishers")
     wait_for(lambda: own.count_publishers("either") == 1, "the publishers")
     assert incompatible_publishers(own) == [named]
-    peers = Peers()
+    peers = Peers("/ema/own")
     peers.incompatible = incompatible_publishers(own)
     task = peers.task("unit", 0.0)
     assert (task.level, task.message) == (WARN, f"incompatible publishers: {named}")
     other.destroy_publisher(publishers[0])
     wait_for(lambda: not incompatible_publishers(own), "no incompatible publisher")
+
+
+def test_two_nodes_of_one_name_are_an_error_of_both_until_one_has_gone(graph: Spinning):
+    def managed(graph: Spinning, name: str = "monitor", namespace: str = "/ema") -> Any:
+        return graph.add(ManagedNode(name, namespace=namespace, context=graph.context))
+
+    def status() -> DiagnosticStatus:
+        return reported["/ema/monitor: peers"]
+
+    reported = graph.statuses()
+    first, others = managed(graph), (managed(graph, "monitor_1"), managed(graph, namespace="/b"))
+    with ros_context() as context, contextlib.closing(Spinning(context)) as other_graph:
+        second = managed(other_graph)
+        for node in (first, second):
+            wait_for(lambda node=node: node._peers.task("", 0.0).level == ERROR, "the error")
+        wait_for(lambda: status().level[0] == ERROR, "the status")
+        assert "2 nodes are named /ema/monitor: stop all but one" in status().message
+        assert not any(node._peers.collision for node in others)
+    wait_for(lambda: not first._peers.collision and status().level[0] != ERROR, "the end of it")

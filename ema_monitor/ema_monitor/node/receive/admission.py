@@ -14,6 +14,7 @@ from ema_core.wording import counted
 from ema_monitor.node.settings import Operation
 from ema_ros.node_parameters import LiveSettings
 
+_MOST_NAMED: Final = 3
 _UNNAMED: Final = "messages without actuator_id"
 _UNKNOWN: Final = "malformed messages of actuators that are not monitored"
 _OTHER_SHARDS: Final = "messages of other shards"
@@ -167,10 +168,23 @@ class Admission:
         self._count(kind, f"{actuator_id!r}: {reason}")
         return self._counts[kind] == 1
 
-    def status(self, followed: Collection[str], *, is_receiving: bool = True) -> tuple[int, str]:
+    def status(
+        self,
+        followed: Collection[str],
+        measured: Collection[str] = (),
+        *,
+        is_receiving: bool = True,
+    ) -> tuple[int, str]:
         """Return status level and message of the reception from all actuators.
 
-        ``is_receiving`` states whether any actuator sends telemetry.
+        Parameters
+        ----------
+        followed
+            The monitored actuators.
+        measured
+            Actuators with measured causes, monitored or not.
+        is_receiving
+            Whether any actuator sends telemetry.
         """
         remarks = []
         if not followed and not self._counts[_OTHER_SHARDS]:
@@ -180,6 +194,11 @@ class Admission:
             for kind in (_UNNAMED, _UNKNOWN, _REFUSED)
             if self._counts[kind]
         ]
+        if unused := [repr(name) for name in measured if name not in followed]:
+            more = f" and {len(unused) - _MOST_NAMED} more" if len(unused) > _MOST_NAMED else ""
+            are = "are" if len(unused) > 1 else "is"
+            names = ", ".join(unused[:_MOST_NAMED])
+            remarks.append(f"measured causes of {names}{more}, which {are} not monitored")
         if remarks:
             return WARN, "; ".join(remarks)
         monitored = f"{counted(len(followed), 'actuator')} monitored"

@@ -239,7 +239,10 @@ class Receiver:
         }
         with self._actuators.lock:
             is_receiving = self._actuators.receives_telemetry()
-            level, message = self._admission.status(self._actuators, is_receiving=is_receiving)
+            measured = self._sources.measurements.actuators()
+            level, message = self._admission.status(
+                self._actuators, measured, is_receiving=is_receiving
+            )
             figures = counts | self._admission.figures(self._actuators)
         return Task("input", level, message, hardware_id, figures)
 

@@ -109,12 +109,23 @@ class MonitorCalls:
         self, request: Calibrate.Request, response: Calibrate.Response
     ) -> Calibrate.Response:
         _, description = self._actuators.find(request.actuator_id)
+        try:
+            return self._calibrate_unit(description, request, response)
+        except (ValueError, OSError) as error:
+            self._log.warning(f"{description.actuator_id}: not calibrated: {error}")
+            raise
+
+    def _calibrate_unit(
+        self,
+        description: ActuatorDescription,
+        request: Calibrate.Request,
+        response: Calibrate.Response,
+    ) -> Calibrate.Response:
         person = one_line("person", request.person, 60) if request.person or request.force else ""
         if self._baselines.learns(description):
             raise ValueError(
                 f"the baseline of {description.actuator_id!r} is learned: use ~/change_baseline"
             )
-        self._log.info(f"{description.actuator_id}: calibration is requested")
         before = self._store.of(description)
         if not request.force:
             self._require_no_alarm(description)
@@ -122,7 +133,9 @@ class MonitorCalls:
             calibration, path = self._store.load(description, request.file)
             message = f"loaded from {path}"
         else:
+            self._require_active()
             path = self._store.prepare(description, request.file)
+            self._log.info(f"{description.actuator_id}: calibration is requested")
             windows = list(self._healthy_windows(description.actuator_id, request.windows))
             if not request.force:
                 self._require_no_alarm(description)

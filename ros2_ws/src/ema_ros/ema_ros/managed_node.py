@@ -82,7 +82,7 @@ class ManagedNode(LifecycleNode):
         # Entities not created by ``configure``, and entities created by ``activate``.
         self._kept: list[Any] = []
         self._kept_inactive: list[Any] = []
-        self._peers = Peers()
+        self._peers = Peers(self.get_fully_qualified_name())
         self.declare_parameter(_AUTOSTART, True, _AUTOSTART_DESCRIPTOR)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._node_status = self.create_publisher(NodeStatus, topics.NODE_STATUS, topics.STATE)
@@ -291,12 +291,13 @@ class ManagedNode(LifecycleNode):
         return self._done("unconfigured", self._end_configuration(state))
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop all activity, and end the process."""
+        """Stop all activity, and then end the process, whoever requests the transition."""
         steps = []
         if state.label == "active":
             steps.append(self._end_activity(state))
         if state.label in ("active", "inactive"):
             steps.append(self._end_configuration(state))
+        # Not earlier: the process waits only briefly for the transition to return.
         self.finished.set()
         if any(step != _SUCCESS for step in steps):
             return TransitionCallbackReturn.ERROR
@@ -365,9 +366,11 @@ class ManagedNode(LifecycleNode):
 
     def _report_regularly(self) -> None:
         now_s = time.monotonic()
-        in_touch = nodes_in_touch(self)
+        in_touch, before = nodes_in_touch(self), self._peers.collision
         for lost in self._peers.update(in_touch, nodes_alive(self), now_s):
             self.get_logger().warning(f"{lost} has disappeared from the graph")
+        if self._peers.collision and not before:
+            self.get_logger().error(self._peers.collision)
         self._peers.incompatible = incompatible_publishers(self)
         self.report()
 

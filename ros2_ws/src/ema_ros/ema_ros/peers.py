@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Peers of a node in the graph, and detection of peers that have disappeared."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from typing import Final
 
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
 from ema_core.wording import counted
-from ema_ros.status import OK, WARN, Task
+from ema_ros.status import ERROR, OK, WARN, Task
 
 FRESH_S: Final = 60.0
 """Duration of the warning about a disappeared node [s]."""
@@ -25,17 +25,49 @@ class Peers:
     Peers are the publishers of received data in any namespace, and the subscribers in the namespace
     of the node. A killed node cannot report its end, so its peers do. Subscribers in other
     namespaces, such as tools, are ignored, and so are inactive nodes.
+
+    Parameters
+    ----------
+    name
+        Full name of the node.
+
+    Attributes
+    ----------
+    incompatible
+        Publishers whose messages are not received (``incompatible_publishers``).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._namesakes = 0
         self._present: set[str] = set()
         self._gone: dict[str, float] = {}
         self.incompatible: list[str] = []
-        """Publishers whose messages are not received (``incompatible_publishers``)."""
 
-    def update(self, in_touch: set[str], alive: set[str], now_s: float) -> list[str]:
-        """Store the current nodes. Return the nodes that have disappeared since the last call."""
-        present = in_touch | (alive & (self._present | self._gone.keys()))
+    @property
+    def collision(self) -> str:
+        """Error text if another node has the same full name; else empty."""
+        if not self._namesakes:
+            return ""
+        return (
+            f"{self._namesakes + 1} nodes are named {self._name}: stop all but one, or rename them "
+            "with -r __node:=NAME; a killed node disappears when its DDS lease expires"
+        )
+
+    def update(self, in_touch: set[str], alive: Counter[str], now_s: float) -> list[str]:
+        """Store the current nodes. Return the nodes that have disappeared since the last call.
+
+        Parameters
+        ----------
+        in_touch
+            Full names of the peers.
+        alive
+            Number of nodes in the graph by full name.
+        now_s
+            Monotonic time [s].
+        """
+        self._namesakes = max(alive[self._name] - 1, 0)
+        present = in_touch | (alive.keys() & (self._present | self._gone.keys()))
         lost = sorted(self._present - present)
         absent = {name: since for name, since in self._gone.items() if name not in present}
         # Replaced as a whole, because another thread may read it.
@@ -44,14 +76,24 @@ class Peers:
         return lost
 
     def task(self, hardware_id: str, now_s: float) -> Task:
-        """Return the status: WARN for a minute after a loss, or if a publisher is incompatible."""
+        """Return the status.
+
+        It is ERROR while another node has the same name, and WARN for a minute after a loss, or
+        while a publisher is incompatible.
+        """
         fresh = [name for name, since in self._gone.items() if now_s - since < FRESH_S]
-        values = {"present": ", ".join(sorted(self._present)), "gone": ", ".join(self._gone)}
-        remarks = [f"lost contact with {', '.join(fresh)}"] if fresh else []
+        values = {
+            "present": ", ".join(sorted(self._present)),
+            "gone": ", ".join(self._gone),
+            "nodes of the same name": self._namesakes,
+        }
+        remarks = [self.collision] if self.collision else []
+        remarks += [f"lost contact with {', '.join(fresh)}"] if fresh else []
         if self.incompatible:
             remarks.append(f"incompatible publishers: {', '.join(self.incompatible)}")
         if remarks:
-            return Task("peers", WARN, "; ".join(remarks), hardware_id, values)
+            level = ERROR if self.collision else WARN
+            return Task("peers", level, "; ".join(remarks), hardware_id, values)
         return Task(
             "peers",
             OK,
@@ -105,7 +147,7 @@ def incompatible_publishers(node: Node) -> list[str]:
     return sorted(publishers)
 
 
-def nodes_alive(node: Node) -> set[str]:
-    """Return the full names of all nodes in the graph."""
+def nodes_alive(node: Node) -> Counter[str]:
+    """Return the number of nodes in the graph by full name."""
     pairs = node.get_node_names_and_namespaces()
-    return {f"{namespace.rstrip('/')}/{name}" for name, namespace in pairs}
+    return Counter(f"{namespace.rstrip('/')}/{name}" for name, namespace in pairs)
