@@ -13,7 +13,7 @@ from rclpy.context import Context
 
 from ema_cli.processes.bringup import NODES, node_class
 from ema_core.faults import FAULT_NAMES
-from ema_ros.node_parameters import LIVE, WHILE_UNCONFIGURED
+from ema_ros.node_parameters import AT_CONFIGURE, LIVE
 
 PAGE: Final = Path("docs/parameters.md")
 
@@ -25,21 +25,21 @@ same information for a running node. `-p NAME:=VALUE` and parameter files set th
 
 - **live**: can be changed at any time, and takes effect at the next identified window. If the
   definition of a window changes, the node refuses the current window.
-- **unconfigured**: can be changed while the node is unconfigured. Otherwise the node refuses the
-  change with the reason.
+- **configure**: can be changed while the node is unconfigured or inactive, and takes effect at the
+  next configure. An active node refuses it: deactivate the node, set the parameter, then clean up,
+  configure and activate.
+- **unconfigured**: can be changed while the node is unconfigured.
 - **start**: can only be set at startup.
 
 FAULT stands for the name of each [fault](faults.md#the-fault-vector), as in
-`growth.friction.law`, and NAME for the name of each [parameter](nomenclature.md) of an actuator.
+`growth.friction.law`. The defaults of `plant` describe the built-in actuator; with `actuator_file`,
+they are the values of the file.
 """
-# Separate pages document each fault and parameter.
-_FOLDED: Final = {
-    "faults.": "| `faults.FAULT` | healthy |  | start | initial fault |",
-    "plant.": "| `plant.NAME` | as described |  | start | true value of a parameter |",
-}
+# A separate page documents each fault.
+_FOLDED: Final = {"faults.": "| `faults.FAULT` | healthy |  | configure | initial fault |"}
 _FAULTS: Final = "|".join(FAULT_NAMES)
 _SIM_TIME: Final = "use /clock instead of the system clock"
-_CHANGES: Final = {LIVE: "live", WHILE_UNCONFIGURED: "unconfigured"}
+_CHANGES: Final = {LIVE: "live", AT_CONFIGURE: "configure"}
 
 
 def parameter_page() -> str:

@@ -18,7 +18,7 @@ from ema_core.files import complete_file
 from ema_core.parameters import ActuatorParameters
 from ema_ros.actuator_file import load_description
 from ema_sim.bench import BenchSettings
-from ema_sim.settings import ResolutionSettings, RunSettings
+from ema_sim.settings import FileSettings, ResolutionSettings, RunSettings
 
 _FIGURES: Final = [item.name for item in fields(Command) if item.name not in ("shape", "samples")]
 _OWN_FIGURES: Final[dict[str, dict[str, Any]]] = {
@@ -65,6 +65,7 @@ class Bench:
         click.option("--seed", type=click.IntRange(0), help="Seed of all noise."),
     )
     SECTIONS: ClassVar[tuple[tuple[Any, str], ...]] = (
+        (FileSettings, ""),
         (RunSettings, ""),
         (BenchSettings, ""),
         (ActuatorParameters, "plant."),

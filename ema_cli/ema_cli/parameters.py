@@ -12,7 +12,12 @@ import click
 
 from ema_cli.options import values_of_options
 from ema_core.faults import FAULT_NAMES
-from ema_core.settings_parameters import parameters_of
+from ema_core.settings_parameters import (
+    SettingsParameter,
+    field_values,
+    parameters_of,
+    refuse_old_names,
+)
 from ema_core.wording import as_identifier, unknown_name
 
 Settings = TypeVar("Settings")
@@ -40,11 +45,10 @@ class Parameters:
             If a value is out of range; the message names parameter, value, unit and range.
         """
         try:
-            values = {
-                item.field.name: item.from_node(item.number_of(self.values[item.name]))
-                for item in parameters_of(settings, prefix)
-                if item.name in self.values
-            }
+            values = field_values(settings, self.values, prefix)
+        except ValueError as error:
+            raise click.UsageError(str(error)) from error
+        try:
             return replace(settings, **values) if values else settings  # pyright: ignore
         except ValueError as error:
             raise click.UsageError(f"{prefix}{error}") from error
@@ -90,7 +94,9 @@ def settings_options(
     ]
 
     def add(command: Command) -> Command:
-        arguments, names = signature(command).parameters, names_of(kind.SECTIONS)
+        arguments = signature(command).parameters
+        parameters = _of_dataclasses(kind.SECTIONS)
+        names = [item.name for item in parameters]
 
         @wraps(command)
         def with_options(
@@ -103,7 +109,8 @@ def settings_options(
             }
             values = dict(parameters_in(parameter_file, node)) if parameter_file else {}
             with values_of_options():
-                values |= _assigned(assignments, names)
+                refuse_old_names(parameters, values)
+                values |= _assigned(assignments, parameters)
             # An option with the name of a parameter sets the parameter.
             for name in (name for name in names if name in shared):
                 if (value := shared.pop(name)) is not None:
@@ -122,17 +129,25 @@ def settings_options(
 
 def names_of(sections: Iterable[tuple[Any, str]]) -> list[str]:
     """Return the prefixed parameter names of dataclasses."""
-    return [entry.name for item, prefix in sections for entry in parameters_of(item, prefix)]
+    return [item.name for item in _of_dataclasses(sections)]
 
 
-def _assigned(assignments: Iterable[str], names: Sequence[str]) -> dict[str, Any]:
+def _of_dataclasses(sections: Iterable[tuple[Any, str]]) -> list[SettingsParameter]:
+    return [entry for item, prefix in sections for entry in parameters_of(item, prefix)]
+
+
+def _assigned(
+    assignments: Iterable[str], parameters: Sequence[SettingsParameter]
+) -> dict[str, Any]:
     """Parse ``NAME=VALUE`` or ROS's ``NAME:=VALUE``, with the value in YAML."""
+    names = [item.name for item in parameters]
     assigned: dict[str, Any] = {}
     for text in assignments:
         name, equals, value = text.partition("=")
         name = name.removesuffix(":").strip()
         if not equals:
             raise ValueError(f"-p {text!r}: expected NAME=VALUE")
+        refuse_old_names(parameters, (name,))
         if name not in names:
             raise ValueError(f"-p: {unknown_name('parameter', name, names)}")
         if name in assigned:

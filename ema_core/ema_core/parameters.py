@@ -66,40 +66,111 @@ class MechanicalConstants(NamedTuple):
 
 @dataclass(frozen=True)
 class ActuatorParameters(Checked):
-    """Parameters of an actuator in SI units, referred to the motor shaft."""
+    """Parameters of an actuator in SI units, referred to the motor shaft.
 
-    G_prop: float = quantity(1e5, "1/s", 0.0, 1e9, "position-error gain")
-    GAP: float = quantity(0.05, "N.m.s/rad", 0.0, 1e3, "speed loop, proportional gain")
-    GAI: float = quantity(0.0, "N.m/rad", 0.0, 1e6, "speed loop, integral gain")
-    GAD: float = quantity(0.0, "N.m.s^2/rad", 0.0, 1.0, "speed loop, derivative gain")
-    omega_max: float = quantity(
-        8000 * RPM, "rad/s", 1e-3, 5e3, "limit of the speed reference", (50.0, 3e3)
+    Fields are named after their symbols; ``named`` is the name in messages and node parameters.
+    """
+
+    G_prop: float = quantity(1e5, "1/s", 0.0, 1e9, "position-error gain", named="position_gain")
+    GAP: float = quantity(
+        0.05, "N.m.s/rad", 0.0, 1e3, "speed loop, proportional gain", named="speed_p"
     )
-    V_max: float = quantity(48.0, "V", 1e-3, 1e4, "supply voltage")
-    I_max: float = quantity(22.5, "A", 1e-3, 1e4, "limit of the current reference")
-    T_max: float = quantity(1.689, "N.m", 1e-6, 1e5, "limit of the motor torque")
+    GAI: float = quantity(0.0, "N.m/rad", 0.0, 1e6, "speed loop, integral gain", named="speed_i")
+    GAD: float = quantity(
+        0.0, "N.m.s^2/rad", 0.0, 1.0, "speed loop, derivative gain", named="speed_d"
+    )
+    omega_max: float = quantity(
+        8000 * RPM,
+        "rad/s",
+        1e-3,
+        5e3,
+        "limit of the speed reference",
+        (50.0, 3e3),
+        named="speed_reference_limit",
+    )
+    V_max: float = quantity(48.0, "V", 1e-3, 1e4, "supply voltage", named="supply_voltage")
+    I_max: float = quantity(
+        22.5, "A", 1e-3, 1e4, "limit of the current reference", named="current_limit"
+    )
+    T_max: float = quantity(
+        1.689, "N.m", 1e-6, 1e5, "limit of the motor torque", named="torque_limit"
+    )
     k_t: float = quantity(
-        0.0752, "N.m/A", 1e-6, 10.0, "torque constant, phase to phase", (1e-3, 1.0)
+        0.0752,
+        "N.m/A",
+        1e-6,
+        10.0,
+        "torque constant, phase to phase",
+        (1e-3, 1.0),
+        named="torque_constant",
     )
     k_e: float = quantity(
-        0.0752, "V.s/rad", 1e-6, 10.0, "back-EMF constant, phase to phase", (1e-3, 1.0)
+        0.0752,
+        "V.s/rad",
+        1e-6,
+        10.0,
+        "back-EMF constant, phase to phase",
+        (1e-3, 1.0),
+        named="back_emf_constant",
     )
-    G_M: float = quantity(0.07322, "N.m/A", 1e-6, 1e3, "torque gain of the source monitor form")
-    R_s: float = quantity(2.13, "ohm", 1e-4, 1e3, "resistance, phase to phase", (0.01, 100.0))
-    L_s: float = quantity(7.2e-4, "H", 1e-6, 0.1, "inductance, phase to phase", (1e-5, 2e-2))
-    P: int = quantity(2, "-", 1, 50, "pole pairs")
-    h_b: float = quantity(0.5, "A", 1e-4, 1e3, "half-band of the current hysteresis")
-    J_m: float = quantity(1.3e-5, "kg.m^2", 1e-9, 0.1, "inertia of the motor", (1e-7, 1e-3))
-    J_u: float = quantity(1.2e-5, "kg.m^2", 0.0, 0.1, "inertia of the user", (1e-7, 1e-3))
-    C_m: float = quantity(30e-6 / math.pi, "N.m.s/rad", 0.0, 1e2, "viscous damping, motor")
-    C_u: float = quantity(4.5e-7, "N.m.s/rad", 0.0, 1e2, "viscous damping, user")
-    f_sm: float = quantity(0.06 * 1.689, "N.m", 0.0, 1e4, "static friction, motor")
-    f_su: float = quantity(0.04 * 1.689, "N.m", 0.0, 1e4, "static friction, user")
-    f_ratio: float = quantity(0.5, "-", 0.0, 1.0, "dynamic over static friction")
-    BLK: float = quantity(5e-3, "rad", 0.0, 10.0, "backlash, full width at the fast shaft")
-    tau: float = quantity(1 / 500, "-", 1e-6, 1.0, "gear ratio, user over motor speed", (1e-4, 0.1))
+    G_M: float = quantity(
+        0.07322,
+        "N.m/A",
+        1e-6,
+        1e3,
+        "torque gain of the source monitor form",
+        named="monitor_torque_gain",
+    )
+    R_s: float = quantity(
+        2.13, "ohm", 1e-4, 1e3, "resistance, phase to phase", (0.01, 100.0), named="resistance"
+    )
+    L_s: float = quantity(
+        7.2e-4, "H", 1e-6, 0.1, "inductance, phase to phase", (1e-5, 2e-2), named="inductance"
+    )
+    P: int = quantity(2, "-", 1, 50, "pole pairs", named="pole_pairs")
+    h_b: float = quantity(
+        0.5, "A", 1e-4, 1e3, "half-band of the current hysteresis", named="current_hysteresis"
+    )
+    J_m: float = quantity(
+        1.3e-5, "kg.m^2", 1e-9, 0.1, "inertia of the motor", (1e-7, 1e-3), named="motor_inertia"
+    )
+    J_u: float = quantity(
+        1.2e-5, "kg.m^2", 0.0, 0.1, "inertia of the user", (1e-7, 1e-3), named="user_inertia"
+    )
+    C_m: float = quantity(
+        30e-6 / math.pi,
+        "N.m.s/rad",
+        0.0,
+        1e2,
+        "viscous damping, motor",
+        named="motor_viscous_damping",
+    )
+    C_u: float = quantity(
+        4.5e-7, "N.m.s/rad", 0.0, 1e2, "viscous damping, user", named="user_viscous_damping"
+    )
+    f_sm: float = quantity(
+        0.06 * 1.689, "N.m", 0.0, 1e4, "static friction, motor", named="motor_static_friction"
+    )
+    f_su: float = quantity(
+        0.04 * 1.689, "N.m", 0.0, 1e4, "static friction, user", named="user_static_friction"
+    )
+    f_ratio: float = quantity(
+        0.5, "-", 0.0, 1.0, "dynamic over static friction", named="dynamic_friction_ratio"
+    )
+    BLK: float = quantity(
+        5e-3, "rad", 0.0, 10.0, "backlash, full width at the fast shaft", named="backlash"
+    )
+    tau: float = quantity(
+        1 / 500,
+        "-",
+        1e-6,
+        1.0,
+        "gear ratio, user over motor speed",
+        (1e-4, 0.1),
+        named="gear_ratio",
+    )
     theta_stop: float = quantity(
-        1.2, "rad", 1e-3, 1e6, "end stop of the user shaft, in either direction"
+        1.2, "rad", 1e-3, 1e6, "end stop of the user shaft, in either direction", named="end_stop"
     )
     omega_c: float = quantity(
         2000.0 * math.pi,
@@ -108,6 +179,7 @@ class ActuatorParameters(Checked):
         1e6,
         "bandwidth of field-oriented current loops",
         (100.0, 5e4),
+        named="current_bandwidth",
     )
     lead: float = quantity(
         0.0, "m", 0.0, 1.0, "travel of a linear actuator per turn of the user shaft, else 0"

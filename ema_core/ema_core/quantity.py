@@ -2,7 +2,7 @@
 """Dataclass fields with metadata for validation, documentation and node parameters."""
 
 import math
-from dataclasses import field, fields
+from dataclasses import Field, field, fields
 from typing import Any, Final, cast
 
 import numpy as np
@@ -29,6 +29,7 @@ def quantity(
     description: str,
     usual: tuple[float, float] | None = None,
     shown: tuple[str, str, float] | None = None,
+    named: str = "",
 ) -> Any:
     """Return a dataclass field for a number with unit and range.
 
@@ -48,9 +49,13 @@ def quantity(
     shown
         Name, unit, and scale (parameter units per ``unit``) of the node parameter. Some tools parse
         numbers with an exponent as strings; a different unit avoids the exponent.
+    named
+        Name of the node parameter, if the name of the field is a symbol.
     """
     of_number = {"unit": unit, "range": (lowest, highest), "usual": usual, "shown": shown}
-    return field(default=default, metadata={"description": description, **of_number})
+    return field(
+        default=default, metadata={"description": description, "named": named, **of_number}
+    )
 
 
 def text(
@@ -89,19 +94,28 @@ class Checked:
     def __post_init__(self) -> None:
         for item in fields(cast(Any, self)):
             value = getattr(self, item.name)
+            check_value(item.name, value, item)
             if "range" in item.metadata:
-                whole = isinstance(item.default, int)
-                _check_number(item.name, value, whole, item.metadata)
                 # An int in a float field would compile a second version of a kernel.
-                object.__setattr__(self, item.name, int(value) if whole else float(value))
-            elif "choices" in item.metadata:
-                _check_text(item.name, value, item.metadata["choices"])
-            elif "flag" in item.metadata and not isinstance(value, bool):
-                raise ValueError(f"{item.name} = {value!r}: expected true or false")
-            elif "texts" in item.metadata and not (
-                isinstance(value, tuple) and all(isinstance(item, str) for item in value)
-            ):
-                raise ValueError(f"{item.name} = {value!r}: expected a list of strings")
+                kind = int if isinstance(item.default, int) else float
+                object.__setattr__(self, item.name, kind(value))
+
+
+def check_value(name: str, value: Any, item: Field[Any]) -> None:
+    """Raise ``ValueError`` unless a value suits a dataclass field of this module.
+
+    The message states ``name``, value, unit and range. Other fields are not checked.
+    """
+    if "range" in item.metadata:
+        _check_number(name, value, isinstance(item.default, int), item.metadata)
+    elif "choices" in item.metadata:
+        _check_text(name, value, item.metadata["choices"])
+    elif "flag" in item.metadata and not isinstance(value, bool):
+        raise ValueError(f"{name} = {value!r}: expected true or false")
+    elif "texts" in item.metadata and not (
+        isinstance(value, tuple) and all(isinstance(item, str) for item in value)
+    ):
+        raise ValueError(f"{name} = {value!r}: expected a list of strings")
 
 
 def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> str:

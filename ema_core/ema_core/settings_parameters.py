@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversion between fields of settings and parameters of nodes and commands."""
 
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import Field, fields
 from typing import Any
+
+from ema_core.quantity import check_value, is_finite_number
 
 
 class SettingsParameter:
@@ -11,17 +14,22 @@ class SettingsParameter:
 
     Attributes
     ----------
-    name, unit
-        Name with its prefix, and unit of the parameter.
+    name, unit, description
+        Name with its prefix, unit, and description with the symbol, if there is one.
+    old_name
+        Name of the field with the prefix: its symbol, or its name in another unit. It equals
+        ``name`` for most fields, and is refused otherwise.
     scale
         Number of parameter units per field unit; None if the units are equal.
     """
 
     def __init__(self, item: Field[Any], prefix: str) -> None:
         self.field = item
-        usual = item.name, item.metadata.get("unit", ""), None
-        name, self.unit, self.scale = item.metadata.get("shown", usual) or usual
-        self.name = prefix + name
+        metadata, symbol = item.metadata, item.metadata.get("named")
+        usual = symbol or item.name, metadata.get("unit", ""), None
+        name, self.unit, self.scale = metadata.get("shown") or usual
+        self.name, self.old_name = prefix + name, prefix + item.name
+        self.description = metadata["description"] + (f", symbol {item.name}" if symbol else "")
 
     def to_node(self, value: Any) -> Any:
         """Convert a field value to a parameter value."""
@@ -31,11 +39,19 @@ class SettingsParameter:
         return value if self.scale is None else float(f"{value * self.scale:.12g}")
 
     def from_node(self, value: Any) -> Any:
-        """Convert a parameter value to a field value."""
+        """Convert a parameter value to a field value.
+
+        Raises
+        ------
+        ValueError
+            If the value does not suit the field; the message names the parameter.
+        """
         if "texts" in self.field.metadata and isinstance(value, list | tuple):
-            return tuple(item for item in value if item != "")
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        return value / self.scale if self.scale is not None and is_number else value
+            value = tuple(item for item in value if item != "")
+        if self.scale is not None and is_finite_number(value):
+            return value / self.scale
+        check_value(self.name, value, self.field)
+        return value
 
     def number_of(self, value: Any) -> Any:
         """Return a number, or the number in a string, converted to the type of the field.
@@ -55,3 +71,25 @@ def parameters_of(definition: Any, prefix: str = "") -> list[SettingsParameter]:
         for item in fields(definition)
         if "description" in item.metadata
     ]
+
+
+def field_values(definition: Any, values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return values by field from values by prefixed parameter name; others are ignored.
+
+    Raises
+    ------
+    ValueError
+        If a value is of another type or out of range; the message names the parameter.
+    """
+    return {
+        item.field.name: item.from_node(item.number_of(values[item.name]))
+        for item in parameters_of(definition, prefix)
+        if item.name in values
+    }
+
+
+def refuse_old_names(parameters: Iterable[SettingsParameter], names: Collection[str]) -> None:
+    """Raise ``ValueError`` if ``names`` has an old name; the message states the present name."""
+    for item in parameters:
+        if item.old_name != item.name and item.old_name in names:
+            raise ValueError(f"parameter {item.old_name} is named {item.name}: use this name")

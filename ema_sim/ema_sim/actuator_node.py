@@ -24,7 +24,13 @@ from ema_ros.run import run
 from ema_ros.status import hardware_name
 from ema_sim.bench import ActuatorBench, BenchSettings, MeasuredBlock, RunningCycle
 from ema_sim.growth import Growth
-from ema_sim.settings import CauseSettings, FaultSettings, ResolutionSettings, RunSettings
+from ema_sim.settings import (
+    CauseSettings,
+    FaultSettings,
+    FileSettings,
+    ResolutionSettings,
+    RunSettings,
+)
 from ema_sim.simulation_node import SimulationNode
 
 _PAUSE_S: Final = 0.3
@@ -45,22 +51,21 @@ class ActuatorNode(SimulationNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("actuator", **kwargs)
-        declare(self, RunSettings)
-        run_settings = read(self, RunSettings)
-        file = run_settings.actuator_file
-        description = (
+        # Fixed: the defaults of the plant are the values of the file.
+        declare(self, FileSettings, is_fixed=True)
+        file = read(self, FileSettings).actuator_file
+        self._described = (
             load_description(Path(file), is_simulated=True) if file else ActuatorDescription()
         )
-        identity = {name: getattr(run_settings, name) for name in ("actuator_id", "serial_number")}
-        overrides = {name: value for name, value in identity.items() if value}
-        self._description = replace(description, **overrides)
+        declare(self, RunSettings)
+        self._description = self._named_description()
         declare(self, BenchSettings(pause_s=_PAUSE_S))
         declare(self, Command, "command.")
         declare(self, ResolutionSettings, "resolution.")
         declare(self, FaultSettings, "faults.")
         for name in FAULT_NAMES:
             declare(self, Growth, f"growth.{name}.")
-        declare(self, self._description.parameters, "plant.")
+        declare(self, self._described.parameters, "plant.")
         self._causes = LiveSettings(
             self,
             CauseSettings,
@@ -76,6 +81,7 @@ class ActuatorNode(SimulationNode):
 
     def configure(self) -> None:
         """Create the bench, the publishers and the services."""
+        self._description = self._named_description()
         self._bench = ActuatorBench(
             self._description,
             read(self, BenchSettings),
@@ -119,6 +125,12 @@ class ActuatorNode(SimulationNode):
         for topic, message in messages_of_block(self._description, telemetry, torque).items():
             self.publish(topic, message)
         self.report_pace()
+
+    def _named_description(self) -> ActuatorDescription:
+        """Return the description with the name and serial number in the parameters."""
+        settings = read(self, RunSettings)
+        names = {"actuator_id": settings.actuator_id, "serial_number": settings.serial_number}
+        return replace(self._described, **{key: name for key, name in names.items() if name})
 
     def _set_faults(
         self, request: SetSimulatedFaults.Request, response: SetSimulatedFaults.Response

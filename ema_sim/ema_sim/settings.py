@@ -10,10 +10,16 @@ from ema_core.quantity import Checked, quantity, text, texts
 
 
 @dataclass(frozen=True)
-class RunSettings(Checked):
-    """Simulated actuator and rate of the simulation; ValueError if a value is out of range."""
+class FileSettings(Checked):
+    """File of the simulated actuator."""
 
     actuator_file: str = text("", "actuator file (YAML); empty: the built-in actuator")
+
+
+@dataclass(frozen=True)
+class RunSettings(Checked):
+    """Name of the actuator and rate of the simulation; ValueError if a value is out of range."""
+
     actuator_id: str = text("", "name of the actuator; empty: from its description")
     serial_number: str = text("", "serial number; empty: from its description")
     rate: float = quantity(1.0, "-", 0.01, 100.0, "ratio of simulated to wall time")

@@ -81,7 +81,7 @@ def test_faults_are_named_in_one_line_the_largest_first(ema, tmp_path):
 
 def test_plant_that_differs_keeps_its_nominal_description(ema, tmp_path):
     bag = tmp_path / "hot.mcap"
-    ema("simulate", "-p", "plant.R_s=2.24", "--fault", "friction=0.2", "-o", bag)
+    ema("simulate", "-p", "plant.resistance=2.24", "--fault", "friction=0.2", "-o", bag)
     result = ema("estimate", bag, "--json")
     assert result.exit_code == 0
     [estimate] = json.loads(result.stdout)

@@ -18,6 +18,7 @@ from ..commands import SAMPLE
 FILES = {
     "junk.yaml": "- 1\n",
     "broken.yaml": "{",
+    "old.yaml": "/**/actuator: {ros__parameters: {plant: {J_m: 2.0e-5}}}\n",
     "unit.yaml": "serial_number: SN-1\nparameters: {J_m: -1.0}\n",
 }
 """Files in the folder of the command, beside the sample BAG."""
@@ -33,7 +34,11 @@ NEW = "simulate -o new.mcap"
         (f"{NEW} --fault friction=1.5", 2, ["friction", "1.5", "[0, 1]"]),
         (f"{NEW} --fault excentricity=0.1", 2, ["did you mean 'eccentricity'?"]),
         (f"{NEW} --cause jam=1 --cause jam=1@2", 2, ["jam", "more than once"]),
-        (f"{NEW} -p plant.Rs=2", 2, ["'plant.Rs'", "plant.R_s"]),
+        (f"{NEW} -p plant.resistence=2", 2, ["did you mean 'plant.resistance'?"]),
+        (f"{NEW} -p plant.R_s=2", 2, ["plant.R_s is named plant.resistance"]),
+        (f"{NEW} -p plant.resistance=-2", 2, ["plant.resistance = -2 ohm"]),
+        (f"{NEW} --params old.yaml", 2, ["plant.J_m is named plant.motor_inertia"]),
+        ("estimate BAG -p threshold=1e-6", 2, ["threshold is named threshold_urad"]),
         (f"{NEW} --command square", 2, ["'square'", "chirp"]),
         (f"{NEW} --friction .3", 2, ["'--friction': use --fault friction=VALUE"]),
         (f"{NEW} --current_noise 1", 2, ["did you mean --current-noise?"]),

@@ -76,6 +76,7 @@ def test_defaults_are_possible_and_fields_carry_what_documents_them():
         "unit": "degC",
         "range": (20.0, 300.0),
         "description": "temperature inside",
+        "named": "",
         "usual": None,
         "shown": None,
     }

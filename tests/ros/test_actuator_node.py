@@ -86,7 +86,7 @@ def running(**parameters: Any) -> Iterator[Listener]:
 def two_cycles_in_real_time() -> Listener:
     faults = {"faults.friction": 0.25, "faults.gain": 0.6}
     noise = {"current_noise": 0.05, "noise_gain": 1.0, "seed": 7, "resolution.position": 1e-6}
-    with running(**faults, **noise, **{"plant.R_s": 2.2, "load": 0.01}) as listener:
+    with running(**faults, **noise, **{"plant.resistance": 2.2, "load": 0.01}) as listener:
         for name in ("simulated_faults", "usage"):
             listener.until(lambda name=name: len(listener.received(name)) > 2)
         for name in ("actuator_description", "simulated_faults", "usage"):
@@ -319,7 +319,9 @@ def impossible(**parameters: Any) -> str:
     [
         ("growth.friction.law", "rust", ("growth.friction.law", "'rust'", "archard")),
         ("growth.gain.law", "power", ("growth.gain.rate", "time scale")),
-        ("plant.R_s", -2.0, ("plant.R_s", "-2", "ohm")),
+        ("plant.resistance", -2.0, ("plant.resistance", "-2", "ohm", "R_s")),
+        ("plant.resistance", "thick", ("plant.resistance", "'thick'", "ohm")),
+        ("plant.R_s", 2.2, ("plant.R_s is named plant.resistance",)),
         ("causes", ["load_torque=99"], ("load_torque", "99", "[-10, 10] N.m")),
         ("causes", "load_torque=1", ("causes", "'load_torque=1'", "list of strings")),
         ("actuator_file", "/missing.yaml", ("actuator file", "/missing.yaml", "No such file")),
@@ -338,9 +340,10 @@ def test_described_actuator_is_the_nominal_plant(tmp_path):
         listener.until(lambda: listener.received("telemetry"))
         [message] = listener.received("actuator_description")
         node = listener.node
-        plant = {name: node.get_parameter(f"plant.{name}").value for name in ("R_s", "P", "L_s")}
+        names = "resistance", "pole_pairs", "inductance"
+        plant = [node.get_parameter(f"plant.{name}").value for name in names]
     description = description_from_message(message)
     assert (description.actuator_id, description.serial_number) == ("slat", "S-7")
     assert description.parameters == ActuatorParameters(R_s=1.9, P=4)
-    assert plant == {"R_s": 1.9, "P": 4, "L_s": ActuatorParameters().L_s}
+    assert plant == [1.9, 4, ActuatorParameters().L_s]
     assert listener.received("telemetry")[0].actuator_id == "slat"

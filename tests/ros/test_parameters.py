@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every parameter is declared with what one has to know, and the page has them all."""
 
+import re
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,6 +13,8 @@ import yaml
 from rclpy.parameter import Parameter
 
 from ema_cli.processes.bringup import NODES, node_class
+from ema_ros.messages import PARAMETER_FIELDS
+from ema_ros.node_parameters import AT_CONFIGURE, LIVE
 
 from .spinning import ros_context
 
@@ -51,7 +54,22 @@ def test_each_has_a_description_and_each_number_a_unit_and_a_range(parameters):
             assert descriptor.description.endswith("]"), key
             assert descriptor.floating_point_range or descriptor.integer_range, key
         says = descriptor.additional_constraints
-        assert descriptor.read_only or says.startswith(("live", "can only be changed while")), key
+        assert descriptor.read_only or says.startswith((LIVE, AT_CONFIGURE)), key
+
+
+def test_only_what_is_needed_at_the_start_is_read_only(parameters):
+    fixed = {(node, name) for node, name, _, descriptor in parameters if descriptor.read_only}
+    own = {(node, name) for node, name in fixed if not name.startswith(("autostart", "start_type"))}
+    assert own == {("actuator", "actuator_file")}
+
+
+def test_names_are_words_in_lower_case(parameters):
+    for node, name, *_ in parameters:
+        for part in name.split("."):
+            assert re.fullmatch(r"[a-z]+(_[a-z0-9]+)*", part), (node, name)
+    plant = {name.removeprefix("plant.") for _, name, *_ in parameters if name.startswith("plant.")}
+    assert plant == set(PARAMETER_FIELDS.values())
+    assert not (plant - {"lead"}) & PARAMETER_FIELDS.keys()
 
 
 def test_default_prints_so_that_every_tool_reads_the_number_back(parameters):

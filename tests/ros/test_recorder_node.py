@@ -177,7 +177,7 @@ def test_bag_that_is_there_is_not_replaced_unasked(graph: Spinning, tmp_path: Pa
     for name, value in (("output", str(other)), ("topics", ["text"])):
         [answer] = recorder.set_parameters([Parameter(name, value=value)])
         assert not answer.successful
-        assert answer.reason == f"{name}: {path} is open; clean up the node first"
+        assert answer.reason.startswith(f"{name} cannot be changed while the node is active")
     recorder.trigger_deactivate()
     recorder.trigger_cleanup()
     before = (path / "flight_0.mcap").read_bytes()

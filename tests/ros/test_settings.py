@@ -8,12 +8,14 @@ from typing import Any
 
 import pytest
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ema_core.description import ActuatorDescription
 from ema_core.quantity import Checked, quantity, text
 from ema_ros.actuator_file import load_description
+from ema_ros.managed_node import ManagedNode
 from ema_ros.messages import description_from_message, description_to_message
 from ema_ros.node_parameters import LiveSettings, declare, read
 
@@ -67,8 +69,10 @@ def test_descriptors_report_unit_range_and_choices(make_oven):
     assert (given.from_value, given.to_value) == (20.0, 300.0)
     [given] = node.describe_parameter("trays").integer_range
     assert (given.from_value, given.to_value) == (0, 4)
-    assert node.describe_parameter("mode").additional_constraints == "one of fan, grill"
-    assert node.describe_parameter("label").read_only
+    assert node.describe_parameter("mode").additional_constraints.endswith("one of fan, grill")
+    assert "next configure" in node.describe_parameter("label").additional_constraints
+    declare(node, Oven, "fixed.", is_fixed=True)
+    assert node.describe_parameter("fixed.label").read_only
 
 
 @pytest.mark.parametrize(
@@ -163,16 +167,58 @@ def test_parameter_is_in_the_unit_in_which_it_prints_plainly(make_oven):
     assert not set_one(node, "width_um", 2e6).successful
 
 
-def test_settings_can_be_fixed_for_a_time_and_the_refusal_states_why(make_oven):
-    node, reasons = make_oven(), ["the oven is hot"]
-    oven = LiveSettings(node, Oven, why_fixed=lambda: reasons[-1])
-    result = set_one(node, "trays", 3)
-    assert not result.successful
-    assert result.reason == "trays: the oven is hot"
-    reasons.append("")
-    assert set_one(node, "trays", 3).successful
-    assert oven.value.trays == 3
-    assert "unconfigured" in node.describe_parameter("trays").additional_constraints
+class OvenNode(ManagedNode):
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("oven", **kwargs)
+        declare(self, Oven, "left.")
+
+    def configure(self) -> None:
+        self.oven = read(self, Oven, "left.")
+
+
+def test_change_takes_effect_at_the_next_configure_and_is_refused_while_active(make_node):
+    node = make_node(kind=OvenNode)
+    assert set_one(node, "left.temperature", 200).successful
+    assert node.bring_up()
+    assert node.oven.temperature == 200.0
+    refused = set_one(node, "left.temperature", 250.0)
+    assert refused.reason == (
+        "left.temperature cannot be changed while the node is active: deactivate it, set the "
+        "parameter, then clean up, configure and activate"
+    )
+    assert set_one(node, "left.temperature", 200.0).successful  # it changes nothing
+    node.trigger_deactivate()
+    assert set_one(node, "left.temperature", 250.0).successful
+    assert "too low to grill" in set_both(node, "grill", 50.0).reason
+    node.trigger_activate()
+    assert node.oven.temperature == 200.0
+    node.trigger_deactivate()
+    node.trigger_cleanup()
+    node.trigger_configure()
+    assert node.oven == Oven(250.0)
+
+
+def set_both(node: Node, mode: str, temperature: float) -> SetParametersResult:
+    values = {"left.mode": mode, "left.temperature": temperature}
+    changes = [Parameter(name, value=value) for name, value in values.items()]
+    return node.set_parameters_atomically(changes)
+
+
+@dataclass(frozen=True)
+class Wire(Checked):
+    R: float = quantity(1.0, "ohm", 0.1, 9.0, "resistance of the wire", named="resistance")
+
+
+def test_symbol_is_in_the_description_and_refused_as_a_name(make_oven):
+    node = make_oven()
+    declare(node, Wire, "left.")
+    assert node.describe_parameter("left.resistance").description == (
+        "resistance of the wire, symbol R [ohm]"
+    )
+    with pytest.raises(ParameterNotDeclaredException, match=r"left\.R is named left\.resistance"):
+        set_one(node, "left.R", 2.0)
+    with pytest.raises(ValueError, match=r"left\.R is named left\.resistance"):
+        declare(make_oven(left__R=2.0), Wire, "left.")
 
 
 def test_description_is_read_from_a_file(tmp_path: Path):

@@ -46,7 +46,6 @@ class MonitorNode(ManagedNode):
         declare(self, Selection)
         declare(self, Shard, "shard.")
         declare(self, Files)
-        self._selection, self._shard = read(self, Selection), read(self, Shard, "shard.")
         self._log = Log(self)
 
     def configure(self) -> None:
@@ -77,7 +76,8 @@ class MonitorNode(ManagedNode):
         clock = ReceiverClock(
             self._now_ns, is_simulated=is_simulated, kept=folder / _CLOCK_FILE if folder else None
         )
-        admission = Admission(self._selection, self._shard, settings.operation)
+        selection, shard = read(self, Selection), read(self, Shard, "shard.")
+        admission = Admission(selection, shard, settings.operation)
         self.histories = Histories(
             folder,
             lambda: settings.prognosis(fleet),

@@ -18,7 +18,7 @@ from ema_core.wording import counted
 from ema_interfaces.msg import NodeStatus
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.managed_node import ManagedNode
-from ema_ros.node_parameters import LiveSettings
+from ema_ros.node_parameters import declare, read
 from ema_ros.run import run
 from ema_ros.status import ERROR, OK, WARN, Task
 
@@ -51,7 +51,7 @@ class RecorderNode(ManagedNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("recorder", **kwargs)
-        self._settings = LiveSettings(self, RecorderSettings, why_fixed=self._why_fixed)
+        declare(self, RecorderSettings)
         self._discovering = threading.Lock()  # guards the topics
         self._writing = threading.Lock()  # guards the bag
         self._recording = False
@@ -59,7 +59,7 @@ class RecorderNode(ManagedNode):
 
     def configure(self) -> None:
         """Begin the bag."""
-        settings = self._settings.value
+        self._settings = settings = read(self, RecorderSettings)
         self._wanted = self.full_topic_names(settings.topics)
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._topics: dict[str, RecordedTopic] = {}
@@ -123,7 +123,7 @@ class RecorderNode(ManagedNode):
         recorded = self._recorded
         if recorded is None:
             return []
-        bag, settings, counts = recorded.bag, self._settings.value, self.counts()
+        bag, settings, counts = recorded.bag, self._settings, self.counts()
         topics = dict(self._topics)
         lost = {name: topic.lost for name, topic in sorted(topics.items()) if topic.lost}
         gone = ", ".join(name for name, topic in topics.items() if not topic.has_publisher)
@@ -178,12 +178,6 @@ class RecorderNode(ManagedNode):
             doing = _write_failure(recorded)
         message = "; ".join([doing, *remarks])
         return [Task("recording", level, message, self.hardware_id, values)]
-
-    def _why_fixed(self) -> str:
-        if not self.is_configured:
-            return ""
-        bag = self._recorded.bag.path if self._recorded is not None else "a bag"
-        return f"{bag} is open; clean up the node first"
 
     def _is_wanted(self, name: str) -> bool:
         if self._wanted is not None:

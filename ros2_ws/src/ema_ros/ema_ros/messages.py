@@ -18,6 +18,7 @@ from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.description import DRIVES, ActuatorDescription
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_core.parameters import ActuatorParameters
+from ema_core.settings_parameters import parameters_of
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_ros.stamps import check_stamp, stamp_from_message, stamp_to_message
 
@@ -28,35 +29,7 @@ IDENTITY: Final = ("actuator_id", "serial_number", "model", "sample_period")
 """Fields with the same name in the description and its message."""
 
 PARAMETER_FIELDS: Final = MappingProxyType(
-    {
-        "G_prop": "position_gain",
-        "GAP": "speed_p",
-        "GAI": "speed_i",
-        "GAD": "speed_d",
-        "omega_max": "speed_reference_limit",
-        "V_max": "supply_voltage",
-        "I_max": "current_limit",
-        "T_max": "torque_limit",
-        "k_t": "torque_constant",
-        "k_e": "back_emf_constant",
-        "G_M": "monitor_torque_gain",
-        "R_s": "resistance",
-        "L_s": "inductance",
-        "P": "pole_pairs",
-        "h_b": "current_hysteresis",
-        "J_m": "motor_inertia",
-        "J_u": "user_inertia",
-        "C_m": "motor_viscous_damping",
-        "C_u": "user_viscous_damping",
-        "f_sm": "motor_static_friction",
-        "f_su": "user_static_friction",
-        "f_ratio": "dynamic_friction_ratio",
-        "BLK": "backlash",
-        "tau": "gear_ratio",
-        "theta_stop": "end_stop",
-        "omega_c": "current_bandwidth",
-        "lead": "lead",
-    }
+    {item.field.name: item.name for item in parameters_of(ActuatorParameters)}
 )
 """Message field by parameter name."""
 
