@@ -131,12 +131,12 @@ class Session:
         self.states = other.create_publisher(JointState, STATES, best_effort)
         self.commands: Any = other.create_publisher(Float64, "/command", 10)
         self.joint = "flap_joint"
-        self._number, self.step_s = 0, 1e-3
+        self._time_s, self.step_s = 0.0, 1e-3
 
     def publish_next(self, effort_factor: float = 1.0) -> None:
         """Publish the next of samples at 1 kHz of a sine that both follow."""
-        self._number += 1
-        t = self._number * self.step_s
+        self._time_s += self.step_s
+        t = self._time_s
         angle, rate = 0.01 * math.sin(20.0 * t), 0.2 * math.cos(20.0 * t)
         effort = math.sin(t) * effort_factor
         self.commands.publish(Float64(data=GAIN * angle))
@@ -377,6 +377,25 @@ def test_sensor_that_is_silent_is_a_warning_though_its_value_is_held(graph, mapp
     assert "nothing received on /command for 1 s: command, current" in task.message
 
 
+def test_rate_that_changes_is_a_warning_until_it_is_learned(session):
+    levels: dict[str, int] = {}
+
+    def message() -> str:
+        task = session.task("input")
+        levels[task.message] = task.level
+        return task.message
+
+    session.publish_until(lambda: message() == "1000 Hz", "1000 Hz")
+    session.step_s = 1e-2
+    session.publish_until(lambda: message() == "100 Hz", "100 Hz")
+    session.publish_until(lambda: session.blocks[-1].sample_period == 1e-2, "telemetry at 100 Hz")
+    warned = [text for text, level in levels.items() if level == WARN]
+    assert any("Hz received, telemetry has 1000 Hz" in text for text in warned), levels
+    session.step_s = 1e-3
+    session.publish_until(lambda: message() == "1000 Hz", "1000 Hz")
+    assert levels["100 Hz"] == levels["1000 Hz"] == OK
+
+
 def test_rate_that_cannot_be_learned_is_an_error_with_reason_and_remedy(session):
     assert session.task("input").level == WARN
     # Stamps that stand still.
@@ -456,10 +475,14 @@ class Robots:
 
 def test_without_a_mapping_all_joints_of_all_robots_are_bridged(graph: Spinning):
     robots = Robots(graph)
-    robots.wait_for_blocks({"elbow", "wrist", "left/elbow"})
-    described = {message.actuator_id: message for message in robots.descriptions}
-    assert set(described) == {"elbow", "wrist", "left/elbow"}
-    assert description_from_message(described["wrist"]).drive == "unknown"
+    names = {"elbow", "wrist", "left/elbow"}
+    robots.wait_for_blocks(names)
+
+    def described() -> dict[str, DescriptionMessage]:
+        return {message.actuator_id: message for message in robots.descriptions}
+
+    wait_for(lambda: set(described()) == names, "the descriptions")
+    assert description_from_message(described()["wrist"]).drive == "unknown"
     assert (robots.joints.level, robots.joints.values["joints"]) == (OK, 3)
     # A joint that appears later is bridged, too, and the others go on.
     robots.robots["/left/joint_states"].append("gripper")

@@ -170,6 +170,11 @@ class BridgedActuator:
                 reasons += [str(item) for item in bridge.defects if item.is_error]
             text = f"{recent[source]:.4g} Hz received, but no telemetry is published"
             return ERROR, f"{text}: {'; '.join(reasons) or reason}"
+        if bridge.rate and (hz := bridge.other_rate_hz):
+            reasons.append(
+                f"{hz:.4g} Hz received, telemetry has {1.0 / bridge.rate.period:g} Hz: a new rate is "
+                "learned when the intervals between samples are even"
+            )
         if reasons:
             return WARN, "; ".join(reasons)
         if is_idle:

@@ -204,6 +204,18 @@ class Bridge:
         """Errors that more motion may still confirm or refute; telemetry is published meanwhile."""
         return [item for item in refused(self.defects, self.mapping) if not item.is_certain]
 
+    @property
+    def other_rate_hz(self) -> float:
+        """Mean rate of the latest samples [Hz] if it is not that of the telemetry; else 0.
+
+        The latest samples cover up to twice ``learn_s``.
+        """
+        span_s = 1e-9 * float(np.ptp(self._recent_ns)) if len(self._recent_ns) else 0.0
+        if self._stream is None or not span_s:
+            return 0.0
+        mean_s = span_s / (len(self._recent_ns) - 1)
+        return 1.0 / mean_s if self._is_other(mean_s) else 0.0
+
     def take_rises(self) -> list[MeasuredRise]:
         """Return temperature rises since the previous call, at most one per second."""
         sampler = self._stream.rises if self._stream else None
