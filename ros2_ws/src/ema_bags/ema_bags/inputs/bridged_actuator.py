@@ -171,10 +171,9 @@ class BridgedActuator:
             text = f"{recent[source]:.4g} Hz received, but no telemetry is published"
             return ERROR, f"{text}: {'; '.join(reasons) or reason}"
         if bridge.rate and (hz := bridge.other_rate_hz):
-            reasons.append(
-                f"{hz:.4g} Hz received, telemetry has {1.0 / bridge.rate.period:g} Hz: a new rate is "
-                "learned when the intervals between samples are even"
-            )
+            rates = f"{hz:.4g} Hz received, telemetry has {1.0 / bridge.rate.period:g} Hz"
+            how = "a new rate is learned when the intervals between samples are even"
+            reasons.append(f"{rates}: {how}")
         if reasons:
             return WARN, "; ".join(reasons)
         if is_idle:

@@ -206,7 +206,7 @@ class Bridge:
 
     @property
     def other_rate_hz(self) -> float:
-        """Mean rate of the latest samples [Hz] if it is not that of the telemetry; else 0.
+        """Mean rate of the latest samples [Hz] if the telemetry has another rate; else 0.
 
         The latest samples cover up to twice ``learn_s``.
         """
