@@ -53,23 +53,51 @@ def test_gaps_count_where_one_publisher_stays(events: tuple[str | int | None, ..
     assert gaps.lost == lost
 
 
-def test_blocks_that_are_missing_count_by_the_index_of_their_samples():
+def received(gaps: SampleGaps, now_s: float, *indices: int, name: str = "flap") -> None:
+    """Count blocks of ten samples with these first indices."""
+    for first_index in indices:
+        block = TelemetryBlock(actuator_id=name, first_index=first_index, position=[0.0] * 10)
+        gaps.count(bytes(serialize_message(block)), now_s)
+
+
+@pytest.mark.parametrize(
+    ("indices", "lost", "shared"),
+    [
+        ((500, 510, 540, 550), 2, False),
+        ((7, 17, 32), 1, False),  # half a block counts as one
+        ((500, 510, 0, 10), 0, False),  # it starts again
+        ((500, 510, 540, 570), 2 + 2, False),
+        # Two publishers, the second one from somewhere on; the gaps of each are its own.
+        ((500, 90_000, 510, 90_010, 520), 0, True),
+        ((500, 90_000, 510, 90_010, 540, 90_050, 550, 90_060), 2 + 3, True),
+        ((90_000, 0, 10, 90_010, 20, 20_000, 20_010, 90_020), 1997, True),
+    ],
+)
+def test_missing_blocks_count_by_the_index_of_the_samples_of_each_publisher(
+    indices: tuple[int, ...], lost: int, shared: bool
+):
     gaps = SampleGaps()
+    received(gaps, 100.0, *indices)
+    received(gaps, 100.0, 0, 10, name="rudder")
+    gaps.settle(100.0)
+    assert gaps.lost == 0  # the earlier publisher may still go on
+    received(gaps, 106.0, indices[-1] + 10)
+    gaps.settle(106.0)
+    gaps.settle(107.0)
+    assert (gaps.lost, gaps.shared) == (lost, {"flap"} if shared else set())
 
-    def receive(actuator_id: str, first_index: int, length: int = 10) -> int:
-        block = TelemetryBlock(
-            actuator_id=actuator_id, first_index=first_index, position=[0.0] * length
-        )
-        gaps.count(bytes(serialize_message(block)))
-        return gaps.lost
 
-    assert [receive("left", index) for index in (500, 510, 540)] == [0, 0, 2]
-    assert [receive("right", index) for index in (7, 17, 32)] == [2, 2, 3]  # half a block is one
-    assert receive("left", 0) == 3  # started again
-    assert receive("left", 20, 0) == 3
-    gaps.count(b"no message")
+def test_no_block_is_missing_after_a_pause_or_while_there_is_one_publisher():
+    gaps = SampleGaps()
+    received(gaps, 100.0, 0)
     gaps.pause()
-    assert receive("left", 1000) == 3
+    received(gaps, 100.0, 1000, 2000)
+    gaps.ignore()
+    gaps.count(b"no message", 100.0)
+    gaps.count(bytes(serialize_message(TelemetryBlock(actuator_id="flap"))), 100.0)
+    received(gaps, 110.0, 2010)
+    gaps.settle(110.0)
+    assert gaps.lost == 0
 
 
 @pytest.mark.parametrize("numbers", [False, True])

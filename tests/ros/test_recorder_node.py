@@ -315,6 +315,31 @@ def test_messages_that_the_middleware_drops_are_counted(
     assert sum(map(int, by_topic[1::2])) == lost > 0
 
 
+def test_two_publishers_of_one_actuator_are_named_while_both_are_there_and_lose_nothing(
+    graph: Spinning, other_graph: Spinning, tmp_path: Path
+):
+    first = graph.node().create_publisher(TelemetryBlock, "telemetry", STREAM)
+    node = other_graph.node("intruder")
+    second = node.create_publisher(TelemetryBlock, "telemetry", STREAM)
+    recorder = recorder_of(graph, tmp_path / "flight", topics=["telemetry"])
+    assert recorder.bring_up()
+    wait_for_match(recorder, first, second)
+    for number in range(100):
+        first.publish(block(number))
+        second.publish(block(10**9 + number))
+    expected = (
+        "/ema/telemetry: several publishers send actuator_id flap (/ema/intruder, /ema/source)"
+    )
+    wait_for(lambda: expected in task(recorder).message, "the collision")
+    recorded(recorder, 200)
+    assert task(recorder).values["lost messages"] == 0
+    node.destroy_publisher(second)
+    wait_for(lambda: task(recorder).level == OK, "the end of it")
+    first.publish(block(100))
+    recorded(recorder, 201)
+    assert (task(recorder).level, task(recorder).values["lost messages"]) == (OK, 0)
+
+
 def test_recorder_that_stood_still_states_so_in_status_and_bag(
     graph: Spinning, tmp_path: Path, monkeypatch: Any
 ):

@@ -2,8 +2,10 @@
 """A recorded topic: its quality of service, publishers and losses."""
 
 import threading
+import time
 from collections.abc import Hashable, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Final
 
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.serialization import deserialize_message
@@ -12,6 +14,12 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from ema_bags.message_type import message_class, type_hash
 from ema_bags.qos import RELIABLE_DEPTH, common_offer, joint_offer
 from ema_interfaces.msg import TelemetryBlock
+
+_ENDED_S: Final = 5.0
+"""Time without a block after which a run of blocks has ended, if another run has begun [s]."""
+
+_MOST_RUNS: Final = 100
+"""Largest number of runs of an actuator; the oldest are forgotten."""
 
 
 class SequenceGaps:
@@ -50,38 +58,93 @@ class SequenceGaps:
         self._last, self._unconfirmed = None, 0
 
 
-class SampleGaps:
-    """Counts missing blocks of telemetry by the index of their samples.
+@dataclass(eq=False)
+class _Run:
+    """Blocks of telemetry without a gap, which are of one publisher."""
 
-    An index that goes back indicates a restart of the actuator, not a loss.
+    next_index: int
+    """Index of the sample after the last block."""
+    latest_s: float
+    """Monotonic time of the last block [s]."""
+    before: "_Run | None" = None
+    """Run that this run continues after a gap, unless that run continues itself."""
+    missing: int = 0
+    """Number of blocks in the gap."""
+
+
+class SampleGaps:
+    """Counts missing blocks of telemetry by the index of their samples, for each publisher.
+
+    rclpy does not name the publisher of a message, but the blocks of one publisher form runs
+    without a gap. A run that begins after a gap continues an earlier run, and the blocks between
+    them are lost. If the earlier run continues, the later one is of another publisher, and no block
+    is lost. An index that goes back indicates a restart of the actuator, not a loss.
+
+    Attributes
+    ----------
+    lost
+        Number of missing blocks.
+    shared
+        Names of actuators with several publishers.
     """
 
     def __init__(self) -> None:
         self.lost = 0
-        self._next: dict[str, int] = {}
+        self.shared: set[str] = set()
+        self._runs: dict[str, list[_Run]] = {}
 
-    def count(self, data: bytes) -> None:
-        """Count a serialised block that was received."""
+    def count(self, data: bytes, now_s: float) -> None:
+        """Count a serialised block received at a monotonic time [s]."""
         try:
             block: Any = deserialize_message(data, TelemetryBlock)
         except Exception:  # the middleware raises various errors for malformed messages
             return
-        length = len(block.position)
-        missing = block.first_index - self._next.get(block.actuator_id, block.first_index)
-        if length and missing > 0:
-            self.lost += -(-missing // length)
-        self._next[block.actuator_id] = block.first_index + length
+        first, length = block.first_index, len(block.position)
+        if not length:
+            return
+        runs = self._runs.setdefault(block.actuator_id, [])
+        run = next((item for item in reversed(runs) if item.next_index == first), None)
+        if run is None:
+            lower = [item for item in runs if item.next_index < first]
+            before = max(lower, key=lambda item: item.next_index, default=None)
+            missing = -(-(first - before.next_index) // length) if before else 0
+            run = _Run(first, now_s, before, missing)
+            runs.append(run)
+            del runs[:-_MOST_RUNS]
+        elif run is not runs[-1]:
+            self.shared.add(block.actuator_id)
+            for item in runs:
+                if item.before is run:
+                    item.before = None
+        run.next_index, run.latest_s = first + length, now_s
+
+    def settle(self, now_s: float) -> None:
+        """Count the gaps after runs that have ended; call it regularly."""
+        for runs in self._runs.values():
+            ended = {id(run) for run in runs[:-1] if now_s - run.latest_s > _ENDED_S}
+            for run in runs:
+                if run.before is not None and id(run.before) in ended:
+                    self.lost += run.missing
+                    run.before = None
+            runs[:] = [run for run in runs if id(run) not in ended]
+
+    def ignore(self) -> None:
+        """Count no gap so far; a sole publisher's gaps are counted by sequence number."""
+        for runs in self._runs.values():
+            del runs[:-1]
+            runs[-1].before = None
 
     def pause(self) -> None:
         """Ignore the gap after a pause, whose blocks are not recorded."""
-        self._next.clear()
+        self._runs.clear()
 
 
 class RecordedTopic:
     """A recorded topic, with a requested quality of service that all its publishers meet.
 
     Losses are counted by the sequence numbers of its publisher. The numbers of several publishers
-    cannot be distinguished: for telemetry, the index of the samples is used instead.
+    cannot be distinguished: for telemetry, the index of the samples is used instead, which also
+    shows whether several publishers send the same ``actuator_id``.
 
     Parameters
     ----------
@@ -116,27 +179,47 @@ class RecordedTopic:
         self.request = common_offer(offers, RELIABLE_DEPTH)
         self._lock = threading.Lock()
         self._gaps = SequenceGaps()
+        self._present: frozenset[bytes] = frozenset()
         self._samples = SampleGaps() if self.message_class is TelemetryBlock else None
-        self._had_several = False
         self.set_publishers(publishers)
 
     @property
     def lost(self) -> int:
         """Number of lost messages detected so far."""
-        by_index = self._samples.lost if self._samples and self._had_several else 0
-        return max(self._gaps.lost, by_index)
+        return self._gaps.lost + (self._samples.lost if self._samples else 0)
+
+    @property
+    def collision(self) -> str:
+        """Warning if several publishers send the same ``actuator_id``; else empty."""
+        with self._lock:
+            names = ", ".join(sorted(self._samples.shared)) if self._samples else ""
+        if not names:
+            return ""
+        nodes = ", ".join(self._nodes)
+        return f"several publishers send actuator_id {names} ({nodes}): stop all but one"
 
     def set_publishers(self, publishers: Sequence[TopicEndpointInfo]) -> None:
         """Set the present publishers; call it regularly."""
         self.has_publisher = bool(publishers)
+        self._nodes = sorted(
+            f"{item.node_namespace.rstrip('/')}/{item.node_name}" for item in publishers
+        )
         self.incompatible = [
             item.node_name
             for item in publishers
             if qos_check_compatible(item.qos_profile, self.request)[0] == QoSCompatibility.ERROR
         ]
+        present = frozenset(bytes(item.endpoint_gid) for item in publishers)
         with self._lock:
-            self._had_several |= len(publishers) > 1
-            self._gaps.set_publishers(frozenset(bytes(item.endpoint_gid) for item in publishers))
+            if present != self._present:
+                self._present = present
+                if self._samples:
+                    self._samples.shared.clear()
+            self._gaps.set_publishers(present)
+            if self._samples and len(present) > 1:
+                self._samples.settle(time.monotonic())
+            elif self._samples:
+                self._samples.ignore()
 
     def pause(self) -> None:
         """Ignore the gap until publishers are set again, while nothing is recorded."""
@@ -150,7 +233,7 @@ class RecordedTopic:
         with self._lock:
             self._gaps.count(sequence_number)
             if self._samples:
-                self._samples.count(data)
+                self._samples.count(data, time.monotonic())
 
 
 def _installed_class(types: Sequence[str], publishers: Sequence[TopicEndpointInfo]) -> Any:

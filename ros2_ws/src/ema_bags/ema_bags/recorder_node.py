@@ -139,6 +139,11 @@ class RecorderNode(ManagedNode):
             for name, topic in topics.items()
             if topic.incompatible
         ]
+        remarks += [
+            f"{name}: {collision}"
+            for name, topic in topics.items()
+            if (collision := topic.collision)
+        ]
         if recorded.is_short:
             remarks.append(
                 f"max_cache_size = {settings.max_cache_size} B is enough for "
