@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Telemetry of an actuator in contiguous columns."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
@@ -199,10 +199,40 @@ def lost_between(last: Telemetry, block: Telemetry) -> Telemetry | None:
     return Telemetry(stamp_ns, h, begin, *columns, interpolated=np.ones(count, dtype=bool))
 
 
-def bridged(blocks: Sequence[Telemetry]) -> list[Telemetry]:
-    """Return blocks in which the lost samples between blocks are interpolated (`lost_between`)."""
-    joined = [blocks[0]]
-    for block in blocks[1:]:
-        lost = lost_between(joined[-1], block)
-        joined += [block] if lost is None else [lost, block]
-    return joined
+def bridged(blocks: Iterable[Telemetry]) -> Iterator[Telemetry]:
+    """Yield blocks in which the lost samples between blocks are interpolated (`lost_between`)."""
+    last: Telemetry | None = None
+    for block in blocks:
+        lost = None if last is None else lost_between(last, block)
+        if lost is not None:
+            yield lost
+        yield block
+        last = block
+
+
+def excerpt(
+    blocks: Iterable[Telemetry], start: int, stop: int, omitted: Sequence[range] = ()
+) -> Telemetry:
+    """Return the samples from ``start`` to ``stop`` (exclusive) as one block.
+
+    Parameters
+    ----------
+    blocks
+        Telemetry in ascending order; blocks outside the result may be missing.
+    start, stop
+        Running indices.
+    omitted
+        Ranges of running indices between them that are left out, in ascending order. The
+        timestamps of the result ignore them.
+    """
+    begins = [start, *(item.stop for item in omitted)]
+    ends = [*(item.start for item in omitted), stop]
+    pieces: list[Telemetry] = []
+    for block in blocks:
+        first, after = block.first_index, block.first_index + len(block)
+        pieces += [
+            block.part(max(begin, first) - first, min(end, after) - first)
+            for begin, end in zip(begins, ends, strict=True)
+            if max(begin, first) < min(end, after)
+        ]
+    return join(pieces)

@@ -78,7 +78,7 @@ def test_joined_blocks_keep_what_is_interpolated():
     whole = telemetry(sine(3.0))
     lost = np.zeros(len(whole), dtype=bool)
     lost[[50, 51, 120]] = True
-    joined = join(bridged(pieces(whole, lost)))
+    joined = join(list(bridged(pieces(whole, lost))))
     assert len(joined) == len(whole)
     np.testing.assert_array_equal(joined.part(40, 130).interpolated, lost[40:130])
     assert joined.stamp_ns == START_NS + round(H * 1e9)

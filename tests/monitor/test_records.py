@@ -60,13 +60,13 @@ def events_of(
 
 
 def spans(events: list[Segment | Defect]) -> list[tuple[int, int, int]]:
-    """First index, number of samples and first stamp of each record; all are records."""
+    """First index, number of samples to the last, and first stamp; all are records."""
     found = []
     for event in events:
         assert isinstance(event, Segment), event
         assert isinstance(event.window, Window), event
-        samples = event.window.telemetry
-        found.append((samples.first_index, len(samples), samples.stamp_ns))
+        samples, omitted = event.window.telemetry, sum(map(len, event.window.omitted))
+        found.append((samples.first_index, len(samples) + omitted, samples.stamp_ns))
     return found
 
 
@@ -514,3 +514,137 @@ def test_short_end_of_a_motion_is_the_remainder_of_its_records():
     apart = np.concatenate([rest(3.0), *motion[:4], rest(9.0), sine(6.0)])
     assert remainders(apart) == [False, False]
     assert remainders(apart, record_rest_s=20.0) == [False, True]
+
+
+def paused_work(pause_s: float, h: float = H) -> NDArray[np.float64]:
+    """Motions of 6 s at a small offset from each other, with noise, and pauses between them."""
+    random = np.random.default_rng(3)
+    parts = [part for _ in range(8) for part in (sine(6.0, h=h), rest(pause_s, h))]
+    work = np.concatenate([rest(3.0, h), *parts])
+    return work + 1e-6 * random.standard_normal(len(work))
+
+
+def kept_in(window: Window, whole: Telemetry) -> NDArray[np.bool_]:
+    """Flags of the samples that a window keeps of telemetry whose running index begins at 1."""
+    kept = np.zeros(len(whole), dtype=bool)
+    first = window.telemetry.first_index - 1
+    kept[first : first + len(window.telemetry) + sum(map(len, window.omitted))] = True
+    for omitted in window.omitted:
+        kept[omitted.start - 1 : omitted.stop - 1] = False
+    return kept
+
+
+@pytest.mark.parametrize("sizes", [1, 10, 170, 5000])
+def test_long_rests_are_left_out_of_a_record(sizes: int):
+    """Work of 6 s every 66 s gives records with as much motion as work without pauses."""
+    whole = telemetry(paused_work(60.0))
+    settings = TriggerSettings(record_s=20.0, record_rest_s=600.0)
+    events = events_of(whole, sizes, settings)
+    windows = [event.window for event in events if isinstance(event, Segment)]
+    assert [len(window.omitted) for window in windows if isinstance(window, Window)] == [2, 2, 1]
+    for window in windows:
+        assert isinstance(window, Window)
+        kept = kept_in(window, whole)
+        np.testing.assert_array_equal(window.telemetry.position, whole.position[kept])
+        assert window.end_ns == whole.stamp_at(int(np.flatnonzero(kept)[-1]))
+        assert all(58.0 < len(omitted) * H < 60.0 for omitted in window.omitted)
+
+
+def long_day(seed: int) -> NDArray[np.float64]:
+    """Moves, rests of up to 40 s and creep of up to 90 s, with noise and a slow oscillation."""
+    random = np.random.default_rng(seed)
+    parts, base = [rest(3.0)], 0.0
+    for kind in random.choice(["move", "rest", "creep"], random.integers(5, 40), p=[0.5, 0.3, 0.2]):
+        if kind == "move":
+            parts.append(base + sine(float(random.integers(1, 25))))
+        elif kind == "rest":
+            parts.append(base + rest(random.uniform(0.2, 40.0)))
+        else:
+            creep = random.choice([1e-5, 1e-4, 3e-4])
+            parts.append(base + np.linspace(0.0, creep, round(random.uniform(3.0, 90.0) / H)))
+            base += creep
+    day = np.concatenate(parts)
+    slow = np.sin(2.0 * np.pi * np.arange(len(day)) * H / random.uniform(3.0, 300.0))
+    noise = random.choice([0.0, 1e-6, 2e-5]) * random.standard_normal(len(day))
+    return day + noise + random.choice([0.0, 3e-5]) * slow
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_records_with_long_rests_keep_the_right_samples_for_any_size_of_blocks(seed: int):
+    random = np.random.default_rng(seed + 1000)
+    whole = telemetry(long_day(seed), command=bool(random.integers(2)))
+    settings = TriggerSettings(
+        record_s=float(random.choice([5.0, 20.0, 40.0])),
+        record_rest_s=float(random.choice([5.0, 20.0, 600.0])),
+        record_interval_s=float(random.choice([0.0, 60.0])),
+    )
+    results = []
+    for size in (7, 100, 3000):
+        events = events_of(whole, size, settings)
+        windows = [event.window for event in events if isinstance(event, Segment)]
+        for window in windows:
+            assert isinstance(window, Window)
+            kept = kept_in(window, whole)
+            np.testing.assert_array_equal(window.telemetry.position, whole.position[kept])
+            assert window.end_ns == whole.stamp_at(int(np.flatnonzero(kept)[-1]))
+            assert len(window) <= 2.0 * settings.record_s / H
+        assert all(first.end_ns < second.start_ns for first, second in pairwise(windows))
+        results.append([(window.start_ns, window.end_ns) for window in windows])
+    assert results[0] == results[1] == results[2]
+
+
+def test_rests_of_a_record_take_little_memory():
+    """Of each rest, at most the joined blocks at its ends remain, 6.4 s each."""
+    trigger = RecordTrigger(UNKNOWN.parameters, TriggerSettings(record_s=40.0, record_rest_s=600.0))
+    whole = telemetry(paused_work(400.0))
+    kept = []
+    for start in range(0, len(whole), 10):
+        trigger.feed(whole.part(start, min(start + 10, len(whole))))
+        kept.append(trigger.kept_samples)
+    assert max(kept) * H < 100.0
+
+
+@pytest.mark.parametrize("sizes", [10, 1000])
+def test_joint_that_seizes_in_a_pause_of_its_work_is_found_after_5_s(sizes: int):
+    work = paused_work(60.0)
+    whole = telemetry(work)
+    moving = round((3.0 + 6.0 + 20.0) / H)
+    command = whole.command.copy()
+    command[moving : moving + round(30.0 / H)] = sine(30.0)
+    settings = TriggerSettings(record_s=20.0, record_rest_s=600.0)
+    events = events_of(replace(whole, command=command), sizes, settings)
+    still = [
+        event
+        for event in events
+        if isinstance(event, Segment)
+        and isinstance(event.window, Window)
+        and stands_still(event.window.telemetry)
+    ]
+    assert still
+    first = still[0].window
+    assert isinstance(first, Window)
+    assert first.start_ns < whole.stamp_at(moving + round(10.0 / H))
+
+
+def test_position_that_creeps_at_rest_does_not_jump_where_the_rest_is_left_out():
+    """A joint that sinks by ten times the noise in each pause."""
+    pause = 2e-4 * np.sin(np.linspace(0.0, 0.5 * np.pi, round(120.0 / H)))
+    parts = [
+        part for number in range(6) for part in (sine(6.0) + number * 2e-4, pause + number * 2e-4)
+    ]
+    random = np.random.default_rng(5)
+    work = np.concatenate([rest(3.0), *parts])
+    whole = telemetry(work + 2e-5 * random.standard_normal(len(work)))
+    settings = TriggerSettings(record_s=20.0, record_rest_s=600.0)
+    windows = [
+        event.window for event in events_of(whole, 10, settings) if isinstance(event, Segment)
+    ]
+    omitted = 0
+    for window in windows:
+        assert isinstance(window, Window)
+        omitted += sum(map(len, window.omitted))
+        splices = np.flatnonzero(np.diff(np.flatnonzero(kept_in(window, whole))) > 1)
+        for splice in splices:
+            around = window.telemetry.position[splice - 20 : splice + 22]
+            assert abs(np.mean(around[:21]) - np.mean(around[21:])) < 8.5 * 2e-5
+    assert omitted * H > 300.0

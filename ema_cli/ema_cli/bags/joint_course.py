@@ -31,7 +31,7 @@ from ema_monitor.windows.window import Window
 
 _PAUSE_NS: Final = 6_000_000_000  # longer than the rest that ends a record
 
-WORK: Final = TriggerSettings(record_s=40.0, record_rest_s=20.0)
+WORK: Final = TriggerSettings(record_s=60.0, record_rest_s=600.0)
 """Settings for records of ordinary work, as in ``attach.yaml`` of ema_bringup: a record has several
 strokes in both directions even if the work pauses."""
 

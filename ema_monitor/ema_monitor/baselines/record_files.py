@@ -153,6 +153,7 @@ def _arrays(window: Window) -> dict[str, Any]:
         "first_index": np.array(telemetry.first_index, dtype=np.int64),
         "origin": np.array(origin),
         "interpolated": np.flatnonzero(telemetry.interpolated),
+        "omitted": np.array([(item.start, item.stop) for item in window.omitted], dtype=np.int64),
         "temperature": np.array(measured.get("winding_temperature", (math.nan, math.nan))),
         **{
             name: (column - origin if name in _ANGLES else column).astype(np.float32)
@@ -187,6 +188,7 @@ def _decoded(file: IO[bytes]) -> Window:
             **columns,
             interpolated=interpolated,
         )
+        omitted = tuple(range(*map(int, item)) for item in arrays["omitted"])
         value, sigma = map(float, arrays["temperature"])
     measured = () if math.isnan(value) else (CauseEstimate("winding_temperature", value, sigma),)
-    return Window(telemetry, measured=measured)
+    return Window(telemetry, measured=measured, omitted=omitted)

@@ -147,8 +147,8 @@ def find_recorded_windows(
             if latest and latest[-1][2] > item.first_index:
                 take(intake.split(item))
                 latest.clear()
-            reach = round(finder.reach_s(item.sample_period) / item.sample_period) + 1
-            while latest and latest[0][2] <= latest[-1][2] - reach:
+            oldest = finder.oldest_index(item)
+            while len(latest) > 1 and latest[0][2] <= oldest:
                 latest.popleft()
             latest.append((place, item.first_index, item.first_index + len(item)))
             take(intake.feed(item))
@@ -202,10 +202,11 @@ def _recorded_window(
         place = window
     else:
         start, samples = window.telemetry.first_index, len(window.telemetry)
+        stop = start + samples + sum(map(len, window.omitted))
         # A window may begin or end at interpolated samples, which lie between two blocks.
         first, index, _ = [item for item in latest if item[1] <= start][-1]
-        last = next((item for item in latest if item[2] >= start + samples), latest[-1])
-        place = WindowPlace(recorded, first, last[0], start - index, samples)
+        last = next((item for item in latest if item[2] >= stop), latest[-1])
+        place = WindowPlace(recorded, first, last[0], start - index, samples, window.omitted)
         play, measured = window.play, window.measured
     return RecordedWindow(
         segment.number,

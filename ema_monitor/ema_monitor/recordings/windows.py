@@ -5,6 +5,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import chain
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -15,7 +16,7 @@ from ema_bags.telemetry import RecordedTelemetry
 from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription, UnitKey
 from ema_core.faults import healthy_faults
-from ema_core.telemetry import Telemetry, bridged, join
+from ema_core.telemetry import Telemetry, bridged, excerpt
 from ema_core.wording import counted
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -40,13 +41,18 @@ class WindowPlace:
     offset: int
     """Index of the first sample in the first block."""
     samples: int
-    """Number of samples."""
+    """Number of samples, without the omitted ones."""
+    omitted: tuple[range, ...] = ()
+    """See `Window`."""
 
     def read(self) -> Telemetry:
         """Read the samples."""
         items = self.recorded.items(self.first, self.last)
-        blocks = [item for _, item in items if isinstance(item, Telemetry)]
-        return join(bridged(blocks)).part(self.offset, self.offset + self.samples)
+        blocks = (item for _, item in items if isinstance(item, Telemetry))
+        first = next(blocks)
+        start = first.first_index + self.offset
+        stop = start + self.samples + sum(map(len, self.omitted))
+        return excerpt(bridged(chain([first], blocks)), start, stop, self.omitted)
 
 
 @dataclass(frozen=True)
@@ -75,7 +81,9 @@ class RecordedWindow:
         """The window, read from the bag at each access, or its refusal."""
         if isinstance(self.place, Refusal):
             return self.place
-        return Window(self.place.read(), self.play, self.measured, self.is_remainder)
+        return Window(
+            self.place.read(), self.play, self.measured, self.is_remainder, self.place.omitted
+        )
 
 
 @dataclass(frozen=True)

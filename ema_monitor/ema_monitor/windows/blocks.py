@@ -2,10 +2,11 @@
 """Buffer of the latest contiguous telemetry blocks."""
 
 from array import array
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-from ema_core.telemetry import Telemetry, elapsed_ns, join
+from ema_core.telemetry import Telemetry, elapsed_ns, excerpt, join
 
 _JOINED_BLOCKS: Final = 64
 _JOINED_SAMPLES: Final = 4096
@@ -91,12 +92,29 @@ class LatestBlocks:
         del self._parts[:count]
         self._loose = min(self._loose, len(self._parts))
 
-    def cut(self, start: int, stop: int) -> tuple[Telemetry, BlockStamp, BlockStamp]:
+    def omit(self, omitted: range) -> None:
+        """Drop blocks within a range of running indices, except the latest block.
+
+        A later `cut` across the range must leave it out.
+        """
+        kept = [
+            part
+            for part in self._parts[:-1]
+            if part.telemetry.first_index < omitted.start or part.end > omitted.stop
+        ]
+        self._parts[:-1] = kept
+        self._loose = 1
+
+    def cut(
+        self, start: int, stop: int, omitted: Sequence[range] = ()
+    ) -> tuple[Telemetry, BlockStamp, BlockStamp]:
         """Return the samples from ``start`` to ``stop`` (exclusive), and two block stamps.
 
-        The stamps belong to the first and last block that start within these samples, for a check
-        of the sample rate. If no block starts within them, both stamps belong to the block with the
-        first sample.
+        Samples in the ranges ``omitted``, in ascending order within the cut, are left out.
+
+        The stamps belong to the first and last block that start within the cut, for a check of the
+        sample rate. If no block starts within it, both stamps belong to the block with the first
+        sample.
         """
         covering = [
             part for part in self._parts if part.end > start and part.telemetry.first_index < stop
@@ -104,7 +122,7 @@ class LatestBlocks:
         first = covering[0]
         offset = start - first.telemetry.first_index
         begins_in = first.block_stamp(_last_at_most(first.offsets, offset))
-        telemetry = join([part.telemetry for part in covering]).part(offset, offset + stop - start)
+        telemetry = excerpt((part.telemetry for part in covering), start, stop, omitted)
         stamp_ns = begins_in.stamp_ns + elapsed_ns(
             telemetry.sample_period, begins_in.first_index, start - begins_in.first_index
         )
@@ -114,8 +132,9 @@ class LatestBlocks:
             for block in range(len(part.offsets))
             if start <= part.telemetry.first_index + part.offsets[block] < stop
         ]
-        ends = (inside[0], inside[-1]) if inside else (begins_in, begins_in)
-        return replace(telemetry, stamp_ns=stamp_ns), *ends
+        if not inside:
+            inside = [begins_in]
+        return replace(telemetry, stamp_ns=stamp_ns), inside[0], inside[-1]
 
 
 def _last_at_most(offsets: "array[int]", offset: int) -> int:

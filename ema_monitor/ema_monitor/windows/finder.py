@@ -13,7 +13,6 @@ from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry, lost_between
 from ema_core.wording import counted
 from ema_monitor.windows.records import LEAST_MOTION_S, MOST_RECORD_SAMPLES, RecordTrigger
-from ema_monitor.windows.rest import BIN_S, BINS_AT_ONCE
 from ema_monitor.windows.stretches import StretchTrigger
 from ema_monitor.windows.trigger import (
     ANY_MOTION,
@@ -112,15 +111,17 @@ class WindowFinder:
             longest_s = min(longest_s, MOST_RECORD_SAMPLES * period)
         return longest_s if self.finds_records else max(longest_s, self.window_s)
 
-    def reach_s(self, sample_period: float) -> float:
-        """Return the longest time from the start of a window to its completion [s].
+    def oldest_index(self, block: Telemetry) -> int:
+        """Return the running index of the earliest sample of a window that ``block`` may complete.
 
-        ``sample_period`` is the sample period of the telemetry [s].
+        Parameters
+        ----------
+        block
+            The next block.
         """
-        if self._trigger is not None and not self.finds_records:
-            return self.window_s
-        rest_s = self._settings.record_rest_s
-        return self.longest_s + rest_s + BINS_AT_ONCE * max(BIN_S, sample_period)
+        if isinstance(self._trigger, RecordTrigger):
+            return self._trigger.oldest_index
+        return block.first_index - round(self.longest_s / block.sample_period) - 1
 
     @property
     def longest_motion_s(self) -> float:

@@ -37,6 +37,9 @@ MARGIN_S: Final = 0.5
 MOST_RECORD_SAMPLES: Final = 200_000
 """Largest number of samples in a record: 6.4 MB in four columns."""
 
+LONGEST_REST_S: Final = 5.0
+"""Longest rest that a record includes in full [s]; longer ones are left out but for a margin."""
+
 _REST_S: Final = 0.25
 _LEAST_REST_SAMPLES: Final = 3
 _RESTING_SHARE: Final = 2e-3
@@ -90,9 +93,13 @@ class RecordTrigger(WindowTrigger):
 
     - at the first rest after ``record_s``, unless it ends for another reason within a quarter of
       ``record_s`` after this rest: a short remainder is part of the record,
-    - when the position has rested for ``record_rest_s``; the record includes 0.5 s of the rest,
+    - when the position has rested for ``record_rest_s``, or for 5 s in which the command moves; the
+      record includes 0.5 s of the rest,
     - at the end or a break of the telemetry; gaps of at most 1 s are interpolated,
     - after twice ``record_s``, even in motion.
+
+    Rests of more than 5 s within a record are left out, except 0.5 s at both ends, and do not count
+    for its length. Thus a record of a joint that often pauses has as much motion as any other.
 
     A record that began is followed by the next one after ``record_interval_s`` at the earliest; the
     motion between them is not stored.
@@ -129,6 +136,12 @@ class RecordTrigger(WindowTrigger):
         self._run, self._recent = SteadyRun(0), SteadyRun(0)
         self._piece_begin = self._free_from = 0
         self._motion_begin: int | None = None
+        # Ranges of running indices that the open record leaves out.
+        self._omitted: list[range] = []
+        self._rest_begin: int | None = None
+        self._omit_from = 0
+        # Index before which samples of the latest rest are not in memory.
+        self._dropped = 0
         self._still_begin: int | None = None
         self._cut_at: _Cut | None = None
         self._moved = self._not_before = 0
@@ -141,13 +154,18 @@ class RecordTrigger(WindowTrigger):
         """Number of samples in memory."""
         return self._latest.samples
 
+    @property
+    def oldest_index(self) -> int:
+        """Running index of the earliest sample in memory; 0 without samples."""
+        return self._latest.begin if self._latest.samples else 0
+
     def feed(self, block: Telemetry) -> list[Window | Refusal | Defect]:
         """Process the next block; return the completed records, refusals and defects."""
         events = self.split(block)
         if reason := not_finite(block) or self._too_many(block):
             return [*events, *self.end_piece(block.stamp_ns, reason)]
         if self._bins is None:
-            begin = self._piece_begin = self._free_from = block.first_index
+            begin = self._piece_begin = self._free_from = self._dropped = block.first_index
             self._bins = PositionBins(block.sample_period, begin)
             self._run, self._recent = SteadyRun(begin), SteadyRun(begin)
         return events + self._process(block)
@@ -243,7 +261,11 @@ class RecordTrigger(WindowTrigger):
         elif step.is_resting and self._motion_begin is not None:
             self._moved += max(0, begin - self._motion_begin)
             self._motion_begin = None
-        length, bin_size = item.last + 1 - self._start, item.last + 1 - item.first
+        if step.is_resting and self._cut_at is None:
+            rest = round(LONGEST_REST_S / h)
+            if not self._omit_rest(step, margin, rest):
+                return self._close(min(item.last, begin + margin), self._moved)
+        length, bin_size = self._length(item.last + 1), item.last + 1 - item.first
         full = self._full(h)
         if step.is_resting and item.last + 1 - begin >= round(self.settings.record_rest_s / h):
             return self._close(min(item.last, begin + margin), self._moved)
@@ -265,6 +287,35 @@ class RecordTrigger(WindowTrigger):
             events += self._advance(later, h)
         return events
 
+    def _omit_rest(self, step: _Step, margin: int, longest: int) -> bool:
+        """Leave out the current rest, except its margins, if it is longer than ``longest``.
+
+        Within a range that is left out, the position stays within the threshold. If it creeps, the
+        rest begins later, and the next range follows the one before. Returns False if the command
+        moves during the rest, which is a standstill.
+        """
+        if step.rest_begin != self._rest_begin:
+            before = self._omitted[-1].stop if self._omitted else step.rest_begin
+            self._rest_begin, self._omit_from = step.rest_begin, max(step.rest_begin, before)
+        begin, item = self._omit_from, step.item
+        if item.last + 1 - begin <= longest:
+            return True
+        if (item.last + 1 - begin) // longest > (item.first - begin) // longest:
+            latest, _, _ = self._latest.cut(item.last + 1 - longest, item.last + 1)
+            if stands_still(latest):
+                return False
+            self._dropped = item.first - margin
+            self._latest.omit(range(begin + margin, self._dropped))
+        if self._omitted and self._omitted[-1].start == begin + margin:
+            self._omitted.pop()
+        self._omitted.append(range(begin + margin, item.first - margin))
+        return True
+
+    def _length(self, end: int) -> int:
+        """Return the number of samples of the open record that are kept, up to ``end``."""
+        assert self._start is not None
+        return end - self._start - sum(map(len, self._omitted))
+
     def _full(self, h: float) -> int:
         """Return the number of samples after which a rest ends a record."""
         return min(round(self.settings.record_s / h), MOST_RECORD_SAMPLES // 2)
@@ -285,7 +336,7 @@ class RecordTrigger(WindowTrigger):
         if self._still_begin is None or len(telemetry) < least:
             return []
         self._free_from, self._still_begin = end, None
-        return [self._checked(telemetry, first, latest)]
+        return [self._checked(Window(telemetry), first, latest)]
 
     def _moved_until(self, end: int) -> int:
         """Return the number of samples in motion in the open record, up to the sample ``end``."""
@@ -293,6 +344,7 @@ class RecordTrigger(WindowTrigger):
 
     def _open(self, start: int, item: PositionBin, h: float) -> None:
         self._start, self._moved = start, 0
+        self._omitted, self._rest_begin = [], None
         self._not_before = start + round(self.settings.record_interval_s / h)
         self._motion_begin = max(start, item.first)
 
@@ -304,10 +356,13 @@ class RecordTrigger(WindowTrigger):
         start, self._start, self._motion_begin, self._cut_at = self._start, None, None, None
         if start is None:
             return []
-        self._free_from = end + 1
-        telemetry, first, last = self._latest.cut(start, end + 1)
+        # The end of a rest that creeps may lie where an earlier part of the rest was left out.
+        end = min([end, *(item.start - 1 for item in self._omitted if end in item)])
+        self._free_from = max(end + 1, self._dropped)
+        omitted = tuple(item for item in self._omitted if item.stop <= end)
+        telemetry, first, last = self._latest.cut(start, end + 1, omitted)
         h = telemetry.sample_period
-        is_short = end + 1 - start < self._full(h)
+        is_short = len(telemetry) < self._full(h)
         rest = round(self.settings.record_rest_s / h)
         follows = self._full_end is not None and start - self._full_end <= rest
         if not is_short:
@@ -318,16 +373,15 @@ class RecordTrigger(WindowTrigger):
             if moved_s >= self.longest_motion_s:
                 self.longest_motion_s, self.shortfall = moved_s, shortfall
             return []
-        return [self._checked(telemetry, first, last, is_remainder=is_short and follows)]
+        window = Window(telemetry, is_remainder=is_short and follows, omitted=omitted)
+        return [self._checked(window, first, last)]
 
     @staticmethod
-    def _checked(
-        telemetry: Telemetry, first: BlockStamp, last: BlockStamp, *, is_remainder: bool = False
-    ) -> Window | Refusal:
+    def _checked(window: Window, first: BlockStamp, last: BlockStamp) -> Window | Refusal:
         """Return the record, or its refusal if timestamps contradict the sample period."""
-        if reason := rate_defect(telemetry.sample_period, first, last):
-            return Refusal(telemetry.stamp_ns, telemetry.stamp_at(len(telemetry) - 1), reason)
-        return Window(telemetry, is_remainder=is_remainder)
+        if reason := rate_defect(window.sample_period, first, last):
+            return Refusal(window.start_ns, window.end_ns, reason)
+        return window
 
     def _shortfall(self, moved_s: float, travel: float) -> str:
         """Return the reason why a piece with this motion and travel is not a record, or ""."""

@@ -36,13 +36,17 @@ class Window(Displayed):
     """
 
     telemetry: Telemetry
-    """``n + 1`` samples without a gap; the first sample is the start."""
+    """``n + 1`` samples without a gap, except for rests of a record (``omitted``); the first sample
+    is the start."""
     play: float | None = None
     """Position of the motor in its play at the start [half-widths, -1 to 1]; None if unknown."""
     measured: tuple[CauseEstimate, ...] = ()
     """Measured hidden causes, as `measured_causes` returns them."""
     is_remainder: bool = False
     """Whether the window is a short record that continues the motion of the record before it."""
+    omitted: tuple[range, ...] = ()
+    """Long rests within a record that its telemetry leaves out: ranges of running indices, in
+    ascending order."""
 
     def __len__(self) -> int:
         return len(self.telemetry) - 1
@@ -127,7 +131,7 @@ class Window(Displayed):
     @property
     def end_ns(self) -> int:
         """Timestamp of the last sample [ns]."""
-        return int(self.telemetry.stamps_ns[-1])
+        return self.telemetry.stamp_at(len(self) + sum(map(len, self.omitted)))
 
     @property
     def start_offset(self) -> float:

@@ -23,6 +23,7 @@ def test_record_survives_storage_with_the_resolution_of_its_sensor(tmp_path: Pat
     lost[7:9] = True
     measured = (CauseEstimate("winding_temperature", 31.5, 0.5),)
     window = replace(window, telemetry=replace(telemetry, interpolated=lost), measured=measured)
+    window = replace(window, omitted=(range(300, 900), range(1000, 5000)))
     stored = RecordFiles(tmp_path / "records").add(window)
     assert stored is not None
     [read] = RecordFiles(tmp_path / "records").read([stored])
@@ -30,7 +31,11 @@ def test_record_survives_storage_with_the_resolution_of_its_sensor(tmp_path: Pat
     np.testing.assert_allclose(read.telemetry.current, telemetry.current, rtol=1e-6)
     np.testing.assert_array_equal(read.telemetry.interpolated, lost)
     assert read.measured == measured
-    assert (read.start_ns, read.sample_period) == (window.start_ns, 0.01)
+    assert (read.start_ns, read.end_ns, read.sample_period) == (
+        window.start_ns,
+        window.end_ns,
+        0.01,
+    )
 
 
 def test_record_without_speed_and_command_stays_without_them(tmp_path: Path):
