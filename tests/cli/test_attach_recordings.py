@@ -130,6 +130,33 @@ def test_numbers_in_names_give_the_order_of_recordings(tmp_path):
     assert names == ["run_1.csv", "run_2.csv", "run_10.csv"]
 
 
+def test_joints_of_all_recordings_are_found(work, tmp_path):
+    """Each recording has another joint, and another column order."""
+    arm = RobotArm(seed=3, rate=RATE)
+    write_work(tmp_path / "a.csv", arm, 12, NOV_3, ["wrist_2"])
+    write_work(tmp_path / "b.csv", arm, 12, NOV_3, ["base", "elbow"])
+    result = ema("attach", tmp_path, "--healthy", "3", "--json")
+    joints = {item["joint"]: item["healthy_records"] for item in json.loads(result.stdout)}
+    assert joints == {"base": 3, "elbow": 3, tmp_path.name: 3}
+    assert "warning" not in result.stderr
+    selected = ema("attach", tmp_path, "--healthy", "3", "--json", "--joint", "el*")
+    assert [item["joint"] for item in json.loads(selected.stdout)] == ["elbow"]
+    missing = ema("attach", tmp_path, "--healthy", "3", "--joint", "hip")
+    assert missing.exit_code == 1
+    assert f"there is no joint 'hip': expected {tmp_path.name!r}, 'base'" in missing.stderr
+
+
+def test_actuator_file_beside_a_table_names_its_joint(tmp_path):
+    arm = RobotArm(seed=3, rate=RATE)
+    write_work(tmp_path / "log.csv", arm, 12, NOV_3, ["wrist_2"])
+    (tmp_path / "actuator.yaml").write_text(
+        'actuator_id: hand\nserial_number: "4711"\ndrive: unknown\n'
+    )
+    result = ema("attach", tmp_path / "log.csv", "--healthy", "3", "--json")
+    [joint] = json.loads(result.stdout)
+    assert joint["joint"] == "hand"
+
+
 def test_dated_recordings_are_sorted_by_time_and_unread_ones_are_named(work, tmp_path):
     """The later recording has the first name: its worn records are not the healthy ones."""
     (tmp_path / "a.csv").write_bytes((work / "day_2.csv").read_bytes())

@@ -142,7 +142,8 @@ def test_mapping_of_a_bag_has_the_command_that_the_joint_follows(telemetry, tmp_
     file = open_input(tmp_path / "bag")
     guess = file.guess(FLAP)
     command = source("/commands", "data[1]", between="hold")
-    assert guess.mapping == joint_states(clock="header", command=command)
+    effort = source("/joint_states", "effort", sampling="instantaneous")
+    assert guess.mapping == joint_states(clock="header", command=command, current=effort)
     assert not any("command" in remark for remark in remarks_of(guess))
     assert [item.joint for item, _ in file.recognised(UNKNOWN_JOINT)] == ["flap", "other"]
 

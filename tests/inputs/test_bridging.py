@@ -362,6 +362,16 @@ def test_two_publishers_of_one_joint_are_an_error(drift, offset):
     assert "both at 200 Hz" in defect.text
 
 
+@pytest.mark.parametrize("offsets", [(0.2, 0.55), (0.1, 0.5, 0.8), (0.15, 0.3, 0.5, 0.9)])
+def test_several_publishers_of_one_joint_are_an_error(offsets):
+    _, stamps = moves(10.0)
+    period = int(stamps[1] - stamps[0])
+    each = [stamps + int(offset * period) for offset in (0.0, *offsets)]
+    [defect] = two_publishers(np.sort(np.concatenate(each)))
+    assert defect.is_error
+    assert f"the joint has {len(each)} publishers, each at 200 Hz" in defect.text
+
+
 def test_jitter_and_lost_samples_are_no_second_publisher():
     _, stamps = moves(10.0)
     period, rng = stamps[1] - stamps[0], np.random.default_rng(1)

@@ -5,14 +5,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from ema_bags.inputs.joint_finder import (
+from ema_bags.inputs.joint_finder import JointFinder
+from ema_bags.inputs.joint_messages import (
     CONTROLLER_STATE,
+    DYNAMIC_JOINT_STATE,
     JOINT_STATE,
-    JointFinder,
-    actuator_name,
-    is_command,
+    PID_STATE,
 )
-from ema_bags.inputs.joint_states import REFERENCE, reads_joint_states
+from ema_bags.inputs.joint_sources import is_command
+from ema_bags.inputs.joint_states import reads_joint_states
 from ema_bags.inputs.mapping import mapping_text
 
 URDF = (
@@ -38,11 +39,27 @@ class Graph:
         self.now_ns = 0
 
     def run(self, messages, steps=30):
+        found = []
         for _ in range(steps):
             self.now_ns += STEP_NS
             for topic, message in messages.items():
-                self.finder.add(topic, JOINT_STATE, message, self.now_ns)
-        return self.finder.found(self.now_ns)
+                kind = getattr(message, "kind", JOINT_STATE)
+                self.finder.add(topic, kind, message, self.now_ns)
+            found += self.finder.found(self.now_ns)
+        return found
+
+
+def dynamic(names, **interfaces):
+    """Return a message of interface values, which control_msgs need not define."""
+    item = SimpleNamespace(interface_names=list(interfaces), values=list(interfaces.values()))
+    return SimpleNamespace(
+        kind=DYNAMIC_JOINT_STATE, joint_names=list(names), interface_values=[item] * len(names)
+    )
+
+
+def pid(name):
+    state = SimpleNamespace(name=name, reference=0.4, feedback=0.5, feedback_dot=0.1, output=2.0)
+    return SimpleNamespace(kind=PID_STATE, dof_state=state)
 
 
 def names_of(found):
@@ -90,7 +107,6 @@ def test_joint_that_appears_later_does_not_disturb_the_others():
 def test_robots_in_namespaces_have_joints_of_the_same_name():
     found = Graph().run({"/left/joint_states": state("a"), "/right/joint_states": state("a")})
     assert names_of(found) == ["left/a", "right/a"]
-    assert actuator_name("/joint_states", "a") == "a"
 
 
 def test_commands_belong_to_the_robot_of_their_namespace():
@@ -114,7 +130,7 @@ def test_reference_of_a_trajectory_controller_is_the_command():
     graph.finder.add("/arm_controller/controller_state", CONTROLLER_STATE, reference, 1)
     [group] = graph.run({"/joint_states": state("a")})
     assert group.mapping.command is not None
-    assert group.mapping.command.source == REFERENCE
+    assert group.mapping.command.source == "reference.positions"
     assert reads_joint_states(group.mapping)
 
 
@@ -162,3 +178,91 @@ def test_joint_with_an_invalid_name_is_refused_and_the_others_are_found(name):
     [(key, reason)] = graph.finder.refused.items()
     assert key == ("/joint_states", name)
     assert reason.startswith("/joint_states: joint = ")
+
+
+def test_interface_values_have_what_joint_states_lack():
+    """The topic that has position and effort is read, with the temperature."""
+    graph = Graph()
+    values = dynamic("ab", position=0.5, velocity=1.0, torque=2.0, temperature=30.0)
+    states = state("ab", effort=None)
+    first, *_ = graph.run({"/joint_states": states, "/dynamic_joint_states": values})
+    mapping = first.mapping
+    assert mapping.position.topic == "/dynamic_joint_states"
+    assert mapping.current is not None
+    assert (mapping.current.topic, mapping.current.unit) == ("/dynamic_joint_states", "N.m")
+    assert mapping.current.source.endswith("[interface_names=torque]")
+    assert mapping.temperature is not None
+    assert reads_joint_states(mapping)
+    [found] = Graph().run({"/dynamic_joint_states": dynamic("a", position=0.5, current=1.0)})
+    assert found.mapping.current is not None
+    assert found.mapping.current.unit == "A"
+
+
+def test_controllers_show_joints_that_no_joint_state_has():
+    found = Graph().run({"/left/elbow_pid/controller_state": pid("elbow")})
+    assert names_of(found) == ["left/elbow"]
+    [group] = found
+    assert group.mapping.command is not None
+    assert group.mapping.command.source == "dof_state.reference"
+    assert group.mapping.current is None
+
+
+def test_command_of_a_pid_controller_belongs_to_the_joint_of_its_robot():
+    messages = {
+        "/left/joint_states": state("a"),
+        "/right/joint_states": state("a"),
+        "/left/a_pid/controller_state": pid("a"),
+    }
+    found = Graph().run(messages)
+    by_name = {name: group.mapping for group in found for name in group.names.values()}
+    assert sorted(by_name) == ["left/a", "right/a"]
+    assert by_name["right/a"].command is None
+    assert by_name["left/a"].command is not None
+    assert by_name["left/a"].position.topic == "/left/joint_states"
+
+
+def test_joint_moves_to_another_topic_when_its_own_is_silent_and_stays_there():
+    graph = Graph()
+    both = {"/joint_states": state("a"), "/raw_joint_states": state("a")}
+    [first] = graph.run(both)
+    assert first.mapping.position.topic == "/joint_states"
+    [moved] = graph.run({"/raw_joint_states": state("a")}, 90)
+    assert moved.mapping.position.topic == "/raw_joint_states"
+    assert moved.names == {"a": "a"}
+    assert graph.run(both, 90) == []
+    # If all are silent, the joint stays where it is.
+    graph.now_ns += 10_000_000_000
+    assert graph.finder.found(graph.now_ns) == []
+
+
+def test_two_joints_are_never_one_actuator():
+    graph = Graph()
+    messages = {"/joint_states": state(["left/elbow"]), "/left/joint_states": state(["elbow"])}
+    [group] = graph.run(messages)
+    assert group.names == {"left/elbow": "left/elbow"}
+    [(key, reason)] = graph.finder.refused.items()
+    assert key == ("/left/joint_states", "elbow")
+    assert "'left/elbow' on /joint_states would both be the actuator left/elbow" in reason
+
+
+def test_number_of_joints_is_bounded_and_the_surplus_is_named():
+    graph = Graph(most=2)
+    assert names_of(graph.run({"/joint_states": state("abcd")})) == ["a", "b"]
+    assert graph.finder.surplus == {"c", "d"}
+
+
+def test_new_names_in_every_message_are_bounded():
+    graph = Graph()
+    for number in range(50):
+        graph.run({"/joint_states": state([f"{number}_{k}" for k in range(30)])}, 1)
+    assert len(graph.finder._topics["/joint_states"].joints) == 1000
+    assert "more than 1000 joint names" in graph.finder.refused["/joint_states", ""]
+
+
+def test_only_selected_topics_have_joints():
+    messages = {
+        "/joint_states": state("a"),
+        "/other/joint_states": state("b"),
+        "/pid/controller_state": pid("c"),
+    }
+    assert names_of(Graph(topics=["/joint_states"]).run(messages)) == ["a"]

@@ -137,3 +137,40 @@ def test_removed_joint_is_not_collected():
     states.share()
     assert len(collector.take()[STATES]) == 0
     assert len(states.of_joint("a").take()[STATES]) == 1
+
+
+def test_interface_values_are_read_once_for_all_joints():
+    """As by a reader of each joint alone; a joint may lack an interface."""
+    path = "interface_values[joint_names={joint}].values[interface_names=%s]"
+    topic = "/dynamic_joint_states"
+    of = mapping_from(
+        {
+            "joints": ["a", "b"],
+            "position": {"topic": topic, "source": path % "position"},
+            "current": {"topic": topic, "source": path % "effort"},
+        }
+    )
+    assert reads_joint_states(of)
+    states = JointStates(of)
+    alone = Collector(of.of_joint("a"))
+    for i in range(5):
+        stamp = SimpleNamespace(sec=1_700_000_000, nanosec=1_000_000 * i)
+        items = {
+            "b": SimpleNamespace(interface_names=["position"], values=[10.0 + i]),
+            "a": SimpleNamespace(interface_names=["effort", "position"], values=[2.0, 20.0 + i]),
+        }
+        order = list(items)[:: 1 if i % 2 else -1]
+        sent = SimpleNamespace(
+            header=SimpleNamespace(stamp=stamp),
+            joint_names=order,
+            interface_values=[items[name] for name in order],
+        )
+        states.add(topic, sent, 0, i)
+        alone.add(topic, sent, 0, i)
+    states.share()
+    found, expected = states.of_joint("a").take()[topic], alone.take()[topic]
+    for key, values in expected.values.items():
+        np.testing.assert_array_equal(found.values[key], values)
+    lacking = states.of_joint("b").take()[topic].values
+    np.testing.assert_array_equal(lacking["position"], 10.0 + np.arange(5))
+    assert np.all(np.isnan(lacking["current"]))

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import yaml
 from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray
@@ -35,7 +36,7 @@ from ema_sim import simulate
 
 from ..waiting import wait_for
 from .graph import Graph
-from .spinning import Spinning
+from .spinning import Spinning, made
 
 STATES = "/joint_states"
 JOINT_STATE = {
@@ -437,15 +438,19 @@ def test_type_that_is_not_installed_is_refused_with_the_package(graph: Spinning,
 class Robots:
     """Publishes the joint states of robots, each on its topic, 200 times a second of their time."""
 
-    def __init__(self, graph: Spinning) -> None:
-        self.bridge = graph.managed(BridgeNode)
+    def __init__(self, graph: Spinning, namespace: str = "/ema", **parameters: Any) -> None:
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        arguments: dict[str, Any] = {"namespace": namespace, "parameter_overrides": overrides}
+        self.bridge = graph.add(made(BridgeNode, context=graph.context, **arguments))
         assert self.bridge.bring_up()
         self._node = graph.node("robots")
         self._publishers: dict[str, Any] = {}
+        place = namespace.rstrip("/")
         self.descriptions = graph.listen(
-            DescriptionMessage, "/ema/actuator_description", LATCHED_BY_MANY
+            DescriptionMessage, f"{place}/actuator_description", LATCHED_BY_MANY
         )
-        self.blocks: list[TelemetryBlock] = graph.listen(TelemetryBlock, "/ema/telemetry", STREAM)
+        topic = f"{place}/telemetry"
+        self.blocks: list[TelemetryBlock] = graph.listen(TelemetryBlock, topic, STREAM)
         self.robots = {"/joint_states": ["elbow", "wrist"], "/left/joint_states": ["elbow"]}
         self._number = 0
 
@@ -490,6 +495,36 @@ def test_without_a_mapping_all_joints_of_all_robots_are_bridged(graph: Spinning)
     robots.wait_for_blocks({"left/gripper"})
     assert len([item for item in robots.blocks if item.actuator_id == "wrist"]) > before
     assert len([message for message in robots.descriptions if message.actuator_id == "wrist"]) == 1
+
+
+def test_bridge_in_the_root_namespace_finds_all_joints(graph: Spinning):
+    robots = Robots(graph, "/")
+    robots.wait_for_blocks({"elbow", "wrist", "left/elbow"})
+
+
+def test_joints_beyond_the_limit_are_named_and_not_bridged(graph: Spinning):
+    robots = Robots(graph, most_actuators=1)
+    robots.robots = {"/joint_states": ["elbow", "wrist", "hand"]}
+    robots.wait_for_blocks({"elbow"})
+    wait_for(lambda: (robots.publish(), "most_actuators" in robots.joints.message)[1], "the limit")
+    text = "the limit most_actuators = 1 is reached: hand, wrist ignored"
+    assert text in robots.joints.message
+    assert robots.joints.level == WARN
+    assert {item.actuator_id for item in robots.blocks} == {"elbow"}
+
+
+def test_joint_whose_topic_dies_goes_on_from_another(graph: Spinning):
+    robots = Robots(graph)
+    robots.robots = {"/joint_states": ["elbow"], "/raw_joint_states": ["elbow"]}
+    robots.wait_for_blocks({"elbow"})
+    del robots.robots["/joint_states"]
+    mapping = lambda: robots.bridge._actuators["elbow"].bridge.mapping  # noqa: E731
+    wait_for(
+        lambda: (robots.publish(), mapping().position.topic == "/raw_joint_states")[1],
+        "another topic",
+    )
+    robots.blocks.clear()
+    robots.wait_for_blocks({"elbow"})
 
 
 def test_joint_without_effort_is_bridged_and_named(graph: Spinning):

@@ -3,14 +3,13 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Final
 
 from ema_bags.inputs.files import open_input
 from ema_bags.inputs.importing import Imported
-from ema_bags.inputs.mapping import ColumnMapping
 from ema_cli.bags.healthy_until import HealthyUntil
 from ema_cli.bags.records import differs_slightly, imported_by
+from ema_cli.bags.robot_files import RobotJoint
 from ema_core.dates import has_date, moment
 from ema_core.description import ActuatorDescription
 from ema_core.levels import STALE
@@ -115,31 +114,24 @@ class JointCourse:
         return tuple(item for item in valid[-1].comparison.changed if item.name != FRICTION)
 
 
-def follow_joint(
-    paths: Sequence[Path],
-    mapping: ColumnMapping,
-    description: ActuatorDescription,
-    until: HealthyUntil,
-) -> JointCourse:
+def follow_joint(joint: RobotJoint, until: HealthyUntil) -> JointCourse:
     """Learn the baseline of a joint from its healthy records, and compare the later records.
 
     Parameters
     ----------
-    paths
-        Recordings in the order of their time; dated recordings are sorted.
-    mapping, description
-        Mapping and description of the joint.
+    joint
+        The joint; its dated recordings are sorted by time, others remain in order.
     until
         End of the healthy records.
 
     Raises
     ------
     ValueError
-        If a recording cannot be read; the message names it.
+        If no recording can be read; the message names them.
     """
     remarks: list[str] = []
     unread: list[str] = []
-    records = _imported(paths, mapping, description, remarks, unread)
+    records = _imported(joint, remarks, unread)
     described = records[0].description
     course = JointCourse(described, remarks=remarks, unread=unread)
     stamps = [_first_stamp(record) for record in records]
@@ -177,14 +169,8 @@ def _first_stamp(record: Imported) -> int:
     return 0 if first is None else first.stamp_ns
 
 
-def _imported(
-    paths: Sequence[Path],
-    mapping: ColumnMapping,
-    description: ActuatorDescription,
-    remarks: list[str],
-    unread: list[str],
-) -> list[Imported]:
-    """Return the telemetry of files, resampled to the first rate if the rates are similar.
+def _imported(joint: RobotJoint, remarks: list[str], unread: list[str]) -> list[Imported]:
+    """Return a joint's telemetry by file, at the rate of the first file if the rates are similar.
 
     Defects are added to ``remarks``, and why files were not read to both lists.
 
@@ -194,7 +180,8 @@ def _imported(
         If no file has the joint.
     """
     records: list[Imported] = []
-    for path in paths:
+    mapping, description = joint.mapping, joint.description
+    for path in joint.paths:
         try:
             file = open_input(path, mapping)
             record = imported_by(file, mapping, description)

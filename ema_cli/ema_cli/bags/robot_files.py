@@ -4,14 +4,20 @@
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
+from ema_bags.inputs.bags import is_bag
 from ema_bags.inputs.examine import UNKNOWN_JOINT, examine
+from ema_bags.inputs.files import open_input
 from ema_bags.inputs.mapping import ColumnMapping, load_mapping
 from ema_bags.metadata import METADATA_FILE
 from ema_bags.suffixes import BAGS, TABLES
 from ema_core.description import ActuatorDescription
+from ema_ros.actuator_file import load_description
+
+_ACTUATOR_FILE: Final = "actuator.yaml"
 
 
 class RobotJoint(NamedTuple):
@@ -21,6 +27,8 @@ class RobotJoint(NamedTuple):
     """Mapping of the joint."""
     description: ActuatorDescription
     """Description with the joint's name."""
+    paths: list[Path]
+    """Recordings with the joint, and recordings that cannot be read."""
 
 
 def find_recordings(paths: Sequence[Path]) -> list[Path]:
@@ -65,7 +73,11 @@ def joints_of(
     joints: Sequence[str],
     effort_unit: str | None = None,
 ) -> list[RobotJoint]:
-    """Return the joints of recordings, recognised in the first recording that has any.
+    """Return the joints of recordings, each with its mapping in the first recording that has it.
+
+    A joint without a name has the name in ``actuator.yaml`` next to its recording, else the name of
+    the only recording, or of the folder of several. Tables with the columns of an earlier one are
+    not examined again: they have its joints.
 
     Parameters
     ----------
@@ -74,31 +86,71 @@ def joints_of(
     mapping_file
         Mapping; None to recognise the columns.
     joints
-        Names of the joints; empty for all.
+        Patterns of the names of the joints, such as ``left/*``; empty for all.
     effort_unit
         Unit of the effort; None as mapped or recognised.
 
     Raises
     ------
     ValueError
-        If no recording holds a joint.
+        If no recording holds a joint, or no joint has one of these names.
     """
     mapping = load_mapping(mapping_file) if mapping_file else None
-    problems = []
+    recognised: dict[str, RobotJoint] = {}
+    with_joint: dict[str, list[Path]] = {}
+    columns: dict[tuple[str, ...], list[str]] = {}
+    problems, unread = [], []
     for path in paths:
         try:
-            examination = examine(path, mapping=mapping, joints=joints)
-        except ValueError as error:
+            header = () if path.is_dir() or is_bag(path) else open_input(path, mapping).names
+            names = columns.get(header)
+            if names is None:
+                examination = examine(path, mapping=mapping)
+                names = []
+                for item in examination.joints:
+                    if item.mapping is not None:
+                        described = _described(item.joint, path, is_alone=len(paths) == 1)
+                        names.append(described.actuator_id)
+                        joint = RobotJoint(_with_unit(item.mapping, effort_unit), described, [])
+                        recognised.setdefault(described.actuator_id, joint)
+                if header:
+                    columns[header] = names
+        except (ValueError, OSError) as error:
             problems.append(str(error))
+            unread.append(path)
             continue
-        recognised = [
-            RobotJoint(_with_unit(item.mapping, effort_unit), _named(item.joint or path.stem))
-            for item in examination.joints
-            if item.mapping is not None
-        ]
-        if recognised:
-            return recognised
-    raise ValueError("; ".join(problems))
+        for name in names:
+            with_joint.setdefault(name, []).append(path)
+    if not recognised:
+        raise ValueError("; ".join(problems))
+    for pattern in joints:
+        if not any(fnmatchcase(name, pattern) for name in recognised):
+            raise ValueError(
+                f"there is no joint {pattern!r}: expected {', '.join(map(repr, recognised))}"
+            )
+    return [
+        joint._replace(paths=[path for path in paths if path in (*with_joint[name], *unread)])
+        for name, joint in recognised.items()
+        if not joints or any(fnmatchcase(name, pattern) for pattern in joints)
+    ]
+
+
+def _described(joint: str, path: Path, *, is_alone: bool) -> ActuatorDescription:
+    """Return the description of a joint of a recording; its drive is unknown."""
+    file = path.with_name(_ACTUATOR_FILE)
+    described = load_description(file) if file.is_file() else None
+    parameters = UNKNOWN_JOINT.parameters
+    if described is None:
+        folder = path.resolve().parent.name
+        return replace(UNKNOWN_JOINT, actuator_id=joint or (path.stem if is_alone else folder))
+    if described.drive == UNKNOWN_JOINT.drive:
+        parameters = described.parameters
+    return replace(
+        UNKNOWN_JOINT,
+        actuator_id=joint or described.actuator_id,
+        serial_number=described.serial_number,
+        parameters=parameters,
+    )
 
 
 def _with_unit(mapping: ColumnMapping, effort_unit: str | None) -> ColumnMapping:
@@ -106,7 +158,3 @@ def _with_unit(mapping: ColumnMapping, effort_unit: str | None) -> ColumnMapping
     if effort_unit is None or mapping.current is None:
         return mapping
     return replace(mapping, current=replace(mapping.current, unit=effort_unit))
-
-
-def _named(name: str) -> ActuatorDescription:
-    return replace(UNKNOWN_JOINT, actuator_id=name)

@@ -163,7 +163,7 @@ def _attach_recordings(recorded: _Recorded, command: str, *, as_json: bool) -> N
         joints = joints_of(paths, recorded.mapping_file, recorded.joints, recorded.effort_unit)
         task = progress.add_task("comparing records", total=len(joints))
         for joint in joints:
-            courses.append(follow_joint(paths, *joint, recorded.healthy))
+            courses.append(follow_joint(joint, recorded.healthy))
             progress.advance(task)
     if as_json:
         click.echo(json.dumps([mapping_of(course) for course in courses], indent=2))

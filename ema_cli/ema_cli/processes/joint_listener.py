@@ -12,7 +12,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from ema_bags.inputs.joint_topics import KINDS, JointTopics
+from ema_bags.inputs.joint_messages import KINDS
+from ema_bags.inputs.joint_topics import JointTopics
 from ema_bags.message_type import message_class
 from ema_bags.qos import common_offer
 from ema_cli.processes.stop_request import StopRequest, deferred_signals

@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from ema_bags.inputs.joint_topics import KINDS, JointTopics, TopicJoint
+from ema_bags.inputs.joint_messages import KINDS
+from ema_bags.inputs.joint_topics import JointTopics, TopicJoint
 from ema_bags.inputs.mapping import ColumnMapping
 from ema_bags.inputs.series import Collector, Series
 from ema_bags.metadata import METADATA_FILE, PACKED_SUFFIX
@@ -144,12 +145,20 @@ def bag_series(bag: AnyBag, mapping: ColumnMapping) -> tuple[dict[str, Series], 
     return by_topic, collector.problem()
 
 
-def recorded_joints(bag: AnyBag) -> list[TopicJoint]:
-    """Return the joints recognised on the topics of a bag, in order of decreasing travel."""
+def recorded_joints(bag: AnyBag, effort_unit: str) -> list[TopicJoint]:
+    """Return the joints recognised on the topics of a bag, in order of decreasing travel.
+
+    Parameters
+    ----------
+    bag
+        The bag.
+    effort_unit
+        Unit of the effort, unless it is a current by its name.
+    """
     topics = JointTopics()
     kinds = {name: topic.type_name for name, topic in bag.topics.items()}
     wanted = [name for name, kind in kinds.items() if kind in KINDS]
     for item in bag.messages(wanted) if wanted else ():
         sent_ns = item.publish_time_ns
         topics.add(item.topic, kinds[item.topic], item.message, sent_ns, item.log_time_ns)
-    return sorted(topics.joints(), key=lambda joint: -joint.travel)
+    return sorted(topics.joints(effort_unit), key=lambda joint: -joint.travel)

@@ -13,14 +13,8 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 from ema_bags.inputs.bridged_actuator import BridgedActuator, Reception
 from ema_bags.inputs.bridged_robot import BridgedRobot
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
-from ema_bags.inputs.joint_finder import (
-    CONTROLLER_STATE,
-    DESCRIPTION_TOPIC,
-    JOINT_STATE,
-    JointFinder,
-    JointGroup,
-    is_command,
-)
+from ema_bags.inputs.joint_finder import DESCRIPTION_TOPIC, JointFinder, JointGroup
+from ema_bags.inputs.joint_messages import JOINT_KINDS
 from ema_bags.inputs.mapping import ColumnMapping, load_mapping
 from ema_bags.message_type import is_installed, message_class
 from ema_bags.qos import common_offer
@@ -101,9 +95,7 @@ class BridgeNode(ManagedNode):
         for unit in self._descriptions:
             self._add_descriptor(unit.actuator_id)
         if self._mapping is not None and self._mapping.temperature is not None:
-            kind, qos = topics.SYSTEM_TOPICS[topics.MEASURED_CAUSES]
-            measured = self.add_publisher(kind, topics.MEASURED_CAUSES, qos)
-            self._outputs[topics.MEASURED_CAUSES] = measured
+            self._add_measured()
 
     def activate(self) -> None:
         """Start subscribing to the mapped topics as they appear."""
@@ -127,7 +119,12 @@ class BridgeNode(ManagedNode):
         self._robots = []
         self._types: dict[str, str] = {}
         self._names_topics: set[str] = set()
-        self._finder = JointFinder(self._settings.joints, self._settings.effort_unit)
+        self._finder = JointFinder(
+            self._settings.joints,
+            self._settings.effort_unit,
+            [self.resolve_topic_name(topic) for topic in self._settings.state_topics],
+            self._settings.most_actuators,
+        )
         # Topics examined by the finder, with their types.
         self._searched: dict[str, str] = {}
         if self._mapping is not None:
@@ -192,18 +189,15 @@ class BridgeNode(ManagedNode):
         self.get_logger().info(f"subscribed to {name}")
 
     def _find(self) -> None:
-        """Search the graph for joint states, and bridge the joints that they have."""
-        wanted = {self.resolve_topic_name(topic) for topic in self._settings.state_topics}
+        """Search the graph for topics with joints, and bridge the joints that they have."""
+        # The monitored actuators' own joint states show their telemetry.
+        place = f"{self.unit_namespace.strip('/')}/"
         for topic, kinds in self.get_topic_names_and_types():
-            # The monitored actuators' own joint states show their telemetry.
-            is_own = topic.startswith(f"{self.unit_namespace.rstrip('/')}/")
+            if place != "/" and topic.startswith(f"/{place}"):
+                continue
             for kind in kinds:
-                is_states = kind == JOINT_STATE and (
-                    not wanted or topic in wanted or is_command(topic)
-                )
                 is_description = kind == _STRING and topic.rpartition("/")[2] == DESCRIPTION_TOPIC
-                is_reference = kind == CONTROLLER_STATE and is_installed(kind)
-                if not is_own and (is_states or is_description or is_reference):
+                if is_description or (kind in JOINT_KINDS and is_installed(kind)):
                     self._searched.setdefault(topic, kind)
         for group in self._finder.found(time.monotonic_ns()):
             joints = list(group.names)
@@ -215,7 +209,15 @@ class BridgeNode(ManagedNode):
             self._add(group.mapping, dict(zip(joints, described, strict=True)))
             for name in names:
                 self._add_descriptor(name)
+            if group.mapping.temperature is not None:
+                self._add_measured()
             self.get_logger().info(_group_text(group))
+
+    def _add_measured(self) -> None:
+        if topics.MEASURED_CAUSES not in self._outputs:
+            kind, qos = topics.SYSTEM_TOPICS[topics.MEASURED_CAUSES]
+            measured = self.add_publisher(kind, topics.MEASURED_CAUSES, qos)
+            self._outputs[topics.MEASURED_CAUSES] = measured
 
     def _add_descriptor(self, name: str) -> None:
         if name not in self._descriptors:
@@ -225,7 +227,7 @@ class BridgeNode(ManagedNode):
     def _finding_task(self) -> Task:
         """Return the status of the search for joints."""
         actuators = self._actuators
-        states = [topic for topic, kind in self._searched.items() if kind == JOINT_STATE]
+        states = [topic for topic, kind in self._searched.items() if kind in JOINT_KINDS]
         without = sorted(
             name for name, unit in actuators.items() if unit.bridge.mapping.current is None
         )
@@ -236,6 +238,7 @@ class BridgeNode(ManagedNode):
         }
         if refused := list(self._finder.refused.values()):
             values["refused names"] = "; ".join(refused)
+        surplus = sorted(self._finder.surplus)
         level, text = OK, f"{counted(len(actuators), 'joint')} on {', '.join(states)}"
         if not states:
             level, text = WARN, "no publisher of joint states"
@@ -246,6 +249,9 @@ class BridgeNode(ManagedNode):
             text += f"; no effort is published: {', '.join(without)}: friction cannot be judged"
         if refused:
             level, text = WARN, f"{text}; {counted(len(refused), 'joint')} ignored: {refused[0]}"
+        if surplus:
+            level, limit = WARN, self._settings.most_actuators
+            text += f"; the limit most_actuators = {limit} is reached: {', '.join(surplus)} ignored"
         return Task("joints", level, text, super().hardware_id, values)
 
     def _type_of(self, topic: str, published: set[str]) -> Any:

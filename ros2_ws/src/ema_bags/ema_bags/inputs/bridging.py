@@ -19,6 +19,8 @@ from ema_bags.inputs.defects import (
 )
 from ema_bags.inputs.importing import SampleStream, uses_arrival
 from ema_bags.inputs.input_defect import InputDefect
+from ema_bags.inputs.joint_finder import MOST_JOINTS
+from ema_bags.inputs.joint_sources import EFFORT_UNIT
 from ema_bags.inputs.joint_states import JointColumns
 from ema_bags.inputs.mapping import ColumnMapping
 from ema_bags.inputs.ordering import settled_samples, sorting_order
@@ -71,8 +73,11 @@ class BridgeSettings(Checked):
     state_topics: tuple[str, ...] = texts(
         "without a mapping: joint state topics to read; empty: all in the graph"
     )
+    most_actuators: int = quantity(
+        MOST_JOINTS, "-", 1, 10_000, "without a mapping: largest number of joints to bridge"
+    )
     effort_unit: str = text(
-        "N.m", "without a mapping: unit of the effort of revolute joints", EFFORT_UNITS
+        EFFORT_UNIT, "without a mapping: unit of the effort of revolute joints", EFFORT_UNITS
     )
     actuator_file: str = text(
         "",

@@ -8,7 +8,8 @@ from typing import Self
 from ema_bags.inputs.bags import bag_series, open_bag, recorded_joints
 from ema_bags.inputs.guess import Guess
 from ema_bags.inputs.input_file import MOST_LISTED, InputFile
-from ema_bags.inputs.joint_finder import JOINT_STATE
+from ema_bags.inputs.joint_messages import JOINT_STATE
+from ema_bags.inputs.joint_sources import EFFORT_UNIT
 from ema_bags.inputs.mapping import Clock, ColumnMapping
 from ema_bags.inputs.series import Series
 from ema_core.description import ActuatorDescription
@@ -63,7 +64,9 @@ class InputBag(InputFile):
     ) -> list[tuple[Guess, Mapping[str, Series]]]:
         """Recognise the joints on the topics, in order of decreasing travel."""
         del clock  # messages have stamps
-        joints = recorded_joints(self._bag)
+        # The effort of a drive with a data sheet is its current.
+        unit = EFFORT_UNIT if description.drive == "unknown" else "A"
+        joints = recorded_joints(self._bag, unit)
         if description.drive != "unknown":
             joints = [joint for joint in joints if joint.guess.mapping.has_command]
         if joints:

@@ -3,21 +3,15 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
-from operator import attrgetter
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_bags.inputs.joint_messages import joint_reader, names_of
 from ema_bags.inputs.mapping import CLOCKS, ColumnMapping
 from ema_bags.inputs.series import NO_STAMP, Series
 from ema_core.wording import counted
-
-REFERENCE: Final = "reference.positions"
-"""Commanded positions in ``control_msgs/msg/JointTrajectoryControllerState``."""
-
-FIELDS: Final = ("position", "velocity", "effort", REFERENCE)
-"""Per-joint arrays of ``sensor_msgs/msg/JointState`` and of trajectory controllers."""
 
 _MOST_ORDERS: Final = 100
 # Time without the joint after which it is missing: other publishers may share the topic.
@@ -25,9 +19,9 @@ _MISSING_NS: Final = 1_000_000_000
 
 
 def reads_joint_states(mapping: ColumnMapping) -> bool:
-    """Return whether all mapped quantities are fields of joint states, on one or more topics."""
+    """Return whether all mapped quantities are fields of messages that name their joints."""
     return mapping.clock.source in ("", *CLOCKS) and all(
-        text in FIELDS and not (item.joint or item.names_topic)
+        joint_reader(text) is not None and not (item.joint or item.names_topic)
         for _, text, item in mapping.wanted()
     )
 
@@ -88,8 +82,10 @@ class JointStates:
         self._types: dict[str, str] = {}
         for key, text, item in mapping.wanted():
             topic = self._topics.setdefault(item.topic, _Topic())
+            reader = joint_reader(text)
+            assert reader is not None
             topic.fields[key] = text
-            topic.readers.append(attrgetter(text))
+            topic.readers.append(reader)
             self._types[item.topic] = self._types.get(item.topic) or item.type
         self._reads_header = mapping.clock.source in ("", "header")
         self._sent_first = mapping.clock.source != "arrival"
@@ -114,16 +110,14 @@ class JointStates:
         topic
             Topic of the message.
         message
-            A ``sensor_msgs/msg/JointState`` message, or another message with these fields.
+            A message that names its joints, such as ``sensor_msgs/msg/JointState``.
         sent_ns, received_ns
             Publication time (0 if unknown) and reception time [ns].
         """
         collected = self._topics.get(topic)
         if collected is None:
             return
-        names: tuple[str, ...] = tuple(
-            getattr(message, "name", ()) or getattr(message, "joint_names", ())
-        )
+        names = names_of(message)
         stamp = NO_STAMP
         if self._reads_header and hasattr(message, "header"):
             stamp_of = message.header.stamp

@@ -1,78 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recognition of the joints on topics: collected messages, and the mapping of each joint."""
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import groupby
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_bags.inputs.doubts import Doubt, DoubtKind
 from ema_bags.inputs.guess import Guess
-from ema_bags.inputs.joint_finder import CONTROLLER_STATE, JOINT_STATE, actuator_name, is_command
-from ema_bags.inputs.mapping import (
-    AngleSource,
-    Clock,
-    ColumnMapping,
-    CurrentSource,
-    SpeedSource,
-    TemperatureSource,
-)
+from ema_bags.inputs.joint_messages import KINDS, read_message
+from ema_bags.inputs.joint_sources import EFFORT_UNIT, JointSources, Offer, joint_sources
+from ema_bags.inputs.mapping import AngleSource
 from ema_bags.inputs.recognition import Hint, Recognizer
 from ema_bags.inputs.series import NO_STAMP, Series, value_at
-
-DYNAMIC_JOINT_STATE: Final = "control_msgs/msg/DynamicJointState"
-PID_STATE: Final = "control_msgs/msg/SingleDOFStateStamped"
-NUMBERS: Final = frozenset(
-    f"std_msgs/msg/{kind}"
-    for kind in ("Float64", "Float32", "Float64MultiArray", "Float32MultiArray")
-)
-KINDS: Final = frozenset((JOINT_STATE, DYNAMIC_JOINT_STATE, CONTROLLER_STATE, PID_STATE, *NUMBERS))
-"""Message types from which joints are recognised."""
-
-_COMMANDED: Final = "commanded joint state"
-"""Kind of a joint state topic that is named like a command, such as ``joint_commands``."""
-
-_ARRAYS: Final = {
-    JOINT_STATE: ("position", "velocity", "effort"),
-    CONTROLLER_STATE: (
-        *("feedback.positions", "feedback.velocities", "reference.positions"),
-        *("actual.positions", "actual.velocities", "desired.positions"),
-    ),
-}
-_PID_FIELDS: Final = ("reference", "feedback", "feedback_dot", "output")
-_SELECT: Final = "interface_values[joint_names={joint}].values[interface_names=%s]"
-_CHOICES: Final[dict[str, tuple[tuple[str, tuple[str, ...]], ...]]] = {
-    "position": (
-        (JOINT_STATE, ("position",)),
-        (DYNAMIC_JOINT_STATE, (_SELECT % "position",)),
-        (CONTROLLER_STATE, ("feedback.positions", "actual.positions")),
-        (PID_STATE, ("dof_state.feedback",)),
-    ),
-    "speed": (
-        (JOINT_STATE, ("velocity",)),
-        (DYNAMIC_JOINT_STATE, (_SELECT % "velocity",)),
-        (CONTROLLER_STATE, ("feedback.velocities", "actual.velocities")),
-        (PID_STATE, ("dof_state.feedback_dot",)),
-    ),
-    "current": (
-        (JOINT_STATE, ("effort",)),
-        (DYNAMIC_JOINT_STATE, tuple(_SELECT % n for n in ("effort", "torque", "current"))),
-    ),
-    "command": (
-        (CONTROLLER_STATE, ("reference.positions", "desired.positions")),
-        (PID_STATE, ("dof_state.reference",)),
-        (_COMMANDED, ("position",)),
-    ),
-    "temperature": (
-        (DYNAMIC_JOINT_STATE, tuple(_SELECT % n for n in ("temperature", "motor_temperature"))),
-    ),
-}
-"""Message types and field paths of each quantity, the preferred first."""
-
-_SPEED_OF_JOINT: Final = "user"
 
 
 class _Row(NamedTuple):
@@ -96,22 +39,17 @@ class _Samples:
 
     topic: str
     kind: str
+    joint: str
     series: Series
     """Values by field path."""
 
     @property
-    def namespace(self) -> str:
-        return self.topic.rpartition("/")[0]
-
-    def is_measured(self, path: str) -> bool:
-        """Return whether a field has at least two finite values."""
-        values = self.series.values.get(path)
-        return values is not None and int(np.count_nonzero(np.isfinite(values))) > 1
-
-    def is_constant(self, path: str) -> bool:
-        values = self.series.values[path]
-        values = values[np.isfinite(values)]
-        return float(np.ptp(values)) == 0.0
+    def offer(self) -> Offer:
+        """The fields with at least two finite values."""
+        finite = {path: _finite(values) for path, values in self.series.values.items()}
+        present = {path: values for path, values in finite.items() if len(values) > 1}
+        constant = {path for path, values in present.items() if float(np.ptp(values)) == 0.0}
+        return Offer(self.topic, self.kind, self.joint, present.keys() - constant, constant)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,39 +97,31 @@ class JointTopics:
         if kind not in KINDS:
             return
         held = self._topics.setdefault(topic, _Topic(kind))
-        form, values, columns = _read(kind, message)
-        if form not in held.columns:
-            held.columns[form] = columns()
+        reading = read_message(kind, message)
+        if reading.form not in held.columns:
+            held.columns[reading.form] = reading.columns()
         header = getattr(message, "header", None)
         stamp = NO_STAMP
         if header is not None:
             stamp = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec or NO_STAMP
-        held.rows.append(_Row(stamp, sent_ns or received_ns, form, values))
+        held.rows.append(_Row(stamp, sent_ns or received_ns, *reading[:2]))
 
-    def joints(self) -> list[TopicJoint]:
-        """Return the recognised joints, in the order in which they appear."""
+    def joints(self, effort_unit: str = EFFORT_UNIT) -> list[TopicJoint]:
+        """Return the recognised joints, in the order in which they appear.
+
+        Parameters
+        ----------
+        effort_unit
+            Unit of the effort, unless it is a current by its name.
+        """
         samples = [item for name in self._topics for item in self._samples(name)]
-        by_joint: dict[str, list[_Samples]] = {}
-        numbers: list[_Samples] = []
-        for joint, item in samples:
-            if joint:
-                by_joint.setdefault(joint, []).append(item)
-            else:
-                numbers.append(item)
-        candidates = [
-            (joint, item, position, len(positions) > 1)
-            for joint, item in by_joint.items()
-            if (positions := _positions(item))
-            for position in positions
-        ]
-        joints = [
-            _joint(name, samples, position, is_ambiguous=is_ambiguous)
-            for name, samples, position, is_ambiguous in candidates
-        ]
-        return _with_commands(joints, numbers)
+        named = {(item.topic, item.joint): item for item in samples if item.joint}
+        offers = _without_repeated(list(named.values()))
+        joints = [_joint(sources, named, effort_unit) for sources in joint_sources(offers)]
+        return _with_commands(joints, [item for item in samples if not item.joint])
 
-    def _samples(self, name: str) -> Iterator[tuple[str, _Samples]]:
-        """Yield each joint of a topic with its samples."""
+    def _samples(self, name: str) -> Iterator[_Samples]:
+        """Yield the samples of each joint of a topic."""
         topic = self._topics[name]
         parts: dict[str, list[Series]] = {}
         for form, rows in groupby(topic.rows, lambda row: row.form):
@@ -205,55 +135,8 @@ class JointTopics:
                 by_joint.setdefault(joint, {}).setdefault(path, np.ascontiguousarray(values))
             for joint, columns in by_joint.items():
                 parts.setdefault(joint, []).append(Series(stamps, arrivals, columns))
-        kind = _COMMANDED if topic.kind == JOINT_STATE and is_command(name) else topic.kind
         for joint, series in parts.items():
-            yield joint, _Samples(name, kind, _joined(series))
-
-
-def _read(
-    kind: str, message: Any
-) -> tuple[Hashable, NDArray[np.float64], Callable[[], list[tuple[str, str]]]]:
-    """Return form and values of a message, and what lists joint and path of each value."""
-    if kind in _ARRAYS:
-        names = tuple(getattr(message, "name", ()) or getattr(message, "joint_names", ()))
-        present = [(path, _array(message, path)) for path in _ARRAYS[kind]]
-        arrays = [(path, values[: len(names)]) for path, values in present if len(values)]
-        form = names, *((path, len(values)) for path, values in arrays)
-        values = np.concatenate([np.empty(0), *(values for _, values in arrays)])
-        return (
-            form,
-            values,
-            lambda: [(n, path) for path, v in arrays for n, _ in zip(names, v, strict=False)],
-        )
-    if kind == DYNAMIC_JOINT_STATE:
-        pairs = list(zip(message.joint_names, message.interface_values, strict=False))
-        form = tuple((joint, tuple(item.interface_names)) for joint, item in pairs)
-        return (
-            form,
-            np.array([v for _, item in pairs for v in item.values], dtype=float),
-            lambda: [(joint, _SELECT % name) for joint, names in form for name in names],
-        )
-    if kind == PID_STATE:
-        state = message.dof_state
-        return (
-            state.name,
-            np.array([getattr(state, name) for name in _PID_FIELDS], dtype=float),
-            lambda: [(state.name, f"dof_state.{name}") for name in _PID_FIELDS],
-        )
-    data = np.atleast_1d(np.asarray(message.data, dtype=float))
-    is_array = kind.endswith("Array")
-    return (
-        len(data),
-        data,
-        lambda: [("", f"data[{k}]" if is_array else "data") for k in range(len(data))],
-    )
-
-
-def _array(message: Any, path: str) -> NDArray[np.float64]:
-    value = message
-    for name in path.split("."):
-        value = getattr(value, name, ())
-    return np.asarray(value, dtype=float)
+            yield _Samples(name, topic.kind, joint, _joined(series))
 
 
 def _joined(parts: Sequence[Series]) -> Series:
@@ -271,75 +154,49 @@ def _joined(parts: Sequence[Series]) -> Series:
     )
 
 
-def _positions(samples: Sequence[_Samples]) -> list[tuple[_Samples, str]]:
-    """Return the measured positions of a joint name: one for each robot that has the name."""
-    for kind, paths in _CHOICES["position"]:
-        candidates = [
-            (item, path)
-            for item in samples
-            for path in paths
-            if item.kind == kind and item.is_measured(path)
-        ]
-        distinct: dict[tuple[float, float], tuple[_Samples, str]] = {}
-        for item, path in candidates:
-            values = item.series.values[path]
-            reach = float(np.nanmin(values)), float(np.nanmax(values))
-            # Two topics with equal values repeat each other.
-            distinct.setdefault(reach, (item, path))
-        if distinct:
-            return list(distinct.values())
-    return []
+def _without_repeated(samples: Sequence[_Samples]) -> list[Offer]:
+    """Return the offers of all topics, but for states that repeat the positions of another topic.
+
+    Two topics with equal extremes of the position repeat each other.
+    """
+    offers: list[Offer] = []
+    seen: dict[tuple[str, float, float], Offer] = {}
+    for item in samples:
+        offer = item.offer
+        path = offer.path_of("position") if offer.is_state else ""
+        if path:
+            values = _finite(item.series.values[path])
+            key = item.joint, float(np.min(values)), float(np.max(values))
+            first = seen.setdefault(key, offer)
+            if first is not offer and first.namespace != offer.namespace:
+                continue
+        offers.append(offer)
+    return offers
 
 
 def _joint(
-    name: str, samples: Sequence[_Samples], position: tuple[_Samples, str], *, is_ambiguous: bool
+    sources: JointSources, samples: Mapping[tuple[str, str], _Samples], effort_unit: str
 ) -> TopicJoint:
-    """Return a joint with its measured quantities and its command from the controller."""
-    home, path = position
-    chosen: dict[str, tuple[_Samples, str]] = {"position": position}
-    # Topics of the same namespace belong to the same robot.
-    near = sorted(samples, key=lambda item: item.namespace != home.namespace)
-    if is_ambiguous:
-        near = [item for item in near if item.namespace == home.namespace]
-    for quantity in ("speed", "current", "command", "temperature"):
-        options = [
-            (item, option)
-            for kind, paths in _CHOICES[quantity]
-            for item in near
-            for option in paths
-            if item.kind == kind and item.is_measured(option)
-        ]
-        # A constant effort is not published; prefer one that varies.
-        options.sort(key=lambda option: option[0].is_constant(option[1]))
-        if options:
-            chosen[quantity] = options[0]
+    """Return a joint with its mapping, doubts and series."""
+    name = sources.key.joint
+    mapping = sources.mapping(effort_unit)
     doubts: list[Doubt] = []
-    sources: dict[str, Any] = {}
-    for quantity, (item, option) in chosen.items():
-        if quantity == "speed":
-            sources[quantity] = SpeedSource(option, item.topic, shaft=_SPEED_OF_JOINT)
-        elif quantity == "current":
-            sources[quantity] = CurrentSource(option, item.topic)
-            doubts.append(Doubt(DoubtKind.EFFORT_KIND, quantity, option))
-        elif quantity == "temperature":
-            sources[quantity] = TemperatureSource(option, item.topic)
-        else:
-            sources[quantity] = AngleSource(option, item.topic)
+    if mapping.current is not None:
+        doubts.append(Doubt(DoubtKind.EFFORT_KIND, "current", mapping.current.source))
     doubts += [
         Doubt(DoubtKind.NOT_FOUND, quantity)
         for quantity in ("speed", "current")
-        if quantity not in sources
+        if quantity not in sources.paths
     ]
-    mapping = ColumnMapping(**sources, joint=name, clock=Clock("header"))
-    label = actuator_name(home.topic, name) if is_ambiguous else name
     by_topic: dict[str, Series] = {}
-    for quantity, (item, option) in chosen.items():
-        values = {quantity: item.series.values[option]}
-        if item.topic in by_topic:
-            values = {**by_topic[item.topic].values, **values}
-        by_topic[item.topic] = Series(item.series.stamps_ns, item.series.arrivals_ns, values)
-    travel = float(np.ptp(_finite(home.series.values[path])))
-    return TopicJoint(Guess(mapping, tuple(doubts), label), by_topic, travel)
+    for quantity, (topic, path) in sources.paths.items():
+        series = samples[topic, name].series
+        values = {quantity: series.values[path]}
+        if topic in by_topic:
+            values = {**by_topic[topic].values, **values}
+        by_topic[topic] = Series(series.stamps_ns, series.arrivals_ns, values)
+    travel = float(np.ptp(_finite(by_topic[sources.home].values["position"])))
+    return TopicJoint(Guess(mapping, tuple(doubts), sources.key.actuator), by_topic, travel)
 
 
 def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -371,7 +228,7 @@ def _with_commands(joints: Sequence[TopicJoint], numbers: Sequence[_Samples]) ->
         else:
             doubt = Doubt(DoubtKind.NO_COMMAND, "command")
             guess = joint.guess
-            guess = Guess(guess.mapping, (*guess.doubts, doubt), guess.joint)
+            guess = replace(guess, doubts=(*guess.doubts, doubt))
             completed.append(TopicJoint(guess, joint.by_topic, joint.travel))
     return completed
 
@@ -405,10 +262,7 @@ def _commanded(
     mapping, guess = joint.guess.mapping, joint.guess
     # A setpoint without a stamp holds until the next message.
     command = AngleSource(path, item.topic, between="hold")
-    sources: dict[str, Any] = {
-        name: getattr(mapping, name) for name in ("position", "speed", "current", "temperature")
-    }
-    mapping = ColumnMapping(**sources, command=command, joint=mapping.joint, clock=mapping.clock)
+    mapping = replace(mapping, command=command)
     series = Series(
         item.series.stamps_ns, item.series.arrivals_ns, {"command": item.series.values[path]}
     )

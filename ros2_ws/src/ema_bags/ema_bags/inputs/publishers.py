@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of a second publisher of a joint from time stamps."""
+"""Detection of several publishers of a joint from time stamps."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -14,13 +14,16 @@ _LEAST_STEPS: Final = 200
 _ALTERNATING: Final = 0.2
 _MOST_TIMES: Final = 4
 _COUNTS: Final = 1.5
+_NAME: Final = "two_publishers"
+_LISTED: Final = "`ros2 topic info -v` lists the publishers"
 
 
 def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
-    """Yield a defect if the stamps, ``(n,)`` [ns], interleave two publishers.
+    """Yield a defect if the stamps, ``(n,)`` [ns], interleave two or more publishers.
 
-    A second publisher at the same rate, or at a fraction of it, splits steps at regular intervals.
-    Undetected, both would be read as one series at a higher rate.
+    A second publisher at the same rate, or at a fraction of it, splits steps at regular intervals;
+    up to five publishers at the same rate repeat their steps in each period. Undetected, all would
+    be read as one series at a higher rate.
     """
     steps = np.diff(stamps_ns).astype(float)
     if len(steps) < _LEAST_STEPS or np.any(steps[:2] <= 0.0):
@@ -36,7 +39,8 @@ def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
         first = int(np.argmin([np.ptp(steps) for steps in regular]))
         period = float(np.mean(regular[first]))
         if np.ptp(regular[first]) > _ALTERNATING * period / 2.0:
-            continue
+            yield _several(pattern)
+            return
         low, high = sorted(1e-6 * ahead[first][:2])
         rates = f"both at {1e9 / period:.4g} Hz"
         if times > 1:
@@ -45,9 +49,18 @@ def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
             f"stamp intervals alternate between {low:.3g} ms and {high:.3g} ms: the joint has "
             f"two publishers, {rates}"
         )
-        remedy = "stop one of them: `ros2 topic info -v` lists the publishers"
-        yield InputDefect("two_publishers", text, remedy)
+        yield InputDefect(_NAME, text, f"stop one of them: {_LISTED}")
         return
+
+
+def _several(pattern: NDArray[np.float64]) -> InputDefect:
+    """Return the defect of publishers at the same rate, from the steps of one period [ns]."""
+    count, steps = len(pattern), ", ".join(f"{1e-6 * step:.3g}" for step in pattern)
+    text = (
+        f"stamp intervals repeat every {count} messages ({steps} ms): the joint has {count} "
+        f"publishers, each at {1e9 / float(np.sum(pattern)):.4g} Hz"
+    )
+    return InputDefect(_NAME, text, f"stop all but one: {_LISTED}")
 
 
 def _pattern(steps: NDArray[np.float64], length: int) -> NDArray[np.float64] | None:

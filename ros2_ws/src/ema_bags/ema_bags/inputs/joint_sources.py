@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which topics count for a joint: its actuator's name, its robot, and the source of each quantity.
+
+The same decisions hold for running robots and for recordings.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+from ema_bags.inputs.joint_messages import DYNAMIC_JOINT_STATE, JOINT_STATE, PATHS, is_electric
+from ema_bags.inputs.mapping import (
+    AngleSource,
+    Clock,
+    ColumnMapping,
+    CurrentSource,
+    SpeedSource,
+    TemperatureSource,
+)
+from ema_bags.inputs.names import roles_of
+
+EFFORT_UNIT: Final = "N.m"
+"""Unit of the effort in joint states of revolute joints; of prismatic joints, it is N."""
+
+_COMMANDED: Final = "commanded joint state"
+"""Kind of a joint state topic that is named like a command, such as ``joint_commands``."""
+
+_PATHS: Final = PATHS | {"command": (*PATHS["command"], (_COMMANDED, ("position",)))}
+_STATES: Final = (JOINT_STATE, DYNAMIC_JOINT_STATE)
+_KINDS: Final = tuple(kind for kind, _ in PATHS["position"])
+
+
+class Offer(NamedTuple):
+    """Fields of one joint on one topic."""
+
+    topic: str
+    """Full name of the topic."""
+    kind: str
+    """Message type."""
+    joint: str
+    """Name of the joint in the messages."""
+    varying: Set[str]
+    """Field paths with values that count."""
+    constant: Set[str] = frozenset()
+    """Field paths with a constant value, which counts if there is no other."""
+    is_silent: bool = False
+    """Whether the joint is missing in the latest messages, or there are none."""
+
+    @property
+    def _kind(self) -> str:
+        return _COMMANDED if self.kind == JOINT_STATE and is_command(self.topic) else self.kind
+
+    def path_of(self, quantity: str) -> str:
+        """Return the field path of a quantity; empty without one."""
+        paths = [path for kind, paths in _PATHS[quantity] if kind == self._kind for path in paths]
+        for present in (self.varying, self.constant):
+            if path := next((path for path in paths if path in present), ""):
+                return path
+        return ""
+
+    @property
+    def namespace(self) -> str:
+        """Namespace of the topic, without slashes at the ends; empty for the root."""
+        return namespace_of(self.topic)
+
+    @property
+    def is_state(self) -> bool:
+        """Whether the topic has measured states of a robot, rather than of a controller."""
+        return self._kind in _STATES
+
+
+class JointKey(NamedTuple):
+    """A joint of a robot."""
+
+    robot: str
+    """Namespace of the robot, without slashes at the ends; empty for the root."""
+    joint: str
+    """Name of the joint in the messages."""
+
+    @property
+    def actuator(self) -> str:
+        """Name of the actuator: the joint's name, after the robot's namespace if it has one."""
+        return "/".join(filter(None, self))
+
+
+@dataclass(frozen=True)
+class JointSources:
+    """Sources of the quantities of one joint."""
+
+    key: JointKey
+    paths: Mapping[str, tuple[str, str]]
+    """Topic and field path by quantity; the position is always there."""
+
+    @property
+    def home(self) -> str:
+        """Topic of the position."""
+        return self.paths["position"][0]
+
+    def mapping(
+        self,
+        effort_unit: str = EFFORT_UNIT,
+        *,
+        is_linear: bool = False,
+        joints: tuple[str, ...] = (),
+    ) -> ColumnMapping:
+        """Return the mapping of the joint.
+
+        Parameters
+        ----------
+        effort_unit
+            Unit of the effort, unless it is a current by its name; for prismatic joints, N
+            replaces N.m.
+        is_linear
+            Whether the joint is prismatic.
+        joints
+            Joints that share the mapping; empty for this joint alone.
+        """
+        length, speed = ("m", "m/s") if is_linear else ("rad", "rad/s")
+        sources: dict[str, Any] = {}
+        for quantity, (topic, path) in self.paths.items():
+            if quantity == "speed":
+                sources[quantity] = SpeedSource(path, topic, unit=speed, shaft="user")
+            elif quantity == "current":
+                unit = "N" if is_linear and effort_unit == EFFORT_UNIT else effort_unit
+                unit = "A" if is_electric(path) else unit
+                sources[quantity] = CurrentSource(path, topic, unit=unit, sampling="instantaneous")
+            elif quantity == "temperature":
+                sources[quantity] = TemperatureSource(path, topic)
+            elif quantity == "command":
+                # A command may be sent only on change.
+                sources[quantity] = AngleSource(path, topic, unit=length, between="hold")
+            else:
+                sources[quantity] = AngleSource(path, topic, unit=length)
+        return ColumnMapping(
+            **sources, joint="" if joints else self.key.joint, joints=joints, clock=Clock("header")
+        )
+
+
+def joint_sources(
+    offers: Sequence[Offer],
+    homes: Mapping[JointKey, str] | None = None,
+    allowed: Set[str] = frozenset(),
+) -> Iterator[JointSources]:
+    """Yield the sources of each joint with a position, in the order in which joints appear.
+
+    The position comes from a topic that is not silent and has an effort as well, if there is one;
+    of several, from the first kind of ``PATHS``, then from the topic that has it already, then from
+    the first topic. Other quantities come from the same topic, or else from others of the robot.
+
+    Parameters
+    ----------
+    offers
+        What the topics offer, in the order in which they appeared.
+    homes
+        Topics that have the positions of joints already.
+    allowed
+        Topics that may have the position; empty for all.
+    """
+    for key, group in _by_joint(offers).items():
+        present = (homes or {}).get(key, "")
+        candidates = [
+            item
+            for item in group
+            if item.path_of("position") and (not allowed or item.topic in allowed)
+        ]
+        if not candidates:
+            continue
+        home = min(candidates, key=lambda item: _rank(item, present))
+        paths = {"position": (home.topic, home.path_of("position"))}
+        for quantity in ("speed", "current", "command", "temperature"):
+            rivals = [item for item in group if item.path_of(quantity)]
+            if rivals:
+                best = min(rivals, key=lambda item: _rank_of(quantity, item, home))
+                paths[quantity] = (best.topic, best.path_of(quantity))
+        yield JointSources(key, paths)
+
+
+def is_command(topic: str) -> bool:
+    """Return whether the name of a joint state topic suggests commanded positions."""
+    return "command" in roles_of(topic.rpartition("/")[2])
+
+
+def namespace_of(topic: str) -> str:
+    """Return the namespace of a topic, without slashes at the ends; "" for the root."""
+    return topic.rpartition("/")[0].strip("/")
+
+
+def _rank(offer: Offer, present: str) -> tuple[Any, ...]:
+    effort = offer.path_of("current")
+    lacks_effort = effort not in offer.varying
+    return (*(offer.is_silent, lacks_effort), *(_KINDS.index(offer.kind), offer.topic != present))
+
+
+def _rank_of(quantity: str, offer: Offer, home: Offer) -> tuple[Any, ...]:
+    """Return the rank of a topic for another quantity than the position."""
+    kinds = [kind for kind, _ in _PATHS[quantity]]
+    is_constant = offer.path_of(quantity) not in offer.varying
+    is_elsewhere = offer.topic != home.topic
+    if quantity == "command":
+        return is_constant, kinds.index(offer._kind)
+    return offer.is_silent, is_constant, is_elsewhere, kinds.index(offer._kind)
+
+
+def _by_joint(offers: Sequence[Offer]) -> dict[JointKey, list[Offer]]:
+    """Return the offers for each joint of each robot; a controller belongs to a robot."""
+    groups: dict[JointKey, list[Offer]] = {}
+    for offer in offers:
+        if offer.is_state and offer.path_of("position"):
+            key = JointKey(namespace_of(offer.topic), offer.joint)
+            groups.setdefault(key, []).append(offer)
+    robots: dict[str, list[str]] = {}
+    for key in groups:
+        robots.setdefault(key.joint, []).append(key.robot)
+    for offer in offers:
+        if offer.is_state and offer.path_of("position"):
+            continue
+        places = robots.get(offer.joint, [])
+        containing = [place for place in places if _is_within(offer.topic, place)]
+        if containing:
+            robot = max(containing, key=len)
+        elif len(places) == 1:
+            [robot] = places
+        else:
+            # A controller publishes in its own namespace, within the one of the robot.
+            robot = namespace_of(f"/{namespace_of(offer.topic)}")
+        groups.setdefault(JointKey(robot, offer.joint), []).append(offer)
+    return groups
+
+
+def _is_within(topic: str, place: str) -> bool:
+    return not place or topic.strip("/").startswith(f"{place}/")
