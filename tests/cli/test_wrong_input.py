@@ -64,7 +64,7 @@ NEW = "simulate -o new.mcap"
         ("import BAG", 2, ["Missing option '-o'"]),
         ("import BAG -o out.mcap", 2, ["`ema check", "recognises the columns"]),
         ("check nowhere.csv", 1, ["nowhere.csv: no such file"]),
-        ("check BAG --joint flop", 1, ["there is no joint 'flop': expected 'flap'"]),
+        ("check BAG --joint flop", 1, ["there is no joint 'flop': expected 'ema/flap'"]),
         ("check BAG --mapping-only --json", 2, ["expected either --mapping-only or --json"]),
         ("import BAG --mapping junk.yaml -o out.mcap", 1, ["expected a mapping with"]),
         ("lives -o lives --fault backlas", 2, ["did you mean 'backlash'?"]),

@@ -504,10 +504,11 @@ def test_bridge_in_the_root_namespace_finds_all_joints(graph: Spinning):
 
 def test_joints_beyond_the_limit_are_named_and_not_bridged(graph: Spinning):
     robots = Robots(graph, most_actuators=1)
-    robots.robots = {"/joint_states": ["elbow", "wrist", "hand"]}
+    robots.robots = {"/joint_states": ["elbow"]}
     robots.wait_for_blocks({"elbow"})
+    robots.robots["/left/joint_states"] = ["wrist", "hand"]
     wait_for(lambda: (robots.publish(), "most_actuators" in robots.joints.message)[1], "the limit")
-    text = "the limit most_actuators = 1 is reached: hand, wrist ignored"
+    text = "the limit most_actuators = 1 is reached: left/hand, left/wrist ignored"
     assert text in robots.joints.message
     assert robots.joints.level == WARN
     assert {item.actuator_id for item in robots.blocks} == {"elbow"}
