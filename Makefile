@@ -10,7 +10,7 @@ ROBOT_S ?= 420
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study tests/inputs
 
-.PHONY: demo-robot test-pythons docs parameters records policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench campaign size words calibration sample lock sbom clean distclean
+.PHONY: demo-robot colcon-test package-files test-pythons docs parameters records policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench campaign size words calibration sample lock sbom clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -32,6 +32,12 @@ test-long: setup ## what `make test` leaves out: the study of the thesis, long b
 quick: setup ## the tests of the numerics that are done in seconds; they need no ROS
 	$(activate) && $(pytest) -n 2 --without-ros -m "not slow and not long" $(numerics) $(ARGS)
 
+colcon = cd ros2_ws && python -m colcon --log-base log
+colcon-test: setup ## the quick tests of each package, as `colcon test` runs them
+	$(activate) && $(colcon) test-result --delete-yes >/dev/null
+	$(activate) && $(colcon) test --paths ../ema_* src/ema_* --event-handlers console_direct-
+	$(activate) && $(colcon) test-result --all --verbose
+
 test-pythons: ## set-up, `make quick` and a demo of 10 s with each of Python 3.11 to 3.13 that is installed
 	tools/test_pythons.sh $(ARGS)
 
@@ -43,6 +49,9 @@ records: setup ## docs/records.md, from the definitions of estimate, health and 
 
 policies: setup ## the policies of SROS2, from what the nodes have in the graph
 	$(activate) && python -m ema_cli.policies
+
+package-files: setup ## metadata, changelog and licence of each package, requirements of a ROS workspace
+	$(activate) && python tools/package_files.py
 
 soak: setup ## the tests of nodes twenty times in a row, ten of them beside 8 busy processes
 	$(activate) && python tools/soak.py $(ARGS)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each package imports is what its setup.cfg and package.xml declare."""
+"""Imports of each package, its setup.cfg and package.xml, and the install of a workspace agree."""
 
 import ast
 import re
+import shutil
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -17,6 +18,7 @@ from setuptools.config.setupcfg import read_configuration
 from ..packages import FOLDERS
 
 ROOT = Path(__file__).parents[2]
+WORKSPACE = ROOT / "requirements" / "workspace.txt"
 PACKAGES = sorted(name for name, folder in FOLDERS.items() if (folder / "setup.py").exists())
 DISTRIBUTIONS = {
     "yaml": "pyyaml",
@@ -24,15 +26,16 @@ DISTRIBUTIONS = {
     "prometheus_client": "prometheus-client",
 }
 WITHOUT_KEY = {
-    *("distributed", "duckdb", "fsspec", "llvmlite", "markupsafe", "mcap", "pyarrow", "zstandard")
+    *("distributed", "duckdb", "fsspec", "llvmlite", "markupsafe", "mcap", "numba", "pyarrow"),
+    *("rosbags", "zstandard"),
 }
-"""Modules without a key in rosdistro: pip installs them, mcap with lz4."""
+"""Modules that rosdep cannot install on Ubuntu 24.04.
 
-KEYS = {
-    "yaml": "python3-yaml",
-    "prometheus_client": "python3-prometheus-client",
-    "rosbags": "python3-rosbags-pip",
-}
+It has no key for them, no package for the key (numba), or a key for pip, which Ubuntu 24.04 refuses
+outside of a virtual environment.
+"""
+
+KEYS = {"prometheus_client": "python3-prometheus-client"}
 """Keys of rosdep that are not ``python3-`` and the name of the module."""
 
 
@@ -58,41 +61,78 @@ def imports_of(path: Path) -> set[str]:
     return modules - sys.stdlib_module_names
 
 
-def imports(package: str, *, nodes: bool) -> set[str]:
+def imports(folder: Path, *, nodes: bool) -> set[str]:
     """Return the modules from elsewhere that a package imports, with its nodes or without."""
-    files = (FOLDERS[package] / package).rglob("*.py")
+    files = (folder / folder.name).rglob("*.py")
     modules = (imports_of(path) for path in files if nodes or not is_node(path))
-    return set().union(*modules) - {package}
+    return set().union(*modules) - {folder.name}
 
 
-def dependencies(package: str) -> set[str]:
-    """Return what a package.xml declares for running."""
-    root = ElementTree.parse(FOLDERS[package] / "package.xml").getroot()
+def dependencies(folder: Path) -> set[str]:
+    """Return the dependencies in a package.xml for running."""
+    root = ElementTree.parse(folder / "package.xml").getroot()
     return {item.text or "" for item in root.iter("exec_depend")}
 
 
-def requirements(package: str) -> list[Requirement]:
-    """Return what a setup.cfg requires, extras included."""
-    declared = read_configuration(FOLDERS[package] / "setup.cfg")["options"]
-    extras = declared.get("extras_require", {}).values()
+def requirements(folder: Path) -> list[Requirement]:
+    """Return the requirements in a setup.cfg for running, extras included."""
+    declared = read_configuration(folder / "setup.cfg")["options"]
+    extras = [lines for name, lines in declared["extras_require"].items() if name != "test"]
     return [Requirement(one) for every in (declared["install_requires"], *extras) for one in every]
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_setup_requires_what_is_imported_without_ros(package):
-    imported = {name for name in imports(package, nodes=False) if not is_ros(name)}
-    expected = {DISTRIBUTIONS.get(name, name) for name in imported}
-    assert {item.name for item in requirements(package)} == expected
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_package_depends_on_what_is_imported(package):
-    expected = {
+def disagreements(folder: Path, workspace: str) -> set[str]:
+    """Return FILE: NAME for each dependency that one side has, and the imports lack or add."""
+    imported = {name for name in imports(folder, nodes=False) if not is_ros(name)}
+    required = {item.name for item in requirements(folder)}
+    modules = imports(folder, nodes=True)
+    keys = {
         name if is_ros(name) or name.startswith("ema_") else KEYS.get(name, f"python3-{name}")
-        for name in imports(package, nodes=True) - WITHOUT_KEY
+        for name in modules - WITHOUT_KEY
     }
-    # Its parameter files are found by name rather than imported.
-    assert dependencies(package) == expected
+    installed = {line.partition(">")[0] for line in workspace.splitlines()}
+    others = {DISTRIBUTIONS.get(name, name) for name in imported if not name.startswith("ema_")}
+    return {
+        *(f"setup.cfg: {name}" for name in required ^ {DISTRIBUTIONS.get(n, n) for n in imported}),
+        *(f"package.xml: {name}" for name in dependencies(folder) ^ keys),
+        *(f"workspace.txt: {name}" for name in others - installed),
+    }
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_dependencies_are_the_imports(package):
+    workspace = WORKSPACE.read_text(encoding="utf-8")
+    assert disagreements(FOLDERS[package], workspace) == set()
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "expected"),
+    [
+        ("package.xml", "<exec_depend>python3-numpy</exec_depend>", "package.xml: python3-numpy"),
+        ("setup.cfg", "mcap>=1.2,<2\n", "setup.cfg: mcap"),
+        ("workspace.txt", "zstandard>=0.22,<1\n", "workspace.txt: zstandard"),
+    ],
+)
+def test_omitted_dependency_is_named(tmp_path, file, text, expected):
+    folder = tmp_path / "ema_bags"
+    shutil.copytree(FOLDERS["ema_bags"], folder)
+    shutil.copy(WORKSPACE, folder)
+    assert text in (folder / file).read_text(encoding="utf-8")
+    content = (folder / file).read_text(encoding="utf-8").replace(text, "")
+    (folder / file).write_text(content, encoding="utf-8")
+    workspace = (folder / "workspace.txt").read_text(encoding="utf-8")
+    assert disagreements(folder, workspace) == {expected}
+
+
+def test_dependency_that_nothing_imports_is_named(tmp_path):
+    folder = tmp_path / "ema_bags"
+    shutil.copytree(FOLDERS["ema_bags"], folder)
+    for path in (folder / "ema_bags").rglob("*.py"):
+        if "rosbags" in imports_of(path) or "pandas" in imports_of(path):
+            path.unlink()
+    expected = {"setup.cfg: rosbags", "setup.cfg: pandas", "package.xml: python3-pandas"}
+    workspace = WORKSPACE.read_text(encoding="utf-8")
+    assert disagreements(folder, workspace) == expected
 
 
 def test_bringup_depends_on_what_launch_files_import_and_start():
@@ -101,13 +141,28 @@ def test_bringup_depends_on_what_launch_files_import_and_start():
     started = {name for text in texts for name in re.findall(r'"(ema_\w+)"', text)}
     imported = set().union(*map(imports_of, files))
     expected = (started | imported) - {"ema_bringup", *(path.stem for path in files)}
-    assert dependencies("ema_bringup") == expected
+    assert dependencies(FOLDERS["ema_bringup"]) == expected
 
 
-def test_document_has_the_pip_line_of_what_rosdep_does_not_know():
+@pytest.mark.parametrize("package", FOLDERS)
+def test_each_dependency_is_declared_once(package):
+    root = ElementTree.parse(FOLDERS[package] / "package.xml").getroot()
+    declared = [(item.tag, item.text) for item in root if item.tag.endswith("depend")]
+    assert sorted(declared) == sorted(set(declared))
+
+
+def test_workspace_requires_nothing_that_no_package_requires():
+    names = {line.partition(">")[0] for line in WORKSPACE.read_text().splitlines()[1:]}
+    required = {item.name for package in PACKAGES for item in requirements(FOLDERS[package])}
+    assert names - {"pytest", "pytest-xdist"} == {
+        name for name in required if not name.startswith("ema_")
+    }
+
+
+def test_document_installs_the_requirements_of_a_workspace():
     text = (ROOT / "docs" / "nodes.md").read_text(encoding="utf-8")
-    [line] = re.findall(r"^ *pip install --break-system-packages (.+)$", text, re.MULTILINE)
-    assert set(line.split()) == WITHOUT_KEY
+    lines = re.findall(r"^ *pip install (.+)$", text, re.MULTILINE)
+    assert lines == [f"-r src/ema/{WORKSPACE.relative_to(ROOT)}"]
 
 
 def test_clone_in_a_workspace_has_each_package_once():
@@ -129,8 +184,8 @@ def test_package_has_a_changelog_that_a_release_takes(package, tmp_path):
     update_changelog_sections({package: (copy, changelog, label)}, "9.9.9")
     released = get_changelog_from_path(str(copy))
     assert released is not None
-    [(version, _, content)] = released.foreach_version()
-    assert (version, len(content)) == ("9.9.9", 1)
+    lists = {version: len(content) for version, _, content in released.foreach_version()}
+    assert lists in ({"9.9.9": 1}, {"9.9.9": 1, "0.1.0": 1})
 
 
 def test_bounds_are_the_same_everywhere_and_hold_for_the_lock():
@@ -140,7 +195,7 @@ def test_bounds_are_the_same_everywhere_and_hold_for_the_lock():
         if separator:
             lock[name] = version.split()[0]
     bounds: dict[str, str] = {}
-    for item in (item for package in PACKAGES for item in requirements(package)):
+    for item in (item for package in PACKAGES for item in requirements(FOLDERS[package])):
         if not item.name.startswith("ema_"):
             assert bounds.setdefault(item.name, str(item.specifier)) == str(item.specifier)
             assert item.specifier.contains(lock[item.name])
