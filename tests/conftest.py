@@ -49,7 +49,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Hide ROS if asked to."""
-    if config.getoption("--without-ros"):
+    if config.getoption("--without-ros", default=False):
         if "rclpy" in sys.modules:
             raise pytest.UsageError("rclpy is imported already")
         sys.modules["rclpy"] = None  # pyright: ignore[reportArgumentType]

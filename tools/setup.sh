@@ -185,7 +185,7 @@ install_packages() {
 build() {
     source_underlay
     # The scripts of the packages begin with the Python that runs colcon: let it be ours.
-    local colcon cmake_args=("-DPython3_EXECUTABLE=$venv/bin/python" -DBUILD_TESTING=OFF)
+    local colcon cmake_args=("-DPython3_EXECUTABLE=$venv/bin/python")
     colcon=$(command -v colcon)
     if [[ -z $native ]]; then
         cmake_args+=(-GNinja "-DCMAKE_PROJECT_INCLUDE=$root/tools/wheel_includes.cmake")
