@@ -28,13 +28,13 @@ FOLDERS: Final = {
 WORKSPACE: Final = ROOT / "requirements" / "workspace.txt"
 
 TOPICS: Final = {
-    "ema_archive": r"archive",
+    "ema_archive": r"`ema archive`|[Tt]he archive|ema_archive",
     "ema_bags": r"^Import|^Recording|recorder|\bbags?\b|ema_bags",
     "ema_bringup": r"launch|aggregator\.yaml|shard|monitors:=",
     "ema_cli": r"^Commands|`ema |`--|ema_cli",
     "ema_core": r"Faults have names|`acquisition`|growth of simulated|threads|eight faults",
     "ema_dashboard": r"^Page|dashboard|\bpage\b",
-    "ema_interfaces": r"messages? |services?|topics?|`[A-Z][a-z]+[A-Z]\w+|ema_interfaces",
+    "ema_interfaces": r"Messages? |New topics|Health\.events|ema_interfaces",
     "ema_monitor": r"^Unknown|^Diagnosis|^Never|^Life|ema_monitor|Algorithms|Prognosis",
     "ema_ros": r"^Nodes|/diagnostics|lifecycle|ema_ros",
     "ema_sim": r"simulat|ema_sim",
