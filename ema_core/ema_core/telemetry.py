@@ -25,6 +25,7 @@ PAUSE_S: Final = 1.0
 """Longest gap whose samples count as lost [s]; longer gaps are pauses."""
 
 _NO_SAMPLES: Final = np.zeros(0, dtype=bool)
+_NO_NUMBERS: Final = np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +61,20 @@ class Telemetry:
     interpolated: NDArray[Any] = field(default_factory=_NO_SAMPLES.copy)
     """Whether each sample was lost and interpolated (`bridged`), ``(n,)``, or ``(0,)`` if all
     samples were measured."""
+    payload: NDArray[np.float64] = field(default_factory=_NO_NUMBERS.copy)
+    """Payload that the machine carries, ``(n,)`` [kg]; without a measured mass any positive number,
+    such as 1, and 0 while it carries nothing. ``(0,)`` if it is not known."""
 
     def __post_init__(self) -> None:
         check_period(self.sample_period)
         n = len(self.position)
-        optional = self.command, self.current, self.speed, self.interpolated
+        optional = self.command, self.current, self.speed, self.interpolated, self.payload
         if not n or not {0, n}.issuperset(map(len, optional)):
-            listed = ", ".join(f"{name} {len(getattr(self, name))}" for name in COLUMNS)
+            names = *COLUMNS, "payload"
+            listed = ", ".join(f"{name} {len(getattr(self, name))}" for name in names)
             raise ValueError(
                 f"telemetry columns must have the same length of at least 1, not {listed}; only "
-                f"{', '.join(OPTIONAL)} may be empty, if they are not measured"
+                f"{', '.join((*OPTIONAL, 'payload'))} may be empty, if they are not measured"
             )
 
     def __len__(self) -> int:
@@ -84,6 +89,11 @@ class Telemetry:
     def has_command(self) -> bool:
         """Whether there is a position command; drives commanded by speed or torque have none."""
         return len(self.command) > 0
+
+    @property
+    def has_payload(self) -> bool:
+        """Whether it is known when the machine carries a payload."""
+        return len(self.payload) > 0
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
@@ -113,6 +123,7 @@ class Telemetry:
             self.first_index + start,
             *(getattr(self, name)[start:stop] for name in COLUMNS),
             interpolated=self.interpolated[start:stop],
+            payload=self.payload[start:stop],
         )
 
 
@@ -174,21 +185,24 @@ def join(blocks: list[Telemetry]) -> Telemetry:
         first.first_index,
         *(np.concatenate([getattr(block, name) for block in blocks]) for name in COLUMNS),
         interpolated=interpolated,
+        payload=np.concatenate([block.payload for block in blocks]),
     )
 
 
 def lost_between(last: Telemetry, block: Telemetry) -> Telemetry | None:
     """Return the samples lost between two blocks, interpolated linearly.
 
-    Returns None if nothing is missing or interpolation is impossible: the gap exceeds ``PAUSE_S``,
-    the period or measured columns differ, or the stamps contradict the number of samples.
+    The payload before the gap is kept. Returns None if nothing is missing or interpolation is
+    impossible: the gap exceeds ``PAUSE_S``, the period or measured columns differ, or the stamps
+    contradict the number of samples.
     """
     h, begin = last.sample_period, last.first_index + len(last)
     count = block.first_index - begin
     if not 0 < count * h <= PAUSE_S or abs(block.sample_period / h - 1.0) > 1e-6:
         return None
     elapsed_s = 1e-9 * (block.stamp_ns - last.stamp_at(len(last) - 1))
-    if block.missing != last.missing or not h / 2.0 < elapsed_s < (2 * count + 1) * h:
+    has_others = (block.missing, block.has_payload) != (last.missing, last.has_payload)
+    if has_others or not h / 2.0 < elapsed_s < (2 * count + 1) * h:
         return None
     part = np.arange(1, count + 1) / (count + 1)
     columns = [
@@ -196,7 +210,14 @@ def lost_between(last: Telemetry, block: Telemetry) -> Telemetry | None:
         for before, after in ((getattr(last, name), getattr(block, name)) for name in COLUMNS)
     ]
     stamp_ns = last.stamp_at(len(last))
-    return Telemetry(stamp_ns, h, begin, *columns, interpolated=np.ones(count, dtype=bool))
+    return Telemetry(
+        stamp_ns,
+        h,
+        begin,
+        *columns,
+        interpolated=np.ones(count, dtype=bool),
+        payload=np.repeat(last.payload[-1:], count),
+    )
 
 
 def bridged(blocks: Iterable[Telemetry]) -> Iterator[Telemetry]:

@@ -176,9 +176,10 @@ def _faults_not_shown(reason: of.FaultsNotShown) -> str:
 
 
 def _too_few_strokes(reason: of.TooFewStrokes) -> str:
+    without = " without a payload" if reason.is_empty else ""
     return (
-        f"{counted(reason.strokes, 'stroke')} {reason.way}, at least {reason.least} in each "
-        "direction are needed: move back and forth"
+        f"{counted(reason.strokes, 'stroke')} {reason.way}{without}, at least {reason.least} in "
+        f"each direction are needed: move back and forth{without}"
     )
 
 
@@ -259,6 +260,10 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     ),
     of.EffortMissing: (
         "drive = unknown needs a measured current or torque, and the telemetry has none"
+    ),
+    of.PayloadMissing: (
+        "the payload is not in the telemetry: only motion without a payload can be compared with "
+        "the healthy records; publish or record it again"
     ),
     of.SpeedGaps: ("the speed is missing in some samples: omit these samples, or the whole column"),
     of.NoTravel: (

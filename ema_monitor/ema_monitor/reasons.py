@@ -145,6 +145,11 @@ class EffortMissing(Reason, code="effort_missing"):
 
 
 @dataclass(frozen=True)
+class PayloadMissing(Reason, code="payload_missing"):
+    """The payload is unknown, but only motion without a payload can be compared."""
+
+
+@dataclass(frozen=True)
 class SpeedGaps(Reason, code="speed_gaps"):
     """The speed of a record is not measured in some samples."""
 
@@ -481,11 +486,15 @@ class EffortConstant(Reason, code="effort_constant"):
 
 @dataclass(frozen=True)
 class TooFewStrokes(Reason, code="too_few_strokes"):
-    """A record has too few strokes in a direction, "forward" or "backward"."""
+    """A record has too few strokes in a direction, "forward" or "backward".
+
+    ``is_empty`` states whether only strokes without a payload count.
+    """
 
     strokes: int
     way: str
     least: int
+    is_empty: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS node of a simulated robot arm: publishes what a real one would."""
 
+import math
 from array import array
 from dataclasses import asdict
 from typing import Any, Final
 
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 
 from ema_ros import topics
 from ema_ros.node_parameters import LiveSettings, declare, read
@@ -24,6 +25,7 @@ _OFFERS: Final = {
     topics.JOINT_COMMANDS: (JointState, topics.STREAM),
     topics.ROBOT_DESCRIPTION: (String, topics.LATCHED),
     topics.TRUE_FRICTION: (JointState, topics.LATCHED),
+    topics.PAYLOAD: (Float64, topics.LATCHED),
 }
 _CLOCK_PERIOD_NS: Final = 10_000_000
 
@@ -51,6 +53,7 @@ class RobotNode(SimulationNode):
         self._state = JointState(name=JOINT_NAMES)
         self._command = JointState(name=JOINT_NAMES)
         self._clock_ns = 0
+        self._payload = math.nan
         self.run_bench(self._bench, settings.speedup, _OFFERS)
 
     def activate(self) -> None:
@@ -76,6 +79,9 @@ class RobotNode(SimulationNode):
         state.effort = _row(block.effort)
         command.position = _row(block.position_command)
         command.velocity = _row(block.velocity_command)
+        if block.payload != self._payload:
+            self._payload = block.payload
+            self.publish(topics.PAYLOAD, Float64(data=block.payload))
         self.publish(topics.JOINT_STATES, state)
         self.publish(topics.JOINT_COMMANDS, command)
 

@@ -220,6 +220,24 @@ def test_older_message_becomes_one_of_the_installed_type(old_bag: Path):
     assert message.has_command is True
 
 
+def test_older_telemetry_has_no_payload():
+    """Before it had a payload, the definition ended with the speed."""
+    text = schema_text(TELEMETRY)
+    own, separator, contained = text.partition("\n====")
+    older = own.replace("float64[] payload\n", "") + separator + contained
+    upgrade = to_installed(TELEMETRY, older, "RIHS01_" + "0" * 64)
+    assert upgrade is not None
+    store = typestore(TELEMETRY, older)
+    block = TelemetryBlock(actuator_id="old", first_index=7, position=[1.0, 2.0])
+    message = decoder(TELEMETRY, text)(serialize_message(block))
+    names = [name for name in vars(type(message))["__dataclass_fields__"] if name != "payload"]
+    recorded = store.types[TELEMETRY](**{name: getattr(message, name) for name in names})
+    data = upgrade(bytes(store.serialize_cdr(recorded, TELEMETRY)))
+    read = deserialize_message(data, TelemetryBlock)
+    assert (read.actuator_id, read.first_index) == ("old", 7)
+    assert (list(read.position), list(read.payload)) == ([1.0, 2.0], [])
+
+
 def test_only_fields_with_a_default_may_be_missing():
     text = schema_text(DESCRIPTION_TYPE)
     other_hash = "RIHS01_" + "0" * 64

@@ -8,7 +8,7 @@ import pytest
 
 from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
-from ema_core.telemetry import Telemetry
+from ema_core.telemetry import Telemetry, bridged, join
 
 
 def telemetry(n: int = 5, **changes) -> Telemetry:
@@ -75,7 +75,10 @@ def test_column_that_is_not_measured_is_empty_but_the_position_is_always_there()
     part = x.part(1, 3)
     assert (len(part), len(part.command), part.position.tolist()) == (2, 0, [21.0, 22.0])
     assert telemetry().has_command
-    with pytest.raises(ValueError, match="position 0, speed 5; only command, current, speed may"):
+    with pytest.raises(
+        ValueError,
+        match="position 0, speed 5, payload 0; only command, current, speed, payload may",
+    ):
         telemetry(position=np.empty(0))
 
 
@@ -87,3 +90,17 @@ def test_only_a_drive_of_an_unknown_controller_may_lack_a_command():
     assert not ActuatorDescription(drive="unknown", acquisition=acquisition).acquisition.command
     with pytest.raises(ValueError, match="no position command with drive = six_step"):
         ActuatorDescription(acquisition=acquisition)
+
+
+def test_payload_goes_with_its_samples_and_is_held_where_samples_are_lost():
+    row = np.arange(5.0)
+    x = telemetry(payload=np.array([0.0, 0.0, 2.0, 2.0, 2.0]), sample_period=0.01)
+    assert (x.has_payload, telemetry().has_payload) == (True, False)
+    assert x.part(1, 3).payload.tolist() == [0.0, 2.0]
+    later = replace(x, stamp_ns=x.stamp_at(7), first_index=8, payload=np.zeros(5))
+    [first, lost, last] = bridged([x, later])
+    assert lost.payload.tolist() == [2.0, 2.0]
+    assert join([first, lost, last]).payload.tolist() == [0, 0, 2, 2, 2, 2, 2, 0, 0, 0, 0, 0]
+    assert len(bridged([x, replace(later, payload=np.empty(0))])) == 2
+    with pytest.raises(ValueError, match="payload 3"):
+        telemetry(payload=row[:3])

@@ -64,6 +64,15 @@ def test_telemetry_survives_the_wire():
         np.testing.assert_array_equal(getattr(received, name), getattr(sent, name))
 
 
+def test_payload_survives_the_wire():
+    payload = np.repeat([0.0, 2.5], 50)
+    sent = replace(some_telemetry(), payload=payload)
+    received = telemetry_from_message(over_the_wire(telemetry_to_message(sent, "flap")))
+    np.testing.assert_array_equal(received.payload, payload)
+    plain = over_the_wire(telemetry_to_message(some_telemetry(), "flap"))
+    assert not telemetry_from_message(plain).has_payload
+
+
 def test_received_telemetry_owns_its_columns():
     message = telemetry_to_message(some_telemetry(), "flap")
     block = telemetry_from_message(message)

@@ -4,6 +4,7 @@
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 
 from ema_ros import topics
 from ema_ros.stamps import stamp_from_message
@@ -32,6 +33,7 @@ TOPICS = {
     topics.JOINT_COMMANDS: (JointState, topics.STREAM),
     topics.ROBOT_DESCRIPTION: (String, topics.LATCHED),
     topics.TRUE_FRICTION: (JointState, topics.LATCHED),
+    topics.PAYLOAD: (Float64, topics.LATCHED),
 }
 
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -141,6 +143,17 @@ def test_accelerated_work_wears_after_the_healthy_cycles_and_wear_is_live():
     assert others == pytest.approx(np.broadcast_to(others[0], others.shape), abs=0.02)
     starts = listener.stamps(topics.TRUE_FRICTION)
     assert np.diff(starts) == pytest.approx(18.7e9, abs=0.06e9)
+
+
+def test_payload_is_published_as_it_changes():
+    with running(speedup=20.0, rate=20, payload=1.5) as listener:
+        listener.until(lambda: len(listener.frictions()) >= 2)
+        masses = [message.data for message in listener.received(topics.PAYLOAD)]
+    # Two parts a cycle; the hand closes within two samples.
+    assert masses[0] == 0.0
+    assert (min(masses), max(masses)) == (0.0, 1.5)
+    assert all(before != after for before, after in pairwise(masses))
+    assert 4 <= sum(mass in (0.0, 1.5) for mass in masses[1:]) <= 6
 
 
 def test_two_arms_in_one_graph_keep_to_their_namespaces(graph: Spinning):

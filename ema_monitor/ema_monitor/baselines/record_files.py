@@ -145,7 +145,7 @@ def _listed(folder: Path) -> list[StoredRecord]:
 def _arrays(window: Window) -> dict[str, Any]:
     telemetry = window.telemetry
     origin = float(telemetry.position[0])
-    columns = {name: getattr(telemetry, name) for name in COLUMNS}
+    columns = {name: getattr(telemetry, name) for name in (*COLUMNS, "payload")}
     measured = {cause.name: (cause.value, cause.sigma) for cause in window.measured}
     return {
         "stamp_ns": np.array(telemetry.stamp_ns, dtype=np.int64),
@@ -175,7 +175,8 @@ def _window(path: Path) -> Window:
 def _decoded(file: IO[bytes]) -> Window:
     with np.load(file, allow_pickle=False) as arrays:
         origin = float(arrays["origin"])
-        columns = {name: arrays[name].astype(np.float64) for name in COLUMNS}
+        names = (*COLUMNS, *(["payload"] if "payload" in arrays else []))
+        columns = {name: arrays[name].astype(np.float64) for name in names}
         for name in _ANGLES:
             columns[name] += origin
         lost, samples = arrays["interpolated"], len(columns["position"])

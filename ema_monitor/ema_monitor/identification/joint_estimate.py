@@ -35,7 +35,7 @@ from ema_monitor.joint.record import JointRecord, read_record, record_defect
 from ema_monitor.joint.renewal import renewed
 from ema_monitor.joint.scale import effort_scale
 from ema_monitor.joint.shape import VISCOUS as VISCOUS_AT
-from ema_monitor.joint.signals import Fine, Signals, block_means, filtered, usual_speed
+from ema_monitor.joint.signals import Fine, Preparation, Signals, block_means, filtered, usual_speed
 from ema_monitor.joint.single import Z90
 from ema_monitor.joint.spikes import despiked
 from ema_monitor.joint.standstill import StandstillCause, standstill_of
@@ -50,6 +50,7 @@ from ema_monitor.reasons import (
     OtherUnit,
     OtherUpdates,
     OtherZero,
+    PayloadMissing,
     PeriodTooLong,
     Reason,
     SamplesInterpolated,
@@ -189,8 +190,14 @@ def _signals(
 ) -> Signals:
     """Return the rows of a record with the lag of its effort removed."""
     preparation = calibration.baseline.preparation
-    fine = block_means(window.telemetry, description, preparation.cutoff_hz)
+    fine = _blocks(window.telemetry, description, preparation)
     return filtered(aligned(fine, lag), preparation)
+
+
+def _blocks(
+    telemetry: Telemetry, description: ActuatorDescription, preparation: Preparation
+) -> Fine:
+    return block_means(telemetry, description, preparation.cutoff_hz, is_empty=preparation.is_empty)
 
 
 def learning_estimate(window: Window | Refusal, *reasons: Reason) -> Estimate:
@@ -237,6 +244,8 @@ def _unusable(window: Window, calibration: JointCalibration) -> Reason | None:
     telemetry = window.telemetry
     if not len(telemetry.current):
         return EffortMissing()
+    if calibration.baseline.preparation.is_empty and not telemetry.has_payload:
+        return PayloadMissing()
     return None if np.all(np.isfinite(telemetry.speed)) else SpeedGaps()
 
 
@@ -259,7 +268,7 @@ def _record_of(
 ) -> JointRecord | tuple[Reason, ...]:
     """Return a record fitted to usable samples, or the reasons why it cannot be compared."""
     preparation = calibration.baseline.preparation
-    fine = block_means(window.telemetry, description, preparation.cutoff_hz)
+    fine = _blocks(window.telemetry, description, preparation)
     healthy = [item.effort_lag for item in calibration.baseline.records]
     lag = with_shift(effort_lag(fine, preparation), healthy, preparation.cutoff_hz)
     record = _read(window, description, calibration, fine, lag)

@@ -47,6 +47,7 @@ _FEWEST_REPEATED: Final = 3
 _MOTION_TOLERANCE: Final = 0.1
 _LATE: Final = 0.05
 _UNEXPLAINED: Final = 0.3
+_UNCERTAIN: Final = 0.15
 _ENOUGH_RECORDS: Final = 5
 _FLOOR: Final = 1e-9
 _PAYLOAD: Final = [INERTIA, GRAVITY]
@@ -60,6 +61,7 @@ class Shortcoming(Enum):
     FEW_RECORDS = auto()
     ONE_SPEED = auto()
     UNEXPLAINED_EFFORT = auto()
+    UNCERTAIN_FRICTION = auto()
 
 
 @dataclass(frozen=True)
@@ -159,6 +161,7 @@ class Baseline:
             Shortcoming.ONE_SPEED: not self.shape.has_viscous and not self.is_unexplained,
             Shortcoming.UNEXPLAINED_EFFORT: self.is_unexplained
             and not (self.shape.has_viscous and self.shape.has_inertia),
+            Shortcoming.UNCERTAIN_FRICTION: self.shape.friction_error > _UNCERTAIN,
         }
         return tuple(gap for gap, missing in is_missing.items() if missing)
 

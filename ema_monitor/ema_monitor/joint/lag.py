@@ -220,12 +220,15 @@ def _parabola(squares: Array, width: float) -> tuple[float, float, float]:
 
 
 def _rows(fine: Fine, speed: Array, usual: float, sigma: float) -> Flags:
-    """Return flags of the rows in or near motion, except at the ends and long gaps, ``(n,)``."""
+    """Return flags of the rows in or near motion, ``(n,)``.
+
+    Rows at the ends and near unusable blocks are excluded.
+    """
     ends = math.ceil(_REACH * sigma)
     around = np.ones(2 * ends + 1)
     rows = np.convolve(np.abs(speed) > _SLOW * usual, np.ones(math.ceil(sigma)), mode="same") > 0.5
     reach = ends + math.ceil(LONGEST_LAG_S / fine.step_s)
     rows[:reach] = rows[-reach:] = False
-    if not np.all(fine.is_measured):
-        rows &= np.convolve(~fine.is_measured, around, mode="same") < 0.5
+    if not np.all(fine.is_usable):
+        rows &= np.convolve(~fine.is_usable, around, mode="same") < 0.5
     return rows

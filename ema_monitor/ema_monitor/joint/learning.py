@@ -15,7 +15,7 @@ from ema_monitor.joint.lag import aligned, common_lag, effort_lag, with_shift
 from ema_monitor.joint.record import FEWEST_ROWS, read_record, record_defect
 from ema_monitor.joint.renewal import renewed
 from ema_monitor.joint.ripple import with_ripples
-from ema_monitor.joint.shape import choose_shape
+from ema_monitor.joint.shape import DRY, choose_shape
 from ema_monitor.joint.signals import (
     Preparation,
     Signals,
@@ -39,6 +39,11 @@ def learn(
 ) -> Baseline:
     """Return the baseline estimated from healthy records.
 
+    A payload that is carried one way and not back looks like friction. If the payload is known in
+    all records, the model may be fitted to the motion without a payload alone: if at least half of
+    the records have strokes in both directions without a payload, and the error of the friction is
+    then smaller.
+
     Parameters
     ----------
     records
@@ -56,17 +61,50 @@ def learn(
     if not records:
         raise ValueError("a baseline needs at least one healthy record, got none")
     _require_different(records)
+    temperatures = temperatures or [math.nan] * len(records)
+    is_known = all(record.has_payload for record in records)
+    is_carried = is_known and any(np.any(record.payload > 0.0) for record in records)
+    # If the healthy records have no payload, payloads in later records are left out.
+    variants = (False, True) if is_carried else (is_known,)
+    baselines, errors = [], []
+    for is_empty in variants:
+        try:
+            baselines.append(_learn(records, description, temperatures, is_empty=is_empty))
+        except ValueError as error:
+            errors.append(error)
+    if not baselines:
+        raise errors[0]
+    everything, *empty = baselines
+    if empty and 2 * len(empty[0].records) >= len(everything.records):
+        return min(baselines, key=_friction_error)
+    return everything
+
+
+def _friction_error(baseline: Baseline) -> float:
+    """Return the usual error of the friction of a record, relative to the friction [-]."""
+    noise = float(np.median(baseline.covariances[:, DRY, DRY]))
+    return math.hypot(baseline.shape.friction_error, math.sqrt(noise))
+
+
+def _learn(
+    records: Sequence[Telemetry],
+    description: ActuatorDescription,
+    temperatures: Sequence[float],
+    *,
+    is_empty: bool,
+) -> Baseline:
+    """Return the baseline from all motion, or from the motion without a payload."""
     bands = [motion_band(record) for record in records]
     period = float(np.median([record.sample_period for record in records]))
     cutoff = cutoff_of(float(np.median(bands)), period)
     per_update = float(np.median([samples_per_update(record.position) for record in records]))
     records = [despiked(renewed(record), cutoff).telemetry for record in records]
-    blocks = [block_means(record, description, cutoff) for record in records]
+    blocks = [block_means(record, description, cutoff, is_empty=is_empty) for record in records]
     usual = float(np.median([usual_speed(block, cutoff) for block in blocks]))
     if not usual > 0.0:
         raise ValueError("no motion: the position never changes in the healthy records")
     lag = acquisition_lag(description)
-    preparation = Preparation(cutoff, lag, usual, samples_per_update=per_update)
+    preparation = Preparation(cutoff, lag, usual, samples_per_update=per_update, is_empty=is_empty)
     sample = blocks[:: max(1, len(blocks) // 4)]
     stiff, elastic = (
         variant._replace(lag_s=lag, unexpected_lag_s=lag - variant.lag_s)
@@ -101,7 +139,7 @@ def learn(
             description,
             preparation,
             shape,
-            temperature=temperatures[number] if temperatures else math.nan,
+            temperature=temperatures[number],
             prepared=(blocks[number], rows),
             effort_lag=lags[number],
         ).at_rate(records[number].sample_period, period)

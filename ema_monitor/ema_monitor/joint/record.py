@@ -112,9 +112,9 @@ def record_defect(signals: Signals, preparation: Preparation) -> Reason | None:
         return EffortConstant(float(np.mean(signals.effort)))
     for direction, name in ((1, "forward"), (-1, "backward")):
         if (strokes := signals.strokes(direction)) < FEWEST_REVERSING:
-            return TooFewStrokes(strokes, name, FEWEST_REVERSING)
+            return TooFewStrokes(strokes, name, FEWEST_REVERSING, preparation.is_empty)
         if (strokes := signals.pieces(direction)) < FEWEST_STROKES:
-            return TooFewStrokes(strokes, name, FEWEST_STROKES)
+            return TooFewStrokes(strokes, name, FEWEST_STROKES, preparation.is_empty)
     ratio = signals.usual_speed / preparation.usual_speed
     return None if SLOWEST <= ratio <= FASTEST else SpeedOutside(ratio, SLOWEST, FASTEST)
 
@@ -149,7 +149,9 @@ def read_record(
         Lag of the effort behind the motion; its shift is already removed from ``prepared``.
     """
     if prepared is None:
-        fine = block_means(telemetry, description, preparation.cutoff_hz)
+        fine = block_means(
+            telemetry, description, preparation.cutoff_hz, is_empty=preparation.is_empty
+        )
         prepared = fine, filtered(fine, preparation)
     fine, signals = prepared
     fit = fit_record(shape, signals, healthy)

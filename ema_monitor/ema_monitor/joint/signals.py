@@ -34,6 +34,7 @@ _SLOW: Final = 0.05
 _ONE_WAY: Final = 0.95
 _ENDS: Final = 3.0
 _ROW: Final = 1.5
+_GRIP_S: Final = 0.2  # time in which a load shifts to or from a gripper
 _USUAL_SPEED: Final = 95.0
 _COLUMNS: Final = (
     *("effort", "position", "speed", "acceleration", "direction", "stribeck", "free", "stroke"),
@@ -57,6 +58,8 @@ class Preparation(NamedTuple):
     """Part of the lag that the acquisition of the effort does not explain [s]."""
     samples_per_update: float = 1.0
     """Median number of samples per update of the position in the healthy records."""
+    is_empty: bool = False
+    """Whether only motion without a payload is used."""
 
     @property
     def highest_period(self) -> float:
@@ -181,8 +184,9 @@ def cutoff_of(band_hz: float, sample_period: float) -> float:
 class Fine(NamedTuple):
     """Columns of a record as block means at a rate far above the cut-off, ``(n,)`` each.
 
-    ``speed`` and ``command`` are None if they are not measured. ``is_measured`` is False in gaps
-    longer than the standard deviation of the filter; shorter gaps are interpolated.
+    ``speed`` and ``command`` are None if they are not measured. ``is_usable`` is False in gaps
+    longer than the standard deviation of the filter; shorter gaps are interpolated. If only motion
+    without a payload is used, it is also False with a payload and within 0.2 s of one.
     """
 
     step_s: float
@@ -190,11 +194,27 @@ class Fine(NamedTuple):
     position: Array
     speed: Array | None
     command: Array | None
-    is_measured: Flags
+    is_usable: Flags
 
 
-def block_means(telemetry: Telemetry, description: ActuatorDescription, cutoff_hz: float) -> Fine:
-    """Return the columns of a record as block means, at about 20 blocks per cut-off period."""
+def block_means(
+    telemetry: Telemetry,
+    description: ActuatorDescription,
+    cutoff_hz: float,
+    *,
+    is_empty: bool = False,
+) -> Fine:
+    """Return the columns of a record as block means, at about 20 blocks per cut-off period.
+
+    Parameters
+    ----------
+    telemetry, description
+        The record and its actuator.
+    cutoff_hz
+        Cut-off frequency of the filter [Hz].
+    is_empty
+        Whether only motion without a payload is used.
+    """
     m = max(1, int(1.0 / (telemetry.sample_period * _FINE * cutoff_hz)))
     n = len(telemetry) // m
 
@@ -202,14 +222,28 @@ def block_means(telemetry: Telemetry, description: ActuatorDescription, cutoff_h
         return column[: n * m].reshape(n, m).mean(axis=1) if m > 1 else column
 
     speed = user_speed(telemetry, description)
+    is_left_out = _long_gaps(telemetry, cutoff_hz)
+    if is_empty:
+        is_left_out |= _near_payload(telemetry)
     return Fine(
         m * telemetry.sample_period,
         mean(telemetry.current),
         mean(telemetry.position),
         None if speed is None else mean(speed),
         mean(telemetry.command) if telemetry.has_command else None,
-        ~np.any(_long_gaps(telemetry, cutoff_hz)[: n * m].reshape(n, m), axis=1),
+        ~np.any(is_left_out[: n * m].reshape(n, m), axis=1),
     )
+
+
+def _near_payload(telemetry: Telemetry) -> Flags:
+    """Return flags of the samples with a payload or within 0.2 s of one, ``(n,)``.
+
+    A payload that is not a number is unknown, and counts as one.
+    """
+    reach = math.ceil(_GRIP_S / telemetry.sample_period)
+    is_held = np.pad(~(telemetry.payload <= 0.0), reach)
+    count = np.concatenate([[0], np.cumsum(is_held)])
+    return np.asarray(count[2 * reach + 1 :] > count[: -2 * reach - 1])
 
 
 def _long_gaps(telemetry: Telemetry, cutoff_hz: float) -> Flags:
@@ -230,8 +264,8 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
     """Return the filtered rows of steady motion in a record.
 
     Rows are excluded near reversals, where the filter mixes both directions, and within three
-    standard deviations of the filter from the ends and from long gaps. One row is kept per 1.5
-    standard deviations.
+    standard deviations of the filter from the ends and from unusable blocks. One row is kept per
+    1.5 standard deviations.
     """
     step = fine.step_s
     sigma = _SIGMA_CUTOFF / preparation.cutoff_hz / step
@@ -262,8 +296,8 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
     keep[:ends] = keep[-ends:] = False
     # A gap does not divide a stroke.
     stroke = _strokes(np.sign(direction) * keep, step)
-    if not np.all(fine.is_measured):
-        keep &= np.convolve(~fine.is_measured, np.ones(2 * ends + 1), mode="same") < 0.5
+    if not np.all(fine.is_usable):
+        keep &= np.convolve(~fine.is_usable, np.ones(2 * ends + 1), mode="same") < 0.5
     every = max(1, round(_ROW * sigma))
     rows = np.flatnonzero(keep)[::every] if every > 1 else np.flatnonzero(keep)
     speeds = np.abs(speed[keep])
@@ -287,13 +321,13 @@ def filtered(fine: Fine, preparation: Preparation) -> Signals:
 
 
 def usual_speed(fine: Fine, cutoff_hz: float) -> float:
-    """Return the 95 % quantile of the speed in motion of a record [rad/s]."""
+    """Return the 95 % quantile of the speed in the usable motion of a record [rad/s]."""
     sigma = _SIGMA_CUTOFF / cutoff_hz / fine.step_s
     if fine.speed is None:
         speed = np.gradient(smoothed(fine.position, sigma), fine.step_s)
     else:
         speed = smoothed(fine.speed, sigma)
-    speed = np.abs(speed)
+    speed = np.abs(speed[fine.is_usable])
     fastest = float(np.max(speed, initial=0.0))
     moving = speed[speed > _SLOW * fastest]
     return float(np.percentile(moving, _USUAL_SPEED)) if len(moving) else 0.0

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from ema_core.wording import text_table
-from ema_monitor.joint.baseline import Shortcoming
+from ema_monitor.joint.baseline import Baseline, Shortcoming
 from ema_monitor.joint.comparing import Comparer
 from ema_monitor.joint.comparison import (
     FRICTION,
@@ -40,6 +40,11 @@ _SHORTCOMINGS: Final = {
     Shortcoming.UNEXPLAINED_EFFORT: (
         "the motion does not explain a large part of the effort in the healthy records: check that "
         "effort and position belong to the same joint and have the same clock"
+    ),
+    Shortcoming.UNCERTAIN_FRICTION: (
+        "effort outside the model makes the size of a change of friction uncertain: if the machine "
+        "carries parts one way and not back, give the state of its gripper as payload, and move "
+        "both ways without a part"
     ),
 }
 
@@ -354,6 +359,12 @@ def advice_sentences(comparer: Comparer) -> list[str]:
         )
     sentences += [_SHORTCOMINGS[item] for item in comparer.baseline.shortcomings]
     return sentences + _lag_sentences(comparer.baseline.preparation.unexpected_lag_s)
+
+
+def friction_advice(baseline: Baseline) -> str:
+    """Return the advice for an uncertain size of changes of friction; "" if it is certain."""
+    shortcoming = Shortcoming.UNCERTAIN_FRICTION
+    return _SHORTCOMINGS[shortcoming] if shortcoming in baseline.shortcomings else ""
 
 
 def _lag_sentences(lag_s: float) -> list[str]:

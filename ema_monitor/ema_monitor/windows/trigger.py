@@ -337,6 +337,9 @@ def break_between(last: Telemetry, block: Telemetry) -> str:
             f"{_columns(block.missing)} measured from index {block.first_index} on, "
             f"{_columns(last.missing)} before"
         )
+    if block.has_payload != last.has_payload:
+        side = "from" if block.has_payload else "before"
+        return f"the payload is only known {side} index {block.first_index}"
     expected = last.first_index + len(last)
     if block.first_index > expected:
         return (

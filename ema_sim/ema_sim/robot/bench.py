@@ -22,7 +22,7 @@ class RobotSettings(Checked):
 
 
 class ArmSample(NamedTuple):
-    """Sample of all joints, ``(6,)`` each; columns as in ``ArmTelemetry``."""
+    """Sample of all joints, ``(6,)`` each, and the payload; columns as in ``ArmTelemetry``."""
 
     stamp_ns: int
     """Time of the sample [ns]."""
@@ -33,6 +33,8 @@ class ArmSample(NamedTuple):
     effort: Vector
     position_command: Vector
     velocity_command: Vector
+    payload: float
+    """Mass of the part in the hand [kg]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +102,7 @@ class ArmBench:
                 block.effort,
                 block.position_command,
                 block.velocity_command,
+                block.payload.tolist(),
                 strict=True,
             ):
                 self.end_ns = stamp_ns

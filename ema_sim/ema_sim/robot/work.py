@@ -64,6 +64,8 @@ class ArmTelemetry:
     """Commanded speed [rad/s]."""
     temperature: Vector
     """True temperature of the gears [degC]."""
+    payload: Vector
+    """Mass of the part in the hand, ``(n,)`` [kg]."""
 
     def __len__(self) -> int:
         return len(self.position)
@@ -233,6 +235,7 @@ class RobotArm:
             np.ascontiguousarray(reference[:, last, 0].T),
             np.ascontiguousarray(reference[:, last, 1].T),
             temperature[last],
+            part[last],
         )
         self.elapsed_ns += len(block) * period_ns
         return block

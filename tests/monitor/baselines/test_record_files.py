@@ -22,7 +22,9 @@ def test_record_survives_storage_with_the_resolution_of_its_sensor(tmp_path: Pat
     lost = np.zeros(len(telemetry), dtype=bool)
     lost[7:9] = True
     measured = (CauseEstimate("winding_temperature", 31.5, 0.5),)
-    window = replace(window, telemetry=replace(telemetry, interpolated=lost), measured=measured)
+    payload = np.where(np.arange(len(telemetry)) < 100, 0.0, 2.5)
+    telemetry = replace(telemetry, interpolated=lost, payload=payload)
+    window = replace(window, telemetry=telemetry, measured=measured)
     window = replace(window, omitted=(range(300, 900), range(1000, 5000)))
     stored = RecordFiles(tmp_path / "records").add(window)
     assert stored is not None
@@ -30,6 +32,7 @@ def test_record_survives_storage_with_the_resolution_of_its_sensor(tmp_path: Pat
     np.testing.assert_allclose(read.telemetry.position, telemetry.position, atol=1e-7, rtol=0.0)
     np.testing.assert_allclose(read.telemetry.current, telemetry.current, rtol=1e-6)
     np.testing.assert_array_equal(read.telemetry.interpolated, lost)
+    np.testing.assert_array_equal(read.telemetry.payload, payload)
     assert read.measured == measured
     assert (read.start_ns, read.end_ns, read.sample_period) == (
         window.start_ns,
@@ -44,6 +47,17 @@ def test_record_without_speed_and_command_stays_without_them(tmp_path: Path):
     stored = files.add(replace(record(0), telemetry=telemetry))
     assert stored is not None
     assert files.read([stored])[0].telemetry.missing == ("command", "speed")
+
+
+def test_record_that_was_stored_without_a_payload_is_read_without_it(tmp_path: Path):
+    files = RecordFiles(tmp_path)
+    stored = files.add(record(0))
+    assert stored is not None
+    with np.load(stored.path) as arrays:
+        older = {name: arrays[name] for name in arrays.files if name != "payload"}
+    np.savez_compressed(stored.path, **older)
+    [read] = files.read([stored])
+    assert not read.telemetry.has_payload
 
 
 def test_record_of_a_replay_is_stored_once(tmp_path: Path):

@@ -11,6 +11,7 @@ from contextlib import suppress
 from functools import cache
 from typing import Any
 
+import numpy as np
 from rosbags.serde import SerdeError
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.msg import get_types_from_msg
@@ -24,6 +25,7 @@ _SEPARATOR = "=" * 80 + "\nMSG: "
 _DEFAULT = re.compile(
     r"^[ \t]*([a-z]\w*)[ \t]+([a-z]\w*)[ \t]+([^#=\s][^#=\n]*?)[ \t]*(?:#.*)?$", re.MULTILINE
 )
+_ARRAY = re.compile(r"^[ \t]*float64\[\][ \t]+([a-z]\w*)", re.MULTILINE)
 _FIELD = re.compile(
     r"^[ \t]*([A-Za-z][\w/]*)((?:<=\d+)?(?:\[[<=\d]*\])?)[ \t]+([a-z]\w*)", re.MULTILINE
 )
@@ -72,7 +74,8 @@ def to_installed(
 
     The hashes are compared. Recordings older than ROS 2 Iron have no hash: the fields of the
     definitions are compared instead. If the recorded definition only lacks fields with a default
-    in the installed definition, the upgrade adds them with their defaults.
+    in the installed definition, the upgrade adds them with their defaults; the default of an
+    unbounded ``float64`` array is empty.
 
     Parameters
     ----------
@@ -114,7 +117,7 @@ def to_installed(
 
 
 def _upgrade(
-    name: str, recorded_text: str, kept: list[str], lacking: dict[str, bool | int | float | str]
+    name: str, recorded_text: str, kept: list[str], lacking: dict[str, Any]
 ) -> Callable[[bytes], bytes]:
     """Return the function that adds the missing fields of a recorded type to its messages."""
     decode, store = decoder(name, recorded_text), typestore(name, schema_text(name))
@@ -128,9 +131,9 @@ def _upgrade(
     return upgrade
 
 
-def _defaults(text: str) -> dict[str, bool | int | float | str]:
-    """Return the default values in a definition by field, without arrays."""
-    defaults: dict[str, bool | int | float | str] = {}
+def _defaults(text: str) -> dict[str, Any]:
+    """Return the default values in a definition by field; of arrays only of ``float64[]``."""
+    defaults: dict[str, Any] = {field: np.empty(0) for field in _ARRAY.findall(text)}
     for kind, field, value in _DEFAULT.findall(text):
         if kind == "bool":
             defaults[field] = value.lower() in ("true", "1")

@@ -43,7 +43,7 @@ def telemetry_to_message(block: Telemetry, actuator_id: str) -> "msg.TelemetryBl
     message.actuator_id = actuator_id
     message.sample_period = float(block.sample_period)
     message.first_index = int(block.first_index)
-    for name in COLUMNS:
+    for name in (*COLUMNS, *(["payload"] if block.has_payload else [])):
         # A message stores an array.array without checks; other sequences are checked per item.
         column = np.asarray(getattr(block, name), dtype=np.float64)
         setattr(message, name, array.array("d", column.tobytes()))
@@ -66,6 +66,8 @@ def telemetry_from_message(message: "msg.TelemetryBlock") -> Telemetry:
         message.sample_period,
         message.first_index,
         *(np.array(getattr(message, name), dtype=np.float64) for name in COLUMNS),
+        # Messages of an older definition (read without ROS) have none.
+        payload=np.array(getattr(message, "payload", ()), dtype=np.float64),
     )
     check_stamp(block.stamp_at(len(block) - 1))
     return block

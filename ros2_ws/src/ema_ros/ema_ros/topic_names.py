@@ -9,6 +9,7 @@ SIMULATED_FAULTS: Final = "simulated_faults"
 JOINT_STATES: Final = "joint_states"
 JOINT_COMMANDS: Final = "joint_commands"
 ROBOT_DESCRIPTION: Final = "robot_description"
+PAYLOAD: Final = "payload"
 TRUE_FRICTION: Final = "true_friction"
 USAGE: Final = "usage"
 MEASURED_CAUSES: Final = "measured_causes"
@@ -23,7 +24,7 @@ FRICTION_CURVE: Final = "friction_curve"
 PLAYBACK_STATE: Final = "playback_state"
 NODE_STATUS: Final = "node_status"
 
-ROBOT_TOPICS: Final = (JOINT_STATES, JOINT_COMMANDS, ROBOT_DESCRIPTION, TRUE_FRICTION)
+ROBOT_TOPICS: Final = (JOINT_STATES, JOINT_COMMANDS, PAYLOAD, ROBOT_DESCRIPTION, TRUE_FRICTION)
 """Topics of a simulated robot arm."""
 
 NAMESPACE: Final = "/ema"

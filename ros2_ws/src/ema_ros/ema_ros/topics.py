@@ -48,6 +48,7 @@ from ema_ros.topic_names import (
 )
 from ema_ros.topic_names import JOINT_COMMANDS as JOINT_COMMANDS
 from ema_ros.topic_names import NAMESPACE as NAMESPACE
+from ema_ros.topic_names import PAYLOAD as PAYLOAD
 from ema_ros.topic_names import ROBOT_DESCRIPTION as ROBOT_DESCRIPTION
 from ema_ros.topic_names import ROBOT_TOPICS as ROBOT_TOPICS
 from ema_ros.topic_names import TRUE_FRICTION as TRUE_FRICTION

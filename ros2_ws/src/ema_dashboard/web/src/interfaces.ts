@@ -273,6 +273,7 @@ export interface TelemetryBlock {
   current: Float64Array;
   position: Float64Array;
   speed: Float64Array;
+  payload: Float64Array;
 }
 
 export interface Time {
