@@ -20,7 +20,7 @@ WORN = {"wrist_2": 0.04}
 
 
 def write_work(path: Path, arm: RobotArm, cycles: int, start_s: float, joints, **wear) -> None:
-    """Write the work of some joints to a table, with the columns of a joint each."""
+    """Write the work of some joints, with the columns of a joint each, and of the payload."""
     logs = [
         arm.begin_cycle(WorkSettings(cycle_pause=0.5, healthy_cycles=0), wear)
         for _ in range(cycles)
@@ -29,6 +29,10 @@ def write_work(path: Path, arm: RobotArm, cycles: int, start_s: float, joints, *
     columns = [start_s + np.arange(sum(map(len, blocks))) / RATE]
     names = ["t"]
     for joint in joints:
+        if joint == "payload":
+            columns.append(np.concatenate([block.payload for block in blocks]))
+            names.append(joint)
+            continue
         i = JOINT_NAMES.index(joint)
         for name in ("position", "velocity", "effort"):
             columns.append(np.concatenate([getattr(block, name)[:, i] for block in blocks]))
@@ -76,6 +80,29 @@ def test_table_has_level_since_and_change_of_friction(work):
     assert "▲ WARN  2026-11-04 00:" in row
     assert "6 healthy" in row
     assert reason.startswith("wrist_2: Coulomb friction rose")
+
+
+def test_payload_makes_the_friction_of_a_joint_that_bears_it_certain(tmp_path):
+    """Friction of the elbow rises to 1.4 times, and is named for what it is."""
+    found = {}
+    for name, joints in (("known", ["elbow", "payload"]), ("unknown", ["elbow"])):
+        arm, folder = RobotArm(seed=5, rate=RATE), tmp_path / name
+        folder.mkdir()
+        write_work(folder / "day_1.csv", arm, 12, NOV_3, joints)
+        write_work(folder / "day_2.csv", arm, 10, NOV_3 + 86_400, joints, elbow=0.04)
+        result = ema("attach", folder, "--healthy", "2026-11-04", "--json")
+        [found[name]] = json.loads(result.stdout)
+        table = ema("attach", folder, "--healthy", "2026-11-04")
+        advice = "effort outside the model makes the size of a change of friction uncertain"
+        assert (advice in table.stdout) is (name == "unknown")
+    changes = {
+        name: [record["friction"] for record in joint["records"]] for name, joint in found.items()
+    }
+    last = changes["known"][-1]
+    assert 0.3 < last["low"] < last["change"] < last["high"] < 0.5
+    width = {name: friction[-1]["high"] - friction[-1]["low"] for name, friction in changes.items()}
+    assert width["known"] < 0.3 * width["unknown"]
+    assert found["known"]["level"] in ("WARN", "ERROR")
 
 
 def test_unit_of_the_effort_is_the_given_one(work, tmp_path):

@@ -101,6 +101,6 @@ def test_payload_goes_with_its_samples_and_is_held_where_samples_are_lost():
     [first, lost, last] = bridged([x, later])
     assert lost.payload.tolist() == [2.0, 2.0]
     assert join([first, lost, last]).payload.tolist() == [0, 0, 2, 2, 2, 2, 2, 0, 0, 0, 0, 0]
-    assert len(bridged([x, replace(later, payload=np.empty(0))])) == 2
+    assert len(list(bridged([x, replace(later, payload=np.empty(0))]))) == 2
     with pytest.raises(ValueError, match="payload 3"):
         telemetry(payload=row[:3])

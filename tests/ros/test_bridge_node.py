@@ -17,7 +17,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, Temperature
-from std_msgs.msg import Float64, Float64MultiArray
+from std_msgs.msg import Bool, Float64, Float64MultiArray
 
 from ema_bags.inputs import bridged_robot
 from ema_bags.inputs.bridge_node import BridgeNode
@@ -526,6 +526,24 @@ def test_joint_whose_topic_dies_goes_on_from_another(graph: Spinning):
     )
     robots.blocks.clear()
     robots.wait_for_blocks({"elbow"})
+
+
+def test_payload_of_a_robot_is_in_the_telemetry_of_its_joints(graph: Spinning):
+    robots = Robots(graph)
+    robots.wait_for_blocks({"wrist", "left/elbow"})
+    payload = graph.node("gripper").create_publisher(Bool, "/left/payload", LATCHED)
+    for held in (True, False):
+        payload.publish(Bool(data=held))
+        wait_for(
+            lambda held=held: (
+                robots.publish(),
+                any(set(block.payload) == {float(held)} for block in robots.blocks[-20:]),
+            )[1],
+            "the payload",
+        )
+    having = {block.actuator_id for block in robots.blocks if len(block.payload)}
+    assert having == {"left/elbow"}
+    assert len(robots.blocks[-1].position) > 0
 
 
 def test_joint_without_effort_is_bridged_and_named(graph: Spinning):

@@ -20,6 +20,7 @@ from ema_monitor.diagnosis import identify
 from ema_monitor.identification.estimate import SKIPPED, Estimate
 from ema_monitor.intake import Intake
 from ema_monitor.joint.comparison import FRICTION, QuantityChange
+from ema_monitor.joint.wording import friction_advice
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.settings import PrognosisSettings
@@ -57,6 +58,11 @@ class JointCourse:
     """Defects of the recordings, and why motion is not a record."""
     unread: list[str] = field(default_factory=list)
     """Why recordings were not read; empty if all were."""
+
+    @property
+    def advice(self) -> str:
+        """Advice for an uncertain size of changes of friction; empty if it is certain."""
+        return friction_advice(self.calibration.baseline) if self.calibration else ""
 
     @property
     def baseline_doubt(self) -> str:

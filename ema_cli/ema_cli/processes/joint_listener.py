@@ -12,7 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from ema_bags.inputs.joint_messages import KINDS
+from ema_bags.inputs.joint_messages import KINDS, is_read
 from ema_bags.inputs.joint_topics import JointTopics
 from ema_bags.message_type import message_class
 from ema_bags.qos import common_offer
@@ -81,7 +81,7 @@ def _kind_of(node: Node, executor: SingleThreadedExecutor, topic: str, stop: Sto
     while time.monotonic() < deadline and not stop:
         if publishers := node.get_publishers_info_by_topic(topic):
             kind = publishers[0].topic_type
-            if kind not in KINDS:
+            if not is_read(topic, kind):
                 raise ValueError(
                     f"topic {topic} has type {kind}: expected one of {', '.join(sorted(KINDS))}"
                 )

@@ -32,14 +32,18 @@ def row_of(course: JointCourse) -> tuple[str, ...]:
 
 
 def joint_table(courses: Sequence[JointCourse]) -> list[str]:
-    """Return the table as lines, with the reason of each level that is not OK below it."""
+    """Return the table as lines; below it reasons of levels that are not OK, and advice."""
     lines = text_table(HEADINGS, list(map(row_of, courses))).splitlines()
     reasons = [
         f"{course.description.actuator_id}: {course.reason}" for course in courses if course.reason
     ]
     unjudged = sum(course.level == STALE for course in courses)
     summary = f"{counted(len(courses), 'joint')}, {unjudged} of them not judged" if unjudged else ""
-    return [*lines, *reasons, *filter(None, [summary])]
+    by_advice: dict[str, list[str]] = {}
+    for course in courses:
+        by_advice.setdefault(course.advice, []).append(course.description.actuator_id)
+    advice = [f"{', '.join(names)}: {text}" for text, names in by_advice.items() if text]
+    return [*lines, *reasons, *advice, *filter(None, [summary])]
 
 
 def warnings_of(courses: Sequence[JointCourse]) -> list[str]:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from ema_bags.inputs.joint_messages import KINDS
+from ema_bags.inputs.joint_messages import is_read
 from ema_bags.inputs.joint_topics import JointTopics, TopicJoint
 from ema_bags.inputs.mapping import ColumnMapping
 from ema_bags.inputs.series import Collector, Series
@@ -138,8 +138,10 @@ def bag_series(bag: AnyBag, mapping: ColumnMapping) -> tuple[dict[str, Series], 
         for item in bag.messages(part) if part else ():
             collector.add(item.topic, item.message, item.publish_time_ns, item.log_time_ns)
     by_topic = collector.take()
+    # A payload that never changes may not have been published; it is unknown.
+    payload = mapping.payload.topic if mapping.payload else ""
     for name, series in by_topic.items():
-        if not len(series):
+        if not len(series) and name != payload:
             reason = collector.reason or f"topic {name} has no messages"
             raise ValueError(f"{bag.path}: {reason}")
     return by_topic, collector.problem()
@@ -157,7 +159,7 @@ def recorded_joints(bag: AnyBag, effort_unit: str) -> list[TopicJoint]:
     """
     topics = JointTopics()
     kinds = {name: topic.type_name for name, topic in bag.topics.items()}
-    wanted = [name for name, kind in kinds.items() if kind in KINDS]
+    wanted = [name for name, kind in kinds.items() if is_read(name, kind)]
     for item in bag.messages(wanted) if wanted else ():
         sent_ns = item.publish_time_ns
         topics.add(item.topic, kinds[item.topic], item.message, sent_ns, item.log_time_ns)

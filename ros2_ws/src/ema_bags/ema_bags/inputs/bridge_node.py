@@ -14,7 +14,7 @@ from ema_bags.inputs.bridged_actuator import BridgedActuator, Reception
 from ema_bags.inputs.bridged_robot import BridgedRobot
 from ema_bags.inputs.bridging import Bridge, BridgeSettings
 from ema_bags.inputs.joint_finder import DESCRIPTION_TOPIC, JointFinder, JointGroup
-from ema_bags.inputs.joint_messages import JOINT_KINDS
+from ema_bags.inputs.joint_messages import JOINT_KINDS, is_payload
 from ema_bags.inputs.mapping import ColumnMapping, load_mapping
 from ema_bags.message_type import is_installed, message_class
 from ema_bags.qos import common_offer
@@ -197,7 +197,8 @@ class BridgeNode(ManagedNode):
                 continue
             for kind in kinds:
                 is_description = kind == _STRING and topic.rpartition("/")[2] == DESCRIPTION_TOPIC
-                if is_description or (kind in JOINT_KINDS and is_installed(kind)):
+                is_state = kind in JOINT_KINDS and is_installed(kind)
+                if is_description or is_state or is_payload(topic, kind):
                     self._searched.setdefault(topic, kind)
         for group in self._finder.found(time.monotonic_ns()):
             joints = list(group.names)
@@ -338,6 +339,7 @@ def _group_text(group: JointGroup) -> str:
     """Return a log line about joints and their columns."""
     mapping = group.mapping
     columns = {"speed": mapping.speed, "effort": mapping.current, "command": mapping.command}
+    columns |= {"payload": mapping.payload}
     present = [f"{name} ({item.topic})" for name, item in columns.items() if item]
     missing = [name for name, item in columns.items() if not item]
     text = f"{', '.join(group.names.values())}: position ({mapping.position.topic})"

@@ -145,13 +145,14 @@ class BridgedActuator:
         silent = self._silent(recent) if is_long else {}
         if source in silent:
             return STALE, silent[source]
-        # Held commands and temperatures may be sent only on change; any other silent source has
-        # failed.
+        # Held commands, temperatures and payloads may be sent only on change; any other silent
+        # source has failed.
+        mapping = self.bridge.mapping
+        slow = mapping.command, mapping.temperature, mapping.payload
         needed = {
             item.topic
-            for _, _, item in self.bridge.mapping.wanted()
-            if item not in (self.bridge.mapping.command, self.bridge.mapping.temperature)
-            or item.between != "hold"
+            for _, _, item in mapping.wanted()
+            if item not in slow or item.between != "hold"
         }
         reasons = [text for topic, text in silent.items() if topic in needed]
         reasons += [self.problem] * bool(self.problem)

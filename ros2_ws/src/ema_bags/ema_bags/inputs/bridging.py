@@ -365,7 +365,7 @@ class Bridge:
     def _complete(self, count: int) -> int:
         """Return the number of samples for which all other topics have caught up."""
         primary = self._waiting[self.mapping.position.topic]
-        # Do not wait for slow temperatures.
+        # Do not wait for slow temperatures, and for payloads.
         awaited = {item.topic for _, item in self.mapping.telemetry_sources()}
         awaited_series = [
             series

@@ -15,6 +15,7 @@ from ema_bags.inputs.mapping import (
     AngleSource,
     ColumnMapping,
     CurrentSource,
+    PayloadSource,
     SpeedSource,
     TemperatureSource,
 )
@@ -104,7 +105,15 @@ def convert(
             pieces = np.split(speed if has_speed else position, breaks)
             directions = [_direction(piece, is_speed=has_speed) for piece in pieces]
             current = current * np.concatenate(directions)
-    return {"command": command, "current": current, "position": position, "speed": speed}
+    columns = {"command": command, "current": current, "position": position, "speed": speed}
+    payload = mapping.payload
+    return columns | {"payload": np.empty(0) if payload is None else _held(raw, payload)}
+
+
+def _held(raw: Mapping[str, NDArray[np.float64]], source: PayloadSource) -> NDArray[np.float64]:
+    """Return the payload, ``(n,)``: 0 without one; an unknown payload counts as one."""
+    values = _scaled(raw["payload"], source.sign * source.scale, source.offset) - source.above
+    return np.where(np.isfinite(values), np.maximum(values, 0.0), 1.0)
 
 
 def degrees_celsius(raw: NDArray[np.float64], source: TemperatureSource) -> NDArray[np.float64]:

@@ -91,7 +91,8 @@ class ColumnExamination:
     """Statistics of one column, in the unit of the source."""
 
     quantity: str
-    """Section of the mapping: position, command, error, speed, current or temperature."""
+    """Section of the mapping: position, command, error, speed, current, temperature or
+    payload."""
     source: str
     """Column of a table, or field path of a message."""
     topic: str

@@ -117,7 +117,7 @@ def findings(joint: JointExamination) -> list[str]:
 def _of_column(column: ColumnExamination) -> list[str]:
     lines = []
     name = column.quantity
-    if column.held_every >= _HELD and name != "temperature":
+    if column.held_every >= _HELD and name not in ("temperature", "payload"):
         lines.append(
             f"{name} is updated only every {column.held_every} samples; "
             f"{column.held_share:.0%} of its samples in motion repeat the previous value"

@@ -73,15 +73,18 @@ class SampleStream:
         self.description = replace(
             with_lead(description, mapping), sample_period=rate.period, acquisition=acquisition
         )
-        self.filled = tuple(name for name in COLUMNS if name not in acquisition.missing)
+        self.filled = (
+            *(name for name in COLUMNS if name not in acquisition.missing),
+            *(["payload"] if mapping.payload else []),
+        )
         self._mapping = mapping
         limits = limits_of(mapping, description, rate.period)
         self._impossible, self._unwrapper = ImpossibleSamples(mapping, limits), Unwrapper(mapping)
         motion = tuple(
             self.filled.index(name) for name in ("command", "position") if name in self.filled
         )
-        is_unknown = description.drive == "unknown"
-        nearest = tuple(i for i, name in enumerate(self.filled) if is_unknown and name == "current")
+        steady = {"payload", "current"} if description.drive == "unknown" else {"payload"}
+        nearest = tuple(i for i, name in enumerate(self.filled) if name in steady)
         self._resampler = Resampler(rate, mapping.fill_lost, motion, nearest)
 
     @property
@@ -136,7 +139,7 @@ class SampleStream:
                 int(run.stamps_ns[start]) + shift_ns,
                 h,
                 run.first_index + start,
-                **{name: columns.get(name, np.empty(0)) for name in COLUMNS},
+                **{name: columns.get(name, np.empty(0)) for name in (*COLUMNS, "payload")},
             )
 
 

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ema_bags.inputs.joint_messages import PATHS, names_of, read_message
+from ema_bags.inputs.joint_messages import PATHS, is_payload, names_of, read_message
 from ema_bags.inputs.joint_sources import (
     EFFORT_UNIT,
     JointKey,
@@ -111,6 +111,7 @@ class JointFinder:
         self._allowed = frozenset(topics)
         self._most = most
         self._topics: dict[str, _Topic] = {}
+        self._payloads: set[str] = set()
         self._prismatic: dict[str, set[str]] = {}
         self._decided: dict[JointKey, JointSources] = {}
         self._actuators: dict[str, JointKey] = {}
@@ -123,12 +124,15 @@ class JointFinder:
         Parameters
         ----------
         topic, kind
-            Full name of the topic, and message type, one of ``JOINT_KINDS``.
+            Full name of the topic, and message type: one of ``JOINT_KINDS``, or of a payload.
         message
             The message.
         received_ns
             Reception time, from any clock [ns].
         """
+        if is_payload(topic, kind):
+            self._payloads.add(topic)
+            return
         state = self._topics.setdefault(topic, _Topic(kind))
         names = names_of(message)
         if received_ns < state.next_ns.get(names, 0):
@@ -181,7 +185,7 @@ class JointFinder:
         """
         homes = {key: sources.home for key, sources in self._decided.items()}
         groups: dict[tuple[str, bool, str], list[JointSources]] = {}
-        for sources in joint_sources(self._offers(now_ns), homes, self._allowed):
+        for sources in joint_sources(self._offers(now_ns), homes, self._allowed, self._payloads):
             key, topic = sources.key, sources.home
             if not self._topics[topic].joints[key.joint].is_decidable(now_ns):
                 continue

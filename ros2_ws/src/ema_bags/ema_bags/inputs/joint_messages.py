@@ -26,6 +26,8 @@ NUMBERS: Final = frozenset(
 KINDS: Final = JOINT_KINDS | NUMBERS
 """Message types from which joints are recognised."""
 
+_PAYLOADS: Final = frozenset(f"std_msgs/msg/{kind}" for kind in ("Float64", "Float32", "Bool"))
+
 _ARRAYS: Final = {
     JOINT_STATE: ("position", "velocity", "effort"),
     CONTROLLER_STATE: (
@@ -82,6 +84,16 @@ class Reading(NamedTuple):
     """Returns joint and field path of each number; the joint is empty if none is named."""
 
 
+def is_payload(topic: str, kind: str) -> bool:
+    """Return whether a topic is the payload of a robot, by its name and message type."""
+    return kind in _PAYLOADS and topic.rpartition("/")[2] == "payload"
+
+
+def is_read(topic: str, kind: str) -> bool:
+    """Return whether joints are recognised from a topic, or it is their payload."""
+    return kind in KINDS or is_payload(topic, kind)
+
+
 def is_electric(path: str) -> bool:
     """Return whether a field of the effort is a current by its name."""
     return path == _CURRENT
@@ -115,7 +127,7 @@ def joint_reader(path: str) -> Callable[[Any], Any] | None:
 
 
 def read_message(kind: str, message: Any) -> Reading:
-    """Return the numbers of a message of one of ``KINDS``."""
+    """Return the numbers of a message of one of ``KINDS``, or of a payload."""
     if kind in _ARRAYS:
         names = names_of(message)
         present = [(path, _array(message, path)) for path in _ARRAYS[kind]]

@@ -14,6 +14,7 @@ from ema_bags.inputs.mapping import (
     Clock,
     ColumnMapping,
     CurrentSource,
+    PayloadSource,
     SpeedSource,
     TemperatureSource,
 )
@@ -126,6 +127,8 @@ class JointSources:
                 sources[quantity] = CurrentSource(path, topic, unit=unit, sampling="instantaneous")
             elif quantity == "temperature":
                 sources[quantity] = TemperatureSource(path, topic)
+            elif quantity == "payload":
+                sources[quantity] = PayloadSource(path, topic)
             elif quantity == "command":
                 # A command may be sent only on change.
                 sources[quantity] = AngleSource(path, topic, unit=length, between="hold")
@@ -140,12 +143,14 @@ def joint_sources(
     offers: Sequence[Offer],
     homes: Mapping[JointKey, str] | None = None,
     allowed: Set[str] = frozenset(),
+    payloads: Set[str] = frozenset(),
 ) -> Iterator[JointSources]:
     """Yield the sources of each joint with a position, in the order in which joints appear.
 
     The position comes from a topic that is not silent and has an effort as well, if there is one;
     of several, from the first kind of ``PATHS``, then from the topic that has it already, then from
-    the first topic. Other quantities come from the same topic, or else from others of the robot.
+    the first topic. Other quantities come from the same topic, or else from others of the robot. A
+    payload belongs to the robot with the innermost namespace that contains its topic.
 
     Parameters
     ----------
@@ -155,8 +160,12 @@ def joint_sources(
         Topics that have the positions of joints already.
     allowed
         Topics that may have the position; empty for all.
+    payloads
+        Topics of payloads.
     """
-    for key, group in _by_joint(offers).items():
+    by_joint = _by_joint(offers)
+    robots = {key.robot for key in by_joint}
+    for key, group in by_joint.items():
         present = (homes or {}).get(key, "")
         candidates = [
             item
@@ -172,6 +181,9 @@ def joint_sources(
             if rivals:
                 best = min(rivals, key=lambda item: _rank_of(quantity, item, home))
                 paths[quantity] = (best.topic, best.path_of(quantity))
+        own = [topic for topic in payloads if _robot_of(topic, robots) == key.robot]
+        if own:
+            paths["payload"] = (min(own), "data")
         yield JointSources(key, paths)
 
 
@@ -225,6 +237,11 @@ def _by_joint(offers: Sequence[Offer]) -> dict[JointKey, list[Offer]]:
             robot = namespace_of(f"/{namespace_of(offer.topic)}")
         groups.setdefault(JointKey(robot, offer.joint), []).append(offer)
     return groups
+
+
+def _robot_of(topic: str, robots: Set[str]) -> str | None:
+    """Return the robot with the innermost namespace that contains a topic; None without one."""
+    return max((place for place in robots if _is_within(topic, place)), key=len, default=None)
 
 
 def _is_within(topic: str, place: str) -> bool:

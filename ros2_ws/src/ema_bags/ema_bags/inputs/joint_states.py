@@ -8,8 +8,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_bags.inputs.field_path import FieldPath
 from ema_bags.inputs.joint_messages import joint_reader, names_of
-from ema_bags.inputs.mapping import CLOCKS, ColumnMapping
+from ema_bags.inputs.mapping import CLOCKS, ColumnMapping, Source
 from ema_bags.inputs.series import NO_STAMP, Series
 from ema_core.wording import counted
 
@@ -19,11 +20,21 @@ _MISSING_NS: Final = 1_000_000_000
 
 
 def reads_joint_states(mapping: ColumnMapping) -> bool:
-    """Return whether all mapped quantities are fields of messages that name their joints."""
+    """Return whether all mapped quantities are fields of messages that name their joints.
+
+    The payload may be any number on a topic of its own, which all joints have in common.
+    """
     return mapping.clock.source in ("", *CLOCKS) and all(
-        joint_reader(text) is not None and not (item.joint or item.names_topic)
+        _is_common(mapping, item)
+        or (joint_reader(text) is not None and not (item.joint or item.names_topic))
         for _, text, item in mapping.wanted()
     )
+
+
+def _is_common(mapping: ColumnMapping, item: Source) -> bool:
+    """Return whether a source is a payload that has a topic of its own."""
+    of_joints = {source.topic for _, source in mapping.telemetry_sources()}
+    return item is mapping.payload and item.topic not in of_joints and not item.names_topic
 
 
 class _Row(NamedTuple):
@@ -42,7 +53,8 @@ class _Row(NamedTuple):
 class _Topic:
     """Mapped fields of one topic, and the messages received since the last call."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, is_common: bool) -> None:
+        self.is_common = is_common  # one value for all joints
         self.fields: dict[str, str] = {}
         self.readers: list[Callable[[Any], Any]] = []
         self.orders: dict[tuple[str, ...], NDArray[np.intp]] = {}
@@ -78,11 +90,13 @@ class JointStates:
     def __init__(self, mapping: ColumnMapping) -> None:
         self._joints = mapping.joints
         self._primary = mapping.position.topic
+        self._first = np.zeros(len(mapping.joints), dtype=np.intp)
         self._topics: dict[str, _Topic] = {}
         self._types: dict[str, str] = {}
         for key, text, item in mapping.wanted():
-            topic = self._topics.setdefault(item.topic, _Topic())
-            reader = joint_reader(text)
+            is_common = _is_common(mapping, item)
+            topic = self._topics.setdefault(item.topic, _Topic(is_common=is_common))
+            reader = FieldPath(text, item.joint).value if is_common else joint_reader(text)
             assert reader is not None
             topic.fields[key] = text
             topic.readers.append(reader)
@@ -117,14 +131,20 @@ class JointStates:
         collected = self._topics.get(topic)
         if collected is None:
             return
-        names = names_of(message)
         stamp = NO_STAMP
         if self._reads_header and hasattr(message, "header"):
             stamp_of = message.header.stamp
             stamp = stamp_of.sec * 1_000_000_000 + stamp_of.nanosec or NO_STAMP
         arrival = sent_ns if sent_ns and self._sent_first else received_ns
-        order = collected.order_of(names, self._joints)
-        values = [read(message) for read in collected.readers]
+        if collected.is_common:
+            order = self._first
+            try:
+                values = [[read(message)] for read in collected.readers]
+            except ValueError:  # another message on the same topic, without the element
+                return
+        else:
+            order = collected.order_of(names_of(message), self._joints)
+            values = [read(message) for read in collected.readers]
         collected.rows.append(_Row(stamp, arrival, order, values))
 
     def share(self) -> None:

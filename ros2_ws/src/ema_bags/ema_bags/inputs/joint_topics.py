@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ema_bags.inputs.doubts import Doubt, DoubtKind
 from ema_bags.inputs.guess import Guess
-from ema_bags.inputs.joint_messages import KINDS, read_message
+from ema_bags.inputs.joint_messages import is_payload, is_read, read_message
 from ema_bags.inputs.joint_sources import EFFORT_UNIT, JointSources, Offer, joint_sources
 from ema_bags.inputs.mapping import AngleSource
 from ema_bags.inputs.recognition import Hint, Recognizer
@@ -71,7 +71,7 @@ class JointTopics:
 
     Joints may appear in any order and on several topics: ``sensor_msgs/msg/JointState``,
     ``control_msgs/msg/DynamicJointState``, the controller states of ros2_control, and commands as
-    ``std_msgs`` numbers.
+    ``std_msgs`` numbers. A topic ``payload`` has the payload of the robot in its namespace.
     """
 
     def __init__(self) -> None:
@@ -94,7 +94,7 @@ class JointTopics:
         sent_ns, received_ns
             Publication time (0 if unknown) and reception time [ns].
         """
-        if kind not in KINDS:
+        if not is_read(topic, kind):
             return
         held = self._topics.setdefault(topic, _Topic(kind))
         reading = read_message(kind, message)
@@ -115,10 +115,15 @@ class JointTopics:
             Unit of the effort, unless it is a current by its name.
         """
         samples = [item for name in self._topics for item in self._samples(name)]
-        named = {(item.topic, item.joint): item for item in samples if item.joint}
-        offers = _without_repeated(list(named.values()))
-        joints = [_joint(sources, named, effort_unit) for sources in joint_sources(offers)]
-        return _with_commands(joints, [item for item in samples if not item.joint])
+        of_topics = {(item.topic, item.joint): item for item in samples}
+        offers = _without_repeated([item for item in samples if item.joint])
+        payloads = {item.topic for item in samples if is_payload(item.topic, item.kind)}
+        joints = [
+            _joint(sources, of_topics, effort_unit)
+            for sources in joint_sources(offers, payloads=payloads)
+        ]
+        numbers = [item for item in samples if not item.joint and item.topic not in payloads]
+        return _with_commands(joints, numbers)
 
     def _samples(self, name: str) -> Iterator[_Samples]:
         """Yield the samples of each joint of a topic."""
@@ -190,7 +195,7 @@ def _joint(
     ]
     by_topic: dict[str, Series] = {}
     for quantity, (topic, path) in sources.paths.items():
-        series = samples[topic, name].series
+        series = samples[topic, "" if quantity == "payload" else name].series
         values = {quantity: series.values[path]}
         if topic in by_topic:
             values = {**by_topic[topic].values, **values}

@@ -214,6 +214,19 @@ class TemperatureSource(Source):
 
 
 @dataclass(frozen=True)
+class PayloadSource(Source):
+    """Source of the payload: its mass, a flag, or the position of a gripper.
+
+    The machine carries a payload while ``sign * scale * raw + offset`` is larger than ``above``.
+    """
+
+    above: float = quantity(0.0, "-", -1e12, 1e12, "largest value without a payload")
+    between: str = text(
+        "hold", "how values between messages are obtained: interpolated or held", ("linear", "hold")
+    )
+
+
+@dataclass(frozen=True)
 class Clock(Checked):
     """Clock of the samples; invalid values raise ValueError."""
 
@@ -256,6 +269,8 @@ class ColumnMapping(Checked):
     """Current or effort; None if not measured."""
     temperature: TemperatureSource | None = None
     """Temperature; None if not measured."""
+    payload: PayloadSource | None = None
+    """Payload; None if it is not known."""
     joint: str = text("", "default joint of sources without a joint, and replacement for {joint}")
     joints: tuple[str, ...] = texts("several joints instead of joint; each is a separate actuator")
     clock: Clock = Clock()
@@ -342,17 +357,19 @@ class ColumnMapping(Checked):
         return self.current
 
     def telemetry_sources(self) -> Iterator[tuple[str, Source]]:
-        """Yield name and source of each telemetry column."""
+        """Yield name and source of each telemetry column but the payload."""
         for name in _QUANTITIES:
             item = self.measured_current if name == "current" else getattr(self, name)
             if item is not None:
                 yield name, item
 
     def sources(self) -> Iterator[tuple[str, Source]]:
-        """Yield name and source of each mapped quantity, including the temperature."""
+        """Yield name and source of each mapped quantity, including temperature and payload."""
         yield from self.telemetry_sources()
         if self.temperature is not None:
             yield "temperature", self.temperature
+        if self.payload is not None:
+            yield "payload", self.payload
 
     def wanted(self) -> Iterator[tuple[str, str, Source]]:
         """Yield key, column or field path, and source of each number to read."""
@@ -383,7 +400,7 @@ def _shown(part: Any) -> dict[str, Any]:
         value = getattr(part, item.name)
         if is_dataclass(value):
             value = _shown(value)
-        always = item.name in _ALWAYS_SHOWN and isinstance(part, Source)
+        always = value and item.name in _ALWAYS_SHOWN and isinstance(part, Source)
         if always or (value != item.default and value not in (None, {}, "")):
             entries[item.name] = list(value) if isinstance(value, tuple) else value
     return entries

@@ -20,6 +20,9 @@ _WORDS: Final = {
     "temperature": r"temp|temps|temperature|temperatures|temperatur",
     "time": r"t|time|timestamp|stamp|zeit|sec|secs|seconds|date|datetime|clock|ns|ms|us|mjd|jd",
 }
+_MASSES: Final = frozenset(("payload", "nutzlast", "load kg"))
+_GRIPS: Final = frozenset(("gripper", "grasped", "gripped", "holding", "held", "carrying"))
+"""Words that name the mass of a payload, and words that may name a flag of it."""
 _SPLIT: Final = re.compile(r"[^0-9A-Za-zµ°]+|(?<=[a-z]{2})(?=[A-Z])")
 _UNITS: Final = {
     "rad": ("rad", "radian", "radians"),
@@ -108,6 +111,12 @@ def hint_of(name: str, unit: str = "") -> Hint:
     elif any(role.startswith("phase_") for role in roles):
         quantities = {"phase"}
     return Hint(frozenset(quantities), "command" in roles)
+
+
+def names_payload(name: str, *, is_flag: bool) -> bool:
+    """Return whether a name suggests a payload, such as ``load_kg`` or, of a flag, ``gripper``."""
+    text = f" {' '.join(_words(name))} "
+    return any(f" {words} " in text for words in (_MASSES | _GRIPS if is_flag else _MASSES))
 
 
 def words_of(name: str) -> set[str]:

@@ -12,8 +12,8 @@ from ema_bags.inputs.doubts import Doubt, DoubtKind
 from ema_bags.inputs.families import JointNames, joint_names
 from ema_bags.inputs.guess import Guess, source_of, unit_after_name
 from ema_bags.inputs.guessed_clock import guess_clock
-from ema_bags.inputs.mapping import Clock, ColumnMapping, Source
-from ema_bags.inputs.names import hint_of, roles_of, unit_in_name, unit_of, words_of
+from ema_bags.inputs.mapping import Clock, ColumnMapping, PayloadSource, Source
+from ema_bags.inputs.names import hint_of, names_payload, roles_of, unit_in_name, unit_of, words_of
 from ema_bags.inputs.recognition import Hint, IdentifiedColumn, JointColumns, Recognizer
 from ema_bags.inputs.series import NO_STAMP
 from ema_bags.inputs.table_columns import TableColumns
@@ -34,6 +34,7 @@ _OF_HINT: Final = {"effort": "current"}
 
 _PHYSICAL: Final = ("position", "speed", "command", "effort")
 _CONFIRMED_VOTES: Final = 3
+_MOST_CHANGES: Final = 0.05
 _MOTOR_SIDE: Final = frozenset(("motor", "rotor", "m"))
 _JOINT_SIDE: Final = frozenset(("joint", "link", "load", "output", "gear", "user", "arm"))
 
@@ -75,6 +76,8 @@ class TableJoints:
         else:
             self._names = [name for name in columns.values if name != clock.source]
         self._names = [name for name in self._names if name != columns.format.segment]
+        self._payload = _payload_of(columns, self._names)
+        self._names = [name for name in self._names if name != self._payload]
         self._clock = clock
         self._period = _period(columns, clock)
 
@@ -86,6 +89,17 @@ class TableJoints:
         ValueError
             If no column looks like the position, or like a command that the drive needs.
         """
+        return [self._with_payload(guess) for guess in self._guesses()]
+
+    def _with_payload(self, guess: Guess) -> Guess:
+        """Return a guess with the payload, which all joints have in common."""
+        if not self._payload:
+            return guess
+        mapping = replace(guess.mapping, payload=PayloadSource(self._payload))
+        doubt = Doubt(DoubtKind.NAME_ALONE, "payload", self._payload)
+        return replace(guess, mapping=mapping, doubts=(*guess.doubts, doubt))
+
+    def _guesses(self) -> list[Guess]:
         families = joint_names(self._names, self._hint)
         if families:
             recognised = self._voted(families, [self._recognise(f.columns) for f in families])
@@ -267,6 +281,26 @@ class TableJoints:
                 + "; with drive: unknown in the actuator file, no command is needed"
                 * ("position" in taken)
             )
+
+
+def _payload_of(columns: TableColumns, names: Sequence[str]) -> str:
+    """Return the column that is a payload by its name and its values, or "".
+
+    A payload rests at levels, and its lowest level is 0. The position of a gripper is no payload.
+    """
+    candidates = [name for name in names if _is_payload(name, columns.values[name])]
+    return candidates[0] if len(candidates) == 1 else ""
+
+
+def _is_payload(name: str, values: NDArray[np.float64]) -> bool:
+    if not names_payload(name, is_flag=True):
+        return False
+    levels = values[np.isfinite(values)].astype(float)
+    if not len(levels) or np.min(levels) != 0.0:
+        return False
+    is_flag = set(np.unique(levels)) <= {0.0, 1.0}
+    rests = np.count_nonzero(np.diff(levels)) <= _MOST_CHANGES * len(levels)
+    return bool(rests and names_payload(name, is_flag=is_flag))
 
 
 def _with_joint_side(
