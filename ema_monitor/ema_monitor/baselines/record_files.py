@@ -20,14 +20,7 @@ from ema_monitor.joint.record import NS_A_DAY
 from ema_monitor.windows.window import Window
 
 _SUFFIX: Final = ".npz"
-_DAMAGES: Final = (
-    ValueError,
-    KeyError,
-    EOFError,
-    NotImplementedError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
+_DAMAGES: Final = (ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 """Errors of :mod:`zipfile` and ``numpy.load`` for a damaged file."""
 
 _ANGLES: Final = ("command", "position")

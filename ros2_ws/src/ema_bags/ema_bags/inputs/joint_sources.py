@@ -181,9 +181,9 @@ def joint_sources(
             if rivals:
                 best = min(rivals, key=lambda item: _rank_of(quantity, item, home))
                 paths[quantity] = (best.topic, best.path_of(quantity))
-        own = [topic for topic in payloads if _robot_of(topic, robots) == key.robot]
-        if own:
-            paths["payload"] = (min(own), "data")
+        of_robot = [topic for topic in payloads if _robot_of(topic, robots) == key.robot]
+        if of_robot:
+            paths["payload"] = (min(of_robot), "data")
         yield JointSources(key, paths)
 
 
