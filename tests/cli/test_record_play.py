@@ -103,7 +103,8 @@ def test_options_become_parameters_of_the_nodes(monkeypatch, ema):
     given = []
 
     def main(arguments: list[str]) -> int:
-        given.append([item for item in arguments if ":=" in item])
+        assert "__ns:=/ema" in arguments
+        given.append([item for item in arguments if ":=" in item and item[:2] != "__"])
         return 0
 
     monkeypatch.setattr("ema_bags.recorder_node.main", main)

@@ -111,7 +111,7 @@ class Graph:
             for key, value in parameters.items()
         }
         words = [word for item in assignments_of(given) for word in ("-p", item)]
-        words += [word for item in remaps for word in ("-r", item)]
+        words += [word for item in (*remaps, f"__ns:={NAMESPACE}") for word in ("-r", item)]
         self.start_other(name, [program(node or name), "--ros-args", *words])
 
     def start_other(self, name: str, command: list[Any]) -> None:

@@ -18,6 +18,7 @@ from rclpy.qos import QoSProfile
 
 from ema_ros.executor import NodeExecutor
 from ema_ros.managed_node import ManagedNode
+from ema_ros.topics import NAMESPACE
 
 from ..waiting import DEADLINE_S, wait_for
 
@@ -215,7 +216,7 @@ def probed(
     with contextlib.ExitStack() as opened:
         context = opened.enter_context(ros_context(domain_id))
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        node = made(kind, context=context, parameter_overrides=overrides)
+        node = made(kind, context=context, namespace=NAMESPACE, parameter_overrides=overrides)
         opened.callback(end, node)
         probe = make_probe(context, node)
         opened.callback(end, probe.probe)
@@ -248,7 +249,9 @@ class Spinning:
     def managed(self, kind: type[ManagedNode], **parameters: Any) -> Any:
         """Return a node with parameters, which is not yet brought up."""
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        return self.add(made(kind, context=self.context, parameter_overrides=overrides))
+        return self.add(
+            made(kind, context=self.context, namespace=NAMESPACE, parameter_overrides=overrides)
+        )
 
     def listen(self, kind: type, topic: str, qos: QoSProfile) -> list[Any]:
         """Return where messages come in."""

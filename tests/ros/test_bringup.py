@@ -298,7 +298,8 @@ def test_monitors_that_share_the_actuators_have_a_name_a_shard_and_the_file_each
     assert first["executable"] == second["executable"] == "monitor_node"
     for node, budget in ((first, 700), (second, 900)):
         arguments = ["--ros-args", "--params-file", str(node["parameters"][0])]
-        values, given = started("monitor", *arguments, "-r", f"__node:={node['name']}")
+        arguments += ["-r", "__ns:=/ema", "-r", f"__node:={node['name']}"]
+        values, given = started("monitor", *arguments)
         assert given - values.keys() == set()
         assert (values["budget"], values["limits.gain"], values["window_s"]) == (budget, 0.2, 0.4)
 

@@ -40,7 +40,8 @@ class Recorded(ManagedNode):
         **kwargs: Any,
     ) -> None:
         overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
-        super().__init__("recorded", context=context, parameter_overrides=overrides, **kwargs)
+        more = {"namespace": "/ema", "parameter_overrides": overrides, **kwargs}
+        super().__init__("recorded", context=context, **more)
         self.steps: list[str] = []
         self.refuse = refuse or {}
         self.made: Callable[[], Any] = lambda: None
@@ -224,7 +225,7 @@ def test_shutdown_by_another_node_ends_the_process_in_each_state(graph: Spinning
             assert process.stdout is not None
             assert process.stdout.readline().strip() == state
             transition = Transition(id=number)
-            answer = graph.call(ChangeState, "/ema/named/change_state", transition=transition)
+            answer = graph.call(ChangeState, "/named/change_state", transition=transition)
             assert answer.success
             assert process.wait(DEADLINE_S) == 0
 
@@ -245,6 +246,13 @@ def test_status_has_the_time_of_the_machine_as_long_as_there_is_no_clock(graph: 
     seen = graph.listen(DiagnosticArray, "/diagnostics", QoSProfile(depth=100))
     wait_for(lambda: node.report() or seen, "the status")
     assert abs(seen[0].header.stamp.sec - time.time()) < 60.0
+
+
+def test_node_is_where_it_is_started_by_default_in_the_root(make_node):
+    node = make_node(kind=Recorded, namespace=None)
+    assert node.get_fully_qualified_name() == "/recorded"
+    node = make_node(kind=Recorded, cli_args=["--ros-args", "-r", "__ns:=/left"])
+    assert node.get_fully_qualified_name() == "/left/recorded"
 
 
 def test_unit_has_one_name_in_every_namespace_that_its_telemetry_is_remapped_from(make_recorded):

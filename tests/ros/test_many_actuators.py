@@ -90,6 +90,7 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
         other = made(
             MonitorNode,
             context=session.node.context,
+            namespace="/ema",
             parameter_overrides=overrides,
             cli_args=["--ros-args", "-r", "__node:=monitor_1"],
         )

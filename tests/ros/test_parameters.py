@@ -96,7 +96,7 @@ def test_what_is_dumped_of_a_node_starts_one_of_the_same_parameters(name: str, t
     """As `ros2 param dump` writes it: dots in names are levels, PyYAML's defaults."""
 
     def values_of(*arguments: str) -> dict[str, Any]:
-        with ros_context(arguments=["--ros-args", *arguments]) as context:
+        with ros_context(arguments=["--ros-args", "-r", "__ns:=/ema", *arguments]) as context:
             node = node_class(name)(context=context)
             try:
                 names = node.list_parameters([], 0).names

@@ -100,6 +100,19 @@ def test_everything_published_is_recorded_in_order(graph: Spinning, tmp_path: Pa
         assert offered_qos(offered) == offered_qos(qos) | reported
 
 
+def test_default_in_the_root_namespace_leaves_out_the_topics_that_all_nodes_share(
+    graph: Spinning, tmp_path: Path
+):
+    wanted = graph.node(namespace="/flap_1").create_publisher(String, "text", STREAM)
+    parameters = [Parameter("output", value=str(tmp_path / "flight"))]
+    recorder = graph.add(RecorderNode(context=graph.context, parameter_overrides=parameters))
+    assert recorder.bring_up()
+    wait_for_match(recorder, wanted)
+    recorded = set(recorder._topics)
+    assert {"/flap_1/text", "/diagnostics"} <= recorded
+    assert not recorded & {"/rosout", "/parameter_events"}
+
+
 def test_default_is_the_namespace_and_the_diagnostics(graph: Spinning, tmp_path: Path):
     source = graph.node(namespace="/flap_1")
     wanted = source.create_publisher(String, "deep/text", STREAM)

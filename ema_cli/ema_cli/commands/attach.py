@@ -15,7 +15,7 @@ from ema_cli.bags.healthy_until import HealthyUntil
 from ema_cli.main import ARGUMENTS
 from ema_cli.options import REFUSED, UNUSABLE, network_option, values_of_options
 from ema_cli.output import require_free
-from ema_cli.processes.bringup import node_parameters_option
+from ema_cli.processes.bringup import namespace_option, node_parameters_option
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 from ema_cli.progress import progress_bar
 from ema_core.acquisition import EFFORT_UNITS
@@ -73,7 +73,7 @@ _LIVE: Final = ("topics", "accept_after", "folder", "namespace", "assignments", 
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder of baselines, history and logs; by default ema in ROS_HOME.",
 )
-@click.option("--namespace", help="Namespace of the nodes instead of /ema.")
+@namespace_option
 @node_parameters_option
 @network_option
 @click.pass_context
@@ -90,7 +90,7 @@ def attach(
     effort_unit: str | None,
     accept_after: int,
     folder: Path | None,
-    namespace: str | None,
+    namespace: str,
     assignments: list[str],
     network: bool,
 ) -> None:

@@ -11,6 +11,7 @@ import click
 from ema_cli.options import UNUSABLE, network_option
 from ema_cli.processes.bringup import (
     NODES,
+    namespace_option,
     node_parameters_option,
     parameter_file,
     program,
@@ -21,7 +22,6 @@ from ema_cli.processes.node_commands import NodeOptions, actuator_commands, moni
 from ema_cli.processes.reach import set_reach
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 from ema_cli.processes.supervisor import POLL_S, Supervisor
-from ema_ros.topics import NAMESPACE
 
 
 @click.command()
@@ -36,7 +36,7 @@ from ema_ros.topics import NAMESPACE
     help="Further ROS parameter file for all nodes; overrides the shipped files.",
 )
 @node_parameters_option
-@click.option("--namespace", help="Namespace of the nodes instead of /ema.")
+@namespace_option
 @click.option(
     "--actuators",
     metavar="NAME,...",
@@ -53,7 +53,7 @@ def up(
     nodes: tuple[str, ...],
     parameter_files: tuple[Path, ...],
     assignments: list[str],
-    namespace: str | None,
+    namespace: str,
     actuators: str | None,
     monitors: int,
     network: bool,
@@ -88,9 +88,8 @@ def up(
             else:
                 commands[node] = [str(program(node)), *ros_arguments(node, **vars(node_options))]
         # `actuator left` is the node actuator in the namespace left.
-        place = f"/{(NAMESPACE if namespace is None else namespace).strip('/')}"
         parts = (node.partition(" ") for node in commands)
-        full = ("/".join(filter(None, (place, actuator, name))) for name, _, actuator in parts)
+        full = ("/".join(filter(None, (namespace, actuator, name))) for name, _, actuator in parts)
         refuse_running(full, "watch", stop)
         for node, command in commands.items():
             if not stop:

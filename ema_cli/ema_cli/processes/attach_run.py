@@ -30,6 +30,7 @@ from ema_interfaces.msg import NodeStatus
 from ema_monitor.baselines.unit_baseline import default_folder
 from ema_ros import topics
 from ema_ros.messages import description_from_message
+from ema_ros.topics import NAMESPACE
 
 _NODES: Final = ("recorder", "dashboard", "monitor", "bridge")
 _SEARCH_S: Final = 10.0
@@ -54,17 +55,12 @@ class AttachOptions:
     """Number of records after which a baseline is accepted; 0 if a person accepts it."""
     folder: Path | None = None
     """Folder of baselines, history, recordings and logs; None for the folder in ``$ROS_HOME``."""
-    namespace: str | None = None
-    """Namespace of the nodes; None for the default."""
+    namespace: str = NAMESPACE
+    """Full namespace of the nodes."""
     assignments: tuple[str, ...] = ()
     """Parameters of the nodes as ``NAME:=VALUE``."""
     duration_s: float = math.inf
     """Time from the first joints to the end [s]."""
-
-    @property
-    def place(self) -> str:
-        """Full namespace of the nodes."""
-        return f"/{(topics.NAMESPACE if self.namespace is None else self.namespace).strip('/')}"
 
 
 def run_attach(
@@ -89,7 +85,7 @@ def run_attach(
     """
     set_reach(network)
     folder = options.folder or default_folder().parent
-    refuse_running([f"{options.place}/{node}" for node in _NODES], "attach", stop)
+    refuse_running([f"{options.namespace}/{node}" for node in _NODES], "attach", stop)
     if stop:
         return False
     started = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
@@ -104,7 +100,7 @@ def run_attach(
             if not stop:
                 nodes.start(node, command, logs / f"{node}.log")
         _list_joints(joints, nodes, stop, network=network)
-        with HealthTable(f"on {options.place}") as table:
+        with HealthTable(f"on {options.namespace}") as table:
             end_s = time.monotonic() + options.duration_s
             while nodes.running and not stop and time.monotonic() < end_s:
                 for line in joints.new_lines():
@@ -209,7 +205,7 @@ class _Joints:
     """
 
     def __init__(self, options: AttachOptions) -> None:
-        self._place = options.place.rstrip("/")
+        self._place = options.namespace.rstrip("/")
         self.described: dict[str, ActuatorDescription] = {}
         self.address = self.bridge_message = ""
         self._listed: set[str] = set()
@@ -218,7 +214,7 @@ class _Joints:
             f"{self._place}/{topics.DESCRIPTION}": (DescriptionMessage, topics.LATCHED_BY_MANY),
             "/diagnostics": (DiagnosticArray, topics.STATE),
         }
-        self.healths = HealthListener([options.place], "attach", more, self._note)
+        self.healths = HealthListener([options.namespace], "attach", more, self._note)
 
     def __enter__(self) -> "_Joints":
         self.healths.__enter__()

@@ -69,7 +69,7 @@ def ros_arguments(
     *nodes: str,
     parameter_files: Sequence[Path] = (),
     assignments: Sequence[str] = (),
-    namespace: str | None = None,
+    namespace: str = topics.NAMESPACE,
     remaps: Mapping[str, str] | None = None,
 ) -> list[str]:
     """Return the ROS arguments for a program that runs nodes.
@@ -94,14 +94,27 @@ def ros_arguments(
         arguments += ["--params-file", str(file)]
     for assignment in assignments:
         arguments += ["-p", assignment]
-    names = {} if namespace is None else {"__ns": namespace}
-    for name, instead in (names | dict(remaps or {})).items():
+    place = full_namespace(namespace)
+    for name, instead in ({"__ns": place} | dict(remaps or {})).items():
         arguments += ["-r", f"{name}:={instead}"]
     node_name = (remaps or {}).get("__node") or (nodes[0] if len(nodes) == 1 else "")
     if node_name:
-        place = (namespace or topics.NAMESPACE).strip("/")
-        arguments += ["--enclave", "/".join(("", *filter(None, (place, node_name))))]
+        arguments += ["--enclave", f"{place.rstrip('/')}/{node_name}"]
     return arguments
+
+
+def full_namespace(namespace: str) -> str:
+    """Return a namespace with a leading slash only, as in the ROS graph."""
+    return "/" + namespace.strip("/")
+
+
+namespace_option: Final = click.option(
+    "--namespace",
+    default=topics.NAMESPACE,
+    show_default=True,
+    callback=lambda _, __, text: full_namespace(text),
+    help="Namespace of the nodes.",
+)
 
 
 node_parameters_option: Final = click.option(

@@ -20,7 +20,7 @@ class NodeOptions:
 
     parameter_files: Sequence[Path] = ()
     assignments: Sequence[str] = ()
-    namespace: str | None = None
+    namespace: str = NAMESPACE
 
 
 def monitor_commands(
@@ -51,7 +51,7 @@ def actuator_commands(names: Sequence[str], options: NodeOptions) -> dict[str, l
     """Return the commands for simulated actuators in one namespace, by node name."""
     if len(set(names)) < len(names):
         raise click.UsageError(f"--actuators {','.join(names)}: expected distinct names")
-    place = (NAMESPACE if options.namespace is None else options.namespace).rstrip("/")
+    place = options.namespace.rstrip("/")
     commands = {}
     for number, name in enumerate(names):
         try:

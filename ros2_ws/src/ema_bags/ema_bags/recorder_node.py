@@ -26,6 +26,7 @@ _DISCOVERY_S: Final = 0.2
 _MOST_NAMED: Final = 3
 _STANDSTILL_S: Final = 2.0
 _SYSTEM_TOPICS: Final = ("/diagnostics", "/clock")
+_SHARED_TOPICS: Final = ("/rosout", "/parameter_events")
 
 
 class RecorderNode(ManagedNode):
@@ -190,7 +191,7 @@ class RecorderNode(ManagedNode):
         if name in _SYSTEM_TOPICS:
             return True
         prefix = self.get_namespace().rstrip("/") + "/"
-        return name.startswith(prefix) and "/_" not in name
+        return name.startswith(prefix) and "/_" not in name and name not in _SHARED_TOPICS
 
     def _discover(self) -> None:
         """Record new topics, and update the publishers of all recorded topics."""

@@ -45,7 +45,7 @@ _AUTOSTART_DESCRIPTOR: Final = ParameterDescriptor(
 
 
 class ManagedNode(LifecycleNode):
-    """Lifecycle node, in namespace ``/ema`` unless it is remapped.
+    """Lifecycle node.
 
     Subclasses implement ``configure``, ``activate``, ``deactivate`` and ``clean_up``. Each may
     refuse with a ValueError or OSError, which is logged and published on ``/diagnostics``; the node
@@ -69,7 +69,7 @@ class ManagedNode(LifecycleNode):
     """
 
     def __init__(self, name: str, **kwargs: Any) -> None:
-        super().__init__(name, **{"namespace": topics.NAMESPACE, **kwargs})
+        super().__init__(name, **kwargs)
         self.finished = threading.Event()
         self.stopping = threading.Event()
         self.exit_code = 0
