@@ -50,7 +50,7 @@ _UNEXPLAINED: Final = 0.3
 _UNCERTAIN: Final = 0.15
 _ENOUGH_RECORDS: Final = 5
 _FLOOR: Final = 1e-9
-_PAYLOAD: Final = [INERTIA, GRAVITY]
+_PAYLOAD: Final = [INERTIA, LOAD, GRAVITY]
 
 
 class Shortcoming(Enum):
@@ -267,7 +267,8 @@ class Baseline:
         )
         sigmas[LOAD] = BETWEEN_DAYS["load"] * friction
         sigmas[GRAVITY] = BETWEEN_DAYS["gravity"]
-        # Payloads vary with the task; the grid of scatters ends at a few times the prior median.
+        # Payloads vary with the task, and change the load, too, which is gravity at the centre; the
+        # grid of scatters ends at a few times the prior median.
         shown = SHARE_OF_SHOWN * np.std(self.values[:, _PAYLOAD], axis=0)
         sigmas[_PAYLOAD] = np.maximum(sigmas[_PAYLOAD], shown)
         return np.maximum(sigmas, _FLOOR * np.array([1.0, *[friction] * 3, 1.0]))

@@ -25,6 +25,7 @@ from ema_monitor.joint.comparison import (
     Comparison,
     Judgement,
 )
+from ema_monitor.joint.record import JointRecord
 from ema_monitor.joint.shape import DRY, Shape
 from ema_monitor.joint.shape import GRAVITY as GRAVITY_COLUMN
 from ema_monitor.joint.shape import INERTIA as INERTIA_COLUMN
@@ -172,6 +173,28 @@ def test_payload_that_varies_is_no_witness_of_torque_per_ampere(payload):
         for one in found.changed:
             # Torque per ampere is not claimed for certain.
             assert one.name in (FRICTION, FRICTION_OVER_INERTIA) or FRICTION in one.rivals, seed
+
+
+@pytest.mark.parametrize("count", [6, 10])
+@pytest.mark.parametrize("seed", range(8))
+def test_payloads_that_vary_with_the_task_change_nothing(count: int, seed: int):
+    """Payloads of 10 % change inertia, gravity, and the load, which is gravity at the centre."""
+    rng = np.random.default_rng(seed)
+
+    def loaded(payload: float, second: int) -> JointRecord:
+        values = np.array(HEALTHY)
+        values[[INERTIA_COLUMN, GRAVITY_COLUMN]] *= 1.0 + payload
+        values[LOAD_COLUMN] += 2.0 * payload
+        return record_of(values, day=0, second=second, error=0.1)
+
+    def payload() -> float:
+        return rng.uniform(-0.1, 0.1)
+
+    healthy = tuple(loaded(payload(), second) for second in range(count))
+    comparer = Comparer(replace(baseline_of(), records=healthy))
+    for second in range(count, count + 12):
+        comparison = comparer.compare(loaded(payload(), second), with_improvements=False)
+        assert not comparison.changed
 
 
 def test_correlation_of_gravity_and_inertia_is_that_of_the_payload():
