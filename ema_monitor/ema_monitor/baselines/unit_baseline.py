@@ -2,6 +2,7 @@
 """Baseline of one unit on disk: candidate records, accepted calibration and history of changes."""
 
 import fcntl
+import logging
 import math
 import os
 import time
@@ -39,6 +40,8 @@ _PENDING: Final = "calibration.pending.yaml"
 _REFIT_SHARE: Final = 3
 _LONGEST_PERSON: Final = 60
 _LONGEST_NOTE: Final = 500
+
+_log = logging.getLogger(__name__)
 
 
 def default_folder() -> Path:
@@ -79,7 +82,9 @@ class UnitBaseline:
     candidates are records without a departure, which only ``extend`` adds to the calibration.
 
     Killing the process at any time leaves a usable state: a change is written to the history
-    before it takes effect, and is completed when the baseline is opened next.
+    before it takes effect, and is completed when the baseline is opened next. A damaged calibration
+    is fitted again from its records. If that fails, the baseline is neither used nor learned until
+    it is reset.
 
     Parameters
     ----------
@@ -98,6 +103,8 @@ class UnitBaseline:
         Calibration fitted to the candidates while learning; None before enough of them.
     changes
         History of the changes.
+    damage
+        Why it is unknown which baseline is accepted; empty if it is known.
 
     Raises
     ------
@@ -105,8 +112,6 @@ class UnitBaseline:
         If another process holds the baseline.
     OSError
         If the folder cannot be written.
-    ValueError
-        If the accepted calibration is damaged.
     """
 
     def __init__(
@@ -121,6 +126,7 @@ class UnitBaseline:
             self.changes = read_changes(self._folder / _CHANGES)
             self._records = RecordFiles(self._folder / _RECORDS)
             self._complete()
+            self.damage = ""
             self.calibration = self._loaded()
             self._write_description()
         except BaseException:
@@ -152,8 +158,21 @@ class UnitBaseline:
     @property
     def candidates(self) -> list[StoredRecord]:
         """Stored records that are not part of the accepted baseline."""
-        members = set(self._accepting.files) if self._accepting and self.is_accepted else set()
-        return [record for record in self._records.stored if record.path.name not in members]
+        members = self._members
+        return [record for record in self._records.stored if record not in members]
+
+    @property
+    def _members(self) -> set[StoredRecord]:
+        """Stored records of the accepted baseline."""
+        if self.calibration is None:
+            return set()
+        if self._accepting is not None:
+            names = set(self._accepting.files)
+            return {record for record in self._records.stored if record.path.name in names}
+        # The line of the history is damaged, or the calibration was edited by hand.
+        stamps = {record.stamp_ns for record in self.calibration.baseline.records}
+        members = {record for record in self._records.stored if record.stamp_ns in stamps}
+        return members or set(self._records.stored)
 
     @property
     def latest_ns(self) -> int:
@@ -167,7 +186,10 @@ class UnitBaseline:
 
     @property
     def _accepting(self) -> Change | None:
-        return self.changes[-1] if self.changes and self.changes[-1].after else None
+        """The latest change that made the calibration; None if the history does not show it."""
+        identity = self.calibration.calibration_id if self.calibration else ""
+        matching = (item for item in reversed(self.changes) if item.after == identity)
+        return next(matching, None) if identity else None
 
     def add(self, window: Window) -> bool:
         """Store a record as a candidate. Return whether it is new.
@@ -179,7 +201,10 @@ class UnitBaseline:
         ------
         OSError
             If the record cannot be written.
+        ValueError
+            If the baseline is damaged.
         """
+        self._require_sound()
         if self._records.add(window) is None:
             return False
         self._added += 1
@@ -195,7 +220,7 @@ class UnitBaseline:
 
         Fits are spaced in proportion to the number of records, which bounds the total work.
         """
-        if self.is_accepted or len(self.candidates) < FEWEST:
+        if self.damage or self.is_accepted or len(self.candidates) < FEWEST:
             return False
         return self._added >= max(1, self._fitted // _REFIT_SHARE)
 
@@ -215,8 +240,8 @@ class UnitBaseline:
             days = len(set(self.calibration.baseline.days))
             count = self.calibration.windows
             return progress_of(self.calibration, count, days, self._forward_share, "")
-        records, reason = self.candidates, self._reason
-        if len(records) < FEWEST:
+        records, reason = self.candidates, self.damage or self._reason
+        if not reason and len(records) < FEWEST:
             reason = f"a baseline needs at least {FEWEST} records"
         days = len({record.day for record in records}) if self._has_clock else min(1, len(records))
         share = self._forward_share
@@ -245,6 +270,7 @@ class UnitBaseline:
         OSError
             If it cannot be written.
         """
+        self._require_sound()
         if self.calibration is not None:
             raise ValueError(
                 f"the unit has the accepted baseline {self.calibration.calibration_id}: extend it, "
@@ -265,6 +291,7 @@ class UnitBaseline:
 
     def extend(self, author: str, note: str = "", *, force: bool = False) -> Change:
         """Add the candidates to the accepted baseline; parameters and errors as ``accept``."""
+        self._require_sound()
         if self.calibration is None:
             raise ValueError("the unit has no accepted baseline: accept one first")
         if not self.candidates:
@@ -282,7 +309,8 @@ class UnitBaseline:
         change = self._changed(Kind.RESET, author, note, "", count)
         self._discard()
         self.calibration = self.provisional = None
-        self._reason, self._forward_share = "", math.nan
+        self.damage = self._reason = ""
+        self._forward_share = math.nan
         self._fitted = self._added = 0
         return change
 
@@ -333,21 +361,55 @@ class UnitBaseline:
         latest, pending = self.changes[-1], self._folder / _PENDING
         path = self._folder / CALIBRATION_FILE
         if latest.kind is Kind.RESET and path.exists() and _identity(path) == latest.before:
-            self._discard()
+            self._discard()  # of a damaged baseline, both identities are empty
         if pending.exists():
             if _identity(pending) == latest.after:
                 pending.replace(path)
             pending.unlink(missing_ok=True)
 
     def _loaded(self) -> JointCalibration | None:
+        """Return the accepted calibration; None while learning, or with ``damage``."""
         path = self._folder / CALIBRATION_FILE
+        latest = self.changes[-1] if self.changes else None
         try:
             calibration = load_calibration(path)
+            if isinstance(calibration, JointCalibration):
+                return calibration
+            damage = f"{path} is not a calibration of a unit with an unknown drive"
         except FileNotFoundError:
+            if latest is None or not latest.after:
+                return None
+            damage = f"{path} is missing, although a baseline was accepted"
+        except ValueError as error:
+            damage = str(error)
+        restored = self._restored(latest) if latest else None
+        if restored is None:
+            self.damage = f"{damage}: restore the file from a copy, or reset the baseline"
+        else:
+            _log.warning("%s: the baseline was fitted again from its records, without labels", path)
+        return restored
+
+    def _restored(self, accepting: Change) -> JointCalibration | None:
+        """Return the calibration of a change, fitted again; None if it differs from the original.
+
+        The calibration is stored again.
+        """
+        names = set(accepting.files)
+        records = [record for record in self._records.stored if record.path.name in names]
+        if not accepting.after or len(records) < max(1, len(names)):
             return None
-        if not isinstance(calibration, JointCalibration):
-            raise ValueError(f"{path} is not a calibration of a unit with an unknown drive")
-        return calibration
+        try:
+            fitted = self._fitted_to(records)
+        except ValueError:
+            return None
+        if fitted.calibration_id != accepting.after:
+            return None
+        fitted.save(self._folder / CALIBRATION_FILE)
+        return fitted
+
+    def _require_sound(self) -> None:
+        if self.damage:
+            raise ValueError(self.damage)
 
     def _fitted_to(self, records: Sequence[StoredRecord]) -> JointCalibration:
         """Return the calibration fitted to records; ValueError if they determine none."""

@@ -5,50 +5,61 @@ import math
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import t as student_t
 
 from ema_monitor.joint.baseline import Baseline
 from ema_monitor.joint.shape import DRY
 
-FEWEST: Final = 4
-"""Minimum number of records for a trend, and of days for a trend over days."""
+FEWEST: Final = 3
+"""Minimum number of records, or of days, for a trend."""
 
 _LEAST_RISE: Final = 0.1
-_UNLIKELY: Final = 5e-3
+_UNLIKELY: Final = 1e-2
+_VARIANCE: Final = 0.02**2
+"""Usual relative variance of healthy friction, between records and between days [-]."""
+_WEIGHT: Final = 6
+"""Number of records that the usual scatter counts as."""
 
 
 def friction_rise(baseline: Baseline) -> float:
     """Return the relative rise of dry friction from the first to the last record [-].
 
-    A line is fitted to friction over the number of the record: to the means of the days, if there
-    are at least four, and otherwise to the records relative to the means of their days, because
-    friction differs between days. The rise is 0 if it is less than 10 %, or if healthy scatter
-    about the line explains it (5e-3, one-sided). Falling friction, as of a gear that warms up, is
-    not a rise.
+    Lines are fitted to friction over the number of the record, and to the means of the days, if
+    there are three or more. The rise is 0 if both are less than 10 %, or if healthy scatter
+    explains them (1e-2, one-sided). Between records and between days, friction scatters by 2 % as
+    a rule; the rule weighs as much as six records in addition to the measured scatter about the line.
+    Falling friction, as of a gear that warms up, is not a rise.
     """
     records = sorted(baseline.records, key=lambda record: record.stamp_ns)
-    count = len(records)
-    if count < FEWEST:
-        return 0.0
     values = np.array([record.values[DRY] for record in records])
     values = values / np.median(values)
     _, days = np.unique([record.day for record in records], return_inverse=True)
     sizes = np.bincount(days)
-    numbers = np.arange(count, dtype=float)
-    day_numbers, day_values = (np.bincount(days, of) / sizes for of in (numbers, values))
-    if len(sizes) >= FEWEST:
-        x, y = day_numbers - np.mean(day_numbers), day_values - np.mean(day_values)
-        freedom = len(sizes) - 2
-    else:
-        x, y = numbers - day_numbers[days], values - day_values[days]
-        freedom = count - len(sizes) - 1
-    square = float(x @ x)
-    if freedom < 1 or not square:
-        return 0.0
-    slope = float(x @ y) / square
-    left = y - slope * x
-    sigma = math.sqrt(float(left @ left) / freedom / square)
-    rise = slope * (count - 1)
-    return (
-        rise if rise >= _LEAST_RISE and slope > sigma * student_t.isf(_UNLIKELY, freedom) else 0.0
+    same_day = (days[:, None] == days).astype(float)
+    day_values = np.bincount(days, values) / sizes
+    return max(
+        _rise(values, _VARIANCE * (np.eye(len(records)) + same_day)),
+        _rise(day_values, _VARIANCE * np.diag(1.0 + 1.0 / sizes)),
     )
+
+
+def _rise(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+    """Return the rise of the line through values, ``(n,)``; 0 if scatter explains it.
+
+    ``covariance``, ``(n, n)``, is the usual covariance of the values.
+    """
+    count = len(values)
+    if count < FEWEST:
+        return 0.0
+    line = np.column_stack([np.ones(count), np.arange(count)])
+    weighted = np.linalg.solve(covariance, line)
+    errors = np.linalg.inv(line.T @ weighted)
+    _, slope = coefficients = errors @ (weighted.T @ values)
+    left = values - line @ coefficients
+    freedom = _WEIGHT + count - 2
+    scale = (_WEIGHT + float(left @ np.linalg.solve(covariance, left))) / freedom
+    sigma = math.sqrt(scale * errors[1, 1])
+    rise = float(slope) * (count - 1)
+    is_rise = rise >= _LEAST_RISE and slope > sigma * student_t.isf(_UNLIKELY, freedom)
+    return rise if is_rise else 0.0

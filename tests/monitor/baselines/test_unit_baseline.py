@@ -222,3 +222,55 @@ def test_line_of_the_history_that_is_cut_off_harms_no_other(tmp_path: Path):
     append_change(file, change)
     assert read_changes(file) == [change, change]
     assert json.loads(file.read_bytes().splitlines()[-1])["author"] == "Ada"
+
+
+@pytest.mark.parametrize("damage", [b"", b"\x00\xff", b"format: joint_1\nactuator_id: el", None])
+def test_damaged_calibration_is_fitted_again_from_its_records(tmp_path: Path, damage):
+    with learned(tmp_path, 4) as baseline:
+        change = baseline.accept("Ada")
+        baseline.add(record(9, day=5))
+    file = unit_folder(tmp_path, "elbow/1", "7") / "calibration.yaml"
+    original = file.read_bytes()
+    file.write_bytes(damage) if damage is not None else file.unlink()
+    with UnitBaseline(tmp_path, JOINT) as again:
+        assert not again.damage
+        assert again.accepted_by == change
+        assert len(again.candidates) == 1
+    assert file.read_bytes() == original
+
+
+def test_damaged_calibration_without_its_records_is_unknown_until_it_is_reset(tmp_path: Path):
+    with learned(tmp_path, 4) as baseline:
+        baseline.accept("Ada")
+    folder = unit_folder(tmp_path, "elbow/1", "7")
+    (folder / "calibration.yaml").write_bytes(b"format: joint_1\n")
+    next((folder / "records").iterdir()).unlink()
+    with UnitBaseline(tmp_path, JOINT) as again:
+        assert not again.is_accepted
+        assert not again.is_fit_due
+        assert "is a damaged calibration" in again.progress().reason
+        with pytest.raises(ValueError, match="restore the file from a copy, or reset"):
+            again.add(record(9, day=5))
+        with pytest.raises(ValueError, match="is a damaged calibration"):
+            again.accept("Ada", force=True)
+        again.reset("Ada", "the disk was full")
+        assert not again.damage
+        assert again.candidates == []
+        assert again.add(record(9, day=5))
+    with UnitBaseline(tmp_path, JOINT) as learning:
+        assert not learning.damage
+        assert len(learning.candidates) == 1
+
+
+def test_damaged_line_of_the_acceptance_leaves_its_records_accepted(tmp_path: Path):
+    with learned(tmp_path, 4) as baseline:
+        change = baseline.accept("Ada")
+        baseline.add(record(9, day=5))
+    history = unit_folder(tmp_path, "elbow/1", "7") / "changes.jsonl"
+    history.write_bytes(history.read_bytes()[:-30])
+    with UnitBaseline(tmp_path, JOINT) as again:
+        assert again.calibration is not None
+        assert again.calibration.calibration_id == change.after
+        assert again.accepted_by is None
+        assert len(again.candidates) == 1
+        assert again.extend("Ada").records == 5

@@ -2,7 +2,10 @@
 """Friction that rises over the healthy records is not accepted as a baseline."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from ema_monitor.baselines.unit_baseline import UnitBaseline
@@ -30,6 +33,36 @@ def test_healthy_scatter_is_no_rise(records_per_day: int, seed: int):
 def test_wear_is_a_rise(records_per_day: int):
     # A line from 1 to 1.33, relative to its median.
     assert rise(12, 0.03, records_per_day) == pytest.approx(0.33 / 1.165, abs=0.04)
+
+
+@pytest.mark.parametrize("records_per_day", [1, 2, 100])
+def test_four_records_that_get_worse_by_5_percent_each_are_a_rise(records_per_day: int):
+    assert rise(4, 0.05, records_per_day) == pytest.approx(0.15 / 1.075, abs=0.06)
+
+
+def healthy(rng: np.random.Generator, days: int, records_per_day: int, **scatter: float) -> Any:
+    """Return records of a healthy joint; ``within`` and ``between`` are the scatter by day."""
+    by_day = np.repeat(rng.normal(1.0, scatter["between"], days), records_per_day)
+    frictions = by_day * rng.normal(1.0, scatter["within"], days * records_per_day)
+    return SimpleNamespace(
+        records=[
+            SimpleNamespace(
+                stamp_ns=number, day=number // records_per_day, values=np.array([friction] * 5)
+            )
+            for number, friction in enumerate(frictions)
+        ]
+    )
+
+
+@pytest.mark.parametrize(("days", "records_per_day"), [(1, 4), (1, 10), (3, 3), (4, 1), (10, 2)])
+@pytest.mark.parametrize(("within", "between"), [(0.02, 0.02), (0.03, 0.03)])
+def test_healthy_joints_are_seldom_refused(days, records_per_day, within, between):
+    rng = np.random.default_rng(1)
+    refused = [
+        friction_rise(healthy(rng, days, records_per_day, within=within, between=between)) > 0.0
+        for _ in range(400)
+    ]
+    assert np.mean(refused) < (0.01 if within < 0.03 else 0.04)
 
 
 def test_falling_friction_is_no_rise():

@@ -78,6 +78,8 @@ class Baselines:
         with self._lock:
             try:
                 baseline = self._of(description)
+                if baseline.damage:
+                    raise ValueError(baseline.damage)
                 if baseline.is_fit_due:
                     baseline.fit()
             except (OSError, ValueError) as error:
