@@ -259,7 +259,8 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
         "the current is not measured: fitness {r.fitness} compares currents only, use {r.usable}"
     ),
     of.EffortMissing: (
-        "drive = unknown needs a measured current or torque, and the telemetry has none"
+        "the joint cannot be judged: no effort (current or torque) is measured; map a topic or "
+        "column that has one"
     ),
     of.PayloadMissing: (
         "the payload is not in the telemetry: only motion without a payload can be compared with "
@@ -329,7 +330,7 @@ _TEXTS: Final[dict[type[Reason], str | Callable[[Any], str]]] = {
     of.WouldDepart: "{r.detail}",
     of.TooFewRows: (
         "{r.rows} rows of steady motion in one direction, at least {r.least} are needed: "
-        "record a longer motion"
+        "record a longer motion, without gaps of lost samples"
     ),
     of.EffortConstant: (
         "the effort is {r.effort:.3g} throughout, although the joint moves: expected an effort "

@@ -65,7 +65,7 @@ def test_worn_joint_is_named_and_the_healthy_one_is_not(work, tmp_path):
     # The last record has two or three cycles, whose friction is 1.40 to 1.48 times healthy.
     assert friction["judgement"] == "changed"
     assert 0.36 < friction["change"] < 0.5
-    assert result.exit_code == 0
+    assert result.exit_code == 3
     text = page.read_text(encoding="utf-8")
     assert "Joints of" in text
     assert text.count("<svg") == 2
@@ -74,7 +74,7 @@ def test_worn_joint_is_named_and_the_healthy_one_is_not(work, tmp_path):
 
 def test_table_has_level_since_and_change_of_friction(work):
     result = ema("attach", work, "--healthy", "6", "--joint", "wrist_2")
-    assert result.exit_code == 0
+    assert result.exit_code == 3
     heading, row, reason, *_ = result.stdout.splitlines()
     assert heading.split("  ")[0] == "joint"
     assert "▲ WARN  2026-11-04 00:" in row
@@ -105,10 +105,14 @@ def test_payload_makes_the_friction_of_a_joint_that_bears_it_certain(tmp_path):
     assert found["known"]["level"] in ("WARN", "ERROR")
 
 
+def test_healthy_joint_ends_with_exit_code_0(work):
+    assert ema("attach", work, "--healthy", "6", "--joint", "base").exit_code == 0
+
+
 def test_unit_of_the_effort_is_the_given_one(work, tmp_path):
     page = tmp_path / "page.html"
     arguments = ("--healthy", "6", "--joint", "wrist_2", "--effort-unit", "N.m")
-    assert ema("attach", work, *arguments, "--html", page).exit_code == 0
+    assert ema("attach", work, *arguments, "--html", page).exit_code == 3
     assert "kg.m^2" in page.read_text(encoding="utf-8")
 
 
@@ -201,11 +205,13 @@ def test_healthy_records_with_rising_friction_are_doubted(tmp_path):
     assert "warning: day: the healthy records may not be healthy: " in result.stderr
 
 
-def test_other_folders_than_those_of_runs_are_never_deleted(tmp_path, monkeypatch):
-    monkeypatch.setattr(attach_run, "_MOST_RECORDED", 1000)
+def test_oldest_runs_are_deleted_and_other_folders_remain(tmp_path):
     names = ("20251129T095444Z", "20261129T095444Z", "20261130T095444Z", "factory_acceptance")
     for name in names:
         (tmp_path / name).mkdir()
-        (tmp_path / name / "data.mcap").write_bytes(bytes(600))
-    attach_run._limit_size(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [names[2], names[3]]
+        (tmp_path / name / "data.mcap").write_bytes(bytes(6000))
+        (tmp_path / name / "small.log").write_bytes(bytes(6))
+    attach_run._limit_size(tmp_path, 21_000)
+    assert sorted(path.name for path in tmp_path.iterdir()) == list(names[1:])
+    attach_run._limit_size(tmp_path, 1)
+    assert sorted(path.name for path in tmp_path.iterdir()) == list(names[2:])

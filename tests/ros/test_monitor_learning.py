@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import BaselineStatus, FaultEstimate, Health
@@ -76,6 +77,22 @@ class Learner:
     def change(self, change: int, person: str = "Ada", **more: object) -> ChangeBaseline.Response:
         request = ChangeBaseline.Request(change=change, person=person, **more)
         return self.session.call(ChangeBaseline, "/ema/monitor/change_baseline", request)
+
+
+def test_joint_without_effort_is_not_learning(tmp_path: Path):
+    """It can never be judged, and the reason says so."""
+    with monitor({"baseline_folder": str(tmp_path / "baselines")}) as session:
+        session.mount(replace(JOINT, acquisition=Acquisition("none")))
+
+        def unjudged() -> list[Health]:
+            healths = session.healths()[-1:]
+            return [item for item in healths if "cannot be judged: no effort" in item.reason]
+
+        [health] = session.until(unjudged)
+        assert health.level == Health.STALE
+        session.feed([replace(work(0), current=np.empty(0))])
+        assert "cannot be judged: no effort" in session.next_estimate().reason
+        assert session.received(topics.BASELINE) == []
 
 
 @pytest.mark.slow

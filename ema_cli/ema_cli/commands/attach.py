@@ -20,7 +20,7 @@ from ema_cli.processes.stop_request import ENDING, deferred_signals
 from ema_cli.progress import progress_bar
 from ema_core.acquisition import EFFORT_UNITS
 from ema_core.files import complete_file
-from ema_core.levels import STALE
+from ema_core.levels import OK
 
 _LIVE: Final = ("topics", "accept_after", "folder", "namespace", "assignments", "network")
 
@@ -96,12 +96,13 @@ def attach(
 ) -> None:
     """Monitor the joints of robots in the ROS graph until Ctrl-C, or of RECORDINGS.
 
-    Live, all joints of sensor_msgs/JointState topics are listed and monitored, also those that
-    appear later. Once its healthy motion is learned and accepted, each joint is compared with it. A
+    Live, all joints of joint state topics are listed and monitored, also joints that appear
+    later. Once its healthy motion is learned and accepted, each joint is compared with it. A
     second run goes on with the same baselines.
 
     RECORDINGS are bags, tables, LeRobot data sets, or folders of them. Their records up to
-    --healthy are learned, and the later ones compared. Exit code 3: a joint is not judged.
+    --healthy are learned, and the later ones compared. Exit code 3: a joint is above OK, or is not
+    judged.
     """
     if sources:
         if healthy is None:
@@ -149,7 +150,7 @@ class _Recorded(NamedTuple):
 
 
 def _attach_recordings(recorded: _Recorded, command: str, *, as_json: bool) -> None:
-    """Print the joints of recordings, and exit with 3 if a joint is not judged."""
+    """Print the joints of recordings, and exit with 3 unless all are OK."""
     # Imported here, since only recordings need these modules.
     from ema_cli.bags.joint_course import follow_joint
     from ema_cli.bags.robot_files import find_recordings, joints_of
@@ -179,5 +180,5 @@ def _attach_recordings(recorded: _Recorded, command: str, *, as_json: bool) -> N
             text = joints_page(title, courses, command)
             partial.write_text(text, encoding="utf-8", errors="backslashreplace")
         click.echo(f"{page}: the page", err=as_json)
-    if any(course.level == STALE for course in courses):
+    if any(course.level != OK for course in courses):
         sys.exit(REFUSED)

@@ -38,6 +38,9 @@ _SETTLED_S: Final = 3.0
 _REFRESH_S: Final = 0.25
 _BRIDGE_TASK: Final = "joints"
 _MOST_RECORDED: Final = 1_000_000_000
+_MOST_LOGGED: Final = 20_000_000
+_BLOCK: Final = 4096
+"""Space that a file needs at least [B]."""
 _RUN: Final = re.compile(r"\d{8}T\d{6}Z")
 
 
@@ -91,16 +94,20 @@ def run_attach(
     started = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
     logs = folder / "logs" / started
     logs.mkdir(parents=True, exist_ok=True)
-    _limit_size(folder / "recordings")
+    _limit_size(folder / "recordings", _MOST_RECORDED)
+    _limit_size(folder / "logs", _MOST_LOGGED)
+    table = HealthTable(f"on {options.namespace}")
     with (
-        Supervisor(lambda line: click.echo(f"ema attach: {line}", err=True), "recorder") as nodes,
+        Supervisor(
+            lambda line: table.report(f"ema attach: {line}", is_error=True), "recorder"
+        ) as nodes,
         _Joints(options) as joints,
     ):
         for node, command in (_commands(options, folder, started) | dict(further or {})).items():
             if not stop:
                 nodes.start(node, command, logs / f"{node}.log")
         _list_joints(joints, nodes, stop, network=network)
-        with HealthTable(f"on {options.namespace}") as table:
+        with table:
             end_s = time.monotonic() + options.duration_s
             while nodes.running and not stop and time.monotonic() < end_s:
                 for line in joints.new_lines():
@@ -114,16 +121,17 @@ def run_attach(
     return bool(nodes.failed)
 
 
-def _limit_size(recordings: Path) -> None:
-    """Delete the recordings of the oldest runs until all have at most ``_MOST_RECORDED`` bytes.
+def _limit_size(folder: Path, most: int) -> None:
+    """Delete the oldest runs in a folder until all have at most ``most`` bytes.
 
-    Only folders with the name of a run count: the folder may contain other recordings as well.
+    Only folders with the name of a run count: the folder may contain others as well. The latest
+    run remains.
     """
-    runs = sorted(path for path in recordings.glob("*") if _is_run(path))
-    sizes = [sum(file.lstat().st_size for file in run.rglob("*")) for run in runs]
-    for run, remaining in zip(runs, np.cumsum(sizes[::-1])[::-1], strict=True):
-        if remaining > _MOST_RECORDED:
-            shutil.rmtree(run)
+    runs = sorted(path for path in folder.glob("*") if _is_run(path))
+    sizes = [sum(max(_BLOCK, file.lstat().st_size) for file in run.rglob("*")) for run in runs]
+    for run, remaining in zip(runs[:-1], np.cumsum(sizes[::-1])[::-1][:-1], strict=True):
+        if remaining > most:
+            shutil.rmtree(run, ignore_errors=True)
 
 
 def _is_run(path: Path) -> bool:

@@ -171,7 +171,10 @@ class LatestHealths:
         test_ns = stamp_from_message(health.header.stamp)
         if actuator.refused is not None:
             test_ns = max(test_ns, stamp_from_message(actuator.refused.header.stamp))
-            if "learning" not in actuator.refused.reason_codes:
+            is_shown = "learning" in actuator.refused.reason_codes or any(
+                actuator.refused.reason in reason for reason in reasons
+            )
+            if not is_shown:
                 reasons.append(f"last test refused: {actuator.refused.reason}")
         elif actuator.friction:
             reasons.append(actuator.friction)

@@ -41,12 +41,12 @@ class TerminalDisplay:
         if self._console.is_terminal:
             self._live.stop()
 
-    def report(self, line: str) -> None:
-        """Print a line, above the table if there is one."""
+    def report(self, line: str, *, is_error: bool = False) -> None:
+        """Print a line, above the table if there is one; without a terminal, errors on stderr."""
         if self._console.is_terminal:
             self._console.print(line, markup=False, highlight=False)
         else:
-            click.echo(line)
+            click.echo(line, err=is_error)
 
     def _table(self, title: str, *below: str) -> Table:
         """Return a table without columns, with the non-empty lines below it."""

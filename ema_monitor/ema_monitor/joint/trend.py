@@ -27,9 +27,9 @@ def friction_rise(baseline: Baseline) -> float:
 
     Lines are fitted to friction over the number of the record, and to the means of the days, if
     there are three or more. The rise is 0 if both are less than 10 %, or if healthy scatter
-    explains them (1e-2, one-sided). Between records and between days, friction scatters by 2 % as
-    a rule; the rule weighs as much as six records in addition to the measured scatter about the line.
-    Falling friction, as of a gear that warms up, is not a rise.
+    explains them (1e-2, one-sided). The usual scatter of 2 % between records, and between days, has
+    the weight of six records, in addition to the measured scatter about the line. Falling
+    friction, as of a gear that warms up, is not a rise.
     """
     records = sorted(baseline.records, key=lambda record: record.stamp_ns)
     values = np.array([record.values[DRY] for record in records])

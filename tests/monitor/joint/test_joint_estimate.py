@@ -433,7 +433,7 @@ def test_missing_columns_are_named(plain, with_play):
     record = measured(PLAIN)
     blind = window(replace(record.telemetry, current=np.empty(0)))
     result = identify_record(blind, described(), plain)
-    assert "needs a measured current or torque" in result.reason
+    assert "no effort (current or torque) is measured" in result.reason
     lost = telemetry_of(WITH_PLAY, tones(), MOTOR_SPEED, day=LATER)
     lost = replace(lost, speed=np.full(len(lost), math.nan))
     result = identify_record(window(lost), described(MOTOR_SPEED), with_play)

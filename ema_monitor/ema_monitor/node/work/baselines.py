@@ -22,7 +22,7 @@ from ema_monitor.node.publish.messages import baseline_to_message
 from ema_monitor.node.publish.outputs import Outputs
 from ema_monitor.node.settings import Operation
 from ema_monitor.reason_texts import text_of
-from ema_monitor.reasons import NoCalibration, Reason, WindowUnusable
+from ema_monitor.reasons import EffortMissing, NoCalibration, Reason, WindowUnusable
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 from ema_ros.node_parameters import LiveSettings
@@ -75,6 +75,9 @@ class Baselines:
         """Publish the progress of a unit that has just been described."""
         if not self.learns(description):
             return
+        if (reason := _unlearnable(description)) is not None:
+            self._actuators.show_learning(description, text_of(reason), is_learning=False)
+            return
         with self._lock:
             try:
                 baseline = self._of(description)
@@ -98,6 +101,8 @@ class Baselines:
         description, window = segment.description, segment.window
         if not self.learns(description):
             return None
+        if (missing := _unlearnable(description)) is not None:
+            return learning_estimate(window, missing)
         change = None
         with self._lock:
             try:
@@ -240,6 +245,11 @@ class Baselines:
         if status is not None:
             status.learning = text
         return text
+
+
+def _unlearnable(description: ActuatorDescription) -> Reason | None:
+    """Return why no record of a unit can be judged; None if records can."""
+    return EffortMissing() if description.acquisition.current == "none" else None
 
 
 def _unusable_text(error: Exception) -> str:
