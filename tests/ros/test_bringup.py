@@ -407,7 +407,7 @@ def test_demo_makes_two_joints_of_the_robot_wear():
     values, given = started("robot", *ros_arguments("robot", parameter_files=files))
     assert given - values.keys() == set()
     wear = {name: value for name, value in values.items() if name.startswith("wear.") and value}
-    assert wear == {"wear.base": 0.03, "wear.wrist_2": 0.015}
+    assert wear == {"wear.elbow": 0.03, "wear.wrist_2": 0.015}
 
 
 def test_aggregator_sorts_every_status_and_leaves_none_over():
