@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+from ema_cli.bags.joint_course import WORK
 from ema_cli.bags.robot_files import find_recordings
 from ema_cli.processes import attach_run
 from ema_sim.robot.arm import JOINT_NAMES
@@ -14,6 +16,7 @@ from ema_sim.robot.work import RobotArm, WorkSettings
 
 from ..commands import ema
 
+CONFIG = Path(__file__).parents[2] / "ros2_ws/src/ema_bringup/config/attach.yaml"
 NOV_3 = 1_793_664_000
 RATE = 100
 WORN = {"wrist_2": 0.04}
@@ -152,6 +155,13 @@ def test_folder_without_a_recording_is_refused(tmp_path):
     result = ema("attach", tmp_path, "--healthy", "5")
     assert result.exit_code == 1
     assert "this folder holds no recording (a bag, .mcap, .db3, .csv" in result.stderr
+
+
+def test_recordings_are_cut_as_the_nodes_of_attach_cut_the_motion():
+    settings = yaml.safe_load(CONFIG.read_text())["/**/monitor"]["ros__parameters"]
+    assert (
+        settings.items() >= {"record_s": WORK.record_s, "record_rest_s": WORK.record_rest_s}.items()
+    )
 
 
 def test_numbers_in_names_give_the_order_of_recordings(tmp_path):

@@ -233,4 +233,4 @@ def test_command_asks_the_monitor_that_runs(tmp_path: Path):
         assert joint.status(BaselineStatus.ACCEPTED, 5).author == "Ada"
         refused = ema("extend", "flap", "--person", "Ada")
         assert refused.returncode == 1
-        assert "no further healthy records" in refused.stderr
+        assert "nothing to extend the baseline with" in refused.stderr

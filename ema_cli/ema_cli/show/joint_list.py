@@ -4,6 +4,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ema_bags.inputs.abilities import abilities_by_columns
+from ema_bags.inputs.examination_wording import ABILITY_NAMES
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted, text_table
 
@@ -45,7 +47,6 @@ def _row(unit: ActuatorDescription) -> tuple[str, ...]:
 
 def _judged(*, has_effort: bool, has_command: bool) -> str:
     """Return the quantities that records of a joint with these columns can show."""
-    if not has_effort:
-        return "nothing: the driver publishes no effort"
-    lag = ", tracking lag" if has_command else ""
-    return f"friction, torque per effort, inertia, load{lag}"
+    abilities = abilities_by_columns(has_effort=has_effort, has_command=has_command)
+    listed = ", ".join(ABILITY_NAMES[ability] for ability in abilities)
+    return listed or "nothing: the driver publishes no effort"

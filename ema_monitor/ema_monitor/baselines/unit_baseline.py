@@ -285,7 +285,7 @@ class UnitBaseline:
             self.fit()
         if self.provisional is None:
             raise ValueError(f"the baseline is refused: {self._reason}")
-        calibration = _judged(self.provisional, force=force)
+        calibration = _judged(self.provisional, "baseline", force=force)
         kind = Kind.AUTOMATIC if is_automatic else Kind.ACCEPT
         return self._install(calibration, records, kind, author, note)
 
@@ -295,10 +295,13 @@ class UnitBaseline:
         if self.calibration is None:
             raise ValueError("the unit has no accepted baseline: accept one first")
         if not self.candidates:
-            raise ValueError("there are no further healthy records since the baseline was accepted")
+            raise ValueError(
+                "there is nothing to extend the baseline with: no later record agrees with it in "
+                "all quantities"
+            )
         records = thinned(self._records.stored, MOST_RECORDS)
         fitted = self._fitted_to(records).with_labels_of(self.calibration)
-        calibration = _judged(fitted, force=force)
+        calibration = _judged(fitted, "extension", force=force)
         change = self._install(calibration, records, Kind.EXTEND, author, note)
         self._records.remove(self.candidates)  # thinned out
         return change
@@ -432,10 +435,10 @@ class UnitBaseline:
                 partial.write_text(text, encoding="utf-8")
 
 
-def _judged(calibration: JointCalibration, *, force: bool) -> JointCalibration:
+def _judged(calibration: JointCalibration, name: str, *, force: bool) -> JointCalibration:
     """Return a calibration that can be accepted; ValueError if it cannot."""
     if reason := refusal_of(calibration, accepts_outliers=force):
-        raise ValueError(f"the baseline is refused: {reason}")
+        raise ValueError(f"the {name} is refused: {reason}")
     return calibration
 
 

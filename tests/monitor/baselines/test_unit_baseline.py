@@ -108,7 +108,7 @@ def test_extension_adds_candidates_and_reset_keeps_the_history(tmp_path: Path):
         first = baseline.accept("Ada")
         with pytest.raises(ValueError, match="extend it, or reset it first"):
             baseline.accept("Ada")
-        with pytest.raises(ValueError, match="no further healthy records"):
+        with pytest.raises(ValueError, match="nothing to extend the baseline with"):
             baseline.extend("Ada")
         before = baseline.progress().detectable_other_day
         for number in range(5, 9):

@@ -72,6 +72,17 @@ def abilities_of(
     return tuple(AbilityResult(ability, tuple(items)) for ability, items in needs.items())
 
 
+def abilities_by_columns(*, has_effort: bool, has_command: bool) -> tuple[Ability, ...]:
+    """Return the quantities that the monitor can judge from a joint's columns, if it moves enough.
+
+    Without an effort, the monitor judges nothing.
+    """
+    if not has_effort:
+        return ()
+    lag = (Ability.TRACKING_LAG,) * has_command
+    return (Ability.FRICTION, Ability.TORQUE, Ability.INERTIA, Ability.LOAD, *lag)
+
+
 def _of_strokes(motion: Motion | None, defects: set[str]) -> Iterator[Need]:
     if "position_commanded" in defects:
         yield Need.MEASURED_POSITION

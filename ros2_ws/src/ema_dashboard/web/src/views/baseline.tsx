@@ -98,7 +98,8 @@ export function Baseline({ baseline, description, of }: {
               onClick={() => setOpen(open === change ? undefined : change)}>{change.title}</button>
           ))}
           {open && (
-            <ChangeForm key={open.name} change={open} of={of} close={() => setOpen(undefined)} />
+            <ChangeForm key={open.name} change={open} of={of} close={() => setOpen(undefined)}
+              canForce={open !== RESET && Number.isFinite(baseline.detectable_same_day)} />
           )}
         </div>
       )}
@@ -106,8 +107,13 @@ export function Baseline({ baseline, description, of }: {
   );
 }
 
-/** Asks the monitor for a change of the baseline in a person's name. */
-function ChangeForm({ change, of, close }: { change: Change; of: Address; close: () => void }) {
+/**
+ * Asks the monitor for a change of the baseline in a person's name. Nobody can force a change
+ * without enough records for a fit.
+ */
+function ChangeForm({ change, of, close, canForce }: {
+  change: Change; of: Address; close: () => void; canForce: boolean;
+}) {
   const [refusal, setRefusal] = useState("");
   const [isSent, setSent] = useState(false);
   const send = async (submitted: SubmitEvent) => {
@@ -139,7 +145,7 @@ function ChangeForm({ change, of, close }: { change: Change; of: Address; close:
       {refusal && (
         <>
           <p role="alert" class="banner error"><strong>Refused:</strong> {refusal}</p>
-          {change !== RESET && (
+          {canForce && (
             <label><input type="checkbox" name="force" /> {change.title} anyway</label>
           )}
         </>
