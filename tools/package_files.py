@@ -42,8 +42,12 @@ TOPICS: Final = {
 }
 """Entries of each package in ``CHANGELOG.md``: a pattern of "SECTION: ENTRY"."""
 
-BOUNDS: Final = {"numpy": ">=1.26,<2"}
-"""Bounds in a ROS workspace: Jazzy's messages for Ubuntu 24.04 are compiled for numpy 1."""
+BOUNDS: Final = {"numpy": ">=1.26,<2", "pyarrow": ">=21,<26"}
+"""Bounds in a ROS workspace.
+
+Jazzy's messages for Ubuntu 24.04 are compiled for numpy 1, which pyarrow 26 refuses when it is
+imported.
+"""
 
 
 class Release(NamedTuple):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-PARTS = ("cli/test_version.py", "cli/test_help.py", "cli/test_completion.py", "cli/test_imports.py")
+PARTS = ("cli/test_version.py", "cli/test_help.py", "cli/test_completion.py")
 
 
 def pytest_configure(config: pytest.Config) -> None:

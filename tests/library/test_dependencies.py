@@ -154,9 +154,22 @@ def test_each_dependency_is_declared_once(package):
 def test_workspace_requires_nothing_that_no_package_requires():
     names = {line.partition(">")[0] for line in WORKSPACE.read_text().splitlines()[1:]}
     required = {item.name for package in PACKAGES for item in requirements(FOLDERS[package])}
-    assert names - {"pytest", "pytest-xdist"} == {
+    assert names - {"pytest", "pytest-xdist", "mcap-ros2-support"} == {
         name for name in required if not name.startswith("ema_")
     }
+
+
+def test_bounds_of_a_workspace_are_within_those_of_the_packages():
+    bounds = {
+        item.name: item.specifier for name in PACKAGES for item in requirements(FOLDERS[name])
+    }
+    for line in WORKSPACE.read_text(encoding="utf-8").splitlines()[1:]:
+        item = Requirement(line)
+        lowest = {bound.version for bound in item.specifier if bound.operator == ">="}
+        if item.name in bounds:
+            assert lowest == {
+                bound.version for bound in bounds[item.name] if bound.operator == ">="
+            }
 
 
 def test_document_installs_the_requirements_of_a_workspace():
