@@ -312,6 +312,8 @@ def test_mapping_of_all_joints_is_written_and_imported(ema, tmp_path):
     result = ema("check", tmp_path / "log.csv", "-o", mapping)
     assert result.exit_code == 0, result.output
     assert ema("check", tmp_path / "log.csv", "--mapping-only").stdout == mapping.read_text()
+    # Without a gear ratio, there is no motor shaft.
+    assert "shaft: motor" not in mapping.read_text()
     again = ema("check", tmp_path / "log.csv", "--mapping", mapping)
     assert again.exit_code == 0, again.output
     output = tmp_path / "legs.mcap"

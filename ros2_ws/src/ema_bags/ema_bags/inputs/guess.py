@@ -127,6 +127,8 @@ def refine(
                 change=change,
             )
         )
+    if description.drive == "unknown" and description.parameters.tau == 1.0:
+        mapping = _of_joint(mapping)
     motion = moving(mapping)
     if mapping.current is not None and motion is not None:
         if description.drive == "unknown":
@@ -138,6 +140,12 @@ def refine(
         current = _refined(mapping.current, relation, description, doubts)
         mapping = replace(mapping, current=current)
     return replace(guess, mapping=mapping, doubts=tuple(doubts))
+
+
+def _of_joint(mapping: ColumnMapping) -> ColumnMapping:
+    """Return the mapping of a joint without a gear ratio: the speed is of the joint, too."""
+    speed = mapping.speed
+    return mapping if speed is None else replace(mapping, speed=replace(speed, shaft="user"))
 
 
 def _encoding(values: NDArray[np.float64]) -> str:
