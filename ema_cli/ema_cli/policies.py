@@ -137,7 +137,7 @@ def node_access(
             publishes=full(topics.MONITOR_TOPICS),
             subscribes=full(monitor_inputs),
             replies=_ASKED_OF_MONITOR,
-            executes=("identify_faults",),
+            executes=("calibrate", "identify_faults"),
         ),
         _node(prefix, "recorder", subscribes=(everything, DIAGNOSTICS), replies=("snapshot",)),
         # A bag may hold any topic to which a recorder subscribes.

@@ -153,14 +153,20 @@ class MonitorSession(Probe):
 
 
 class Goal:
-    """A goal that has been sent to a monitor."""
+    """A goal of an action, by default ``identify_faults``, that has been sent to a monitor."""
 
-    def __init__(self, session: MonitorSession, **goal: Any) -> None:
-        self.feedback: list[IdentifyFaults.Feedback] = []
+    def __init__(
+        self,
+        session: MonitorSession,
+        kind: Any = IdentifyFaults,
+        name: str = "identify_faults",
+        **goal: Any,
+    ) -> None:
+        self.feedback: list[Any] = []
         self._session = session
-        self._client = ActionClient(session.probe, IdentifyFaults, "/ema/monitor/identify_faults")
+        self._client = ActionClient(session.probe, kind, f"/ema/monitor/{name}")
         wait_for(self._client.server_is_ready, "the action")
-        request = IdentifyFaults.Goal(**goal)
+        request = kind.Goal(**goal)
         sent = self._ask(lambda: self._client.send_goal_async(request, self._note))
         self.handle = session.result(sent)
         session.at_end(self._client.destroy)
@@ -176,7 +182,7 @@ class Goal:
     def cancel(self) -> None:
         self._session.result(self._ask(self.handle.cancel_goal_async))
 
-    def result(self) -> tuple[int, IdentifyFaults.Result]:
+    def result(self) -> tuple[int, Any]:
         answer = self._session.result(self._result)
         return answer.status, answer.result
 

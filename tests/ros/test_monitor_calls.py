@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration by service, and identification by action."""
+"""Calibration by the deprecated service, and identification by action."""
 
 import gc
 import math
@@ -110,7 +110,7 @@ def test_default_is_what_the_monitor_does_itself(session: MonitorSession):
 def test_impossible_goal_is_rejected_and_log_and_status_have_the_reason(
     session: MonitorSession, goal: dict[str, Any], texts: list[str], capfd
 ):
-    session.node.work.calls._rejections = Throttle(1000.0)
+    session.node.work.goals._rejections = Throttle(1000.0)
     assert not any(Goal(session, **goal).is_accepted for _ in range(3))
     printed = capfd.readouterr().err
     assert printed.count("goal of identify_faults rejected") == 1
@@ -232,6 +232,7 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
         answer = calibrate(session, load=True, file="shipped.yaml")
         assert answer.success, answer.message
         assert answer.calibration_id == Calibration.builtin().calibration_id
+        assert answer.message.endswith("this service is deprecated: use the action ~/calibrate")
         assert "not learned from the healthy windows: viscous friction" in answer.message
         session.feed(source.cycle())
         assert session.next_estimate().calibration_id == answer.calibration_id
@@ -300,10 +301,10 @@ def test_request_that_fails_unexpectedly_is_answered(session: MonitorSession, mo
     def fail(*_: Any) -> None:
         raise OverflowError("too large")
 
-    monkeypatch.setattr(session.node.work.calls._store, "load", fail)
+    monkeypatch.setattr(session.node.work.calibration_calls._store, "load", fail)
     answer = calibrate(session, load=True, file="x.yaml", **FORCED)
     assert (answer.success, answer.message) == (False, "failed: OverflowError('too large')")
-    monkeypatch.setattr(session.node.work.calls, "_identify_for", fail)
+    monkeypatch.setattr(session.node.work.identification_goals, "_identify", fail)
     _, result = Goal(session).result()
     assert (result.success, result.message) == (False, "failed: OverflowError('too large')")
 

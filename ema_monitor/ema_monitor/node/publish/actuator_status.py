@@ -108,11 +108,15 @@ class ActuatorStatus:
         """Return how long a level stays valid after a test [s]; longer for long records."""
         return operation.good_for(self.finder.longest_s if self.finder.finds_records else 0.0)
 
+    def require_no_calibration(self) -> None:
+        """Raise ValueError if a calibration is running."""
+        if self.is_calibrating:
+            raise ValueError(f"actuator {self.actuator_id!r} is already being calibrated")
+
     @contextmanager
     def calibrating(self) -> Iterator[None]:
         """Show a running calibration in the status; raise ValueError if another is running."""
-        if self.is_calibrating:
-            raise ValueError(f"actuator {self.actuator_id!r} is already being calibrated")
+        self.require_no_calibration()
         self.is_calibrating = True
         try:
             yield

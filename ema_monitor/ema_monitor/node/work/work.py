@@ -14,9 +14,11 @@ from ema_monitor.node.publish.log import Log
 from ema_monitor.node.publish.outputs import Outputs
 from ema_monitor.node.settings import MonitorSettings
 from ema_monitor.node.work.baselines import Baselines
-from ema_monitor.node.work.calls import MonitorCalls
+from ema_monitor.node.work.calibration_calls import CalibrationCalls
 from ema_monitor.node.work.follow_ups import FollowUps
+from ema_monitor.node.work.goals import Goals
 from ema_monitor.node.work.histories import Histories
+from ema_monitor.node.work.identification_goals import IdentificationGoals
 from ema_monitor.node.work.prognosis import Prognosis, Reception
 from ema_monitor.node.work.prognosis_calls import PrognosisCalls
 from ema_monitor.node.work.results import Results
@@ -81,8 +83,13 @@ class Work:
             log,
             is_simulated=is_simulated,
         )
-        self.calls = MonitorCalls(
+        self.goals = Goals(node, actuators, settings, log)
+        self.identification_goals = IdentificationGoals(
+            self.goals, self.worker, actuators, settings, store
+        )
+        self.calibration_calls = CalibrationCalls(
             node,
+            self.goals,
             self.worker,
             prognosis,
             self.results,
@@ -142,6 +149,6 @@ class Work:
             "follow-ups waiting": follow_ups.waiting,
             "follow-ups dropped": follow_ups.dropped,
             "ends of threads": self.worker.thread.ends + follow_ups.thread.ends,
-            "goal rejected": self.calls.rejected or "none",
+            "goal rejected": self.goals.rejected or "none",
         }
         return Task("identification", level, message, hardware_id, figures)
