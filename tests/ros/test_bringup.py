@@ -73,12 +73,7 @@ def launch_modules(monkeypatch):
             "OpaqueFunction": lambda function: SimpleNamespace(function=function),
             "Shutdown": lambda reason: f"shutdown: {reason}",
         },
-        "launch.substitutions": {
-            "LaunchConfiguration": Configuration,
-            "PathJoinSubstitution": lambda parts: later(
-                lambda context: str(Path(*(resolve(part, context) for part in parts)))
-            ),
-        },
+        "launch.substitutions": {"LaunchConfiguration": Configuration},
         "launch_ros": {},
         "launch_ros.actions": {"Node": lambda **options: options},
         "launch_ros.parameter_descriptions": {
@@ -86,13 +81,8 @@ def launch_modules(monkeypatch):
                 lambda context: value_type(resolve(value, context))
             )
         },
-        "launch_ros.substitutions": {
-            "FindPackageShare": lambda package: get_package_share_directory(package),
-            "FindPackagePrefix": lambda package: get_package_prefix(package),
-        },
     }
-    monkeypatch.syspath_prepend(str(SHARE / "launch"))
-    monkeypatch.delitem(sys.modules, "ema_launch_arguments", raising=False)
+    monkeypatch.delitem(sys.modules, "ema_bringup.launch_arguments", raising=False)
     for name, attributes in contents.items():
         module = ModuleType(name)
         vars(module).update(attributes)
@@ -169,6 +159,12 @@ def test_arguments_are_described_common_to_all_and_refused_when_unknown(name, gi
     assert [item.name for item in arguments if not item.description] == []
     # Whatever is listed has a default, except a bag that must be named to be replayed.
     assert {item.name for item in arguments if item.default is None} <= {"bag"}
+    # `ros2 launch -s` prints a text as it is, and a substitution as an expression.
+    assert {type(item.default) for item in arguments} <= {str, type(None)}
+    files = [Path(item.default) for item in arguments if item.name.endswith("_params")]
+    assert files
+    assert all(file.is_file() for file in files)
+    assert not any("parameter file" in (item.default or "") for item in arguments)
     common = {"log_level": "debug", "respawn": "true", "autostart": "false", "use_sim_time": "true"}
     for node in nodes_of(name, **given, **common).values():
         enclave = f"{node['namespace']}/{node['name']}"

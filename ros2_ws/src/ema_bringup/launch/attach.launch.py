@@ -4,16 +4,12 @@
 ros2 launch ema_bringup attach.launch.py
 """
 
-import sys
-from pathlib import Path
 from typing import Any
 
 from launch_ros.actions import Node
 
+from ema_bringup import launch_arguments as ema
 from launch import LaunchContext, LaunchDescription
-
-sys.path.insert(0, str(Path(__file__).parent))
-import ema_launch_arguments as ema
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -4,15 +4,10 @@
 ros2 launch ema_bringup bridge.launch.py mapping_file:=/path/mapping.yaml
 """
 
-import sys
-from pathlib import Path
-
 from launch_ros.actions import Node
 
+from ema_bringup import launch_arguments as ema
 from launch import LaunchContext, LaunchDescription
-
-sys.path.insert(0, str(Path(__file__).parent))
-import ema_launch_arguments as ema
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -21,8 +16,11 @@ def generate_launch_description() -> LaunchDescription:
         __file__,
         _nodes,
         ("bridge", "monitor"),
-        mapping_file=(ema.AS_CONFIGURED, "YAML file that maps topics to telemetry"),
-        actuator_file=(ema.AS_CONFIGURED, "actuator file, whose description the bridge publishes"),
+        mapping_file=("", "YAML file that maps topics to telemetry; empty: as in bridge_params"),
+        actuator_file=(
+            "",
+            "actuator file, whose description the bridge publishes; empty: as in bridge_params",
+        ),
     )
 
 

@@ -4,15 +4,10 @@
 ros2 launch ema_bringup ema.launch.py bag:=worn_flap
 """
 
-import sys
-from pathlib import Path
-
 from launch_ros.actions import Node
 
+from ema_bringup import launch_arguments as ema
 from launch import LaunchContext, LaunchDescription
-
-sys.path.insert(0, str(Path(__file__).parent))
-import ema_launch_arguments as ema
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -9,15 +9,10 @@ Each actuator has its own namespace below the namespace of the monitor, and publ
 of the monitor by remapping.
 """
 
-import sys
-from pathlib import Path
-
 from launch_ros.actions import Node
 
+from ema_bringup import launch_arguments as ema
 from launch import LaunchContext, LaunchDescription
-
-sys.path.insert(0, str(Path(__file__).parent))
-import ema_launch_arguments as ema
 
 TOPICS = ("telemetry", "actuator_description", "usage", "simulated_faults", "joint_states")
 

@@ -6,15 +6,10 @@ ros2 launch ema_bringup monitor.launch.py calibration_file:=/path/calibration.ya
 With ``monitors:=N``, N monitors share the actuators.
 """
 
-import sys
-from pathlib import Path
-
 from launch_ros.actions import Node
 
+from ema_bringup import launch_arguments as ema
 from launch import LaunchContext, LaunchDescription
-
-sys.path.insert(0, str(Path(__file__).parent))
-import ema_launch_arguments as ema
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -24,8 +19,9 @@ def generate_launch_description() -> LaunchDescription:
         _nodes,
         ("monitor",),
         actuator_file=(
-            ema.AS_CONFIGURED,
-            "actuator file for actuators that do not publish a description",
+            "",
+            "actuator file for actuators that do not publish a description; empty: as in "
+            "monitor_params",
         ),
         monitors=ema.MONITORS,
     )

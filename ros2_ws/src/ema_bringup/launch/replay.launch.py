@@ -7,18 +7,14 @@ Each change of a level is printed as a line. All nodes end when the bag is playe
 window is diagnosed, unless `end:=false` keeps the dashboard.
 """
 
-import sys
 from pathlib import Path
 from typing import Any
 
+from ament_index_python.packages import get_package_prefix
 from launch.actions import ExecuteProcess, Shutdown
-from launch.substitutions import PathJoinSubstitution
-from launch_ros.substitutions import FindPackagePrefix
 
+from ema_bringup import launch_arguments as ema
 from launch import LaunchContext, LaunchDescription
-
-sys.path.insert(0, str(Path(__file__).parent))
-import ema_launch_arguments as ema
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -47,7 +43,7 @@ def _nodes(context: LaunchContext) -> list[Any]:
     played["loop"] = ema.flag_of(context, "loop")
     ends = ema.flag_of(context, "end")
     command = [
-        PathJoinSubstitution([FindPackagePrefix("ema_cli"), "lib", "ema_cli", "ema"]),
+        str(Path(get_package_prefix("ema_cli"), "lib", "ema_cli", "ema")),
         *("watch", "--namespace", ema.value_of(context, "namespace")),
         *(["--until-played"] if ends else []),
     ]

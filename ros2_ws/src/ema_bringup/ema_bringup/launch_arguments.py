@@ -7,29 +7,28 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
 
 from ema_core.array_environment import array_environment
 from ema_ros.monitor_shards import file_for, monitor_names, shard_parameters
 from launch import LaunchContext, LaunchDescription
 
-AS_CONFIGURED = "from the parameter file"
-"""Argument value that keeps the value of the parameter file."""
-
 _COMMON = {
     "namespace": ("/ema", "namespace of the nodes and of the telemetry"),
     "use_sim_time": ("false", "true: the nodes follow /clock"),
     "history_folder": (
-        AS_CONFIGURED,
-        "folder in which the monitor stores the tests of each unit; memory: not stored",
+        "",
+        "folder in which the monitor stores the tests of each unit; memory: not stored; empty: as "
+        "in monitor_params",
     ),
     "calibration_file": (
-        AS_CONFIGURED,
-        "calibration file; {actuator_id} and {serial_number} are replaced for each actuator",
+        "",
+        "calibration file; {actuator_id} and {serial_number} are replaced for each actuator; "
+        "empty: as in monitor_params",
     ),
     "log_level": ("info", "debug, info, warn, error or fatal"),
     "respawn": ("false", "true: a node that exits is restarted after 2 s"),
@@ -64,12 +63,9 @@ def launch(
     arguments
         Default and description of further arguments; required ones have the default None.
     """
-    config = PathJoinSubstitution([FindPackageShare("ema_bringup"), "config"])
+    config = Path(get_package_share_directory("ema_bringup"), "config")
     files = {
-        f"{name}_params": (
-            PathJoinSubstitution([config, f"{name}.yaml"]),
-            f"parameter file of the {name}",
-        )
+        f"{name}_params": (str(config / f"{name}.yaml"), f"parameter file of the {name}")
         for name in nodes
     }
     declared = [
@@ -100,9 +96,9 @@ def value_of(context: LaunchContext, name: str) -> str:
 
 
 def chosen(context: LaunchContext, *names: str) -> dict[str, str]:
-    """Return the values of the arguments that override the parameter file."""
+    """Return the values of the arguments that are not empty: they override the parameter file."""
     values = {name: value_of(context, name) for name in names}
-    return {name: value for name, value in values.items() if value != AS_CONFIGURED}
+    return {name: value for name, value in values.items() if value}
 
 
 def flag_of(context: LaunchContext, name: str) -> bool:
