@@ -2,9 +2,11 @@
 """Joints are found with the columns that their messages have."""
 
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
+from ema_bags.inputs import joint_finder
 from ema_bags.inputs.joint_finder import JointFinder
 from ema_bags.inputs.joint_messages import (
     CONTROLLER_STATE,
@@ -266,3 +268,15 @@ def test_only_selected_topics_have_joints():
         "/pid/controller_state": pid("c"),
     }
     assert names_of(Graph(topics=["/joint_states"]).run(messages)) == ["a"]
+
+
+def test_nothing_is_decided_again_while_nothing_changes(monkeypatch):
+    graph = Graph()
+    states = {"/joint_states": state("ab"), "/left/joint_states": state("a", effort=None)}
+    graph.run(states)
+    decide = Mock(wraps=joint_finder.joint_sources)
+    monkeypatch.setattr(joint_finder, "joint_sources", decide)
+    graph.run(states, 100)
+    assert decide.call_count == 0
+    graph.run({"/joint_states": state("ab"), "/left/joint_states": state("a")}, 30)
+    assert decide.call_count == 1

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Detection of the joints of running robots, and of their columns, from messages."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any, Final, NamedTuple
@@ -115,6 +115,9 @@ class JointFinder:
         self._prismatic: dict[str, set[str]] = {}
         self._decided: dict[JointKey, JointSources] = {}
         self._actuators: dict[str, JointKey] = {}
+        # Number of changes of fields and payloads, and the situation of the latest decision.
+        self._changes = 0
+        self._situation: tuple[int, int, frozenset[tuple[str, str]]] | None = None
         self.refused: dict[tuple[str, str], str] = {}
         self.surplus: set[str] = set()
 
@@ -131,6 +134,7 @@ class JointFinder:
             Reception time, from any clock [ns].
         """
         if is_payload(topic, kind):
+            self._changes += topic not in self._payloads
             self._payloads.add(topic)
             return
         state = self._topics.setdefault(topic, _Topic(kind))
@@ -149,12 +153,14 @@ class JointFinder:
                     self._refuse(topic, "", f"{topic} has more than {_MOST_NAMES} joint names")
                     continue
                 joint = state.joints[name] = _Joint(received_ns, received_ns)
+                self._changes += 1
             if name not in seen:
                 seen.add(name)
                 joint.messages += 1
                 joint.latest_ns = received_ns
-            if present and not (zero and path in _EFFORTS):
+            if present and path not in joint.paths and not (zero and path in _EFFORTS):
                 joint.paths.add(path)
+                self._changes += 1
         if all(joint.is_decidable(received_ns) for joint in map(state.joints.get, seen) if joint):
             if len(state.next_ns) >= _MOST_ORDERS:
                 state.next_ns.clear()
@@ -183,9 +189,14 @@ class JointFinder:
 
         Such columns replace the earlier mapping of their joint.
         """
+        silent, undecidable = self._silent(now_ns), self._undecidable(now_ns)
+        situation = self._changes, undecidable, silent
+        if situation == self._situation:
+            return []
+        self._situation = situation
         homes = {key: sources.home for key, sources in self._decided.items()}
         groups: dict[tuple[str, bool, str], list[JointSources]] = {}
-        for sources in joint_sources(self._offers(now_ns), homes, self._allowed, self._payloads):
+        for sources in joint_sources(self._offers(silent), homes, self._allowed, self._payloads):
             key, topic = sources.key, sources.home
             if not self._topics[topic].joints[key.joint].is_decidable(now_ns):
                 continue
@@ -198,12 +209,26 @@ class JointFinder:
             groups.setdefault(group, []).append(sources)
         return [self._group(members, is_linear=group[1]) for group, members in groups.items()]
 
-    def _offers(self, now_ns: int) -> list[Offer]:
+    def _silent(self, now_ns: int) -> frozenset[tuple[str, str]]:
+        """Return topic and name of each joint that is missing in the latest messages."""
+        return frozenset(
+            (topic, name)
+            for topic, state in self._topics.items()
+            for name, joint in state.joints.items()
+            if now_ns - joint.latest_ns > _SILENT_NS
+        )
+
+    def _undecidable(self, now_ns: int) -> int:
+        """Return the number of joints with too few messages yet."""
+        return sum(
+            not joint.is_decidable(now_ns)
+            for state in self._topics.values()
+            for joint in state.joints.values()
+        )
+
+    def _offers(self, silent: Set[tuple[str, str]]) -> list[Offer]:
         return [
-            Offer(
-                *(topic, state.kind, name, joint.paths),
-                is_silent=now_ns - joint.latest_ns > _SILENT_NS,
-            )
+            Offer(topic, state.kind, name, joint.paths, is_silent=(topic, name) in silent)
             for topic, state in self._topics.items()
             for name, joint in state.joints.items()
         ]

@@ -6,6 +6,7 @@ The same decisions hold for running robots and for recordings.
 
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 from ema_bags.inputs.joint_messages import DYNAMIC_JOINT_STATE, JOINT_STATE, PATHS, is_electric
@@ -187,6 +188,7 @@ def joint_sources(
         yield JointSources(key, paths)
 
 
+@lru_cache(maxsize=1024)
 def is_command(topic: str) -> bool:
     """Return whether the name of a joint state topic suggests commanded positions."""
     return "command" in roles_of(topic.rpartition("/")[2])
