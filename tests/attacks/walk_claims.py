@@ -24,7 +24,7 @@ from ema_core.faults import BACKLASH
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_dashboard.hub import Totals
 from ema_dashboard.metrics import Metrics
-from ema_interfaces.msg import Health, NodeStatus, TelemetryStatus
+from ema_interfaces.msg import Health
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.estimate import Estimate
@@ -193,14 +193,14 @@ class Claimed(Walk):
             for actuator in self.actuators.values():
                 if self.is_active:
                     actuator.expire(_LIMIT_S, moment)
-            telemetry = [TelemetryStatus(actuator_id=name) for name in self.actuators]
-            status = NodeStatus(node=_AUTHOR, kind=NodeStatus.MONITOR, telemetry=telemetry)
-            self.claims.note_status(status.node, self.clock_s)
-            self.healths.add_status("/ema", status, self.clock_s)
-        for (topic, name), held in self.claims.changes(self.now_ns, self.clock_s):
+        for (topic, name), held in self.claims.changes(self.now_ns, self.clock_s, self._is_silent):
             self.page[f"{topic.removeprefix('/ema/')} {name}"] = held.level
             if topic == "/ema/health":
                 self.metrics.note("/ema", held)
+
+    def _is_silent(self, _: str, author: str) -> bool:
+        """Return whether the lease of the monitor is over, which ends soon after the monitor."""
+        return author == _AUTHOR and not self.is_running
 
     def _pass(self, seconds: float) -> None:
         self.now_ns += round(seconds * _S)
@@ -469,7 +469,7 @@ class Claimed(Walk):
         for shown, level in self.page.items():
             topic, _, name = shown.partition(" ")
             levels[name, f"page, {topic}"] = level
-        for row in self.healths.rows(self.clock_s, self.now_ns):
+        for row in self.healths.rows(self.clock_s, self.now_ns, self._is_silent):
             levels[row.actuator_id, "terminal"] = row.level
         for name, health in self.latched.items():
             levels[name, "topic"] = health.level

@@ -2,12 +2,20 @@
 """Losses are counted by sequence numbers, and qualities of service are read back."""
 
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.duration import Duration
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
 from rclpy.serialization import serialize_message
 
 from ema_bags.qos import offered_qos, offered_qos_profiles, recorded_qos, replay_qos
 from ema_bags.recorded_topic import SampleGaps, SequenceGaps
 from ema_interfaces.msg import TelemetryBlock
+from ema_ros.topics import ALIVE, ALIVE_BY_MANY
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STREAM = QoSProfile(depth=500)
@@ -102,7 +110,7 @@ def test_no_block_is_missing_after_a_pause_or_while_there_is_one_publisher():
 
 @pytest.mark.parametrize("numbers", [False, True])
 def test_recorded_qos_is_read_back(numbers: bool):
-    for qos in (STREAM, LATCHED, BEST_EFFORT):
+    for qos in (STREAM, LATCHED, BEST_EFFORT, ALIVE):
         text = offered_qos_profiles(qos)
         if numbers:  # as recordings before Jazzy have it
             text = text.replace("keep_last", "1").replace("automatic", "1")
@@ -123,3 +131,15 @@ def test_replayed_qos_keeps_what_is_latched_and_widens_streams():
     assert replay_qos([BEST_EFFORT]).reliability == ReliabilityPolicy.BEST_EFFORT
     assert replay_qos([LATCHED, STREAM]).durability == DurabilityPolicy.VOLATILE
     assert replay_qos([]).reliability == ReliabilityPolicy.RELIABLE
+
+
+@pytest.mark.parametrize("recorded", [(), (LATCHED,), (ALIVE,), (ALIVE, ALIVE), (ALIVE, LATCHED)])
+def test_played_health_asserts_liveliness_also_if_the_recorded_did_not(
+    recorded: tuple[QoSProfile, ...],
+):
+    """A recording of another version has health without a lease."""
+    offered = replay_qos(recorded or (LATCHED,))
+    assert qos_check_compatible(offered, ALIVE_BY_MANY) == (QoSCompatibility.OK, "")
+    assert replay_qos(()).liveliness_lease_duration == ALIVE.liveliness_lease_duration
+    soon = QoSProfile(depth=1, liveliness_lease_duration=Duration(seconds=1))
+    assert replay_qos((soon,)).liveliness_lease_duration == Duration(seconds=1)

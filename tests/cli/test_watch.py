@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rich.console import Console
 
 from ema_cli.processes.health_listener import Completion
-from ema_cli.show.health_table import SILENT_S, HealthTable, LatestHealths
+from ema_cli.show.health_table import HealthTable, LatestHealths
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.wording import time_in_words
@@ -25,13 +25,12 @@ from ema_interfaces.msg import (
     FaultHealth,
     Health,
     HiddenCause,
-    NodeStatus,
     RemainingUsefulLife,
     TelemetryStatus,
 )
 from ema_monitor.node.publish.messages import estimate_to_message
 from ema_ros.stamps import stamp_to_message
-from ema_ros.topics import FAULT_ESTIMATE, HEALTH, MONITOR_TOPICS, NAMESPACE, NODE_STATUS
+from ema_ros.topics import FAULT_ESTIMATE, HEALTH, MONITOR_TOPICS, NAMESPACE
 
 from ..monitor.comparisons import CASES, compared
 from ..ros.spinning import ros_context, spinning
@@ -51,6 +50,7 @@ def health_of(actuator_id: str, level: int, life: tuple[float, float, float] | N
     message = Health(
         actuator_id=actuator_id,
         serial_number=f"{actuator_id}-1",
+        author="/ema/monitor",
         level=level,
         health_index=0.38,
         dominant_fault="friction" if level != OK else "",
@@ -79,18 +79,16 @@ def baseline_of(actuator_id: str, state: int = BaselineStatus.LEARNING) -> Basel
     )
 
 
-def status_of(*actuators: str) -> NodeStatus:
-    """Status of a monitor of some actuators."""
-    telemetry = [TelemetryStatus(actuator_id=name) for name in actuators]
-    return NodeStatus(node="/ema/monitor", kind=NodeStatus.MONITOR, telemetry=telemetry)
+def alive(_place: str, _author: str) -> bool:
+    """No monitor is silent."""
+    return False
 
 
 def received(*healths: Health) -> LatestHealths:
-    """Healths whose monitors reported at second 0."""
+    """Healths received at second 0."""
     latest = LatestHealths()
     for one in healths:
         latest.add_health("/ema", one, 0.0, TEST_NS)
-        latest.add_status("/ema", status_of(one.actuator_id), 0.0)
     return latest
 
 
@@ -102,47 +100,54 @@ def test_worst_actuator_comes_first_and_of_equals_the_one_with_less_life():
         health_of("d", STALE, None),
         health_of("e", ERROR, None),
     )
-    assert [row.actuator_id for row in healths.rows(1.0, TEST_NS)] == ["e", "d", "c", "b", "a"]
+    assert [row.actuator_id for row in healths.rows(1.0, TEST_NS, alive)] == [
+        "e",
+        "d",
+        "c",
+        "b",
+        "a",
+    ]
 
 
 def test_row_states_value_life_and_removal():
-    [row] = received(health_of("a", WARN, (20.0, 80.0, 100.0))).rows(1.0, TEST_NS + 3 * 10**9)
+    [row] = received(health_of("a", WARN, (20.0, 80.0, 100.0))).rows(
+        1.0, TEST_NS + 3 * 10**9, alive
+    )
     assert row.dominant == "friction 0.31 ± 0.002 (≤ 0.5)"
     assert row.life == (20.0, 80.0, 100.0)
     assert row.remove_before == "120 h"
     assert row.test_age_s == pytest.approx(3.0)
     assert row.why == "friction 0.31 (fails above 0.5)"
-    [failed] = received(health_of("a", ERROR, (0.0, 0.0, 0.0))).rows(1.0, TEST_NS)
+    [failed] = received(health_of("a", ERROR, (0.0, 0.0, 0.0))).rows(1.0, TEST_NS, alive)
     assert failed.remove_before == "now"
 
 
-def test_actuator_is_stale_when_its_monitor_is_silent_and_not_any_more_when_it_reports():
+def test_actuator_is_stale_while_its_monitor_is_silent():
     healths = received(health_of("a", ERROR, None), health_of("b", WARN, None))
-    healths.add_status("/ema", status_of("b"), 2.0)
-    silent, arrived = healths.rows(SILENT_S + 1.0, TEST_NS)
-    assert (silent.level, silent.last_level, arrived.level) == (STALE, ERROR, WARN)
-    assert silent.why.startswith("its monitor is silent, the level was ERROR")
-    # The monitor of another namespace, or of other actuators, is another one.
-    healths.add_status("/right", status_of("a"), SILENT_S + 2.0)
-    healths.add_status("/ema", status_of("b"), SILENT_S + 2.0)
-    assert healths.rows(SILENT_S + 2.0, TEST_NS)[0].level == STALE
-    healths.add_status("/ema", status_of("a"), SILENT_S + 2.0)
-    assert healths.rows(SILENT_S + 2.0, TEST_NS)[0].level == ERROR
+    other = health_of("c", OK, None)
+    other.author = "/ema/monitor_1"
+    healths.add_health("/ema", other, 0.0, TEST_NS)
+    is_silent = {("/ema", "/ema/monitor"), ("/right", "/ema/monitor_1")}.__contains__
+    rows = healths.rows(1.0, TEST_NS, lambda *monitor: is_silent(monitor))
+    levels = {row.actuator_id: (row.level, row.last_level) for row in rows}
+    assert levels == {"a": (STALE, ERROR), "b": (STALE, WARN), "c": (OK, OK)}
+    assert rows[0].why.startswith("/ema/monitor is silent, the level was ERROR")
+    assert [row.level for row in healths.rows(2.0, TEST_NS, alive)] == [ERROR, WARN, OK]
 
 
 def test_refused_test_is_reported_until_the_next_valid_one():
     healths = received(health_of("a", WARN, None))
-    [before] = healths.rows(1.0, TEST_NS)
+    [before] = healths.rows(1.0, TEST_NS, alive)
     later_ns = TEST_NS + 10**10
     healths.add_estimate("/ema", refused("a", later_ns), 2.0)
-    [row] = healths.rows(3.0, later_ns + 10**9)
+    [row] = healths.rows(3.0, later_ns + 10**9, alive)
     assert row.why == "friction 0.31 (fails above 0.5); last test refused: no excitation"
     assert (row.test_ns, row.test_age_s) == (later_ns, pytest.approx(1.0))
     assert row.content != before.content
     valid = FaultEstimate(actuator_id="a", valid=True)
     valid.causes = [HiddenCause(name="load_torque", value=0.3, sigma=0.01, unit="N.m")]
     healths.add_estimate("/ema", valid, 4.0)
-    [row] = healths.rows(4.0, later_ns)
+    [row] = healths.rows(4.0, later_ns, alive)
     assert row.why.endswith("; hidden cause: load torque +0.3 ± 0.01 N.m")
 
 
@@ -157,7 +162,7 @@ def test_refused_test_is_reported_until_the_next_valid_one():
 def test_friction_of_a_record_is_reported_with_the_health(name: str, reported: str):
     healths = received(health_of("flap", OK, None))
     healths.add_estimate("/ema", estimate_to_message(compared(CASES[name]), 0, FLAP), 2.0)
-    [row] = healths.rows(3.0, TEST_NS)
+    [row] = healths.rows(3.0, TEST_NS, alive)
     assert row.why == reported
 
 
@@ -166,10 +171,10 @@ def test_record_that_judges_nothing_is_reported_and_has_no_index():
     health.health_index = math.nan
     healths = received(health)
     healths.add_estimate("/ema", estimate_to_message(compared(CASES["nothing"]), 0, FLAP), 2.0)
-    [row] = healths.rows(3.0, TEST_NS)
+    [row] = healths.rows(3.0, TEST_NS, alive)
     assert row.why == "last test refused: No quantity could be judged: the joint did not move"
     # An index that is unknown is the most urgent of its level.
-    others = received(health, health_of("b", STALE, None)).rows(3.0, TEST_NS)
+    others = received(health, health_of("b", STALE, None)).rows(3.0, TEST_NS, alive)
     assert [one.actuator_id for one in others] == ["flap", "b"]
 
 
@@ -210,13 +215,13 @@ def test_playback_is_complete_when_the_monitors_of_all_namespaces_have_finished(
 
 def test_passing_of_time_is_no_change():
     healths = received(health_of("a", WARN, (20.0, 80.0, 100.0)))
-    [one], [other] = healths.rows(1.0, TEST_NS), healths.rows(2.0, TEST_NS + 10**9)
+    [one], [other] = healths.rows(1.0, TEST_NS, alive), healths.rows(2.0, TEST_NS + 10**9, alive)
     assert one.content == other.content
     assert one.test_age_s != other.test_age_s
 
 
 def test_age_of_a_stamp_of_another_clock_is_that_of_its_reception():
-    [row] = received(health_of("a", OK, None)).rows(2.5, 0)
+    [row] = received(health_of("a", OK, None)).rows(2.5, 0, alive)
     assert row.test_age_s == 2.5
 
 
@@ -231,7 +236,7 @@ def shown(width: int) -> str:
     console = Console(file=screen, force_terminal=True, width=width, height=30, color_system=None)
     healths = health_of("left", WARN, (20.0, 80.0, 100.0)), health_of("right", OK, None)
     with HealthTable("on /ema in domain 3", console) as table:
-        table.show(received(*healths).rows(1.0, TEST_NS), "")
+        table.show(received(*healths).rows(1.0, TEST_NS, alive), "")
     return re.sub(r"\x1b\[[?0-9]*[A-Za-z]", "", screen.getvalue())
 
 
@@ -250,20 +255,16 @@ def test_table_fits_the_terminal_and_states_why(width):
 
 @pytest.fixture
 def publish() -> Iterator[Callable[[Health | FaultEstimate], None]]:
-    """Publish as a monitor of the actuators of which something was published."""
-    actuators: set[str] = set()
+    """Publish as a monitor of two actuators."""
     with ros_context() as context:
         node = Node("monitor", namespace=NAMESPACE, context=context)
         kind, qos = MONITOR_TOPICS[HEALTH]
         # As the monitor: one publisher for each actuator, so that each is latched.
         healths = {name: node.create_publisher(kind, HEALTH, qos) for name in ("left", "right")}
         estimates = node.create_publisher(FaultEstimate, FAULT_ESTIMATE, 10)
-        status = node.create_publisher(NodeStatus, NODE_STATUS, 10)
-        node.create_timer(0.2, lambda: status.publish(status_of(*actuators)))
 
         def send(message: Health | FaultEstimate) -> None:
             name = message.actuator_id
-            actuators.add(name)
             (healths[name] if isinstance(message, Health) else estimates).publish(message)
 
         try:
@@ -342,16 +343,15 @@ def test_joint_that_learns_is_shown_with_its_progress_instead_of_stale():
     latest = received(stale, health_of("wrist", OK, None))
     for name in ("elbow", "wrist"):
         latest.add_baseline("/ema", baseline_of(name))
-    latest.add_status("/ema", status_of("elbow", "wrist"), 1.0)
-    rows = {row.actuator_id: row for row in latest.rows(1.0, TEST_NS + 10**9)}
+    rows = {row.actuator_id: row for row in latest.rows(1.0, TEST_NS + 10**9, alive)}
     assert rows["elbow"].level_text == "◌ LEARNING 4 of 12"
     assert rows["elbow"].why == "learning: 4 records on 1 day"
     assert rows["wrist"].level_text == "● OK"
     # A silent monitor learns nothing, and neither does a unit with an accepted baseline.
-    [silent] = [r for r in latest.rows(60.0, TEST_NS + 60 * 10**9) if r.actuator_id == "elbow"]
-    assert silent.level_text == "○ STALE"
+    silent = latest.rows(1.0, TEST_NS + 10**9, lambda *_: True)
+    assert {row.actuator_id: row for row in silent}["elbow"].level_text == "○ STALE"
     latest.add_baseline("/ema", baseline_of("elbow", BaselineStatus.ACCEPTED))
-    rows = {row.actuator_id: row for row in latest.rows(1.0, TEST_NS + 10**9)}
+    rows = {row.actuator_id: row for row in latest.rows(1.0, TEST_NS + 10**9, alive)}
     assert rows["elbow"].level_text == "○ STALE"
 
 
@@ -360,9 +360,8 @@ def test_line_of_a_learning_joint_has_its_progress_alone(capsys):
     learning.cause, learning.reason = "", "learning: 4 records on 1 day"
     latest = received(learning)
     latest.add_baseline("/ema", baseline_of("elbow"))
-    latest.add_status("/ema", status_of("elbow"), 1.0)
     refused = FaultEstimate(actuator_id="elbow", reason_codes=["learning"], reason="learning: 4")
     latest.add_estimate("/ema", refused, 1.0)
-    HealthTable("here").show(latest.rows(1.0, TEST_NS + 10**9), "")
+    HealthTable("here").show(latest.rows(1.0, TEST_NS + 10**9, alive), "")
     line = capsys.readouterr().out.partition("UTC  ")[2]
     assert line == "◌ LEARNING 4 of 12  /ema/elbow  learning: 4 records on 1 day\n"

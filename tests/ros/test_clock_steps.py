@@ -6,7 +6,7 @@ import pytest
 from ema_cli.show.health_table import LatestHealths
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, STALE
-from ema_interfaces.msg import Health, NodeStatus, TelemetryStatus
+from ema_interfaces.msg import Health
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.node.moment import Moment
 from ema_monitor.node.publish.actuator_status import ActuatorStatus
@@ -39,6 +39,11 @@ def judged() -> tuple[ActuatorStatus, list[Health]]:
     actuator.record(Diagnosed(0, 0, FLAP, test), outlook, Moment(FIRST_NS, 1000 * S))
     assert published[-1].level == OK
     return actuator, published
+
+
+def never_silent(_place: str, _author: str) -> bool:
+    """Return that the monitor is alive."""
+    return False
 
 
 @pytest.mark.parametrize("step_s", [0, -5, -3600])
@@ -100,13 +105,11 @@ def test_health_expires_where_it_is_shown_regardless_of_what_the_clock_does(behi
     received_ns = FIRST_NS - behind_s * S
     healths.add_health("/ema", health, 100.0, received_ns)
     claims.note(("/ema/health", "flap"), health, received_ns, 100.0)
-    reported = NodeStatus(telemetry=[TelemetryStatus(actuator_id="flap")])
     levels, shown = [], OK
     for passed_s in (0, 10, 29, 31):
         now_ns, now_s = FIRST_NS + (passed_s - 3600) * S, 100.0 + passed_s
-        healths.add_status("/ema", reported, now_s)
-        [row] = healths.rows(now_s, now_ns)
-        for _, held in claims.changes(now_ns, now_s):
+        [row] = healths.rows(now_s, now_ns, never_silent)
+        for _, held in claims.changes(now_ns, now_s, never_silent):
             shown = held.level
         levels.append((row.level, shown))
     assert levels == [(OK, OK)] * 3 + [(STALE, STALE)]

@@ -102,6 +102,8 @@ def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_again(sessio
     assert not refused.success
     assert "'rudder' is not monitored; monitored: flap" in refused.message
     assert forget("flap").success
+    session.until(lambda: "the actuator is forgotten" in session.healths()[-1].reason)
+    assert session.healths()[-1].level == STALE
     session.until_status("input", "no message from an actuator so far")
     tasks = ("telemetry", "health", "history")
     counts = []

@@ -24,6 +24,7 @@ from ema_bags.reader import Bag
 from ema_bags.recorder_node import RecorderNode
 from ema_interfaces.msg import Health, TelemetryBlock
 from ema_ros.status import ERROR, OK, WARN, Task
+from ema_ros.topics import ALIVE
 
 from ..bags.recorded_messages import ros_messages
 from ..waiting import wait_for
@@ -61,7 +62,7 @@ def contents(path: Path, topic: str) -> list[Any]:
 @pytest.mark.parametrize("name", ["flight", "flight.mcap"])
 def test_everything_published_is_recorded_in_order(graph: Spinning, tmp_path: Path, name: str):
     source = graph.node()
-    latched = source.create_publisher(String, "latched", LATCHED)
+    latched = source.create_publisher(String, "latched", ALIVE)
     latched.publish(String(data="published before there was a recorder"))
     published_ns = time.time_ns()
     telemetry = source.create_publisher(TelemetryBlock, "telemetry", STREAM)
@@ -94,7 +95,7 @@ def test_everything_published_is_recorded_in_order(graph: Spinning, tmp_path: Pa
     assert first.publish_time_ns <= published_ns < first.log_time_ns
     for item in bag.messages(["/ema/telemetry", "/ema/text"]):
         assert begin_ns <= item.publish_time_ns <= item.log_time_ns <= end_ns
-    for topic, qos in (("/ema/telemetry", STREAM), ("/ema/latched", LATCHED)):
+    for topic, qos in (("/ema/telemetry", STREAM), ("/ema/latched", ALIVE)):
         (offered,) = recorded_qos(bag.topics[topic].qos)
         reported = {"history": "unknown", "depth": 0}  # what discovery does not tell
         assert offered_qos(offered) == offered_qos(qos) | reported

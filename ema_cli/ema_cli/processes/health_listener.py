@@ -19,8 +19,10 @@ from ema_interfaces.msg import (
     PlaybackState,
     TelemetryStatus,
 )
+from ema_ros.liveliness import MonitorLiveliness
 from ema_ros.stamps import stamp_from_message
 from ema_ros.topics import (
+    ALIVE_BY_MANY,
     BASELINE,
     FAULT_ESTIMATE,
     HEALTH,
@@ -119,7 +121,7 @@ class HealthListener(Listener):
         for place in places:
             topics[f"{place.rstrip('/')}/{PLAYBACK_STATE}"] = PlaybackState, LATCHED_BY_MANY
             for relative, kind, qos in (
-                (HEALTH, Health, LATCHED_BY_MANY),
+                (HEALTH, Health, ALIVE_BY_MANY),
                 (BASELINE, BaselineStatus, LATCHED_BY_MANY),
                 (FAULT_ESTIMATE, FaultEstimate, STREAM),
                 (NODE_STATUS, NodeStatus, STREAM),
@@ -132,7 +134,12 @@ class HealthListener(Listener):
         self._healths = LatestHealths()
         self._simulated_ns: int | None = None
         self._further, self._take_further = dict(further or {}), take
-        super().__init__(name, topics | self._further, self._note)
+        self._liveliness = {place: MonitorLiveliness(place) for place in places}
+        events = {
+            f"{place.rstrip('/')}/{HEALTH}": liveliness.events
+            for place, liveliness in self._liveliness.items()
+        }
+        super().__init__(name, topics | self._further, self._note, events)
 
     def _note(self, topic: str, message: Any) -> None:
         """Process a received message."""
@@ -153,7 +160,6 @@ class HealthListener(Listener):
             place = self._places[topic]
             if isinstance(message, NodeStatus):
                 self._monitors |= {place} if message.kind == NodeStatus.MONITOR else set()
-                self._healths.add_status(place, message, now_s)
                 self.completion.add_report(place, message.telemetry)
                 return
             if isinstance(message, Health):
@@ -171,9 +177,16 @@ class HealthListener(Listener):
 
     def rows(self) -> list[Row]:
         """Return a row per actuator, worst first."""
+        for liveliness in self._liveliness.values():
+            liveliness.update(self._node)
         with self._lock:
             is_real = self._simulated_ns is None
-            return self._healths.rows(time.monotonic(), self._clock_ns(), is_real=is_real)
+            return self._healths.rows(
+                time.monotonic(), self._clock_ns(), self._is_silent, is_real=is_real
+            )
+
+    def _is_silent(self, place: str, author: str) -> bool:
+        return self._liveliness[place].is_silent(author)
 
     def _clock_ns(self) -> int:
         return time.time_ns() if self._simulated_ns is None else self._simulated_ns

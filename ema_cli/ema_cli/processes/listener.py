@@ -10,6 +10,7 @@ from typing import Any, Final, Self
 
 import rclpy
 from rclpy.context import Context
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -33,6 +34,8 @@ class Listener:
         Type and quality of service by topic.
     take
         Called in the node's thread with topic and message.
+    events
+        Event callbacks of the subscriptions by topic.
     """
 
     def __init__(
@@ -40,10 +43,12 @@ class Listener:
         name: str,
         topics: Mapping[str, tuple[type, QoSProfile]],
         take: Callable[[str, Any], None],
+        events: Mapping[str, SubscriptionEventCallbacks] | None = None,
     ) -> None:
         self._name = name
         self._topics = topics
         self._take = take
+        self._events = events or {}
         self._ending = threading.Event()
 
     def __enter__(self) -> Self:
@@ -55,7 +60,13 @@ class Listener:
         )
         self._node = Node(self._name, namespace=f"/{self._name}", context=self._context)
         for topic, (message_class, qos) in self._topics.items():
-            self._node.create_subscription(message_class, topic, partial(self._take, topic), qos)
+            self._node.create_subscription(
+                message_class,
+                topic,
+                partial(self._take, topic),
+                qos,
+                event_callbacks=self._events.get(topic),
+            )
         self._thread = threading.Thread(target=self._spin, name=self._name, daemon=True)
         self._thread.start()
         return self

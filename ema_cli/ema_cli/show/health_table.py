@@ -2,13 +2,12 @@
 """Display of published health: a live table on a terminal, or else one line per change."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final
 
 import click
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -21,7 +20,7 @@ from ema_core.wording import beside_limit, counted, time_in_words
 from ema_monitor.joint.comparison import FRICTION
 from ema_monitor.joint.wording import brief
 from ema_monitor.prognosis.sentences import SOON_HOURS, label_of, shown_in
-from ema_ros.claims import SILENT_S, Received, worth
+from ema_ros.claims import Received, worth
 from ema_ros.stamps import stamp_from_message
 
 _URGENCY: Final = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}
@@ -85,9 +84,7 @@ class _Actuator:
     refused: Any = None
     causes: str = ""
     friction: str = ""
-    received_s: float = math.nan
     tested_s: float = math.nan
-    reported_s: float = math.nan
 
 
 class LatestHealths:
@@ -100,7 +97,6 @@ class LatestHealths:
         """Add a Health message received in a namespace at the ROS time ``clock_ns``."""
         item = self._of(place, message)
         before, item.received = item.received, Received.at(message, clock_ns, now_s)
-        item.received_s = now_s
         if before is None or before.health.header.stamp != message.header.stamp:
             item.tested_s = now_s
 
@@ -124,14 +120,14 @@ class LatestHealths:
         """Add a BaselineStatus message, whose progress replaces the level of a learning unit."""
         self._of(place, message).baseline = message
 
-    def add_status(self, place: str, message: Any, now_s: float) -> None:
-        """Add a NodeStatus message, which shows that the monitor of its actuators runs."""
-        for telemetry in message.telemetry:
-            actuator = self._actuators.get((place, telemetry.actuator_id))
-            if actuator is not None:
-                actuator.reported_s = now_s
-
-    def rows(self, now_s: float, clock_ns: int, *, is_real: bool = True) -> list[Row]:
+    def rows(
+        self,
+        now_s: float,
+        clock_ns: int,
+        is_silent: Callable[[str, str], bool],
+        *,
+        is_real: bool = True,
+    ) -> list[Row]:
         """Return a row per actuator with known health, worst first.
 
         Parameters
@@ -140,13 +136,15 @@ class LatestHealths:
             Time of a monotonic clock [s].
         clock_ns
             Time of the ROS clock [ns].
+        is_silent
+            Returns whether a monitor is silent, from its namespace and the author of its health.
         is_real
             Whether time is real; in simulated time, health expires by the ROS clock only.
         """
         rows = [
-            self._row(key, item, item.received, now_s, clock_ns, is_real)
+            self._row(key, item, received, now_s, clock_ns, is_real, is_silent)
             for key, item in self._actuators.items()
-            if item.received is not None
+            if (received := item.received) is not None
         ]
         return sorted(rows, key=_order)
 
@@ -161,8 +159,9 @@ class LatestHealths:
         now_s: float,
         clock_ns: int,
         is_real: bool,
+        are_silent: Callable[[str, str], bool],
     ) -> Row:
-        is_silent = bool(now_s - np.fmax(actuator.reported_s, actuator.received_s) > SILENT_S)
+        is_silent = are_silent(key[0], received.health.author)
         ended_s = received.ended_s(clock_ns, now_s, is_real=is_real)
         health = worth(received.health, ended_s, is_silent=is_silent)
         reasons = [received.health.cause or received.health.reason]

@@ -182,7 +182,7 @@ def test_beyond_loopback_token_and_tls_are_needed(session, token_file, certifica
 
 def test_with_tls_and_a_token_it_serves_all_addresses(session, web, token_file, certificate):
     pem, key = map(str, certificate)
-    session.source.create_publisher(Health, "health", topics.LATCHED).publish(
+    session.source.create_publisher(Health, "health", topics.ALIVE).publish(
         Health(actuator_id="flap")
     )
     node = session.dashboard(
@@ -248,7 +248,7 @@ SUBSCRIBE = json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelI
 )
 def test_a_hostile_client_is_disconnected_and_the_others_are_served(served, web, frames):
     session, node = served
-    output = session.source.create_publisher(Health, "health", topics.LATCHED)
+    output = session.source.create_publisher(Health, "health", topics.ALIVE)
     viewer = session.view(node, "/ema/health")
     assert web.run(hostile(web, node.address, frames)) in (None, 1002, 1006, 1008, 1009, 1013)
     name = os.urandom(8).hex()

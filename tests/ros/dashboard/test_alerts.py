@@ -34,7 +34,7 @@ def test_each_change_of_level_is_posted_until_it_is_taken(
     with HTTPServer(("127.0.0.1", 0), Receiver) as server:
         Thread(target=server.serve_forever, daemon=True).start()
         address.write_text(f"http://127.0.0.1:{server.server_port}/\n")
-        output = session.source.create_publisher(Health, "health", topics.LATCHED)
+        output = session.source.create_publisher(Health, "health", topics.ALIVE)
         node = session.dashboard(alerts=str(address))
         assert node._alerts
         levels = node._alerts._levels

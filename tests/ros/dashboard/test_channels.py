@@ -71,7 +71,7 @@ def test_every_topic_is_a_channel_with_the_schema_of_its_messages(session):
 def test_values_arrive_as_they_were_published(session):
     telemetry = session.source.create_publisher(TelemetryBlock, "telemetry", topics.STREAM)
     fit = session.source.create_publisher(WindowFit, "window_fit", topics.LATCHED)
-    output = session.source.create_publisher(Health, "health", topics.LATCHED)
+    output = session.source.create_publisher(Health, "health", topics.ALIVE)
     status = session.source.create_publisher(DiagnosticArray, "/diagnostics", 10)
     names = ("/ema/telemetry", "/ema/window_fit", "/ema/health", "/diagnostics")
     viewer = session.view(session.dashboard(), *names)
@@ -97,7 +97,7 @@ def test_values_arrive_as_they_were_published(session):
 
 
 def test_a_late_client_gets_the_latest_of_each_actuator_and_nobody_else_gets_it_again(session):
-    outputs = [session.source.create_publisher(Health, "health", topics.LATCHED) for _ in range(2)]
+    outputs = [session.source.create_publisher(Health, "health", topics.ALIVE) for _ in range(2)]
     node = session.dashboard()
     early = session.view(node, "/ema/health")
     messages = (health("left", 0.5), health("left", 0.25), health("right", 0.75))
@@ -135,7 +135,7 @@ def test_telemetry_is_received_only_while_somebody_looks_at_it(session):
 def test_several_namespaces_are_shown(session):
     other = session.node("other", namespace="/second")
     for node, index in ((session.source, 0.25), (other, 0.5)):
-        node.create_publisher(Health, "health", topics.LATCHED).publish(health("flap", index))
+        node.create_publisher(Health, "health", topics.ALIVE).publish(health("flap", index))
     viewer = session.view(
         session.dashboard(namespaces=["/ema", "/second"]), "/ema/health", "/second/health"
     )
@@ -146,7 +146,7 @@ def test_several_namespaces_are_shown(session):
 
 def test_messages_have_the_time_of_the_graph_and_where_it_jumps_back_nothing_later_is_kept(session):
     clock = session.source.create_publisher(Clock, "/clock", BEST_EFFORT)
-    outputs = [session.source.create_publisher(Health, "health", topics.LATCHED) for _ in range(2)]
+    outputs = [session.source.create_publisher(Health, "health", topics.ALIVE) for _ in range(2)]
     node = session.dashboard()
     viewer = session.view(node, "/clock", "/ema/health")
 

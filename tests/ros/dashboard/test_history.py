@@ -36,7 +36,7 @@ class Monitor:
         self.tests, self.serial, self.asked = tests, "1", 0
         self.while_asked: Callable[[], None] = lambda: None
         self._estimates = self.node.create_publisher(FaultEstimate, "fault_estimate", topics.STATE)
-        self._healths = self.node.create_publisher(Health, "health", topics.LATCHED)
+        self._healths = self.node.create_publisher(Health, "health", topics.ALIVE)
         self.node.create_service(GetHistory, "~/get_history", self._answer)
 
     def publish(self, sec: int, window: int = 0, *, events: tuple[UnitEvent, ...] = ()) -> None:
@@ -172,7 +172,7 @@ def test_a_replaced_unit_has_a_history_of_its_own(session):
 def test_without_a_monitor_that_has_histories_the_tests_since_are_shown(session):
     node = session.dashboard()
     estimates = session.source.create_publisher(FaultEstimate, "fault_estimate", topics.STATE)
-    healths = session.source.create_publisher(Health, "health", topics.LATCHED)
+    healths = session.source.create_publisher(Health, "health", topics.ALIVE)
     watcher = session.view(node, "/ema/health", "/ema/fault_estimate")
     # The health first: topics have no order between each other.
     healths.publish(health(4))

@@ -128,7 +128,7 @@ def exposed(metrics: Metrics, accept: str = OPEN_METRICS) -> dict[str, Metric]:
 
 
 def test_the_figures_of_a_graph_reach_a_client(session: DashboardSession, web):
-    healths = session.source.create_publisher(Health, "health", topics.LATCHED)
+    healths = session.source.create_publisher(Health, "health", topics.ALIVE)
     estimates = session.source.create_publisher(FaultEstimate, "fault_estimate", topics.STATE)
     statuses = session.source.create_publisher(NodeStatus, "node_status", topics.STATE)
     clock = session.source.create_publisher(Clock, "/clock", 1)

@@ -86,8 +86,8 @@ class Actuators(dict[str, ActuatorStatus]):
         return status
 
     def forget(self, actuator_id: str) -> None:
-        """Stop publishing the status of an actuator."""
-        del self[actuator_id]
+        """Withdraw the level of an actuator, and stop publishing its status."""
+        self.pop(actuator_id).health.withdraw("the actuator is forgotten")
         self._outputs.remove(actuator_id)
 
     def clear(self) -> None:

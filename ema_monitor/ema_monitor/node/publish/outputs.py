@@ -5,7 +5,9 @@ import threading
 from collections.abc import Callable
 from typing import Any, Final
 
+from rclpy.duration import Duration
 from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.qos import DurabilityPolicy
 
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import BaselineStatus, FrictionCurve, Health
@@ -23,6 +25,7 @@ from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.outlook import Outlook
 from ema_ros import topics
 
+_ACKNOWLEDGE: Final = Duration(nanoseconds=200_000_000)
 _OF_UNKNOWN_DRIVES: Final = (topics.BASELINE, topics.FRICTION_CURVE)
 """Topics whose publishers are created when an actuator first needs them."""
 
@@ -59,7 +62,8 @@ class Outputs:
         """Create the publishers that every actuator needs."""
         with self._lock:
             for topic, (_, qos) in topics.MONITOR_TOPICS.items():
-                if qos is topics.LATCHED and topic not in _OF_UNKNOWN_DRIVES:
+                is_latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+                if is_latched and topic not in _OF_UNKNOWN_DRIVES:
                     self._add(topic, actuator_id)
 
     def _add(self, topic: str, actuator_id: str) -> LifecyclePublisher:
@@ -71,10 +75,12 @@ class Outputs:
         return publisher
 
     def remove(self, actuator_id: str) -> None:
-        """Remove the publishers of an actuator."""
+        """Remove the publishers of an actuator, after its latest messages are received."""
         with self._lock:
             for key in [key for key in self._latched if key[1] == actuator_id]:
-                self._remove_publisher(self._latched.pop(key))
+                publisher = self._latched.pop(key)
+                publisher.wait_for_all_acked(_ACKNOWLEDGE)
+                self._remove_publisher(publisher)
 
     def clear(self) -> None:
         """Stop publishing for all actuators; the node removes the publishers."""

@@ -19,6 +19,7 @@ from rclpy.qos import (
 )
 
 from ema_core.yaml_file import parse_yaml
+from ema_ros.topics import ALIVE
 
 RELIABLE_DEPTH: Final = 1000
 """Messages that a recorder or a player keeps for a slow reader or writer."""
@@ -99,7 +100,8 @@ def replay_qos(offers: Sequence[QoSProfile]) -> QoSProfile:
 
     A latched topic keeps its depth, so that a late subscription receives what it would have
     received. Any other reliable topic gets a depth of at least ``RELIABLE_DEPTH``, so that playing
-    fast loses nothing.
+    fast loses nothing. A player asserts its liveliness with the recorded lease, at most
+    ``LEASE_S``, also if none is recorded: its publishers replace publishers that were alive.
 
     Parameters
     ----------
@@ -107,7 +109,7 @@ def replay_qos(offers: Sequence[QoSProfile]) -> QoSProfile:
         Profiles of the recorded publishers; empty for a reliable stream.
     """
     if not offers:
-        return QoSProfile(depth=RELIABLE_DEPTH)
+        offers = [QoSProfile(depth=RELIABLE_DEPTH)]
     joint = joint_offer(offers)
     depth = joint.depth if joint.history == HistoryPolicy.KEEP_LAST else 0
     profile = common_offer(offers, depth or _UNKNOWN_DEPTH)
@@ -117,6 +119,10 @@ def replay_qos(offers: Sequence[QoSProfile]) -> QoSProfile:
     ):
         profile.depth = max(profile.depth, RELIABLE_DEPTH)
     profile.deadline, profile.lifespan = joint.deadline, joint.lifespan
+    profile.liveliness = LivelinessPolicy.AUTOMATIC
+    recorded_ns = joint.liveliness_lease_duration.nanoseconds or _INFINITE_NS
+    lease_ns = min(recorded_ns, ALIVE.liveliness_lease_duration.nanoseconds)
+    profile.liveliness_lease_duration = Duration(nanoseconds=lease_ns)
     return profile
 
 

@@ -31,6 +31,7 @@ from ema_dashboard.unit_history import Histories
 from ema_dashboard.web_server import WebServer
 from ema_interfaces.msg import Health, NodeStatus
 from ema_ros.claims import Claims
+from ema_ros.liveliness import MonitorLiveliness
 from ema_ros.managed_node import ManagedNode
 from ema_ros.node_parameters import declare, read
 from ema_ros.peers import UNKNOWN_NODE
@@ -114,6 +115,8 @@ class DashboardNode(ManagedNode):
 
     def activate(self) -> None:
         """Start the discovery of topics."""
+        places = {topic.namespace for topic in self._topics.values() if topic.namespace}
+        self._liveliness = {place: MonitorLiveliness(place) for place in places}
         self.add_timer(_DISCOVERY_S, self._discover)
 
     def deactivate(self) -> None:
@@ -167,8 +170,14 @@ class DashboardNode(ManagedNode):
                 continue
             is_needed = topic.followed or self._hub.has_clients(name)
             if is_needed and name not in self._inputs:
+                is_health = topic.relative == HEALTH
                 self._inputs[name] = self.create_subscription(
-                    topic.message_class, name, self._receiver(topic), topic.request, raw=True
+                    topic.message_class,
+                    name,
+                    self._receiver(topic),
+                    topic.request,
+                    event_callbacks=self._liveliness[topic.namespace].events if is_health else None,
+                    raw=True,
                 )
             elif not is_needed and name in self._inputs:
                 self.destroy_subscription(self._inputs.pop(name))
@@ -183,9 +192,10 @@ class DashboardNode(ManagedNode):
 
     def _end_claims(self) -> None:
         """Publish STALE when a level expires or its monitor is silent."""
-        is_live, now_ns = self._hub.playback_range is None, self._time_ns()
-        is_real = self._clock_ns is None
-        changes = self._claims.changes(now_ns, time.monotonic(), is_live=is_live, is_real=is_real)
+        for liveliness in self._liveliness.values():
+            liveliness.update(self)
+        now_ns, is_real = self._time_ns(), self._clock_ns is None
+        changes = self._claims.changes(now_ns, time.monotonic(), self._is_silent, is_real=is_real)
         for (name, _), held in changes:
             topic = self._topics[name]
             data = serialize_message(held)
@@ -194,6 +204,9 @@ class DashboardNode(ManagedNode):
             self._hub.publish(name, data, now_ns)
             if topic.relative == HEALTH:
                 self._note(topic.namespace, held)
+
+    def _is_silent(self, name: str, author: str) -> bool:
+        return self._liveliness[self._topics[name].namespace].is_silent(author)
 
     def _find_player(self) -> None:
         """Let clients control a new player; there is at most one player at a time."""
@@ -234,7 +247,6 @@ class DashboardNode(ManagedNode):
 
     def _note_node(self, namespace: str, status: NodeStatus) -> None:
         """Store the counts of a node, and the lost samples of each actuator of a monitor."""
-        self._claims.note_status(status.node, time.monotonic())
         self._metrics.note_node(namespace, status)
         for counted_of in status.telemetry:
             self._histories[namespace].note_lost_samples(

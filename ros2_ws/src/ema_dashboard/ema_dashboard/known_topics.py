@@ -55,6 +55,8 @@ def known_topics(namespaces: Iterable[str]) -> list[KnownTopic]:
             latched = offer.durability == DurabilityPolicy.TRANSIENT_LOCAL
             kept = latched or relative == topics.FAULT_ESTIMATE
             qos = topics.LATCHED_BY_MANY if latched else offer
+            if relative == topics.HEALTH:
+                qos = topics.ALIVE_BY_MANY
             name = f"{place}/{relative}"
             followed = kept or relative in topics.NODE_TOPICS
             shown.append(KnownTopic(name, namespace, relative, kind, qos, followed, kept))

@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Validity of published health: levels expire, and their monitor must keep reporting."""
+"""Validity of published health: levels expire, and their monitor must be alive."""
 
 import copy
 import math
-from collections.abc import Iterator
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 from ema_core.levels import LEVEL_NAMES, OK, STALE
 from ema_ros.stamps import stamp_from_message
-
-SILENT_S: Final = 5.0
-"""Time without a status after which a node counts as silent [s]; nodes publish one per second."""
 
 Place = tuple[str, str]
 """Full topic name and actuator id."""
@@ -93,16 +90,11 @@ class Claims:
     def __init__(self) -> None:
         self._healths: dict[Place, Received] = {}
         self._shown: dict[Place, int] = {}
-        self._reported_s: dict[str, float] = {}
 
     def note(self, key: Place, health: Any, now_ns: int, now_s: float) -> None:
         """Store a published health."""
         self._healths[key] = Received.at(health, now_ns, now_s)
         self._shown[key] = health.level
-
-    def note_status(self, node: str, now_s: float) -> None:
-        """Record that the node with this full name has published its status."""
-        self._reported_s[node] = now_s
 
     def rewind(self, time_ns: int) -> None:
         """Discard health later than ``time_ns``, to which the clock has jumped back."""
@@ -111,20 +103,30 @@ class Claims:
                 del self._healths[key], self._shown[key]
 
     def changes(
-        self, now_ns: int, now_s: float, *, is_live: bool = True, is_real: bool = True
+        self,
+        now_ns: int,
+        now_s: float,
+        is_silent: Callable[[str, str], bool],
+        *,
+        is_real: bool = True,
     ) -> Iterator[tuple[Place, Any]]:
         """Yield each health whose level differs from the level shown.
 
-        Monitors of a playback (``is_live`` is False) need not report. In simulated time
-        (``is_real`` is False) health expires by the ROS clock only.
+        Parameters
+        ----------
+        now_ns
+            ROS time [ns].
+        now_s
+            Monotonic time [s].
+        is_silent
+            Returns whether a monitor is silent, from the full name of the topic and the author.
+        is_real
+            Whether time is real; in simulated time, health expires by the ROS clock only.
         """
         for key, received in list(self._healths.items()):
             health = received.health
-            reported_s = self._reported_s.get(health.author)
-            # A monitor that has never reported is not silent.
-            is_silent = is_live and reported_s is not None and now_s - reported_s > SILENT_S
             ended_s = received.ended_s(now_ns, now_s, is_real=is_real)
-            held = worth(health, ended_s, is_silent=is_silent)
+            held = worth(health, ended_s, is_silent=is_silent(key[0], health.author))
             if held.level != self._shown.get(key):
                 self._shown[key] = held.level
                 yield key, held

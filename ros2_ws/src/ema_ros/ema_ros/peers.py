@@ -6,6 +6,7 @@ from typing import Final
 
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ema_core.wording import counted
 from ema_ros.status import ERROR, OK, WARN, Task
@@ -120,12 +121,16 @@ def nodes_in_touch(node: Node) -> set[str]:
         )
         if item.node_namespace == node.get_namespace()
     ]
-    nodes = {
-        f"{item.node_namespace.rstrip('/')}/{item.node_name}"
-        for item in (*sources, *near)
-        if not item.node_name.startswith("_")
-    }
+    nodes = {_full_name(item) for item in (*sources, *near) if not item.node_name.startswith("_")}
     return nodes - {node.get_fully_qualified_name()}
+
+
+def nodes_publishing(node: Node, topic: str) -> set[str]:
+    """Return the full names of the nodes that publish a topic, given by its full name.
+
+    The name of a node that is not yet discovered ends in ``UNKNOWN_NODE``.
+    """
+    return {_full_name(item) for item in node.get_publishers_info_by_topic(topic)}
 
 
 def incompatible_publishers(node: Node) -> list[str]:
@@ -141,9 +146,8 @@ def incompatible_publishers(node: Node) -> list[str]:
         for info in node.get_publishers_info_by_topic(topic):
             answers = [qos_check_compatible(info.qos_profile, profile) for profile in profiles]
             if all(verdict == QoSCompatibility.ERROR for verdict, _ in answers):
-                name = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
                 reason = answers[0][1].removeprefix("ERROR: ").rstrip("; ")
-                publishers.add(f"{topic} of {name} ({reason})")
+                publishers.add(f"{topic} of {_full_name(info)} ({reason})")
     return sorted(publishers)
 
 
@@ -151,3 +155,7 @@ def nodes_alive(node: Node) -> Counter[str]:
     """Return the number of nodes in the graph by full name."""
     pairs = node.get_node_names_and_namespaces()
     return Counter(f"{namespace.rstrip('/')}/{name}" for name, namespace in pairs)
+
+
+def _full_name(item: TopicEndpointInfo) -> str:
+    return f"{item.node_namespace.rstrip('/')}/{item.node_name}"

@@ -8,7 +8,8 @@ recordings made without a node are under ``/ema``.
 
 from typing import Final
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from ema_interfaces.msg import (
@@ -61,6 +62,27 @@ LATCHED_BY_MANY: Final = QoSProfile(
 )
 """Quality of service of subscriptions to latched topics with a publisher per actuator."""
 
+LEASE_S: Final = 6.0
+"""Lease of the liveliness of health [s]. The middleware renews it every two thirds of this time."""
+
+ALIVE: Final = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    liveliness=LivelinessPolicy.AUTOMATIC,
+    liveliness_lease_duration=Duration(nanoseconds=round(1e9 * LEASE_S)),
+)
+"""As ``LATCHED``; subscriptions learn when the process of a publisher ends or stands still."""
+
+ALIVE_BY_MANY: Final = QoSProfile(
+    depth=1000,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    liveliness=LivelinessPolicy.AUTOMATIC,
+    liveliness_lease_duration=ALIVE.liveliness_lease_duration,
+)
+"""Quality of service of subscriptions that track the liveliness of publishers (``ALIVE``)."""
+
 STREAM: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 SERVICE: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Quality of service of services. With the default depth, more than ten simultaneous requests would
@@ -82,7 +104,7 @@ SYSTEM_TOPICS: Final = {MEASURED_CAUSES: (MeasuredCauses, STREAM)}
 
 MONITOR_TOPICS: Final = {
     FAULT_ESTIMATE: (FaultEstimate, STATE),
-    HEALTH: (Health, LATCHED),
+    HEALTH: (Health, ALIVE),
     HEALTH_SUMMARY: (HealthSummary, LATCHED),
     HEALTH_FORECAST: (HealthForecast, LATCHED),
     ADVICE: (Advice, LATCHED),
