@@ -19,8 +19,8 @@ import numpy as np
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from ema_bags.playback_services import PLAYBACK_SERVICES
 from ema_interfaces.msg import FaultEstimate, Health, TelemetryBlock
-from ema_interfaces.srv import SeekPlayback
 from ema_ros.stamps import stamp_to_message
 from ema_ros.topics import ACTUATOR_TOPICS, LATCHED, NAMESPACE, STREAM
 
@@ -143,15 +143,16 @@ def _clock_jumps(graph: Graph, rng: np.random.Generator, bag: Path) -> None:
     graph.start("player", bag=source, actuator_only=True, stay=True)
     graph.wait_for(lambda: graph.valid_since(began_s), "an estimate of the replay")
     first_ns = min(sent_ns for sent_ns, _ in graph.blocks)
-    client = graph.node.create_client(SeekPlayback, f"{NAMESPACE}/player/seek")
+    seek = PLAYBACK_SERVICES["seek"]
+    client = graph.node.create_client(seek, f"{NAMESPACE}/player/seek")
     for _ in range(4):
         # Back and forward, to any moment of the bag.
         to_ns = first_ns + round(1e9 * rng.uniform(0.5, 0.6 * _SETTLED_S))
-        request = SeekPlayback.Request(time=stamp_to_message(to_ns))
+        request = seek.Request(time=stamp_to_message(to_ns))
         answer = client.call_async(request)
         graph.wait_for(answer.done, "an answer of the player to a seek")
         found: Any = answer.result()
-        assert found.success, f"a seek to {to_ns} ns was refused: {found.message}"
+        assert found.success, f"a seek to {to_ns} ns was refused: {found}"
         since_s = time.time()
         graph.wait_for(lambda since_s=since_s: graph.valid_since(since_s), "an estimate")
         graph.wait(rng.uniform(0.0, 2.0))

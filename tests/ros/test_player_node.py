@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The player gives a bag back as it was recorded, whole, in parts, in a loop and step by step."""
 
+import subprocess
+import sys
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,8 +16,10 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
-from std_srvs.srv import Trigger
+from std_srvs.srv import Empty
 
+from ema_bags import player_node
+from ema_bags.playback_services import PLAYBACK_SERVICES
 from ema_bags.player_node import PlayerNode
 from ema_bags.recording import Recorded
 from ema_bags.writer import BagWriter
@@ -25,12 +30,12 @@ from ema_interfaces.msg import (
     PlaybackState,
     TelemetryBlock,
 )
-from ema_interfaces.srv import BurstPlayback, GetPlaybackRate, IsPlaybackPaused
 from ema_ros.stamps import stamp_from_message
 from ema_ros.status import ERROR, OK, WARN, Task
 from ema_ros.topics import LATCHED_BY_MANY
 
 from ..waiting import DEADLINE_S, wait_for
+from .playback_calls import ask, check_done, check_refused
 from .spinning import Spinning
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -215,37 +220,93 @@ def test_paused_playback_continues_step_by_step(graph: Spinning, bag: Path):
     assert player.bring_up()
     wait_for(lambda: not player._outputs.missing(), "the listeners")
 
-    def ask(kind: Any, name: str, **fields: Any) -> Any:
-        return graph.call(kind, f"player/{name}", **fields)
-
-    assert ask(IsPlaybackPaused, "is_paused").paused
-    assert ask(GetPlaybackRate, "get_rate").rate == 20.0
-    assert ask(Trigger, "play_next").success  # it is the latched message
-    assert ask(Trigger, "play_next").success
+    assert ask(graph, "is_paused").paused
+    assert ask(graph, "get_rate").rate == 20.0
+    check_done(ask(graph, "play_next"))  # it is the latched message
+    check_done(ask(graph, "play_next"))
     wait_for(lambda: numbers(received) == [0], "a message")
-    answer = ask(BurstPlayback, "burst", num_messages=10)
-    assert (answer.success, answer.actually_burst) == (True, 10)
+    answer = ask(graph, "burst", num_messages=10)
+    check_done(answer)
+    assert answer.actually_burst == 10
     wait_for(lambda: numbers(received) == list(range(11)), "the messages")
-    answer = ask(BurstPlayback, "burst", num_messages=0)
-    assert (answer.success, answer.message) == (False, "num_messages = 0: expected at least 1")
-    assert ask(Trigger, "toggle_paused").success
-    assert not ask(IsPlaybackPaused, "is_paused").paused or player.finished.is_set()
+    check_done(ask(graph, "toggle_paused"))
+    assert not ask(graph, "is_paused").paused or player.finished.is_set()
     assert player.finished.wait(DEADLINE_S)
     wait_for(lambda: len(received[0]) + len(received[1]) == 101, "the rest")
-    assert ask(Trigger, "play_next").message == "the player has ended"
+    check_refused(ask(graph, "play_next"), "the player has ended")
 
 
 def test_steps_end_at_the_end_and_are_refused_while_it_plays(graph: Spinning, bag: Path):
     player = player_of(graph, bag, rate=0.01, wait_s=0.0)
     assert player.bring_up()
-    answer = graph.call(Trigger, "player/play_next")
-    assert (answer.success, answer.message) == (False, "the player is playing: pause it first")
-    assert graph.call(Trigger, "player/toggle_paused").success
+    check_refused(ask(graph, "play_next"), "the player is playing: pause it first")
+    check_done(ask(graph, "toggle_paused"))
     before = player._playback.played
-    answer = graph.call(BurstPlayback, "player/burst", num_messages=10**12)
-    assert (answer.success, answer.actually_burst) == (True, 102 - before)
-    answer = graph.call(Trigger, "player/play_next")
-    assert answer.message == f"{bag} is at its end: seek first"
+    answer = ask(graph, "burst", num_messages=0)
+    check_done(answer)
+    assert answer.actually_burst == 102 - before
+    for name, fields in (("burst", {"num_messages": 10**12}), ("play_next", {})):
+        check_refused(ask(graph, name, **fields), f"{bag} is at its end: seek first")
+
+
+ROSBAG2_FIELDS = {
+    "burst": ({"num_messages": "uint64"}, {"actually_burst": "uint64"}),
+    "get_rate": ({}, {"rate": "double"}),
+    "is_paused": ({}, {"paused": "boolean"}),
+    "pause": ({}, {}),
+    "play_next": ({}, {"success": "boolean"}),
+    "resume": ({}, {}),
+    "seek": ({"time": "builtin_interfaces/Time"}, {"success": "boolean"}),
+    "set_rate": ({"rate": "double"}, {"success": "boolean"}),
+    "toggle_paused": ({}, {}),
+}
+"""Fields of request and response of each service of rosbag2's player in Jazzy."""
+
+
+def test_services_have_the_fields_of_rosbag2_and_the_reason_of_a_refusal():
+    assert PLAYBACK_SERVICES.keys() == ROSBAG2_FIELDS.keys()
+    is_rosbag2 = PLAYBACK_SERVICES["seek"].__module__.startswith("rosbag2_interfaces")
+    refusal = {} if is_rosbag2 else {"success": "boolean", "message": "string"}
+    for name, (request, response) in ROSBAG2_FIELDS.items():
+        kind = PLAYBACK_SERVICES[name]
+        assert kind.Request.get_fields_and_field_types() == request, name
+        fields = kind.Response.get_fields_and_field_types()
+        reasons = {} if name in ("get_rate", "is_paused") else refusal
+        assert fields == response | reasons, name
+
+
+def test_player_and_dashboard_have_the_types_of_rosbag2_where_they_are_installed(tmp_path: Path):
+    names = ["".join(map(str.capitalize, name.split("_"))) for name in ROSBAG2_FIELDS]
+    package = tmp_path / "rosbag2_interfaces"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "srv.py").write_text("".join(f"class {name}: pass\n" for name in names))
+    program = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from ema_bags import player_node\n"
+        "from ema_dashboard import playback_control\n"
+        "for module in (player_node, playback_control):\n"
+        "    for kind in module.PLAYBACK_SERVICES.values():\n"
+        "        print(kind.__module__, kind.__name__)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    expected = [f"rosbag2_interfaces.srv {name}" for name in names]
+    assert sorted(done.stdout.splitlines()) == sorted(2 * expected)
+
+
+def test_refusal_without_a_field_for_it_is_answered_and_logged(
+    graph: Spinning, bag: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """``Pause`` of rosbag2 has no fields."""
+    monkeypatch.setitem(player_node.PLAYBACK_SERVICES, "pause", Empty)
+    player = player_of(graph, bag)
+    assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    logged: list[str] = []
+    monkeypatch.setattr(player, "get_logger", lambda: SimpleNamespace(warning=logged.append))
+    assert graph.call(Empty, "player/pause") == Empty.Response()
+    assert logged == ["pause refused: the player is inactive: expected active"]
 
 
 def test_monitor_that_does_not_follow_the_clock_is_named(graph: Spinning, tmp_path: Path):

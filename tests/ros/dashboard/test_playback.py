@@ -12,18 +12,17 @@ from typing import Any
 import pytest
 from builtin_interfaces.msg import Time as TimeMessage
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from std_srvs.srv import Trigger
 
 from ema_bags.player_node import PlayerNode
 from ema_bags.writer import BagWriter
 from ema_dashboard.hub import Hub
 from ema_dashboard.playback_control import PlaybackControl
 from ema_interfaces.msg import Health, PlaybackState, TelemetryBlock
-from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
 from ema_ros import topics
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 
 from ...waiting import DEADLINE_S, wait_for
+from ..playback_calls import ask, check_done, check_refused
 from .client import Viewer
 from .session import DashboardSession
 
@@ -78,11 +77,11 @@ class Replay:
     def _note_block(self, block: TelemetryBlock) -> None:
         self.indices.append(block.first_index)
 
-    def call(self, kind: Any, name: str, **fields: Any) -> Any:
-        return self.session.call(kind, f"player/{name}", **fields)
+    def call(self, name: str, **fields: Any) -> Any:
+        return ask(self.session, name, **fields)
 
     def seek(self, seconds: float) -> Any:
-        return self.call(SeekPlayback, "seek", time=at(seconds))
+        return self.call("seek", time=at(seconds))
 
     def wait_for_state(self, is_meant: Callable[[PlaybackState], bool]) -> PlaybackState:
         wait_for(lambda: self.states and is_meant(self.states[-1]), "a state of the playback")
@@ -99,14 +98,14 @@ def position_s(state: PlaybackState) -> float:
 
 def test_a_seek_publishes_what_is_latched_there_and_then_continues(session, bag):
     replay = Replay(session, bag)
-    assert replay.call(Trigger, "pause").success
+    check_done(replay.call("pause"))
     for seconds, latched in (
         (12.0, {("left", 10), ("right", 11)}),
         (5.5, {("left", 5), ("right", 1)}),
     ):
         replay.healths.clear()
         replay.states.clear()
-        assert replay.seek(seconds).success
+        check_done(replay.seek(seconds))
         state = replay.wait_for_state(lambda state: state.status == PlaybackState.PAUSED)
         assert position_s(state) == seconds
         assert any(state.jumped for state in replay.states)
@@ -114,7 +113,7 @@ def test_a_seek_publishes_what_is_latched_there_and_then_continues(session, bag)
         stamps = {(m.actuator_id, m.header.stamp.sec - START_NS // 10**9) for m in replay.healths}
         assert stamps == latched
         replay.indices.clear()
-    assert replay.call(Trigger, "resume").success
+    check_done(replay.call("resume"))
     wait_for(lambda: len(replay.indices) > 20, "it to play on")
     assert replay.indices[:20] == list(range(550, 570))
 
@@ -122,13 +121,11 @@ def test_a_seek_publishes_what_is_latched_there_and_then_continues(session, bag)
 def test_impossible_rates_and_times_are_refused(session, bag):
     replay = Replay(session, bag)
     for rate in (0.0, -1.0, 101.0, float("nan")):
-        answer = replay.call(SetPlaybackRate, "set_rate", rate=rate)
-        assert not answer.success
-        assert answer.message.startswith("rate = ")
+        answer = replay.call("set_rate", rate=rate)
+        check_refused(answer, "rate = ")
         assert replay.player._playback.rate == 1.0
     answer = replay.seek(30.0)
-    assert not answer.success
-    assert f"is outside {bag}" in answer.message
+    check_refused(answer, f"is outside {bag}")
 
 
 def test_a_player_that_stays_at_the_end_can_be_moved_back(session, bag):
@@ -136,11 +133,10 @@ def test_a_player_that_stays_at_the_end_can_be_moved_back(session, bag):
     replay.wait_for_state(lambda state: state.status == PlaybackState.ENDED)
     wait_for(lambda: len(replay.indices) == LAST + 1, "all messages")  # late on a busy machine
     assert not replay.player.finished.is_set()
-    refused = replay.call(Trigger, "resume")
-    assert "seek first" in refused.message
-    assert replay.seek(19.0).success
+    check_refused(replay.call("resume"), "seek first")
+    check_done(replay.seek(19.0))
     replay.indices.clear()
-    assert replay.call(Trigger, "resume").success
+    check_done(replay.call("resume"))
     wait_for(lambda: len(replay.indices) == 101, "the last second again")
     assert replay.indices == list(range(1900, 2001))
 
@@ -218,7 +214,7 @@ def test_what_the_player_refuses_changes_nothing_and_is_answered(session, bag):
 def test_an_answer_reports_how_the_player_stands_after_what_was_asked(session, monkeypatch):
     asked, frames = threading.Event(), queue.SimpleQueue()
 
-    async def call(*_: object) -> None:
+    async def call(*_: object, **__: object) -> None:
         asked.set()
 
     def tell(_: Hub, frame: bytes) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The player node: publishes the messages of a bag."""
 
+import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -8,21 +9,13 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Final
 
-from std_srvs.srv import Trigger
-
 from ema_bags.playback import Playback
+from ema_bags.playback_services import PLAYBACK_SERVICES
 from ema_bags.played_bag import PlayedBag, PlayerSettings
 from ema_bags.player_outputs import PlayerOutputs
 from ema_bags.recording import Recorded
 from ema_core.wording import counted
 from ema_interfaces.msg import PlaybackState
-from ema_interfaces.srv import (
-    BurstPlayback,
-    GetPlaybackRate,
-    IsPlaybackPaused,
-    SeekPlayback,
-    SetPlaybackRate,
-)
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.managed_node import ManagedNode
 from ema_ros.node_parameters import declare, read
@@ -33,18 +26,6 @@ from ema_ros.topics import LATCHED, PLAYBACK_STATE
 
 _STATE_S: Final = 0.5
 _BETWEEN_PASSES_S: Final = 0.05
-# Names and fields as in the player of rosbag2; these types add the reason of a refusal.
-_SERVICES: Final = {
-    "pause": Trigger,
-    "resume": Trigger,
-    "toggle_paused": Trigger,
-    "is_paused": IsPlaybackPaused,
-    "play_next": Trigger,
-    "burst": BurstPlayback,
-    "get_rate": GetPlaybackRate,
-    "set_rate": SetPlaybackRate,
-    "seek": SeekPlayback,
-}
 
 
 class PlayerNode(ManagedNode):
@@ -90,7 +71,7 @@ class PlayerNode(ManagedNode):
         paused, playing = PlaybackState.PAUSED, PlaybackState.PLAYING
         self._status = paused if self._settings.start_paused else playing
         group = WaitingCallbackGroup()  # a seek reads the bag
-        for name, kind in _SERVICES.items():
+        for name, kind in PLAYBACK_SERVICES.items():
             self.create_service(kind, f"~/{name}", self._answerer(name), callback_group=group)
         self._state_output = self.create_publisher(PlaybackState, PLAYBACK_STATE, LATCHED)
 
@@ -150,8 +131,15 @@ class PlayerNode(ManagedNode):
         act: Callable[[Any], Mapping[str, Any] | None] = getattr(self, f"_{name}")
 
         def answer(request: Any, response: Any) -> Any:
-            for field, value in (act(request) or {"success": True}).items():
-                setattr(response, field, value)
+            try:
+                result = {"success": True, **(act(request) or {})}
+            except (OSError, ValueError) as error:
+                # The types of rosbag2 have no field for the reason.
+                self.get_logger().warning(f"{name} refused: {error}")
+                result = {"success": False, "message": str(error)}
+            for field, value in result.items():
+                if hasattr(response, field):
+                    setattr(response, field, value)
             return response
 
         return answer
@@ -193,10 +181,9 @@ class PlayerNode(ManagedNode):
     def _play_next(self, _: Any) -> None:
         self._step(1)
 
-    def _burst(self, request: BurstPlayback.Request) -> Mapping[str, Any]:
-        if not request.num_messages:
-            raise ValueError("num_messages = 0: expected at least 1")
-        return {"success": True, "actually_burst": self._step(request.num_messages)}
+    def _burst(self, request: Any) -> Mapping[str, Any]:
+        # As in rosbag2, 0 is the rest of the bag.
+        return {"actually_burst": self._step(request.num_messages or sys.maxsize)}
 
     def _step(self, count: int) -> int:
         """Play the next messages while it is paused, and return how many there were."""
@@ -215,14 +202,14 @@ class PlayerNode(ManagedNode):
     def _get_rate(self, _: Any) -> Mapping[str, Any]:
         return {"rate": self._playback.rate}
 
-    def _set_rate(self, request: SetPlaybackRate.Request) -> None:
+    def _set_rate(self, request: Any) -> None:
         settings = replace(self._settings, rate=request.rate)  # checks it
         with self._steering():
             self._halt()
             self._playback.rate = settings.rate
             self._continue()
 
-    def _seek(self, request: SeekPlayback.Request) -> None:
+    def _seek(self, request: Any) -> None:
         time_ns = stamp_from_message(request.time)
         self._played.check_time(time_ns)
         with self._steering():

@@ -8,12 +8,11 @@ from typing import Any, Final, NamedTuple
 
 from rclpy.client import Client
 from rclpy.node import Node
-from std_srvs.srv import Trigger
 
+from ema_bags.playback_services import PLAYBACK_SERVICES
 from ema_dashboard.hub import Hub
 from ema_dashboard.service_call import call
 from ema_interfaces.msg import PlaybackState
-from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 
 _CONFIRMED_S: Final = 2.0
@@ -21,6 +20,7 @@ _MOST_WAITING: Final = 8
 _REQUEST: Final = struct.Struct("<BBfBQI")
 _MOST_BYTES: Final = 512
 _PAUSE: Final = 1
+_CALLED: Final = ("pause", "resume", "seek", "set_rate")
 # Status codes of the protocol, which has 2 for a player that waits for data.
 _STATUS: Final = {PlaybackState.PLAYING: 0, PlaybackState.PAUSED: 1, PlaybackState.ENDED: 3}
 
@@ -62,11 +62,9 @@ class PlaybackControl:
         for client in clients.values():
             self._node.destroy_client(client)
         if player:
-            kinds = {"pause": Trigger, "resume": Trigger}
-            kinds |= {"set_rate": SetPlaybackRate, "seek": SeekPlayback}
             self._clients = {
-                name: self._node.create_client(kind, f"{player}/{name}")
-                for name, kind in kinds.items()
+                name: self._node.create_client(PLAYBACK_SERVICES[name], f"{player}/{name}")
+                for name in _CALLED
             }
         else:
             self._state = None
@@ -129,15 +127,16 @@ class PlaybackControl:
         """Execute the parts of a request that differ from the current state."""
         # The state may be outdated; pausing or resuming twice is harmless.
         if not request.plays:
-            await self._call("pause", Trigger.Request())
+            await self._call("pause")
         if not _has_rate(request, state):
-            await self._call("set_rate", SetPlaybackRate.Request(rate=request.rate))
+            await self._call("set_rate", rate=request.rate)
         if request.seek_ns is not None:
-            await self._call("seek", SeekPlayback.Request(time=stamp_to_message(request.seek_ns)))
+            await self._call("seek", time=stamp_to_message(request.seek_ns))
         if request.plays:
-            await self._call("resume", Trigger.Request())
+            await self._call("resume")
 
-    async def _call(self, name: str, request: Any) -> None:
+    async def _call(self, name: str, **fields: Any) -> None:
+        request = PLAYBACK_SERVICES[name].Request(**fields)
         await call(self._hub, self._clients.get(name), f"{self._player}/{name}", request)
 
 

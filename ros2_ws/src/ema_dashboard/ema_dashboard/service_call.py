@@ -24,5 +24,7 @@ async def call(hub: Hub, client: Client | None, name: str, request: Any) -> None
         client.remove_pending_request(future)
         raise ValueError(f"{name} did not respond within {_ANSWER_S:g} s") from None
     response: Any = future.result()
-    if not response.success:
-        raise ValueError(f"{name}: {response.message}")
+    # Services of rosbag2 do not state the reason of a refusal, and some not even the refusal.
+    if not getattr(response, "success", True):
+        reason = getattr(response, "message", "refused; the log of its node states the reason")
+        raise ValueError(f"{name}: {reason}")

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calls of a player's services, whose types have the fields of a refusal or are rosbag2's."""
+
+from typing import Any
+
+from ema_bags.playback_services import PLAYBACK_SERVICES
+
+from .spinning import Spinning
+
+
+def ask(graph: Spinning, name: str, **fields: Any) -> Any:
+    """Return the answer of a service of the player."""
+    return graph.call(PLAYBACK_SERVICES[name], f"player/{name}", **fields)
+
+
+def check_done(answer: Any) -> None:
+    """Check that a service did what was asked, as far as its type tells."""
+    assert getattr(answer, "success", True), answer
+
+
+def check_refused(answer: Any, reason: str) -> None:
+    """Check that a service refused for a reason, as far as its type tells."""
+    assert not getattr(answer, "success", False)
+    assert reason in getattr(answer, "message", reason)
