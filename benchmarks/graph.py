@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 
 from ema_cli.processes.bringup import assignments_of, program, ros_arguments
-from ema_cli.processes.domains import Domain
+from ema_core.domains import Domain
 
 Process = subprocess.Popen[bytes]
 

@@ -32,8 +32,8 @@ from targets import Row, at_least, at_most, grid, none_of
 from ema_bags.inputs.files import open_input
 from ema_bags.inputs.importing import import_series
 from ema_bags.inputs.mapping import load_mapping
-from ema_cli.processes.domains import Domain
 from ema_core.description import ActuatorDescription
+from ema_core.domains import Domain
 from ema_core.telemetry import PAUSE_S, Telemetry, join
 from ema_interfaces.msg import FaultEstimate, TelemetryBlock
 from ema_monitor.calibration.joint_calibration import JointCalibration

@@ -11,11 +11,9 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
-from ema_cli import progress
-from ema_cli.processes.domains import Domain
 from ema_core.array_environment import array_environment
+from ema_core.domains import Domain
 
-from . import commands
 from .leftovers import nothing_left
 from .orphans import pytest_testnodedown
 from .scheduling import pytest_collection_modifyitems, pytest_xdist_make_scheduler
@@ -57,16 +55,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session")
 def ema() -> Callable[..., Result]:
-    """Return what runs a command in this process."""
-    return commands.ema
+    """Return what runs a command in this process; only its tests need ``ema_cli``."""
+    from .commands import ema
 
-
-@pytest.fixture(autouse=True, scope="session")
-def _commands_are_in_time() -> Iterator[None]:
-    """Let no command print its progress, however busy the machine is."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(progress, "FIRST_LINE_S", 3600.0)
-        yield
+    return ema
 
 
 @pytest.fixture(autouse=True, scope="module")

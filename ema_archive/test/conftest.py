@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-PARTS = ("archive/test_unreadable_bags.py",)
+PARTS = ("archive/test_comparisons.py", "archive/test_order_of_tests.py")
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -17,7 +17,6 @@ from ema_archive.manifest import Manifest
 from ema_archive.running import run, scan
 from ema_archive.store import FILE, TABLES, Store, insert
 from ema_archive.tables import placed
-from ema_cli.simulated_lives import calibration_of_life, simulated_tests, unit_of_life, write_test
 from ema_core.faults import fault_vector
 from ema_core.tasks import Workers
 from ema_monitor.model.threads import limit_threads
@@ -30,6 +29,13 @@ WINDOWS: tuple[WindowKind, ...] = ("good", "good", "gap", "good", "good")
 @pytest.fixture(scope="session")
 def made_fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder a unit, with a bag a test; friction grows in one, backlash in the other."""
+    from ema_cli.simulated_lives import (
+        calibration_of_life,
+        simulated_tests,
+        unit_of_life,
+        write_test,
+    )
+
     root = tmp_path_factory.mktemp("fleet") / "bags"
     for number, kind in enumerate(("friction", "backlash")):
         faults = np.array([fault_vector({kind: 0.05 + 0.06 * i}) for i in range(len(HOURS))])

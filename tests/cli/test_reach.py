@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from ema_cli.processes.domains import Domain
 from ema_cli.processes.reach import PROFILE, RANGE, set_reach
+from ema_core.domains import Domain
 
 from ..waiting import DEADLINE_S, started, wait_for
 

@@ -7,11 +7,11 @@ import sys
 from contextlib import closing
 from pathlib import Path
 
-from ema_cli.processes.domains import Domain
+from ema_core.domains import Domain
 
 OTHER = """
 import sys
-from ema_cli.processes.domains import Domain
+from ema_core.domains import Domain
 print(*(Domain().number for _ in range(30)), flush=True)
 sys.stdin.read()
 """

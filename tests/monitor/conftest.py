@@ -19,7 +19,6 @@ from ema_monitor.windows.trigger import WindowTrigger
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
 
-from .reference_cases import CASES
 from .streams import only
 from .windows import once
 
@@ -93,6 +92,7 @@ def calibration(healthy_windows, description) -> Calibration:
 @pytest.fixture(scope="session")
 def estimates(windows_of, unseen_window, calibration, description) -> Callable[[str], Estimate]:
     """Estimate of a reference case by the default algorithm; each is made once."""
+    from .reference_cases import CASES
 
     @once
     def estimate(case: str) -> Estimate:
@@ -105,6 +105,7 @@ def estimates(windows_of, unseen_window, calibration, description) -> Callable[[
 @pytest.fixture(scope="session")
 def stirred_estimates(stirred_window, calibration, description) -> Callable[[str], Estimate]:
     """Estimate of a reference case under another course of the PWM; each is made once."""
+    from .reference_cases import CASES
 
     @once
     def estimate(case: str) -> Estimate:

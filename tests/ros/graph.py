@@ -15,7 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from ema_cli.processes.bringup import assignments_of, program
-from ema_cli.processes.domains import Domain
+from ema_core.domains import Domain
 from ema_interfaces.msg import FaultEstimate, Health, TelemetryBlock
 from ema_ros.topics import LATCHED, NAMESPACE, STREAM
 

@@ -12,9 +12,9 @@ from rclpy.action.client import ActionClient
 from rclpy.context import Context
 from rclpy.parameter import Parameter
 
-from ema_cli.processes.domains import Domain
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
+from ema_core.domains import Domain
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_interfaces.action import IdentifyFaults

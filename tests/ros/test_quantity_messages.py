@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The comparison of a record goes over the wire, and is read again, without a loss."""
 
+import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from tests.monitor.comparisons import CASES, END_NS, compared
@@ -9,9 +10,9 @@ from tests.monitor.windows import estimated
 from ema_bags.telemetry import ESTIMATE_TYPE
 from ema_cli.bags.diagnoses import DiagnosisLog
 from ema_core.description import ActuatorDescription
-from ema_interfaces.msg import FaultEstimate, QuantityChange
+from ema_interfaces.msg import FaultEstimate, QuantityChange, UnitTest
 from ema_monitor.joint.comparison import JUDGEMENTS, Judgement
-from ema_monitor.node.publish.messages import estimate_to_message, unknown_estimate
+from ema_monitor.node.publish.messages import estimate_to_message, fault_bits, unknown_estimate
 
 UNIT = ActuatorDescription()
 
@@ -52,3 +53,14 @@ def test_unknown_judgement_is_refused():
     message.quantities = [first, *others]
     with pytest.raises(ValueError, match=r"quantities: judgement = 7, expected 0, 1 or 2"):
         DiagnosisLog().add(ESTIMATE_TYPE, message, END_NS)
+
+
+@pytest.mark.parametrize("message", [FaultEstimate, UnitTest])
+def test_fault_without_a_bit_is_refused(message: type):
+    """A ninth fault in one byte would be published as observable and significant."""
+    last = np.arange(8) == 7
+    assert fault_bits(message, "insignificant", last) == FaultEstimate.GAIN
+    with pytest.raises(
+        ValueError, match=rf"{message.__name__}.insignificant is uint8: .* 9 faults"
+    ):
+        fault_bits(message, "insignificant", np.arange(9) == 8)

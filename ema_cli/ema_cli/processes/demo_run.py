@@ -13,13 +13,13 @@ import numpy as np
 
 from ema_cli.bags.diagnoses import DiagnosedWindow, read_history
 from ema_cli.processes.bringup import assignments_of, parameter_file, program, ros_arguments
-from ema_cli.processes.domains import Domain
 from ema_cli.processes.listener import refuse_running
 from ema_cli.processes.observer import Observer
 from ema_cli.processes.reach import set_reach
 from ema_cli.processes.stop_request import StopRequest
 from ema_cli.processes.supervisor import POLL_S, Supervisor
 from ema_cli.show.live_table import LiveTable
+from ema_core.domains import Domain
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, WARN
 from ema_core.yaml_file import load_yaml
 from ema_ros.topics import NAMESPACE

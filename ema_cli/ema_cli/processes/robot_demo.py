@@ -10,8 +10,8 @@ import click
 
 from ema_cli.processes.attach_run import AttachOptions, run_attach
 from ema_cli.processes.bringup import parameter_file, program, ros_arguments
-from ema_cli.processes.domains import Domain
 from ema_cli.processes.stop_request import StopRequest
+from ema_core.domains import Domain
 
 ACCEPT_AFTER: Final = 4
 """Number of healthy records after which the demo accepts a baseline."""

@@ -14,7 +14,7 @@ const { FAULTS } = await load("faults.ts");
 const BAG = fileURLToPath(new URL("../../../../../bags/faulty_flap.mcap", import.meta.url));
 const DOMAIN = `
 import sys
-from ema_cli.processes.domains import Domain
+from ema_core.domains import Domain
 domain = Domain()
 print(domain.number, flush=True)
 sys.stdin.read()

@@ -5,15 +5,13 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from ema_core.commands import Command
 from ema_core.faults import N_FAULTS
 from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_interfaces.msg import FaultEstimate, FaultHealth, FaultVector, Health, UnitTest
+from ema_interfaces.msg import FaultEstimate, FaultHealth, FaultVector, Health
 from ema_interfaces.srv import SetCommand, SetSimulatedFaults
-from ema_monitor.node.publish.messages import fault_bits
 
 PACKAGE = Path(__file__).parents[2] / "ema_interfaces"
 DEFINITIONS = sorted(PACKAGE.glob("*/*.msg")) + sorted(PACKAGE.glob("*/*.srv"))
@@ -63,14 +61,3 @@ def test_observability_bits_follow_the_fault_vector():
     assert [getattr(FaultEstimate, name.upper()) for name in names] == [
         1 << i for i in range(N_FAULTS)
     ]
-
-
-@pytest.mark.parametrize("message", [FaultEstimate, UnitTest])
-def test_fault_without_a_bit_is_refused(message: type):
-    """A ninth fault in one byte would be published as observable and significant."""
-    last = np.arange(8) == 7
-    assert fault_bits(message, "insignificant", last) == FaultEstimate.GAIN
-    with pytest.raises(
-        ValueError, match=rf"{message.__name__}.insignificant is uint8: .* 9 faults"
-    ):
-        fault_bits(message, "insignificant", np.arange(9) == 8)
