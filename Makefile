@@ -37,6 +37,7 @@ colcon-test: setup ## the quick tests of each package, as `colcon test` runs the
 	$(activate) && $(colcon) test-result --delete-yes >/dev/null
 	$(activate) && $(colcon) test --paths ../ema_* src/ema_* --event-handlers console_direct-
 	$(activate) && $(colcon) test-result --all --verbose
+	$(activate) && $(colcon) test-result --all | ../tools/colcon_results.py
 
 test-pythons: ## set-up, `make quick` and a demo of 10 s with each of Python 3.11 to 3.13 that is installed
 	tools/test_pythons.sh $(ARGS)

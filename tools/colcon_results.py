@@ -1,0 +1,46 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Check that ``colcon test`` has run tests of each package (`make colcon-test`).
+
+``colcon test-result`` reports success as well if a package has no result at all. This tool reads
+the lines of ``colcon test-result --all`` on standard input and fails if they lack a package, or
+list only results of 0 tests.
+"""
+
+import re
+import sys
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+
+
+def packages() -> list[str]:
+    """Return the names of all packages."""
+    places = ("ema_*", "ros2_ws/src/ema_*")
+    return sorted(path.parent.name for one in places for path in ROOT.glob(f"{one}/package.xml"))
+
+
+def without_tests(names: Iterable[str], lines: Iterable[str]) -> list[str]:
+    """Return the packages whose results, "build/PACKAGE/FILE: N tests, ...", have no test."""
+    tests: Counter[str] = Counter()
+    for line in lines:
+        if result := re.match(r"build/(\w+)/.*: (\d+) tests?,", line):
+            tests[result[1]] += int(result[2])
+    return [name for name in names if not tests[name]]
+
+
+def main() -> None:
+    """Read results on standard input. Exit with a message if a package has no test."""
+    names = packages()
+    if missing := without_tests(names, sys.stdin):
+        sys.exit(
+            f"colcon test has run no test of {', '.join(missing)}: each of the {len(names)} "
+            "packages needs at least one; see ros2_ws/log/latest_test"
+        )
+
+
+if __name__ == "__main__":
+    main()
