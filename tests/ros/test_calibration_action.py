@@ -116,3 +116,20 @@ def test_monitor_calibrates_known_actuators_while_it_is_active(session: MonitorS
     assert (status, result.message) == (GoalStatus.STATUS_ABORTED, "the monitor is not active")
     assert not calibrate(session).is_accepted
     assert rejections(session) == "the monitor is not active"
+
+
+@pytest.mark.parametrize(
+    "transitions",
+    [
+        (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP),
+        (Transition.TRANSITION_ACTIVE_SHUTDOWN,),
+    ],
+    ids=["cleanup", "shutdown"],
+)
+def test_goal_gets_its_result_before_its_action_is_destroyed(session: MonitorSession, transitions):
+    goal = calibrate(session)
+    wait_for(lambda: goal.feedback, "the first feedback")
+    for transition in transitions:
+        assert session.change_state(transition)
+    status, result = goal.result()
+    assert (status, result.message) == (GoalStatus.STATUS_ABORTED, "the monitor is not active")

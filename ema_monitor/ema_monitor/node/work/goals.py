@@ -8,7 +8,7 @@ from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any, Final
 
-from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import CancelResponse, GoalResponse
 
 from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.node.publish.actuators import NOT_ACTIVE, Actuators
@@ -17,10 +17,12 @@ from ema_monitor.node.settings import MonitorSettings
 from ema_monitor.windows.finder import Segment
 from ema_ros import topics
 from ema_ros.managed_node import ManagedNode
+from ema_ros.rclpy_private import GoalServer
 from ema_ros.throttle import Throttle
 
 _POLL_S: Final = 0.1
 _REJECTION_S: Final = 1.0
+_PATIENCE_S: Final = 2.0
 
 
 class Goals:
@@ -42,6 +44,7 @@ class Goals:
         self._is_stopping: Callable[[], bool] = node.stopping.is_set
         self.rejected = ""
         self._rejections = Throttle(_REJECTION_S)
+        self._servers: list[GoalServer] = []
 
     def serve(
         self,
@@ -62,7 +65,7 @@ class Goals:
             Called with an accepted goal and its result, to complete the result. The goal is
             aborted with the message of an exception.
         """
-        ActionServer(
+        server = GoalServer(
             self._node,
             kind,
             f"~/{name}",
@@ -73,6 +76,16 @@ class Goals:
             result_service_qos_profile=topics.SERVICE,
             cancel_service_qos_profile=topics.SERVICE,
         )
+        self._servers.append(server)
+
+    def finish(self) -> None:
+        """Wait until the results of all goals are sent; at most 2 s for a goal that computes.
+
+        An inactive monitor aborts its goals, and its actions must not be destroyed before.
+        """
+        deadline_s = time.monotonic() + _PATIENCE_S
+        for server in self._servers:
+            server.wait(deadline_s - time.monotonic())
 
     def require_active(self) -> None:
         """Raise ValueError unless the monitor is active."""

@@ -121,7 +121,7 @@ class Work:
                     self.results.prepare(status.description)
 
     def stop(self, finish: Callable[[], Iterable[Segment]]) -> None:
-        """Refuse queued windows, then open windows, and stop the threads.
+        """Refuse queued windows, then open windows, and stop the threads and goals.
 
         ``finish`` ends the telemetry and returns refusals for the open windows.
         """
@@ -129,6 +129,7 @@ class Work:
         for segment in finish():
             self.worker.refuse(segment, "")
         self._follow_ups.stop()
+        self.goals.finish()
 
     def count(self, status: NodeStatus) -> None:
         """Add the work counters to the node status."""
