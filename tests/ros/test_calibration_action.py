@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibration by action: feedback, cancellation, and goals that are refused."""
 
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -14,7 +15,7 @@ from ema_interfaces import srv
 from ema_interfaces.action import Calibrate
 from ema_monitor.calibration.calibration import Calibration
 
-from ..waiting import wait_for
+from ..waiting import DEADLINE_S, wait_for
 from .monitor_session import FLAP, Goal, MonitorSession, Source, in_window, monitor
 
 calibrate = partial(Goal, kind=Calibrate, name="calibrate")
@@ -90,6 +91,23 @@ def test_second_goal_for_an_actuator_is_rejected_by_its_name(session: MonitorSes
     assert other.result()[1].success
     first.cancel()
     assert first.result()[0] == GoalStatus.STATUS_CANCELED
+
+
+def test_goal_reserves_its_actuator_when_it_is_accepted(session: MonitorSession, monkeypatch):
+    begin = threading.Event()
+    baselines = session.node.work.baselines
+    monkeypatch.setattr(baselines, "learns", lambda _: not begin.wait(DEADLINE_S))
+    first = calibrate(session, actuator_id="")
+    # The first goal has done nothing but to be accepted.
+    assert not calibrate(session).is_accepted
+    assert rejections(session) == "actuator 'flap' is already being calibrated"
+    begin.set()
+    wait_for(lambda: first.feedback, "the first feedback")
+    first.cancel()
+    assert first.result()[0] == GoalStatus.STATUS_CANCELED
+    # A goal that fails makes room, too.
+    assert calibrate(session, windows=0).result()[0] == GoalStatus.STATUS_ABORTED
+    assert calibrate(session).is_accepted
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,7 @@
 """Status of one monitored actuator: defects, counts and published health."""
 
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Final
 
 from ema_core.description import ActuatorDescription
@@ -108,20 +107,15 @@ class ActuatorStatus:
         """Return how long a level stays valid after a test [s]; longer for long records."""
         return operation.good_for(self.finder.longest_s if self.finder.finds_records else 0.0)
 
-    def require_no_calibration(self) -> None:
-        """Raise ValueError if a calibration is running."""
+    def begin_calibration(self) -> None:
+        """Show a running calibration in the status; raise ValueError if another is running."""
         if self.is_calibrating:
             raise ValueError(f"actuator {self.actuator_id!r} is already being calibrated")
-
-    @contextmanager
-    def calibrating(self) -> Iterator[None]:
-        """Show a running calibration in the status; raise ValueError if another is running."""
-        self.require_no_calibration()
         self.is_calibrating = True
-        try:
-            yield
-        finally:
-            self.is_calibrating = False
+
+    def end_calibration(self) -> None:
+        """Allow the next calibration."""
+        self.is_calibrating = False
 
     def exchange(self, old: str, new: str) -> bool:
         """Record the replacement of a unit. Return whether the new unit was mounted before.

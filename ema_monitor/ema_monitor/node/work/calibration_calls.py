@@ -12,6 +12,7 @@ from ema_monitor.baselines.changes import Kind
 from ema_monitor.calibration.joint_calibration import JointCalibration
 from ema_monitor.calibrations import CalibrationStore, calibrate
 from ema_monitor.model.measured import measured_ranges
+from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.node.publish.actuators import Actuators
 from ema_monitor.node.publish.log import Log
 from ema_monitor.node.settings import MonitorSettings
@@ -71,9 +72,15 @@ class CalibrationCalls:
             node.create_service(kind, f"~/{name}", callback, callback_group=group)
 
     def _check(self, request: action.Calibrate.Goal) -> None:
-        """Refuse goals for unknown actuators, and for actuators that are being calibrated."""
+        """Reserve the actuator of a goal; refuse unknown and reserved actuators."""
         unit, _ = self._actuators.find(request.actuator_id)
-        unit.require_no_calibration()
+        self._reserve(unit)
+        # An empty name keeps its actuator if another actuator appears.
+        request.actuator_id = unit.actuator_id
+
+    def _reserve(self, unit: ActuatorStatus) -> None:
+        with self._actuators.lock:
+            unit.begin_calibration()
 
     def _execute(self, goal: Any, result: action.Calibrate.Result) -> None:
         result.message, result.calibration_id = self._calibrate(goal.request, goal)
@@ -88,16 +95,24 @@ class CalibrationCalls:
         return response
 
     def _calibrate(self, request: _Request, goal: Any = None) -> tuple[str, str]:
-        """Calibrate on request of a service or goal; return a message and the calibration's id."""
-        _, description = self._actuators.find(request.actuator_id)
+        """Calibrate on request of a service or goal; return a message and the calibration's id.
+
+        The actuator of a goal is reserved.
+        """
+        unit, description = self._actuators.find(request.actuator_id)
         try:
-            return self._calibrate_unit(description, request, goal)
+            if goal is None:
+                self._reserve(unit)
+            try:
+                return self._calibrate_unit(unit, description, request, goal)
+            finally:
+                unit.end_calibration()
         except (ValueError, OSError) as error:
             self._log.warning(f"{description.actuator_id}: not calibrated: {error}")
             raise
 
     def _calibrate_unit(
-        self, description: ActuatorDescription, request: _Request, goal: Any
+        self, unit: ActuatorStatus, description: ActuatorDescription, request: _Request, goal: Any
     ) -> tuple[str, str]:
         person = one_line("person", request.person, 60) if request.person or request.force else ""
         if self._baselines.learns(description):
@@ -114,7 +129,7 @@ class CalibrationCalls:
             self._goals.require_active()
             path = self._store.prepare(description, request.file)
             self._log.info(f"{description.actuator_id}: calibration is requested")
-            windows = list(self._healthy_windows(request, goal))
+            windows = list(self._healthy_windows(unit, request.windows, goal))
             if not request.force:
                 self._require_no_alarm(description)
             accepted_by = person if request.force else ""
@@ -169,15 +184,13 @@ class CalibrationCalls:
                 "repair it first, or set force and person"
             )
 
-    def _healthy_windows(self, request: _Request, goal: Any) -> Iterator[Window]:
+    def _healthy_windows(self, unit: ActuatorStatus, number: int, goal: Any) -> Iterator[Window]:
         """Yield the next windows of an actuator, without refused windows; report each to a goal."""
-        number = request.windows
         if not 1 <= number <= _MOST_WINDOWS:
             raise ValueError(f"windows = {number}: expected 1 to {_MOST_WINDOWS} healthy windows")
-        unit, _ = self._actuators.find(request.actuator_id)
         timeout_s = self._goals.timeout_s(unit)
         work = self._worker.of(unit.actuator_id)
-        with work.next_windows() as windows, unit.calibrating():
+        with work.next_windows() as windows:
             _report(goal, 0, number)
             for made in range(number):
                 deadline_s = time.monotonic() + timeout_s
