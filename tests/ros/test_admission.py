@@ -83,6 +83,32 @@ def test_listed_actuators_of_other_shards_are_stated_and_others_are_ignored():
     assert made.status(mine) == (OK, f"{len(mine)} actuators monitored")
 
 
+def test_unmonitored_actuators_with_measured_causes_are_named_for_a_minute():
+    for made in (admission(), admission(("flap",))):
+        made.note_measured("flip", 10.0)
+        made.note_measured("flap", 40.0)
+        made.note_measured("", 40.0)
+        text = "measured causes of 'flip', which is not monitored"
+        assert made.status(["flap"], 70.0) == (WARN, text)
+        assert made.status(["flap"], 70.1) == (OK, "1 actuator monitored")
+        made.note_measured("flip", 80.0)
+        assert made.status(["flap"], 140.0) == (WARN, text)
+        made.forget_measured("flip")
+        assert made.status(["flap"], 140.0) == (OK, "1 actuator monitored")
+
+
+@pytest.mark.parametrize("listed", [(), NAMES[:6]])
+def test_measured_causes_of_other_shards_are_named_in_no_monitor(listed: tuple[str, ...]):
+    for index in range(2):
+        shard = Shard(index, 2)
+        made = admission(listed, shard)
+        mine = [name for name in NAMES[:6] if shard.has(name, listed)]
+        assert 0 < len(mine) < 6
+        for name in NAMES[:6]:
+            made.note_measured(name, 0.0)
+        assert made.status(mine) == (OK, f"{len(mine)} actuators monitored")
+
+
 def test_more_listed_than_may_be_followed_are_refused():
     made = admission(("a", "b", "c"), most=2)
     with pytest.raises(ValueError, match="actuators lists 3 of shard 0 of 1: expected at most mos"):

@@ -174,11 +174,20 @@ def test_measurement_of_nobody_or_of_an_unknown_actuator(session: MonitorSession
     session.until_status("input", "measured causes without actuator_id", WARN)
     session.send(topics.MEASURED_CAUSES, measurement(S, 11.0, actuator_id="tab"))
     session.until_status("input", "'tab': measured cause load_torque = 11.0", WARN)
-    session.send(topics.MEASURED_CAUSES, measurement(S, actuator_id="tab"))
+    for name in ("rudder", "tab"):
+        session.send(topics.MEASURED_CAUSES, measurement(S, actuator_id=name))
     unused = "measured causes of 'rudder', 'tab', which are not monitored"
     session.until_status("input", unused, WARN)
     assert "tab" not in session.node.actuators
     # They are used as soon as it is.
     session.feed(Source().cycle()[:1], "tab")
     session.until(lambda: unused not in session.statuses("input")[-1].message)
-    assert "tab" in session.node.sources.measurements.actuators()
+    assert session.node.sources.measurements.at("tab", S)
+
+
+def test_measured_causes_of_an_unlisted_actuator_are_reported():
+    with monitor({"actuators": ["flap"]}) as session:
+        session.send(topics.MEASURED_CAUSES, measurement(S, actuator_id="flip"))
+        unused = "measured causes of 'flip', which is not monitored"
+        session.until_status("input", unused, WARN)
+        assert not session.node.sources.measurements.at("flip", S)

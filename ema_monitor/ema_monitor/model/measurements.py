@@ -59,10 +59,6 @@ class MeasurementLog:
         if len(self._by_actuator) > _MOST_ACTUATORS:
             del self._by_actuator[next(iter(self._by_actuator))]
 
-    def actuators(self) -> tuple[str, ...]:
-        """Return the names of the actuators with measurements."""
-        return tuple(self._by_actuator)
-
     def at(
         self, actuator_id: str, start_ns: int, max_age_s: float = MAX_AGE_S
     ) -> tuple[CauseEstimate, ...]:

@@ -4,6 +4,7 @@
 import hashlib
 from collections import Counter
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -15,6 +16,8 @@ from ema_monitor.node.settings import Operation
 from ema_ros.node_parameters import LiveSettings
 
 _MOST_NAMED: Final = 3
+_MOST_MEASURED: Final = 1000
+_MEASURED_S: Final = 60.0
 _UNNAMED: Final = "messages without actuator_id"
 _UNKNOWN: Final = "malformed messages of actuators that are not monitored"
 _OTHER_SHARDS: Final = "messages of other shards"
@@ -109,6 +112,8 @@ class Admission:
         self._counts: Counter[str] = Counter()
         # The latest malformed and refused messages of unmonitored actuators, by kind.
         self._latest: dict[str, str] = {}
+        # Steady times of the latest measured causes by actuator, monitored or not [s].
+        self._measured: dict[str, float] = {}
 
     def check(self) -> None:
         """Raise ValueError if the list is longer than ``most_actuators``."""
@@ -168,21 +173,38 @@ class Admission:
         self._count(kind, f"{actuator_id!r}: {reason}")
         return self._counts[kind] == 1
 
+    def note_measured(self, actuator_id: str, now_s: float) -> None:
+        """Note that measured causes of an actuator were received at a steady time [s].
+
+        Only the status of its shard names the actuator.
+        """
+        if self._kind(actuator_id) == _OTHER_SHARDS:
+            return
+        with suppress(ValueError):
+            check_name("actuator_id", actuator_id)
+            self._measured.pop(actuator_id, None)
+            self._measured[actuator_id] = now_s
+        if len(self._measured) > _MOST_MEASURED:
+            self.forget_measured(next(iter(self._measured)))
+
+    def forget_measured(self, actuator_id: str) -> None:
+        """Forget the measured causes of an actuator."""
+        self._measured.pop(actuator_id, None)
+
     def status(
-        self,
-        followed: Collection[str],
-        measured: Collection[str] = (),
-        *,
-        is_receiving: bool = True,
+        self, followed: Collection[str], now_s: float = 0.0, *, is_receiving: bool = True
     ) -> tuple[int, str]:
         """Return status level and message of the reception from all actuators.
+
+        The message names actuators that are not monitored, although measured causes of them were
+        received in the last 60 s.
 
         Parameters
         ----------
         followed
             The monitored actuators.
-        measured
-            Actuators with measured causes, monitored or not.
+        now_s
+            Current steady time [s].
         is_receiving
             Whether any actuator sends telemetry.
         """
@@ -194,7 +216,11 @@ class Admission:
             for kind in (_UNNAMED, _UNKNOWN, _REFUSED)
             if self._counts[kind]
         ]
-        if unused := [repr(name) for name in measured if name not in followed]:
+        if unused := [
+            repr(name)
+            for name, time_s in self._measured.items()
+            if name not in followed and now_s - time_s <= _MEASURED_S
+        ]:
             more = f" and {len(unused) - _MOST_NAMED} more" if len(unused) > _MOST_NAMED else ""
             are = "are" if len(unused) > 1 else "is"
             names = ", ".join(unused[:_MOST_NAMED])

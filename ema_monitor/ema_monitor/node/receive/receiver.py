@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reception of actuator messages and detection of windows."""
 
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -107,9 +108,11 @@ class Receiver:
 
     def receive_measured(self, message: Any) -> None:
         """Store ``ema_interfaces/msg/MeasuredCauses``."""
+        actuator_id = message.actuator_id
+        with self._actuators.lock:
+            self._admission.note_measured(actuator_id, time.monotonic())
         if not self._accepts(message, "measured causes"):
             return
-        actuator_id = message.actuator_id
         try:
             stamp_ns, measured = measured_from_message(message)
             with self._actuators.lock:
@@ -225,6 +228,7 @@ class Receiver:
                 self._remember(source.status.description)
             del self._sources[actuator_id]
             self._sources.measurements.forget(actuator_id)
+            self._admission.forget_measured(actuator_id)
             self._actuators.forget(actuator_id)
         self._worker.forget(actuator_id)
         self._results.forget(actuator_id)
@@ -239,9 +243,8 @@ class Receiver:
         }
         with self._actuators.lock:
             is_receiving = self._actuators.receives_telemetry()
-            measured = self._sources.measurements.actuators()
             level, message = self._admission.status(
-                self._actuators, measured, is_receiving=is_receiving
+                self._actuators, time.monotonic(), is_receiving=is_receiving
             )
             figures = counts | self._admission.figures(self._actuators)
         return Task("input", level, message, hardware_id, figures)
