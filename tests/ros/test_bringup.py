@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launch files against stand-ins for the launch packages, parameter files against the nodes."""
 
+import atexit
 import re
 import runpy
 import sys
@@ -174,12 +175,13 @@ def test_arguments_are_described_common_to_all_and_refused_when_unknown(name, gi
         assert node["parameters"][-1]["use_sim_time"] is True
     with pytest.raises(RuntimeError, match="respawn:=maybe: expected true or false"):
         nodes_of(name, **given, respawn="maybe")
-    wrong = {**given, "calibraton_file": "c.yaml"}
+    names = {item.name for item in arguments}
+    of_monitor = {"history_folder", "calibration_file", "monitor_params"}
+    assert names & of_monitor == (set() if name == "robot.launch.py" else of_monitor)
+    wrong = {**given, "respwn": "true"}
     nodes_of(name, **wrong)  # included by another file, it may be for that one
     monkeypatch.setattr(sys, "argv", ["ros2", "launch", "ema_bringup", name])
-    with pytest.raises(
-        RuntimeError, match=r"has no argument calibraton_file; arguments: .*calibration_file"
-    ):
+    with pytest.raises(RuntimeError, match=r"has no argument respwn; arguments: .*respawn"):
         nodes_of(name, **wrong)
 
 
@@ -281,7 +283,13 @@ def test_fleet_is_actuators_on_the_topics_of_one_monitor():
 
 @pytest.mark.usefixtures("launch_modules")
 @pytest.mark.parametrize("name", ["fleet.launch.py", "monitor.launch.py"])
-def test_monitors_that_share_the_actuators_have_a_name_a_shard_and_the_file_each(name, tmp_path):
+def test_monitors_that_share_the_actuators_have_a_name_a_shard_and_the_file_each(
+    name, tmp_path, monkeypatch
+):
+    at_exit = []
+    monkeypatch.setattr(
+        atexit, "register", lambda *call, **options: at_exit.append((call, options))
+    )
     own = tmp_path / "own.yaml"
     own.write_text(SHARED_FILE)
     nodes = nodes_of(name, monitors="2", monitor_params=str(own), history_folder="kept")
@@ -298,6 +306,9 @@ def test_monitors_that_share_the_actuators_have_a_name_a_shard_and_the_file_each
         values, given = started("monitor", *arguments)
         assert given - values.keys() == set()
         assert (values["budget"], values["limits.gain"], values["window_s"]) == (budget, 0.2, 0.4)
+    for (remove, *arguments), options in at_exit:
+        remove(*arguments, **options)
+    assert not Path(first["parameters"][0]).parent.exists()
 
 
 SHARED_FILE = """

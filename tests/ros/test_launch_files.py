@@ -15,7 +15,7 @@ PACKAGE = FOLDERS["ema_bringup"]
 LAUNCH_FILES = sorted((PACKAGE / "launch").glob("*.py"))
 MODULES = sorted((PACKAGE / "ema_bringup").glob("*.py"))
 IMPORTED = {"ament_index_python", "ema_bringup", "ema_core", "ema_ros", "launch", "launch_ros"}
-STANDARD = {"collections", "pathlib", "sys", "tempfile", "typing"}
+STANDARD = {"atexit", "collections", "pathlib", "shutil", "sys", "tempfile", "typing"}
 
 
 def imported(tree: ast.AST) -> Iterator[str]:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arguments common to the launch files of this package, and nodes that use them."""
 
+import atexit
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -20,6 +22,11 @@ from launch import LaunchContext, LaunchDescription
 _COMMON = {
     "namespace": ("/ema", "namespace of the nodes and of the telemetry"),
     "use_sim_time": ("false", "true: the nodes follow /clock"),
+    "log_level": ("info", "debug, info, warn, error or fatal"),
+    "respawn": ("false", "true: a node that exits is restarted after 2 s"),
+    "autostart": ("true", "false: a lifecycle manager configures and activates the nodes"),
+}
+_OF_MONITOR = {
     "history_folder": (
         "",
         "folder in which the monitor stores the tests of each unit; memory: not stored; empty: as "
@@ -30,9 +37,6 @@ _COMMON = {
         "calibration file; {actuator_id} and {serial_number} are replaced for each actuator; "
         "empty: as in monitor_params",
     ),
-    "log_level": ("info", "debug, info, warn, error or fatal"),
-    "respawn": ("false", "true: a node that exits is restarted after 2 s"),
-    "autostart": ("true", "false: a lifecycle manager configures and activates the nodes"),
 }
 MONITORS = (
     "1",
@@ -59,18 +63,18 @@ def launch(
     make_nodes
         Returns the nodes.
     nodes
-        Names of the nodes, each with an argument for its parameter file.
+        Names of the nodes, each with an argument for its parameter file. If ``monitor`` is one of
+        them, there are also arguments for its files.
     arguments
         Default and description of further arguments; required ones have the default None.
     """
-    config = Path(get_package_share_directory("ema_bringup"), "config")
+    common = _COMMON | (_OF_MONITOR if "monitor" in nodes else {})
     files = {
-        f"{name}_params": (str(config / f"{name}.yaml"), f"parameter file of the {name}")
-        for name in nodes
+        f"{name}_params": (shipped_file(name), f"parameter file of the {name}") for name in nodes
     }
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=description)
-        for name, (default, description) in {**_COMMON, **arguments, **files}.items()
+        for name, (default, description) in {**common, **arguments, **files}.items()
     ]
 
     def check(context: LaunchContext) -> list[Any]:
@@ -88,6 +92,11 @@ def launch(
 
     start = [OpaqueFunction(function=check), OpaqueFunction(function=make_nodes)]
     return LaunchDescription([*declared, *start])
+
+
+def shipped_file(name: str) -> str:
+    """Return the path of a parameter file of this package, by its name without suffix."""
+    return str(Path(get_package_share_directory("ema_bringup"), "config", f"{name}.yaml"))
 
 
 def value_of(context: LaunchContext, name: str) -> str:
@@ -188,6 +197,8 @@ def monitors(
     file = Path(value_of(context, "monitor_params"))
     _require_file("monitor", str(file))
     folder = Path(tempfile.mkdtemp(prefix="ema_"))
+    # Not earlier: a monitor that is restarted reads its file again.
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return [
         node(
             context,

@@ -17,7 +17,8 @@ def generate_launch_description() -> LaunchDescription:
     return ema.launch(
         __file__,
         _nodes,
-        ("bridge", "monitor", "recorder", "dashboard", "attach"),
+        ("bridge", "monitor", "recorder", "dashboard"),
+        attach_params=(ema.shipped_file("attach"), "parameters of all nodes of this launch file"),
         effort_unit=("N.m", "unit of the effort: N.m, A or N"),
         accept_after=("0", "healthy records after which a baseline is accepted; 0: by a person"),
         recordings=("recordings", "folder of the recordings of level changes; it must be new"),
