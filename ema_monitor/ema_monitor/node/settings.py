@@ -26,7 +26,7 @@ from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.node_parameters import LiveSettings
 
 IN_MEMORY: Final = "memory"
-"""Value of ``history_folder`` that keeps histories in memory only; launch files reject ""."""
+"""Value of ``history_folder`` that keeps histories in memory only."""
 
 _PERIODS: Final = 3.0
 
