@@ -19,7 +19,7 @@ from ..waiting import wait_for
 from .spinning import Spinning, ros_context
 
 
-def test_one_who_goes_is_reported_once_and_missed_for_a_minute():
+def test_disappeared_node_is_reported_once_and_missed_for_a_minute():
     peers = Peers("/ema/own")
     both = {"/ema/actuator", "/ema/recorder"}
     assert peers.update(both, Counter(both), 0.0) == []
@@ -38,7 +38,7 @@ def test_one_who_goes_is_reported_once_and_missed_for_a_minute():
     }
 
 
-def test_one_who_comes_back_is_not_missed_and_reported_again_when_gone_again():
+def test_node_that_returns_is_not_missed_and_is_reported_when_it_disappears_again():
     peers = Peers("/ema/own")
     peers.update({"/ema/a", "/ema/b"}, Counter({"/ema/a", "/ema/b"}), 0.0)
     assert peers.update(set(), Counter(), 1.0) == ["/ema/a", "/ema/b"]
@@ -49,7 +49,7 @@ def test_one_who_comes_back_is_not_missed_and_reported_again_when_gone_again():
     assert peers.task("unit", 61.5).message == "lost contact with /ema/a"
 
 
-def test_one_who_is_only_inactive_is_not_missed():
+def test_inactive_node_is_not_missed():
     peers = Peers("/ema/own")
     peers.update({"/ema/a"}, Counter({"/ema/a"}), 0.0)
     assert peers.update(set(), Counter({"/ema/a", "/ema/stranger"}), 1.0) == []
