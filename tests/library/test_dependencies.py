@@ -35,6 +35,9 @@ It has no key for them, no package for the key (numba), or a key for pip, which 
 outside of a virtual environment.
 """
 
+OPTIONAL = {"rosbag2_interfaces"}
+"""Modules that are used where they are installed."""
+
 KEYS = {"prometheus_client": "python3-prometheus-client"}
 """Keys of rosdep that are not ``python3-`` and the name of the module."""
 
@@ -85,7 +88,7 @@ def disagreements(folder: Path, workspace: str) -> set[str]:
     """Return FILE: NAME for each dependency that one side has, and the imports lack or add."""
     imported = {name for name in imports(folder, nodes=False) if not is_ros(name)}
     required = {item.name for item in requirements(folder)}
-    modules = imports(folder, nodes=True)
+    modules = imports(folder, nodes=True) - OPTIONAL
     keys = {
         name if is_ros(name) or name.startswith("ema_") else KEYS.get(name, f"python3-{name}")
         for name in modules - WITHOUT_KEY
