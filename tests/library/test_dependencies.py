@@ -42,6 +42,11 @@ KEYS = {"prometheus_client": "python3-prometheus-client"}
 """Keys of rosdep that are not ``python3-`` and the name of the module."""
 
 
+RUNTIME = ROOT / "requirements" / "runtime.in"
+NOT_LISTED = {"llvmlite", "markupsafe", "distributed"}
+"""Versions that numba and jinja2 choose, and the extra ``dask``, which is in ``dev.in``."""
+
+
 def is_ros(module: str) -> bool:
     return module in ("rclpy", "ament_index_python") or module.endswith(
         ("_msgs", "_srvs", "_interfaces")
@@ -160,6 +165,27 @@ def test_workspace_requires_nothing_that_no_package_requires():
     assert names - {"pytest", "pytest-xdist", "mcap-ros2-support"} == {
         name for name in required if not name.startswith("ema_")
     }
+
+
+def not_in_both(runtime: str) -> set[str]:
+    """Return the packages that either ``runtime.in`` or the setup.cfg of all packages lacks."""
+    lines = (line.partition("#")[0].strip() for line in runtime.splitlines())
+    pinned = {Requirement(line).name for line in lines if line}
+    required = {item.name for package in PACKAGES for item in requirements(FOLDERS[package])}
+    # mcap imports lz4 where a bag is compressed by it.
+    return {name for name in required if not name.startswith("ema_")} ^ (pinned - {"lz4"})
+
+
+def test_runtime_requirements_are_those_of_the_packages():
+    assert not_in_both(RUNTIME.read_text(encoding="utf-8")) == NOT_LISTED
+
+
+@pytest.mark.parametrize(("line", "other"), [("duckdb==1.5.6\n", ""), ("rich==", "poor==")])
+def test_runtime_requirement_that_differs_is_named(line: str, other: str):
+    text = RUNTIME.read_text(encoding="utf-8")
+    assert line in text
+    names = {item.partition("==")[0] for item in (line, other) if item}
+    assert not_in_both(text.replace(line, other)) == NOT_LISTED | names
 
 
 def test_bounds_of_a_workspace_are_within_those_of_the_packages():
