@@ -132,7 +132,7 @@ def workspace(folders: Iterable[Path]) -> str:
                 if item.name not in FOLDERS:
                     bounds = ",".join(sorted(map(str, item.specifier), reverse=True))
                     required[item.name] = BOUNDS.get(item.name, bounds)
-    head = "# Written by `make package-files` from setup.cfg of each package.\n"
+    head = "# Written by `make package-files` from setup.cfg of each package, with what `colcon test` needs.\n"
     return head + "".join(f"{name}{bounds}\n" for name, bounds in sorted(required.items()))
 
 
