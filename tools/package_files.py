@@ -27,20 +27,21 @@ FOLDERS: Final = {
 
 WORKSPACE: Final = ROOT / "requirements" / "workspace.txt"
 
-TOPICS: Final = {
-    "ema_archive": r"`ema archive`|[Tt]he archive|ema_archive",
-    "ema_bags": r"^Import|^Recording|recorder|\bbags?\b|ema_bags",
-    "ema_bringup": r"launch|aggregator\.yaml|shard|monitors:=",
-    "ema_cli": r"^Commands|`ema |`--|ema_cli",
-    "ema_core": r"Faults have names|`acquisition`|growth of simulated|threads|eight faults",
-    "ema_dashboard": r"^Page|dashboard|\bpage\b",
-    "ema_interfaces": r"Messages? |New topics|Health\.events|ema_interfaces",
-    "ema_monitor": r"^Unknown|^Diagnosis|^Never|^Life|ema_monitor|Algorithms|Prognosis",
-    "ema_ros": r"^Nodes|/diagnostics|lifecycle|ema_ros",
-    "ema_sim": r"simulat|ema_sim",
-    "ema_study": r"thesis",
+REPOSITORY: Final = "repository"
+"""Owner of entries in ``CHANGELOG.md`` that concern no package."""
+
+SECTIONS: Final = {
+    "Unknown drives and robot joints": "ema_monitor",
+    "Diagnosis of modelled drives": "ema_monitor",
+    "Never a wrong OK": "ema_monitor",
+    "Life and removal": "ema_monitor",
+    "Import and tables": "ema_bags",
+    "Recording, replay, archive": "ema_bags",
+    "Page, metrics and access": "ema_dashboard",
+    "Commands": "ema_cli",
+    "Python API": "ema_monitor",
 }
-"""Entries of each package in ``CHANGELOG.md``: a pattern of "SECTION: ENTRY"."""
+"""Package of the entries of a section that end without a comment such as ``<!-- ema_sim -->``."""
 
 BOUNDS: Final = {"numpy": ">=1.26,<2", "pyarrow": ">=21,<26"}
 """Bounds in a ROS workspace.
@@ -56,8 +57,8 @@ class Release(NamedTuple):
     label: str
     """Version and date, or "Forthcoming"."""
 
-    entries: list[tuple[str, str]]
-    """Section and Markdown text of each entry."""
+    entries: list[tuple[set[str], str]]
+    """Owners and Markdown text of each entry."""
 
 
 def files() -> dict[Path, str]:
@@ -108,11 +109,7 @@ def changelog(name: str, releases: Iterable[Release]) -> str:
     title = f"Changelog for package {name}"
     lines = ["^" * len(title), title, "^" * len(title)]
     for release in releases:
-        entries = [
-            text
-            for section, text in release.entries
-            if re.search(TOPICS[name], f"{section}: {text}")
-        ]
+        entries = [text for owners, text in release.entries if name in owners]
         if entries:
             lines += ["", release.label, "-" * len(release.label)]
             lines += [f"* {_restructured(text)}" for text in entries]
@@ -132,7 +129,8 @@ def workspace(folders: Iterable[Path]) -> str:
                 if item.name not in FOLDERS:
                     bounds = ",".join(sorted(map(str, item.specifier), reverse=True))
                     required[item.name] = BOUNDS.get(item.name, bounds)
-    head = "# Written by `make package-files` from setup.cfg of each package, with what `colcon test` needs.\n"
+    source = "setup.cfg of each package, with what `colcon test` needs"
+    head = f"# Written by `make package-files` from {source}.\n"
     return head + "".join(f"{name}{bounds}\n" for name, bounds in sorted(required.items()))
 
 
@@ -151,8 +149,23 @@ def _releases(text: str) -> Iterator[Release]:
             if block.startswith("### "):
                 section = text.removeprefix("### ")
             elif block.startswith("- "):
-                entries.append((section, text.removeprefix("- ")))
+                entries.append(_owned(section, text.removeprefix("- ")))
         yield Release(version if "(" in version else "Forthcoming", entries)
+
+
+def _owned(section: str, text: str) -> tuple[set[str], str]:
+    """Return the owners of an entry, and its text without the comment that names them.
+
+    Raises ValueError if an entry has no owner, or one that is no package.
+    """
+    entry, _, comment = text.partition(" <!-- ")
+    owners = set((comment.removesuffix("-->") or SECTIONS.get(section, "")).split())
+    if not owners or owners - {REPOSITORY, *FOLDERS}:
+        raise ValueError(
+            f"CHANGELOG.md: {entry[:60]!r} has the owners {sorted(owners)}: end the entry with "
+            f"<!-- PACKAGE ... -->, packages of this repository, or with <!-- {REPOSITORY} -->"
+        )
+    return owners, entry
 
 
 def _restructured(text: str) -> str:

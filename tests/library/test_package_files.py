@@ -73,19 +73,36 @@ A line.
 ### Page, metrics and access
 - The `page` shows `f(x)`s of
   [the fleet](docs/fleet.md) * 2.
+- The dashboard is not named here. <!-- ema_cli -->
 
 ## 1.0.0 (2026-01-01)
 
-- Elsewhere.
-- A page.
+- Elsewhere. <!-- repository -->
+- A page, the `ema_sim` of
+  which is next to it. <!-- ema_cli ema_dashboard -->
+- An actuator whose page is elsewhere. <!-- ema_sim -->
 """
-    releases = package_files._releases(text)
+    releases = list(package_files._releases(text))
     assert package_files.changelog("ema_dashboard", releases).splitlines()[4:] == [
         *("Forthcoming", "-----------"),
         "* The ``page`` shows ``f(x)``\\ s of the fleet \\* 2.",
         *("", "1.0.0 (2026-01-01)", "------------------"),
-        "* A page.",
+        "* A page, the ``ema_sim`` of which is next to it.",
     ]
+
+
+@pytest.mark.parametrize(
+    ("entry", "owners"),
+    [
+        ("- An entry.", r"\[\]"),
+        ("- An entry. <!-- ema_simulation -->", r"\['ema_simulation'\]"),
+        ("- An entry. <!-- ema_sim and ema_cli -->", r"\['and', 'ema_cli', 'ema_sim'\]"),
+    ],
+)
+def test_changelog_entry_without_a_package_is_refused(package_files, entry, owners):
+    text = f"# Changelog\n\n## 1.0.0 (2026-01-01)\n\n{entry}\n"
+    with pytest.raises(ValueError, match=rf"'An entry\.' has the owners {owners}: end the entry"):
+        list(package_files._releases(text))
 
 
 @pytest.mark.parametrize("package", FOLDERS)
