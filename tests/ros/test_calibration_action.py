@@ -136,6 +136,16 @@ def test_monitor_calibrates_known_actuators_while_it_is_active(session: MonitorS
     assert rejections(session) == "the monitor is not active"
 
 
+def test_inactive_monitor_loads_a_calibration(session: MonitorSession, tmp_path: Path):
+    shipped = Calibration.builtin()
+    shipped.save(tmp_path / "shipped.yaml")
+    assert session.change_state(Transition.TRANSITION_DEACTIVATE)
+    status, result = calibrate(session, load=True, file="shipped.yaml").result()
+    assert status == GoalStatus.STATUS_SUCCEEDED, result.message
+    assert result.calibration_id == shipped.calibration_id
+    assert not calibrate(session).is_accepted
+
+
 @pytest.mark.parametrize(
     "transitions",
     [

@@ -141,6 +141,8 @@ class MonitorNode(ManagedNode):
 
     def clean_up(self) -> None:
         """Close the histories, and forget the actuators."""
+        # A goal of an inactive monitor may load a calibration.
+        self.work.goals.finish()
         self.histories.close()
         self.work.baselines.close()
         self.actuators.clear()

@@ -72,7 +72,12 @@ class CalibrationCalls:
             node.create_service(kind, f"~/{name}", callback, callback_group=group)
 
     def _check(self, request: action.Calibrate.Goal) -> None:
-        """Reserve the actuator of a goal; refuse unknown and reserved actuators."""
+        """Reserve the actuator of a goal; refuse unknown and reserved actuators.
+
+        An inactive monitor receives no windows, but can load a calibration.
+        """
+        if not request.load:
+            self._goals.require_active()
         unit, _ = self._actuators.find(request.actuator_id)
         self._reserve(unit)
         # An empty name keeps its actuator if another actuator appears.

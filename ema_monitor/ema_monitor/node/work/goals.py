@@ -119,7 +119,6 @@ class Goals:
         self, name: str, check: Callable[[Any], None], request: Any
     ) -> GoalResponse:
         try:
-            self.require_active()
             check(request)
         except ValueError as error:
             self.rejected = str(error)

@@ -43,6 +43,7 @@ class IdentificationGoals:
 
     def _check(self, request: IdentifyFaults.Goal) -> None:
         """Refuse invalid goals, and goals beyond the limit of concurrent goals."""
+        self._goals.require_active()
         unit, _ = self._actuators.find(request.actuator_id)
         self._search_for(request)
         if not request.next_window:
