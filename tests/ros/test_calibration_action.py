@@ -136,6 +136,22 @@ def test_monitor_calibrates_known_actuators_while_it_is_active(session: MonitorS
     assert rejections(session) == "the monitor is not active"
 
 
+def test_impossible_request_is_logged_once(session: MonitorSession, capfd):
+    def logged() -> list[str]:
+        printed = capfd.readouterr().err.splitlines()
+        return [line.partition("flap: ")[2] for line in printed if "flap: " in line]
+
+    for windows in (0, 500):
+        calibrate(session, windows=windows).result()
+        text = f"not calibrated: windows = {windows}: expected 1 to 200 healthy windows"
+        assert logged() == [text]
+    goal = calibrate(session)
+    wait_for(lambda: goal.feedback, "the first feedback")
+    assert logged() == ["calibration is requested"]
+    session.call(srv.Calibrate, "/ema/monitor/calibrate", srv.Calibrate.Request())
+    assert logged() == ["not calibrated: actuator 'flap' is already being calibrated"]
+
+
 def test_inactive_monitor_loads_a_calibration(session: MonitorSession, tmp_path: Path):
     shipped = Calibration.builtin()
     shipped.save(tmp_path / "shipped.yaml")

@@ -132,9 +132,13 @@ class CalibrationCalls:
             message = f"loaded from {path}"
         else:
             self._goals.require_active()
+            if not 1 <= (number := request.windows) <= _MOST_WINDOWS:
+                raise ValueError(
+                    f"windows = {number}: expected 1 to {_MOST_WINDOWS} healthy windows"
+                )
             path = self._store.prepare(description, request.file)
             self._log.info(f"{description.actuator_id}: calibration is requested")
-            windows = list(self._healthy_windows(unit, request.windows, goal))
+            windows = list(self._healthy_windows(unit, number, goal))
             if not request.force:
                 self._require_no_alarm(description)
             accepted_by = person if request.force else ""
@@ -191,8 +195,6 @@ class CalibrationCalls:
 
     def _healthy_windows(self, unit: ActuatorStatus, number: int, goal: Any) -> Iterator[Window]:
         """Yield the next windows of an actuator, without refused windows; report each to a goal."""
-        if not 1 <= number <= _MOST_WINDOWS:
-            raise ValueError(f"windows = {number}: expected 1 to {_MOST_WINDOWS} healthy windows")
         timeout_s = self._goals.timeout_s(unit)
         work = self._worker.of(unit.actuator_id)
         with work.next_windows() as windows:
