@@ -173,12 +173,19 @@ class CalibrationStore:
         Raises
         ------
         ValueError
-            If the file is outside the folder, not a calibration, or belongs to a different unit.
+            If the file is outside the folder, does not exist, is not a calibration, or belongs to a
+            different unit.
         OSError
             If the file cannot be read.
         """
         path = self._place(description, file)
-        calibration = load_calibration(path)
+        try:
+            calibration = load_calibration(path)
+        except FileNotFoundError as error:
+            raise ValueError(
+                f"calibration file {path} does not exist: calibrate on the healthy unit, or name a "
+                f"file in calibration_folder = {self._folder}"
+            ) from error
         if differences := calibration.unit_mismatch(description):
             raise ValueError(f"{path}: {differences_text(differences)}")
         self._in_use[description.unit_key] = calibration

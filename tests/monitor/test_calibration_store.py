@@ -193,7 +193,8 @@ def test_calibration_that_is_loaded_must_be_of_the_unit(tmp_path: Path):
     calibration, path = store.load(RUDDER, str(file))
     assert path == file
     assert identity(store.of(RUDDER)) == calibration.calibration_id
-    with pytest.raises(FileNotFoundError, match="nowhere"):
+    missing = r"/nowhere\.yaml does not exist: .*, or name a file in calibration_folder = "
+    with pytest.raises(ValueError, match=missing):
         store.load(RUDDER, "nowhere.yaml")
     assert identity(store.of(RUDDER)) == calibration.calibration_id
 

@@ -114,7 +114,7 @@ def test_goal_reserves_its_actuator_when_it_is_accepted(session: MonitorSession,
     ("goal", "text"),
     [
         ({"windows": 0}, "windows = 0: expected 1 to 200 healthy windows"),
-        ({"load": True, "file": "nowhere.yaml"}, "No such file"),
+        ({"load": True, "file": "nowhere.yaml"}, "nowhere.yaml does not exist: calibrate on"),
         ({"force": True}, "person: expected 1 to 60 printable characters"),
     ],
 )

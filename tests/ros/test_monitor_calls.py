@@ -244,7 +244,7 @@ def test_calibration_that_does_not_come_about_states_why(session: MonitorSession
         ({"windows": 2**31 - 1}, "windows = 2147483647: expected 1 to 200 healthy windows"),
         ({"windows": 1}, "no healthy window within 1 s, after 0 of 1"),
         ({"windows": 1, "actuator_id": "rudder"}, "'rudder' is not monitored"),
-        ({"load": True, "file": "nowhere.yaml"}, "No such file"),
+        ({"load": True, "file": "nowhere.yaml"}, "nowhere.yaml does not exist: calibrate on"),
         ({"windows": 1, "file": "/dev/zero"}, "parameter calibration_folder"),
     ):
         answer = calibrate(session, **request, **FORCED)
