@@ -301,8 +301,22 @@ class _Test:
         self._baseline, self._healthy = comparer.baseline, comparer.expected(record)
         moved = comparer.baseline.motion_errors(record)
         self._error = comparer.error(record.covariance) + np.diag(moved**2)
+        self._error[at.DRY, at.DRY] += self._other_error**2
         self._departure = record.values - self._healthy
         self._total = comparer.spread + self._error
+
+    @property
+    def _other_error(self) -> float:
+        """Error of the friction due to effort outside the model that healthy records lack [-].
+
+        The error of the healthy records is common to all. If the record has more or less of such
+        effort, as with another part in the gripper, its error differs by as much.
+        """
+        healthy = np.array([record.friction_error for record in self._baseline.records])
+        error = self._record.friction_error
+        if not (math.isfinite(error) and np.all(np.isfinite(healthy))):
+            return 0.0
+        return max(float(np.min(healthy)) - error, error - float(np.max(healthy)), 0.0)
 
     def result(self) -> Comparison:
         """Return the comparison."""

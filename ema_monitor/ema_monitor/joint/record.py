@@ -15,7 +15,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.joint.figures import figures_of, lost_motion, tracking_lag
 from ema_monitor.joint.lag import UNKNOWN_LAG, EffortLag
 from ema_monitor.joint.parts import parts_of
-from ema_monitor.joint.shape import Shape, fit_record
+from ema_monitor.joint.shape import Shape, fit_record, friction_error_square
 from ema_monitor.joint.signals import Fine, Preparation, Signals, block_means, filtered
 from ema_monitor.reasons import EffortConstant, Reason, SpeedOutside, TooFewRows, TooFewStrokes
 
@@ -66,6 +66,9 @@ class JointRecord:
     """Figures of each part by name, used to classify labelled states."""
     effort_lag: EffortLag = UNKNOWN_LAG
     """Lag of the effort behind the motion."""
+    friction_error: float = math.nan
+    """Standard deviation of the error of the dry friction due to effort outside the model, relative
+    to the healthy friction [-]; NaN if it was not determined."""
 
     @property
     def day(self) -> int:
@@ -171,4 +174,5 @@ def read_record(
         len(signals),
         parts_of(telemetry, preparation),
         effort_lag,
+        math.sqrt(max(friction_error_square(shape, signals, fit), 0.0)),
     )

@@ -273,8 +273,7 @@ def choose_shape(signals: Sequence[Signals], *, is_linear: bool) -> Shape:
             "the motion; does the effort have the sign of the motion?"
         )
     shape = _with_load_columns(_observable(shape, signals), signals)
-    square = float(np.median([_friction_error_square(shape, record) for record in signals]))
-    return replace(shape, friction_error=math.sqrt(max(square, 0.0)))
+    return replace(shape, friction_error=_usual_friction_error(shape, signals))
 
 
 def _with_load_columns(shape: Shape, records: Sequence[Signals]) -> Shape:
@@ -320,23 +319,37 @@ def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
     return replace(seen, has_viscous=False, coulomb=both, dip=0.0, load_share=0.0)
 
 
-def _friction_error_square(shape: Shape, signals: Signals) -> float:
-    """Return the relative variance of the friction of a record due to effort outside the model [-].
+def friction_error_square(shape: Shape, signals: Signals, fit: RecordFit) -> float:
+    """Return the variance of the dry friction of a record due to effort outside the model [-].
 
-    The residuals contain the part of such effort that no term of the model can represent. The part
-    along the friction is assumed to be as large: the error has their standard deviation. Noise does
-    not count: it is independent in rows that are ``_INDEPENDENT`` rows apart. The result may be
-    negative.
+    It is relative to the healthy friction, as the coefficient is. The residuals contain the part of
+    such effort that no term of the model can represent. The part along the friction is assumed to
+    be as large: the error has their standard deviation. Noise does not count: it is independent in
+    rows that are ``_INDEPENDENT`` rows apart. The result may be negative.
+
+    Parameters
+    ----------
+    shape, signals, fit
+        Effort model of the unit, rows of the record, and the model fitted to them.
     """
-    design, fit = shape.terms(signals), fit_record(shape, signals)
+    design = shape.terms(signals)
     scales = np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
     friction, rest = design[:, 0] / scales[0], design[:, 1:] / scales[1:]
     alone = friction - rest @ np.linalg.lstsq(rest, friction, rcond=None)[0]
     first, second = fit.residuals[:-_INDEPENDENT], fit.residuals[_INDEPENDENT:]
     same = signals.stroke[:-_INDEPENDENT] == signals.stroke[_INDEPENDENT:]
     square = float(np.mean((first * second)[same])) if np.any(same) else _rms(fit.residuals) ** 2
-    size = scales[0] * _rms(alone) * abs(fit.values[DRY])
-    return square / max(size, _TINY) ** 2
+    return square / max(scales[0] * _rms(alone), _TINY) ** 2
+
+
+def _usual_friction_error(shape: Shape, records: Sequence[Signals]) -> float:
+    """Return the usual relative error of the friction due to effort outside the model [-]."""
+    squares = []
+    for record in records:
+        fit = fit_record(shape, record)
+        square = friction_error_square(shape, record, fit)
+        squares.append(square / max(abs(fit.values[DRY]), _TINY) ** 2)
+    return math.sqrt(max(float(np.median(squares)), 0.0))
 
 
 def _better(

@@ -197,6 +197,16 @@ def test_payloads_that_vary_with_the_task_change_nothing(count: int, seed: int):
         assert not comparison.changed
 
 
+@pytest.mark.parametrize(("error", "is_changed"), [(0.3, True), (0.02, False), (0.9, False)])
+def test_friction_of_a_record_with_other_effort_outside_the_model(error: float, is_changed: bool):
+    """Part of the effort outside the model is taken for friction: another part, another error."""
+    baseline = baseline_of(records=[{"friction_error": 0.25 + 0.01 * at} for at in range(9)])
+    record = record_of(changed(HEALTHY, friction=1.4), friction_error=error)
+    comparison = Comparer(baseline).compare(record)
+    assert (FRICTION in names(comparison)) == is_changed
+    assert comparison[FRICTION].change == pytest.approx(0.4, abs=0.03)
+
+
 def test_correlation_of_gravity_and_inertia_is_that_of_the_payload():
     def correlation(payload: float) -> float:
         rng = np.random.default_rng(3)
