@@ -3,19 +3,22 @@
 
 import array
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import TelemetryBlock
 from ema_ros import topics
 from ema_ros.messages import description_to_message, telemetry_to_message
 
+from ..waiting import wait_for
 from .monitor_session import FLAP, MonitorSession, Source, corrupted, in_window, monitor
 
 Messages = list[TelemetryBlock]
-WARN, ERROR = b"\x01", b"\x02"
+OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +32,10 @@ def session() -> Iterator[MonitorSession]:
 def source() -> Source:
     """One actuator for all tests, whose telemetry goes on from one to the next."""
     return Source(friction=0.3)
+
+
+def value(status: DiagnosticStatus, key: str) -> str:
+    return next(item.value for item in status.values if item.key == key)
 
 
 def message(block: Telemetry) -> TelemetryBlock:
@@ -145,3 +152,34 @@ def test_telemetry_waits_for_the_description_and_what_is_wrong_with_one_is_named
         session.until_status("flap telemetry", "invalid description", WARN, since=before)
         session.feed(source.cycle())
         assert session.next_estimate().valid
+
+
+def test_two_publishers_of_one_actuator_are_named_while_both_are_there_and_lose_nothing():
+    source = Source()
+    with monitor() as session:
+        session.describe()
+        for block in source.cycle():
+            session.feed([block, replace(block, first_index=block.first_index + 2_562_100)])
+        expected = "several publishers send actuator_id flap (/ema/probe): stop all but one"
+        status = session.until_status("flap telemetry", expected, WARN)
+        assert (status.message, value(status, "samples lost")) == (expected, "0")
+        # One goes on alone, and its next window is used.
+        since = len(session.statuses("flap telemetry"))
+        wait_for(lambda: not session.node.actuators["flap"].runs.are_several, "the end of it")
+        session.feed(source.cycle())
+        status = session.until_status("flap telemetry", "1 valid estimates", OK, since=since)
+        assert value(status, "samples lost") == "0"
+
+
+def test_lost_samples_are_counted_once_the_gap_is_certain(source: Source):
+    with monitor() as session:
+        session.describe()
+        blocks = source.cycle()
+        del blocks[in_window(blocks)]
+        session.feed(blocks)
+
+        def are_counted() -> bool:
+            return value(session.statuses("flap telemetry")[-1], "samples lost") == "500"
+
+        session.until(lambda: session.statuses("flap telemetry"))
+        wait_for(are_counted, "the lost samples")

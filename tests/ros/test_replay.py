@@ -90,7 +90,10 @@ def test_replay_gives_the_estimates_of_the_offline_command(bag: Path, expected, 
         graph.start("player", bag=bag, rate=5.0, actuator_only=True)
         assert graph.exit_code("player") == 0, graph.log("player").read_text()
         graph.wait_for(lambda: len(graph.estimates) == 3, "three estimates")
-        assert graph.status["/ema/monitor: flap telemetry"].values["samples lost"] == "100"
+        telemetry = "/ema/monitor: flap telemetry"
+        graph.wait_for(
+            lambda: graph.status[telemetry].values["samples lost"] == "100", "the lost samples"
+        )
         # The end of the telemetry shows only when the monitor ends.
         assert graph.stop("monitor") == 0
         graph.wait_for(lambda: len(graph.estimates) == 4, "the refusal of the last window")

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Monitor node: subscribes to telemetry, publishes estimates and health."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,13 +22,16 @@ from ema_monitor.node.work.kernels import compile_monitor_kernels
 from ema_monitor.node.work.work import Work
 from ema_monitor.prognosis.fleet_growth import FleetGrowth
 from ema_monitor.windows.trigger import TriggerSettings
+from ema_ros import topics
 from ema_ros.actuator_file import load_description
 from ema_ros.managed_node import ManagedNode
 from ema_ros.node_parameters import declare, read
+from ema_ros.peers import nodes_publishing
 from ema_ros.run import run
 from ema_ros.status import Task
 
 _STALE_CHECK_S: Final = 1.0
+_PUBLISHERS_CHECK_S: Final = 1.0
 _CLOCK_FILE: Final = "clock.json"
 
 
@@ -119,12 +123,14 @@ class MonitorNode(ManagedNode):
             self.actuators,
             settings.operation,
             self._now_ns,
+            partial(nodes_publishing, self, self.resolve_topic_name(topics.TELEMETRY)),
             log,
         )
         self.receiver.serve(self)
         # A backward step of the system clock stops a timer on it; simulated time may step back.
         add_timer = self.create_timer if is_simulated else self.add_timer
         add_timer(_STALE_CHECK_S, self.receiver.check)
+        self.add_timer(_PUBLISHERS_CHECK_S, self.receiver.check_publishers)
 
     def activate(self) -> None:
         """Start the identification thread and subscribe to telemetry."""

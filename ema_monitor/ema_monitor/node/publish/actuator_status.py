@@ -2,10 +2,11 @@
 """Status of one monitored actuator: defects, counts and published health."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Final
 
 from ema_core.description import ActuatorDescription
+from ema_core.sample_runs import SampleRuns, several_publishers
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.diagnosis import Diagnosed
 from ema_monitor.identification.tally import Tally
@@ -55,6 +56,10 @@ class ActuatorStatus:
         Time from the end of the latest window to its estimate [s].
     alternation
         Warning that several units use the name in turn; empty for a single unit.
+    runs
+        Runs of its telemetry by reception, which count its losses for each publisher.
+    collision
+        Warning that several publishers send its telemetry; else empty.
     learning
         Progress of its baseline as a text; empty if the baseline is accepted, or not learned.
     """
@@ -74,7 +79,8 @@ class ActuatorStatus:
         self.tally = Tally()
         self.is_calibrating = False
         self.is_listed = False
-        self.alternation = self.learning = ""
+        self.alternation = self.collision = self.learning = ""
+        self.runs = SampleRuns()
         self._exchanged: list[str] = []
         self._since_exchange = 0
         self._namespace = namespace
@@ -134,6 +140,20 @@ class ActuatorStatus:
             "actuator_id, or call ~/forget_actuator if the unit was mounted again"
         )
         return True
+
+    def check_publishers(self, publishing: Callable[[], Collection[str]]) -> bool:
+        """Update the warning of several publishers. Return whether it has begun.
+
+        ``publishing`` returns the full names of the nodes that publish telemetry. The warning
+        replaces the defects, which come from the alternating sample indices.
+        """
+        before = self.collision
+        self.collision = ""
+        if self.runs.are_several:
+            self.collision = several_publishers([self.actuator_id], publishing())
+        if bool(self.collision) != bool(before):
+            self._open_defects.clear()
+        return bool(self.collision) and not before
 
     def add_defect(self, reason: str, before_window: int | None = None) -> bool:
         """Record a defect. Return whether it is the only open defect.

@@ -33,7 +33,7 @@ def telemetry_status(unit: ActuatorStatus, dropped: int = 0) -> TelemetryStatus:
         actuator_id=unit.actuator_id,
         serial_number=unit.description.serial_number if unit.description else "",
         blocks=unit.finder.blocks,
-        samples_lost=min(unit.finder.lost_samples, _LARGEST_COUNT),
+        samples_lost=min(unit.runs.lost_samples, _LARGEST_COUNT),
         windows=unit.finder.windows,
         windows_dropped=dropped,
         estimates_valid=unit.valid,
@@ -117,7 +117,9 @@ def _telemetry_task(unit: ActuatorStatus, waiting: int, dropped: int) -> Task:
     elif unit.description is None:
         level, category = ERROR, CHECK_FUNCTION
         waiting_text = "no description of the actuator: its telemetry cannot be used yet"
-        message = "; ".join(filter(None, [waiting_text, unit.defects]))
+        message = "; ".join(filter(None, [waiting_text, unit.collision, unit.defects]))
+    elif unit.collision:
+        level, message = WARN, unit.collision
     elif unit.alternation or unit.defects:
         level, message = WARN, "; ".join(filter(None, [unit.alternation, unit.defects]))
     elif not finder.blocks:

@@ -3,7 +3,7 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Final
@@ -12,6 +12,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
 from ema_core.description import ActuatorDescription, check_name
 from ema_interfaces.srv import ForgetActuator
+from ema_monitor.node.publish.actuator_status import ActuatorStatus
 from ema_monitor.node.publish.actuators import NOT_ACTIVE, Actuators
 from ema_monitor.node.publish.log import Log
 from ema_monitor.node.receive.admission import Admission
@@ -50,6 +51,7 @@ class Receiver:
         actuators: Actuators,
         operation: LiveSettings[Operation],
         now_ns: Callable[[], int],
+        publishing: Callable[[], Collection[str]],
         log: Log,
     ) -> None:
         self._admission = admission
@@ -59,6 +61,8 @@ class Receiver:
         self._actuators = actuators
         self._operation = operation
         self._now_ns = now_ns
+        # Returns the full names of the nodes that publish telemetry.
+        self._publishing = publishing
         self._log = log
         # Latched topics describe an actuator once: the description is kept for its return.
         self._described: dict[str, ActuatorDescription] = {}
@@ -96,6 +100,8 @@ class Receiver:
                 self._log.info(f"{message.actuator_id}: first telemetry")
             if events:
                 self._deliver(source, events)
+            if source.status.runs.are_several and not source.status.collision:
+                self._warn_of_publishers(source.status)
 
     def receive_description(self, message: Any) -> None:
         """Apply ``ema_interfaces/msg/ActuatorDescription``."""
@@ -203,9 +209,22 @@ class Receiver:
         if stale:
             self._log.report()
 
+    def check_publishers(self) -> None:
+        """Count the losses of each publisher, and update the warnings of several publishers."""
+        with self._actuators.lock:
+            for source in self._sources.values():
+                source.status.runs.settle(time.monotonic())
+                self._warn_of_publishers(source.status)
+
+    def _warn_of_publishers(self, status: ActuatorStatus) -> None:
+        if status.check_publishers(self._publishing):
+            self._log.warn(status.actuator_id, status.collision, is_first=True)
+
     def finish(self) -> list[Segment]:
         """End the telemetry of all actuators. Return refusals for the open windows."""
         with self._actuators.lock:
+            for source in self._sources.values():
+                source.status.runs.pause()
             events = [
                 event for source in self._sources.values() for event in source.intake.finish()
             ]

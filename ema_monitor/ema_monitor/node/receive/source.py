@@ -2,6 +2,7 @@
 """Telemetry, measured causes and usage counts of each actuator."""
 
 import threading
+import time
 from typing import Any
 
 from ema_core.description import UnitKey
@@ -38,15 +39,21 @@ class Source:
     def receive(self, message: Any, steady_ns: int) -> list[Segment | Defect]:
         """Process ``ema_interfaces/msg/TelemetryBlock`` received at ``steady_ns``.
 
-        Returns the windows that the block completes, and defects of the block.
+        Returns the windows that the block completes, and defects of the block. While several
+        publishers send the telemetry, the status has a single warning instead of these defects.
         """
         self.status.received_ns, self.status.is_silent = steady_ns, False
         try:
             block = telemetry_from_message(message)
         except ValueError as error:
             return self.intake.reject(stamp_from_message(message.header.stamp), str(error))
+        runs = self.status.runs
+        runs.add(block.first_index, len(block), time.monotonic())
         self.arrivals.add(block.stamp_ns, block.stamp_at(len(block)), steady_ns)
-        return self.intake.feed(block)
+        events = self.intake.feed(block)
+        if runs.are_several:
+            return [event for event in events if isinstance(event, Segment)]
+        return events
 
 
 class Sources(dict[str, Source]):

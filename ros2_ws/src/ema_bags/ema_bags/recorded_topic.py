@@ -3,9 +3,9 @@
 
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.serialization import deserialize_message
@@ -13,13 +13,9 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ema_bags.message_type import message_class, type_hash
 from ema_bags.qos import RELIABLE_DEPTH, common_offer, joint_offer
+from ema_core.sample_runs import SampleRuns, several_publishers
 from ema_interfaces.msg import TelemetryBlock
-
-_ENDED_S: Final = 5.0
-"""Time without a block after which a run of blocks has ended, if another run has begun [s]."""
-
-_MOST_RUNS: Final = 100
-"""Largest number of runs of an actuator; the oldest are forgotten."""
+from ema_ros.peers import full_node_name
 
 
 class SequenceGaps:
@@ -58,40 +54,24 @@ class SequenceGaps:
         self._last, self._unconfirmed = None, 0
 
 
-@dataclass(eq=False)
-class _Run:
-    """Blocks of telemetry without a gap, which are of one publisher."""
-
-    next_index: int
-    """Index of the sample after the last block."""
-    latest_s: float
-    """Monotonic time of the last block [s]."""
-    before: "_Run | None" = None
-    """Run that this run continues after a gap, unless that run continues itself."""
-    missing: int = 0
-    """Number of blocks in the gap."""
-
-
 class SampleGaps:
     """Counts missing blocks of telemetry by the index of their samples, for each publisher.
 
-    rclpy does not name the publisher of a message, but the blocks of one publisher form runs
-    without a gap. A run that begins after a gap continues an earlier run, and the blocks between
-    them are lost. If the earlier run continues, the later one is of another publisher, and no block
-    is lost. An index that goes back indicates a restart of the actuator, not a loss.
-
-    Attributes
-    ----------
-    lost
-        Number of missing blocks.
-    shared
-        Names of actuators with several publishers.
+    See ``SampleRuns``.
     """
 
     def __init__(self) -> None:
-        self.lost = 0
-        self.shared: set[str] = set()
-        self._runs: dict[str, list[_Run]] = {}
+        self._runs: defaultdict[str, SampleRuns] = defaultdict(SampleRuns)
+
+    @property
+    def lost(self) -> int:
+        """Number of missing blocks."""
+        return sum(runs.lost_blocks for runs in self._runs.values())
+
+    @property
+    def shared(self) -> list[str]:
+        """Names of actuators with several publishers, sorted."""
+        return sorted(name for name, runs in self._runs.items() if runs.are_several)
 
     def count(self, data: bytes, now_s: float) -> None:
         """Count a serialised block received at a monotonic time [s]."""
@@ -99,44 +79,23 @@ class SampleGaps:
             block: Any = deserialize_message(data, TelemetryBlock)
         except Exception:  # the middleware raises various errors for malformed messages
             return
-        first, length = block.first_index, len(block.position)
-        if not length:
-            return
-        runs = self._runs.setdefault(block.actuator_id, [])
-        run = next((item for item in reversed(runs) if item.next_index == first), None)
-        if run is None:
-            lower = [item for item in runs if item.next_index < first]
-            before = max(lower, key=lambda item: item.next_index, default=None)
-            missing = -(-(first - before.next_index) // length) if before else 0
-            run = _Run(first, now_s, before, missing)
-            runs.append(run)
-            del runs[:-_MOST_RUNS]
-        elif run is not runs[-1]:
-            self.shared.add(block.actuator_id)
-            for item in runs:
-                if item.before is run:
-                    item.before = None
-        run.next_index, run.latest_s = first + length, now_s
+        if length := len(block.position):
+            self._runs[block.actuator_id].add(block.first_index, length, now_s)
 
     def settle(self, now_s: float) -> None:
         """Count the gaps after runs that have ended; call it regularly."""
         for runs in self._runs.values():
-            ended = {id(run) for run in runs[:-1] if now_s - run.latest_s > _ENDED_S}
-            for run in runs:
-                if run.before is not None and id(run.before) in ended:
-                    self.lost += run.missing
-                    run.before = None
-            runs[:] = [run for run in runs if id(run) not in ended]
+            runs.settle(now_s)
 
     def ignore(self) -> None:
         """Count no gap so far; a sole publisher's gaps are counted by sequence number."""
         for runs in self._runs.values():
-            del runs[:-1]
-            runs[-1].before = None
+            runs.ignore()
 
     def pause(self) -> None:
         """Ignore the gap after a pause, whose blocks are not recorded."""
-        self._runs.clear()
+        for runs in self._runs.values():
+            runs.pause()
 
 
 class RecordedTopic:
@@ -179,31 +138,26 @@ class RecordedTopic:
         self.request = common_offer(offers, RELIABLE_DEPTH)
         self._lock = threading.Lock()
         self._gaps = SequenceGaps()
-        self._present: frozenset[bytes] = frozenset()
         self._samples = SampleGaps() if self.message_class is TelemetryBlock else None
         self.set_publishers(publishers)
 
     @property
     def lost(self) -> int:
         """Number of lost messages detected so far."""
-        return self._gaps.lost + (self._samples.lost if self._samples else 0)
+        with self._lock:
+            return self._gaps.lost + (self._samples.lost if self._samples else 0)
 
     @property
     def collision(self) -> str:
         """Warning if several publishers send the same ``actuator_id``; else empty."""
         with self._lock:
-            names = ", ".join(sorted(self._samples.shared)) if self._samples else ""
-        if not names:
-            return ""
-        nodes = ", ".join(self._nodes)
-        return f"several publishers send actuator_id {names} ({nodes}): stop all but one"
+            names = self._samples.shared if self._samples else []
+        return several_publishers(names, self._nodes) if names else ""
 
     def set_publishers(self, publishers: Sequence[TopicEndpointInfo]) -> None:
         """Set the present publishers; call it regularly."""
         self.has_publisher = bool(publishers)
-        self._nodes = sorted(
-            f"{item.node_namespace.rstrip('/')}/{item.node_name}" for item in publishers
-        )
+        self._nodes = {full_node_name(item) for item in publishers}
         self.incompatible = [
             item.node_name
             for item in publishers
@@ -211,10 +165,6 @@ class RecordedTopic:
         ]
         present = frozenset(bytes(item.endpoint_gid) for item in publishers)
         with self._lock:
-            if present != self._present:
-                self._present = present
-                if self._samples:
-                    self._samples.shared.clear()
             self._gaps.set_publishers(present)
             if self._samples and len(present) > 1:
                 self._samples.settle(time.monotonic())

@@ -121,7 +121,9 @@ def nodes_in_touch(node: Node) -> set[str]:
         )
         if item.node_namespace == node.get_namespace()
     ]
-    nodes = {_full_name(item) for item in (*sources, *near) if not item.node_name.startswith("_")}
+    nodes = {
+        full_node_name(item) for item in (*sources, *near) if not item.node_name.startswith("_")
+    }
     return nodes - {node.get_fully_qualified_name()}
 
 
@@ -130,7 +132,7 @@ def nodes_publishing(node: Node, topic: str) -> set[str]:
 
     The name of a node that is not yet discovered ends in ``UNKNOWN_NODE``.
     """
-    return {_full_name(item) for item in node.get_publishers_info_by_topic(topic)}
+    return {full_node_name(item) for item in node.get_publishers_info_by_topic(topic)}
 
 
 def incompatible_publishers(node: Node) -> list[str]:
@@ -147,7 +149,7 @@ def incompatible_publishers(node: Node) -> list[str]:
             answers = [qos_check_compatible(info.qos_profile, profile) for profile in profiles]
             if all(verdict == QoSCompatibility.ERROR for verdict, _ in answers):
                 reason = answers[0][1].removeprefix("ERROR: ").rstrip("; ")
-                publishers.add(f"{topic} of {_full_name(info)} ({reason})")
+                publishers.add(f"{topic} of {full_node_name(info)} ({reason})")
     return sorted(publishers)
 
 
@@ -157,5 +159,6 @@ def nodes_alive(node: Node) -> Counter[str]:
     return Counter(f"{namespace.rstrip('/')}/{name}" for name, namespace in pairs)
 
 
-def _full_name(item: TopicEndpointInfo) -> str:
+def full_node_name(item: TopicEndpointInfo) -> str:
+    """Return the full name of the node of a publisher or subscription."""
     return f"{item.node_namespace.rstrip('/')}/{item.node_name}"
