@@ -502,6 +502,24 @@ def test_bridge_in_the_root_namespace_finds_all_joints(graph: Spinning):
     robots.wait_for_blocks({"elbow", "wrist", "left/elbow"})
 
 
+def test_joint_states_of_a_node_that_publishes_telemetry_are_not_bridged(graph: Spinning):
+    node = graph.node("actuator", "/")
+    telemetry = node.create_publisher(TelemetryBlock, "telemetry", STREAM)
+    robots = Robots(graph, "/")
+    wait_for(lambda: robots.bridge.count_publishers("/telemetry") == 2, "the telemetry")
+    node.create_publisher(JointState, "simulated/joint_states", 100)
+    wait_for(lambda: robots.bridge.count_publishers("/simulated/joint_states"), "its joint states")
+    robots.wait_for_blocks({"elbow", "wrist", "left/elbow"})
+    searched = robots.joints.values["joint state topics"]
+    assert set(searched.split(", ")) == {"/joint_states", "/left/joint_states"}
+    # Without telemetry, it is a robot.
+    node.destroy_publisher(telemetry)
+    wait_for(
+        lambda: "/simulated/joint_states" in robots.joints.values["joint state topics"],
+        "the joint states of a robot",
+    )
+
+
 def test_joints_beyond_the_limit_are_named_and_not_bridged(graph: Spinning):
     robots = Robots(graph, most_actuators=1)
     robots.robots = {"/joint_states": ["elbow"]}

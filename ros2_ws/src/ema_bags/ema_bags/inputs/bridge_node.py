@@ -16,7 +16,7 @@ from ema_bags.inputs.bridging import Bridge, BridgeSettings
 from ema_bags.inputs.joint_finder import DESCRIPTION_TOPIC, JointFinder, JointGroup
 from ema_bags.inputs.joint_messages import JOINT_KINDS, is_payload
 from ema_bags.inputs.mapping import ColumnMapping, load_mapping
-from ema_bags.message_type import is_installed, message_class
+from ema_bags.message_type import is_installed, message_class, type_name
 from ema_bags.qos import common_offer
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
@@ -26,12 +26,16 @@ from ema_ros.actuator_file import load_descriptions
 from ema_ros.managed_node import ManagedNode
 from ema_ros.messages import description_to_message, measured_to_message, telemetry_to_message
 from ema_ros.node_parameters import declare, read
+from ema_ros.peers import nodes_publishing
 from ema_ros.run import run
 from ema_ros.status import OK, WARN, Task, hardware_name
 
 _DISCOVERY_S: Final = 0.2
 _DEPTH: Final = 5000
 _STRING: Final = "std_msgs/msg/String"
+_MONITORED: Final = {
+    type_name(topics.ACTUATOR_TOPICS[name][0]) for name in (topics.TELEMETRY, topics.DESCRIPTION)
+}
 # With several joints, blocks are at least this long, because each block has a fixed cost.
 _JOINTS_BLOCK_S: Final = 0.2
 
@@ -190,14 +194,23 @@ class BridgeNode(ManagedNode):
 
     def _find(self) -> None:
         """Search the graph for topics with joints, and bridge the joints that they have."""
-        # The monitored actuators' own joint states show their telemetry.
+        # The joint states of a monitored actuator show its telemetry.
         place = f"{self.unit_namespace.strip('/')}/"
-        for topic, kinds in self.get_topic_names_and_types():
-            if place != "/" and topic.startswith(f"/{place}"):
+        published = self.get_topic_names_and_types()
+        monitored = {
+            node
+            for topic, kinds in published
+            if not _MONITORED.isdisjoint(kinds)
+            for node in nodes_publishing(self, topic)
+        }
+        for topic, kinds in published:
+            if topic in self._searched or (place != "/" and topic.startswith(f"/{place}")):
                 continue
             for kind in kinds:
                 is_description = kind == _STRING and topic.rpartition("/")[2] == DESCRIPTION_TOPIC
                 is_state = kind in JOINT_KINDS and is_installed(kind)
+                if is_state and (nodes := nodes_publishing(self, topic)) and nodes <= monitored:
+                    continue
                 if is_description or is_state or is_payload(topic, kind):
                     self._searched.setdefault(topic, kind)
         for group in self._finder.found(time.monotonic_ns()):
