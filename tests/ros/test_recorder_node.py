@@ -237,10 +237,17 @@ def test_every_publisher_is_received_regardless_of_what_it_offers(graph: Spinnin
 def test_gone_publisher_is_reported(graph: Spinning, tmp_path: Path):
     source = graph.node()
     publisher = source.create_publisher(String, "text", STREAM)
-    recorder = recorder_of(graph, tmp_path / "flight", topics=["text", "never"])
+    private = source.create_publisher(String, "~/transition_event", STREAM)
+    names = ["text", "source/transition_event", "never"]
+    recorder = recorder_of(graph, tmp_path / "flight", topics=names)
     assert recorder.bring_up()
-    wait_for_match(recorder, publisher)
+    wait_for_match(recorder, publisher, private)
     assert "/ema/never: no publisher yet" in task(recorder).message
+    # A lifecycle node that ends is no loss.
+    source.destroy_publisher(private)
+    transitions = recorder._topics["/ema/source/transition_event"]
+    wait_for(lambda: not transitions.has_publisher, "the end of the transitions")
+    assert "disappeared" not in task(recorder).message
     source.destroy_publisher(publisher)
     wait_for(lambda: task(recorder).values["publisher gone"] == "/ema/text", "the remark")
     assert "/ema/text: the publisher has disappeared" in task(recorder).message

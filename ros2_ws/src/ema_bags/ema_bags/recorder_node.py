@@ -26,6 +26,7 @@ _DISCOVERY_S: Final = 0.2
 _MOST_NAMED: Final = 3
 _STANDSTILL_S: Final = 2.0
 _SYSTEM_TOPICS: Final = ("/diagnostics", "/clock")
+_TRANSITION_EVENT: Final = "/transition_event"
 _SHARED_TOPICS: Final = ("/rosout", "/parameter_events")
 
 
@@ -127,7 +128,12 @@ class RecorderNode(ManagedNode):
         bag, settings, counts = recorded.bag, self._settings, self.counts()
         topics = dict(self._topics)
         lost = {name: topic.lost for name, topic in sorted(topics.items()) if topic.lost}
-        gone = ", ".join(name for name, topic in topics.items() if not topic.has_publisher)
+        # A node that ends takes its transition events with it, which is no loss.
+        gone = ", ".join(
+            name
+            for name, topic in topics.items()
+            if not topic.has_publisher and not name.endswith(_TRANSITION_EVENT)
+        )
         missing = sorted((self._wanted or set()) - topics.keys() - self._skipped.keys())
         remarks = [bag.flusher.failure] if bag.flusher.failure else []
         remarks += [f"{counted(sum(lost.values()), 'message')} lost"] if lost else []
