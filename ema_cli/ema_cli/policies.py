@@ -98,7 +98,10 @@ class GraphNames:
 
 
 def node_access(
-    namespace: str = topics.NAMESPACE, bridged: Iterable[str] = ()
+    namespace: str = topics.NAMESPACE,
+    bridged: Iterable[str] = (),
+    *,
+    bridges_temperature: bool = False,
 ) -> Mapping[str, GraphNames]:
     """Return the topics, services and actions of each node, by the name of the node.
 
@@ -108,6 +111,8 @@ def node_access(
         Namespace of the nodes.
     bridged
         Topics to which the bridge may subscribe.
+    bridges_temperature
+        Whether the bridge may publish measured causes, because its mapping has a temperature.
     """
     prefix = namespace.rstrip("/")
 
@@ -117,6 +122,7 @@ def node_access(
     everything = f"{prefix}/*"
     shown = [topic.name for topic in known_topics([namespace]) if topic.request is not None]
     monitor_inputs = (topics.TELEMETRY, topics.DESCRIPTION, topics.USAGE, *topics.SYSTEM_TOPICS)
+    measured = (topics.MEASURED_CAUSES,) if bridges_temperature else ()
     policies = [
         _node(
             prefix,
@@ -128,7 +134,7 @@ def node_access(
         _node(
             prefix,
             "bridge",
-            publishes=full((topics.TELEMETRY, topics.DESCRIPTION)),
+            publishes=full((topics.TELEMETRY, topics.DESCRIPTION, *measured)),
             subscribes=full(bridged),
         ),
         _node(
@@ -216,7 +222,9 @@ def policy(access: GraphNames) -> str:
     return head + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def policy_files(namespace: str, bridged: Iterable[str] = ()) -> Iterator[tuple[str, str]]:
+def policy_files(
+    namespace: str, bridged: Iterable[str] = (), *, bridges_temperature: bool = False
+) -> Iterator[tuple[str, str]]:
     """Yield name and text of the policy file of each node.
 
     Parameters
@@ -225,8 +233,12 @@ def policy_files(namespace: str, bridged: Iterable[str] = ()) -> Iterator[tuple[
         Namespace of the nodes.
     bridged
         Topics to which the bridge may subscribe.
+    bridges_temperature
+        Whether the bridge may publish measured causes, because its mapping has a temperature.
     """
-    for name, access in node_access(namespace, bridged).items():
+    for name, access in node_access(
+        namespace, bridged, bridges_temperature=bridges_temperature
+    ).items():
         yield f"{name}.policy.xml", policy(access)
 
 
@@ -249,11 +261,14 @@ def main(namespace: str, mapping: Path | None, output: Path) -> None:
     """Write the policy of each node."""
     with errors_as_one_line():
         bridged: list[str] = []
+        bridges_temperature = False
         if mapping is not None:
-            bridge = Bridge(load_mapping(mapping), ActuatorDescription(), BridgeSettings())
+            loaded = load_mapping(mapping)
+            bridge = Bridge(loaded, ActuatorDescription(), BridgeSettings())
             bridged = bridge.collector.topics
+            bridges_temperature = loaded.temperature is not None
         output.mkdir(parents=True, exist_ok=True)
-        for name, text in policy_files(namespace, bridged):
+        for name, text in policy_files(namespace, bridged, bridges_temperature=bridges_temperature):
             (output / name).write_text(text, encoding="utf-8")
 
 

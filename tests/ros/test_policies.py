@@ -15,7 +15,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 from rclpy.node import Node, NodeNameNonExistentError
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
 
 from ema_cli.policies import FOLDER, GraphNames, main, node_access, policy_files
@@ -33,6 +33,7 @@ MAPPING = {
     "speed": {"topic": "/joint_states", "source": "velocity", "shaft": "user"},
     "current": {"topic": "/joint_states", "source": "effort"},
     "command": {"topic": "command", "source": "data"},
+    "temperature": {"topic": "temperature", "source": "temperature"},
 }
 NOT_ALWAYS = {"/clock", "/ema/baseline", "/ema/friction_curve"}
 """Publishers at a rate other than 1, where a package is installed, and for an unknown drive."""
@@ -114,14 +115,17 @@ def test_what_nodes_around_an_actuator_have_is_permitted(graph: Spinning, tmp_pa
 def test_what_player_and_bridge_have_is_permitted(graph: Spinning, tmp_path):
     mapping = tmp_path / "mapping.yaml"
     mapping.write_text(yaml.safe_dump(MAPPING))
-    access = node_access(bridged=["/joint_states", "command"])
+    access = node_access(
+        bridged=["/joint_states", "command", "temperature"], bridges_temperature=True
+    )
     observer = graph.node("observer", "/test")
     observer.create_publisher(JointState, "/joint_states", 10)
     observer.create_publisher(Float64, "/ema/command", 10)
+    observer.create_publisher(Temperature, "/ema/temperature", 10)
     player = {"bag": str(SAMPLE), "stay": True}
     up(graph, dashboard={"port": 0}, player=player, bridge={"mapping_file": str(mapping)})
     wait_for(lambda: Seen(observer, access["dashboard"]).requests, "a dashboard that steers")
-    for topic in ("/joint_states", "/ema/command"):
+    for topic in ("/joint_states", "/ema/command", "/ema/temperature"):
         wait_for(
             lambda topic=topic: has_subscription(observer, access["bridge"], topic),
             f"a bridge that listens to {topic}",
@@ -166,7 +170,9 @@ def test_bridge_is_permitted_what_its_mapping_names(tmp_path):
     profile = ElementTree.parse(tmp_path / "bridge.policy.xml").find(".//profile")
     assert profile is not None
     received = [item.text for item in profile.findall("topics[@subscribe]/topic")]
-    assert received == ["/clock", "/joint_states", "/left/command"]
+    assert received == ["/clock", "/joint_states", "/left/command", "/left/temperature"]
+    published = [item.text for item in profile.findall("topics[@publish]/topic")]
+    assert "/left/measured_causes" in published
 
 
 def obstacles() -> Iterator[str]:
