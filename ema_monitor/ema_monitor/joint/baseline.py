@@ -152,6 +152,11 @@ class Baseline:
         return self.shape.unexplained > _UNEXPLAINED
 
     @property
+    def is_friction_uncertain(self) -> bool:
+        """Whether effort outside the model makes the friction uncertain by more than 15 %."""
+        return self.shape.friction_error > _UNCERTAIN
+
+    @property
     def shortcomings(self) -> tuple[Shortcoming, ...]:
         """Deficiencies of the healthy records."""
         is_missing = {
@@ -161,7 +166,7 @@ class Baseline:
             Shortcoming.ONE_SPEED: not self.shape.has_viscous and not self.is_unexplained,
             Shortcoming.UNEXPLAINED_EFFORT: self.is_unexplained
             and not (self.shape.has_viscous and self.shape.has_inertia),
-            Shortcoming.UNCERTAIN_FRICTION: self.shape.friction_error > _UNCERTAIN,
+            Shortcoming.UNCERTAIN_FRICTION: self.is_friction_uncertain,
         }
         return tuple(gap for gap, missing in is_missing.items() if missing)
 

@@ -310,8 +310,11 @@ class _Test:
         """Error of the friction due to effort outside the model that healthy records lack [-].
 
         The error of the healthy records is common to all. If the record has more or less of such
-        effort, as with another part in the gripper, its error differs by as much.
+        effort, as with another part in the gripper, its error differs by as much. A small error
+        counts as common.
         """
+        if not self._baseline.is_friction_uncertain:
+            return 0.0
         healthy = np.array([record.friction_error for record in self._baseline.records])
         error = self._record.friction_error
         if not (math.isfinite(error) and np.all(np.isfinite(healthy))):

@@ -35,6 +35,7 @@ from ema_monitor.joint.shape import VISCOUS as VISCOUS_COLUMN
 from .baselines import (
     HEALTHY,
     SEPARATE,
+    SHAPE,
     USUAL_SPEED,
     baseline_of,
     changed,
@@ -200,11 +201,14 @@ def test_payloads_that_vary_with_the_task_change_nothing(count: int, seed: int):
 @pytest.mark.parametrize(("error", "is_changed"), [(0.3, True), (0.02, False), (0.9, False)])
 def test_friction_of_a_record_with_other_effort_outside_the_model(error: float, is_changed: bool):
     """Part of the effort outside the model is taken for friction: another part, another error."""
-    baseline = baseline_of(records=[{"friction_error": 0.25 + 0.01 * at} for at in range(9)])
+    records = [{"friction_error": 0.25 + 0.01 * at} for at in range(9)]
+    baseline = baseline_of(records=records, shape=replace(SHAPE, friction_error=0.29))
     record = record_of(changed(HEALTHY, friction=1.4), friction_error=error)
     comparison = Comparer(baseline).compare(record)
     assert (FRICTION in names(comparison)) == is_changed
     assert comparison[FRICTION].change == pytest.approx(0.4, abs=0.03)
+    certain = Comparer(replace(baseline, shape=SHAPE)).compare(record)
+    assert FRICTION in names(certain)
 
 
 def test_correlation_of_gravity_and_inertia_is_that_of_the_payload():
