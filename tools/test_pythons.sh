@@ -46,7 +46,7 @@ for version in "${versions[@]}"; do
     echo "test-pythons: $version: $python"
     clone=$work/$version
     git clone -q "$root" "$clone"
-    if (cd "$clone" && unset MAKEFLAGS MFLAGS && make setup PYTHON="$python" && make quick &&
+    if (cd "$clone" && unset MAKEFLAGS MFLAGS ARGS && make setup PYTHON="$python" && make quick &&
         make demo DEMO_S=10) </dev/null; then
         passed+=("$version")
     else
