@@ -34,7 +34,7 @@ def test_losses_are_those_of_each_publisher_and_count_once_the_earlier_run_has_e
     runs = SampleRuns()
     received(runs, 100.0, *indices)
     runs.settle(100.0)
-    assert runs.lost_samples == 0  # the earlier publisher may still go on
+    assert runs.lost_samples == 0  # the earlier publisher may still continue
     assert runs.are_several == several
     received(runs, 106.0, indices[-1] + 10)
     runs.settle(106.0)

@@ -34,10 +34,10 @@ def imported(path: Path, statements: list[ast.AST], root: Path) -> Iterator[str]
 
 
 def needed(folder: Path, root: Path = ROOT) -> dict[str, set[str]]:
-    """Return the packages of this project that the tests of a package import, and the files.
+    """Return the packages of this project that the tests of a package import, and their files.
 
-    The files are those of the package's part, their conftest files and the modules of ``tests``
-    that they import. The imports within a fixture count if a test requests the fixture.
+    The files are the package's tests, their conftest files, and the modules of ``tests`` that they
+    import. The imports within a fixture count if a test requests the fixture.
     """
     found: dict[str, set[str]] = {}
     tests = files_of(folder, root)

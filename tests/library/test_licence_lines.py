@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each source file names the licence in its first line; ruff (CPY001) checks those of Python."""
+"""The first line of each source file names the licence; ruff (CPY001) checks Python files."""
 
 import subprocess
 from pathlib import Path

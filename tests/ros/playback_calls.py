@@ -14,11 +14,11 @@ def ask(graph: Spinning, name: str, **fields: Any) -> Any:
 
 
 def check_done(answer: Any) -> None:
-    """Check that a service did what was asked, as far as its type tells."""
+    """Check that a service succeeded, if its type has a field for success."""
     assert getattr(answer, "success", True), answer
 
 
 def check_refused(answer: Any, reason: str) -> None:
-    """Check that a service refused for a reason, as far as its type tells."""
+    """Check that a service refused, with its reason if its type has fields for both."""
     assert not getattr(answer, "success", False)
     assert reason in getattr(answer, "message", reason)

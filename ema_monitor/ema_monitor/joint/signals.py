@@ -34,7 +34,7 @@ _SLOW: Final = 0.05
 _ONE_WAY: Final = 0.95
 _ENDS: Final = 3.0
 _ROW: Final = 1.5
-_GRIP_S: Final = 0.2  # time in which a load shifts to or from a gripper
+_GRIP_S: Final = 0.2  # time in which a gripper takes or releases a part
 _USUAL_SPEED: Final = 95.0
 _COLUMNS: Final = (
     *("effort", "position", "speed", "acceleration", "direction", "stribeck", "free", "stroke"),

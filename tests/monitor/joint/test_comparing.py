@@ -200,7 +200,7 @@ def test_payloads_that_vary_with_the_task_change_nothing(count: int, seed: int):
 
 @pytest.mark.parametrize(("error", "is_changed"), [(0.3, True), (0.02, False), (0.9, False)])
 def test_friction_of_a_record_with_other_effort_outside_the_model(error: float, is_changed: bool):
-    """Part of the effort outside the model is taken for friction: another part, another error."""
+    """Effort outside the model biases the friction; the bias differs with another payload."""
     records = [{"friction_error": 0.25 + 0.01 * at} for at in range(9)]
     baseline = baseline_of(records=records, shape=replace(SHAPE, friction_error=0.29))
     record = record_of(changed(HEALTHY, friction=1.4), friction_error=error)

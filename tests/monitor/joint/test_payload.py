@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A part that a robot carries one way and not back is told from friction if the payload is known.
+"""Friction is distinguished from a part that is carried one way only, if the payload is known.
 
 The same arm works with the payload in its telemetry and without.
 """
