@@ -57,11 +57,17 @@ class Shortcoming(Enum):
     """Deficiency of the healthy records of a baseline."""
 
     NO_DATES = auto()
+    """The timestamps of a record have no date."""
     ONE_DAY = auto()
+    """All records are from one day."""
     FEW_RECORDS = auto()
+    """There are fewer than five records."""
     ONE_SPEED = auto()
+    """The speed hardly varies: viscous and Coulomb friction are not distinguishable."""
     UNEXPLAINED_EFFORT = auto()
+    """The model does not explain a large part of the effort."""
     UNCERTAIN_FRICTION = auto()
+    """Effort outside the model makes the friction uncertain by more than 15 %."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +124,8 @@ class Baseline:
     def distance(self, record: JointRecord) -> float:
         """Return how far the speed and travel of a record are outside the healthy range [-].
 
-        The distance is the logarithm of the ratio to the nearest healthy record, of speed or
-        travel, whichever is larger.
+        The distance is the logarithm of the ratio to the nearest healthy value. The larger distance
+        of speed and travel is returned; it is 0 within the healthy range.
         """
         return _outside(self._motions, np.log([record.usual_speed, record.travel]))
 
@@ -171,7 +177,7 @@ class Baseline:
         return tuple(gap for gap, missing in is_missing.items() if missing)
 
     def with_labels(self, labelled: Iterable[LabelledRecord]) -> "Baseline":
-        """Return the baseline with ``labelled`` in place of its labelled records."""
+        """Return the baseline with its labelled records replaced by ``labelled``."""
         return replace(self, labelled=tuple(labelled))
 
     def with_record(self, state: str, record: JointRecord) -> "Baseline":
@@ -272,8 +278,8 @@ class Baseline:
         )
         sigmas[LOAD] = BETWEEN_DAYS["load"] * friction
         sigmas[GRAVITY] = BETWEEN_DAYS["gravity"]
-        # Payloads vary with the task, and change the load, too, which is gravity at the centre; the
-        # grid of scatters ends at a few times the prior median.
+        # Payloads vary with the task. They also change the load, which includes gravity at the
+        # centre. The grid of scatters ends at a few times the prior median.
         shown = SHARE_OF_SHOWN * np.std(self.values[:, _PAYLOAD], axis=0)
         sigmas[_PAYLOAD] = np.maximum(sigmas[_PAYLOAD], shown)
         return np.maximum(sigmas, _FLOOR * np.array([1.0, *[friction] * 3, 1.0]))

@@ -307,11 +307,12 @@ class _Test:
 
     @property
     def _other_error(self) -> float:
-        """Error of the friction due to effort outside the model that healthy records lack [-].
+        """Error of the friction due to effort outside the model that differs from healthy [-].
 
-        The error of the healthy records is common to all. If the record has more or less of such
-        effort, as with another part in the gripper, its error differs by as much. A small error
-        counts as common.
+        Effort outside the model causes similar errors in all healthy records. If the record has
+        more or less of such effort, for example because of a different part in the gripper, the
+        difference between the errors remains. It is 0 if the errors of the healthy records are
+        small or unknown.
         """
         if not self._baseline.is_friction_uncertain:
             return 0.0
@@ -361,12 +362,12 @@ class _Test:
         return play.judgement is Judgement.CHANGED and friction < _EFFECT_OF_PLAY
 
     def smallest_changes(self) -> dict[str, float]:
-        """Return the smallest detectable change of each quantity given by the coefficients."""
+        """Return the smallest detectable change of each quantity that has a coefficient."""
         tests = self._single_tests().items()
         return {name: self._judged(name, test, (), ()).smallest_change for name, test in tests}
 
     def _single_tests(self) -> dict[str, SingleTest]:
-        """Return the test of each quantity given by the coefficients, by name."""
+        """Return a test for each hypothesis with a single changed quantity, keyed by quantity."""
         return {
             hypothesis.quantities[0]: self._along(self._weights(hypothesis))
             for hypothesis in self._comparer.hypotheses
@@ -443,7 +444,11 @@ class _Test:
     def _judged(
         self, name: str, test: SingleTest, named: tuple[str, ...], rivals: tuple[str, ...]
     ) -> QuantityChange:
-        """Return the change of a quantity, estimated together with the changes in ``named``."""
+        """Return the change and judgement of a quantity.
+
+        The change is estimated together with the changes of the quantities in ``named``, which
+        explain the record. ``rivals`` are quantities that explain it equally well.
+        """
         smallest, is_doubtful = test.smallest_change, test.is_doubtful
         if named:
             columns = [
@@ -482,8 +487,8 @@ class _Test:
     def _tolerance(self, name: str) -> float:
         """Return the standard deviation of the logarithm of a relative change.
 
-        A change relative to the friction has the error of the healthy friction. The error is not in
-        the scatter of the healthy records, because all records have it.
+        A change relative to the friction inherits the error of the healthy friction. The scatter of
+        the healthy records does not show this error, because all records share it.
         """
         if name not in _RELATIVE_TO_FRICTION:
             return _RATIO_TOLERANCE

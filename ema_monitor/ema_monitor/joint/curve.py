@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Friction over speed: the band of the healthy records of a joint, and a record."""
+"""Friction of a record as a function of speed, with the band of the healthy records."""
 
 from typing import Final, NamedTuple
 
@@ -14,7 +14,7 @@ from ema_monitor.joint.signals import STRIBECK_SPEEDS, Signals
 from ema_monitor.joint.single import INTERVAL
 
 SLOWEST: Final = 0.06
-"""Slowest speed of a curve, relative to the usual speed: slower rows are left out of a record."""
+"""Slowest speed of a curve, relative to the usual speed [-]. Records exclude slower rows."""
 
 _NEARLY_ONE_SPEED: Final = 0.7
 _POINTS: Final = 12
@@ -22,30 +22,31 @@ _LEAST_ROWS: Final = 3
 
 
 class FrictionCurve(NamedTuple):
-    """Friction over speed, ``(n,)`` each; NaN where the record does not cover a speed."""
+    """Friction as a function of speed, ``(n,)`` each."""
 
     speed: Array
-    """Speeds, ascending, negative backward, up to the usual speed [rad/s]."""
+    """Speeds in ascending order, from minus to plus the usual speed [rad/s]."""
     healthy_low: Array
+    """Lower end of the 90 % band of healthy friction [A]."""
     healthy_high: Array
-    """90 % band of healthy records [A]."""
+    """Upper end of the 90 % band of healthy friction [A]."""
     latest: Array
-    """Friction of the record [A]."""
+    """Friction of the record [A]; NaN at speeds that the record does not cover."""
 
 
 def friction_curve(comparer: Comparer, record: JointRecord, signals: Signals) -> FrictionCurve:
-    """Return the friction of a record over speed, with the band of the healthy records.
+    """Return the friction of a record as a function of speed, with the band of healthy records.
 
-    The band is the prediction for the record, as in its comparison. The friction of the record is
-    its effort without inertia, gravity, load and free terms, as fitted to the record. Its mean near
-    each speed follows the samples, not the model.
+    The band is the 90 % interval of the prediction for a healthy record on the same day and at the
+    same temperature. The friction of the record is its effort minus the fitted inertia, gravity,
+    load, load-dependent friction and free terms, averaged over the rows near each speed.
 
     Parameters
     ----------
     comparer
         Comparer of the unit.
     record, signals
-        The record, and its rows.
+        The record, and its rows of steady motion.
     """
     baseline = comparer.baseline
     usual = baseline.preparation.usual_speed
@@ -59,9 +60,9 @@ def friction_curve(comparer: Comparer, record: JointRecord, signals: Signals) ->
 
 
 def friction_of(shape: Shape, signals: Signals, healthy: Array) -> Array:
-    """Return the friction of each row of a record without the load friction, ``(n,)`` [A].
+    """Return the friction of each row of a record without load-dependent friction, ``(n,)`` [A].
 
-    ``healthy`` has the healthy coefficients, ``(5,)``.
+    ``healthy`` contains the healthy coefficients, ``(5,)``.
     """
     fit = fit_record(shape, signals, healthy)
     is_friction = np.zeros(len(COEFFICIENTS), dtype=bool)
@@ -73,7 +74,7 @@ def friction_of(shape: Shape, signals: Signals, healthy: Array) -> Array:
 
 
 def _band(comparer: Comparer, record: JointRecord, speed: float) -> tuple[float, float]:
-    """Return the interval in which the friction of a healthy record at a speed lies [A]."""
+    """Return the 90 % interval of healthy friction at a ``speed`` [rad/s], for a record [A]."""
     shape, usual = comparer.baseline.shape, comparer.baseline.preparation.usual_speed
     ratio = (speed / (STRIBECK_SPEEDS[shape.stribeck] * usual)) ** 2
     weights = np.zeros(len(COEFFICIENTS))
@@ -86,7 +87,10 @@ def _band(comparer: Comparer, record: JointRecord, speed: float) -> tuple[float,
 
 
 def _means(places: Array, speed: Array, friction: Array) -> Array:
-    """Return the mean friction of the rows nearest to each place; NaN of fewer than three rows."""
+    """Return the mean friction of the rows nearest to each speed in ``places`` [A].
+
+    The mean of fewer than three rows is NaN.
+    """
     edges = 0.5 * (places[1:] + places[:-1])
     half_width = 0.5 * (places[-1] - places[-2])
     inner = np.min(np.abs(places)) - half_width

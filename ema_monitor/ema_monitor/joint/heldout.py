@@ -17,7 +17,7 @@ _TINY: Final = 1e-12
 
 
 def general_design(signals: Signals, *, is_linear: bool) -> Array:
-    """Return the design matrix of a general effort model, fitted to each record, ``(n, p)``.
+    """Return the design matrix of a general effort model for a single record, ``(n, p)``.
 
     Parameters
     ----------

@@ -39,10 +39,10 @@ def learn(
 ) -> Baseline:
     """Return the baseline estimated from healthy records.
 
-    A payload that is carried one way and not back looks like friction. If the payload is known in
-    all records, the model may be fitted to the motion without a payload alone: if at least half of
-    the records have strokes in both directions without a payload, and the error of the friction is
-    then smaller.
+    A payload that is carried in one direction only looks like friction. If the payload is known in
+    all records, the model is also fitted to the motion without a payload. This second baseline is
+    returned if at least half of the records can be used without a payload, and the friction has a
+    smaller error.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def learn(
     temperatures = temperatures or [math.nan] * len(records)
     is_known = all(record.has_payload for record in records)
     is_carried = is_known and any(np.any(record.payload > 0.0) for record in records)
-    # If the healthy records have no payload, payloads in later records are left out.
+    # If no healthy record has a payload, motion with a payload is excluded from later records.
     variants = (False, True) if is_carried else (is_known,)
     baselines, errors = [], []
     for is_empty in variants:
@@ -149,7 +149,7 @@ def _learn(
 
 
 def unusable(telemetry: Telemetry, description: ActuatorDescription) -> Reason | None:
-    """Return why a record alone cannot be a healthy record; None if it can."""
+    """Return the reason why a record cannot be used as a healthy record, or None if it can."""
     if not len(telemetry.current):
         return EffortMissing()
     if not np.all(np.isfinite(telemetry.speed)):

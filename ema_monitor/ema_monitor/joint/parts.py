@@ -17,12 +17,13 @@ from ema_monitor.joint.signals import Preparation
 from ema_monitor.joint.smoothing import smoothed
 
 MOST_PARTS: Final = 5
+"""Largest number of parts of a record."""
 
 DIRECTIONS: Final = {"forward": 1.0, "backward": -1.0}
 """Sign of the speed by direction."""
 
 LEVELS: Final = tuple(f"effort_{direction}" for direction in DIRECTIONS)
-"""Mean effort in a direction [A]."""
+"""Names of the figures that are levels: mean effort in each direction [A]."""
 
 LOGARITHMS: Final = tuple(
     f"{name}_{direction}"
@@ -32,7 +33,8 @@ LOGARITHMS: Final = tuple(
         *("error_scatter", "error_roughness"),
     )
 )
-"""Logarithms of scatter, roughness and ripple of the effort [A] and the tracking error [rad]."""
+"""Names of the figures that are logarithms: scatter, roughness and ripple of effort [A] and
+tracking error [rad]."""
 
 _RIPPLES: Final = (1, 2)
 _FEWEST: Final = 20
@@ -93,7 +95,7 @@ def _bounds(direction: Array) -> list[tuple[int, int]]:
     Parameters
     ----------
     direction
-        Direction of steady motion, ``(n,)``: 1, -1 or 0.
+        Direction of steady motion, ``(n,)``: 1, -1, or 0 without steady motion.
     """
     moving = np.flatnonzero(direction)
     if not len(moving):

@@ -20,11 +20,14 @@ from ema_monitor.joint.signals import Fine, Preparation, Signals, block_means, f
 from ema_monitor.reasons import EffortConstant, Reason, SpeedOutside, TooFewRows, TooFewStrokes
 
 NS_A_DAY: Final = 86_400_000_000_000
+"""Nanoseconds per day."""
 
 NO_DAY: Final = -1
 """Day number that no healthy record has."""
 
 FEWEST_ROWS: Final = 30
+"""Minimum number of rows of steady motion in a record."""
+
 _SAME_RATE: Final = 0.02
 SLOWEST, FASTEST = 0.5, 1.6
 """Permitted range of a record's speed, relative to the healthy records [-]."""
@@ -104,7 +107,9 @@ class LabelledRecord:
     """A record labelled with a state."""
 
     state: str
+    """Label of the state."""
     record: JointRecord
+    """The record."""
 
 
 def record_defect(signals: Signals, preparation: Preparation) -> Reason | None:

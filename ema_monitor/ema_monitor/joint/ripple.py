@@ -27,7 +27,7 @@ _TINY: Final = 1e-12
 def with_ripples(
     preparation: Preparation, prepared: Callable[[Preparation], list[Signals]], *, is_linear: bool
 ) -> tuple[Preparation, list[Signals]]:
-    """Return a preparation with all ripples that improve the prediction, and its records.
+    """Return a preparation with all ripples that improve the prediction, and the prepared records.
 
     The search for a ripple uses every other stroke of each record. A ripple is accepted if it
     reduces the prediction error on the remaining strokes by 5 % (geometric mean over the records).
@@ -109,7 +109,7 @@ def _strongest(
 
 
 class _Half:
-    """Every other stroke of a record, and the residuals of the current model.
+    """Every other stroke of a record, and the residuals of the model without a further ripple.
 
     Parameters
     ----------
@@ -117,6 +117,8 @@ class _Half:
         Rows of the strokes.
     sigma_s
         Standard deviation of the filter [s].
+    is_linear
+        Whether the joint is linear, so that gravity does not depend on its position.
     """
 
     def __init__(self, signals: Signals, sigma_s: float, *, is_linear: bool) -> None:

@@ -17,6 +17,8 @@ import numpy as np
 from ema_core.arrays import Array
 
 NODES: Final = 7
+"""Number of grid points for each of the two standard deviations."""
+
 SPREAD: Final = 0.8
 """Prior standard deviation of the logarithm of a standard deviation [-]."""
 
@@ -112,7 +114,8 @@ class Scatter:
     days
         Day of each record, ``(n,)``.
     between_records, between_days
-        Prior medians of the standard deviations between records and between days.
+        Prior medians of the standard deviations between records of one day and between days, in the
+        unit of the figure.
     covariates
         Conditions on which the figure depends, ``(n, k)``, centred and scaled to about 1.
     """
@@ -140,7 +143,7 @@ class Scatter:
         p = design.shape[1]
         scale = max(between_days, between_records)
         centre = float(np.mean(values))
-        # Sums over the rows of a day, weighted by their precision; (g, ...) by grid point.
+        # Sums over the records of a day, weighted by their precision, per grid point: (g, ...).
         precision = 1.0 / (variances[None, :] + self._record[:, None])
         target = values - centre
         normal = np.zeros((len(self._record), p, p))

@@ -125,9 +125,9 @@ class Shape:
 
 
 class RecordFit(NamedTuple):
-    """Coefficients of one record, ``(5,)``, their covariance, ``(5, 5)``, and the residuals.
+    """Coefficients of one record, ``(5,)``, their covariance, ``(5, 5)``, and effort residuals [A].
 
-    ``free`` holds the coefficients of ``Signals.free``, ``(k,)``.
+    ``residuals`` is ``(n,)``; ``free`` contains the coefficients of ``Signals.free``, ``(k,)``.
     """
 
     values: Array
@@ -293,7 +293,7 @@ def _with_load_columns(shape: Shape, records: Sequence[Signals]) -> Shape:
 
 
 def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
-    """Return the model without the coefficients that the motion does not determine."""
+    """Return the model without coefficients that the motion of the records does not determine."""
     fits = [fit_record(shape, record) for record in records]
     covariance = np.median([fit.covariance for fit in fits], axis=0)
     sigmas = np.sqrt(np.diag(covariance))
@@ -320,17 +320,17 @@ def _observable(shape: Shape, records: Sequence[Signals]) -> Shape:
 
 
 def friction_error_square(shape: Shape, signals: Signals, fit: RecordFit) -> float:
-    """Return the variance of the dry friction of a record due to effort outside the model [-].
+    """Return the variance of the friction coefficient due to effort outside the model [-].
 
-    It is relative to the healthy friction, as the coefficient is. The residuals contain the part of
-    such effort that no term of the model can represent. The part along the friction is assumed to
-    be as large: the error has their standard deviation. Noise does not count: it is independent in
-    rows that are ``_INDEPENDENT`` rows apart. The result may be negative.
+    The coefficient is relative to the healthy friction. The residuals contain only the part of this
+    effort that no term of the model can represent. The part parallel to the friction column is
+    assumed to have the same variance. Products of residuals that are ``_INDEPENDENT`` rows apart
+    exclude noise, which is independent at this distance. The result may be negative.
 
     Parameters
     ----------
     shape, signals, fit
-        Effort model of the unit, rows of the record, and the model fitted to them.
+        Effort model of the unit, rows of the record, and the coefficients fitted to them.
     """
     design = shape.terms(signals)
     scales = np.maximum(np.sqrt(np.mean(design**2, axis=0)), _TINY)
@@ -343,7 +343,7 @@ def friction_error_square(shape: Shape, signals: Signals, fit: RecordFit) -> flo
 
 
 def _usual_friction_error(shape: Shape, records: Sequence[Signals]) -> float:
-    """Return the usual relative error of the friction due to effort outside the model [-]."""
+    """Return the median relative error of the friction due to effort outside the model [-]."""
     squares = []
     for record in records:
         fit = fit_record(shape, record)

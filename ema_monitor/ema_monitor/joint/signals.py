@@ -15,6 +15,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.joint.smoothing import smoothed
 
 SLOWEST_CUTOFF_HZ: Final = 1.5
+"""Smallest cut-off frequency of the filter, if the sample rate permits [Hz]."""
 HIGHEST_SHARE: Final = 0.2
 """Largest cut-off frequency, relative to the sample rate [-]."""
 
@@ -98,7 +99,7 @@ class Signals:
         return len(self.effort)
 
     def pieces(self, direction: int) -> int:
-        """Return the number of strokes in ``direction``, 1 or -1; a long one counts per 2 s."""
+        """Return the number of stroke pieces of at most 2 s in ``direction``, which is 1 or -1."""
         return len(self._numbers(direction))
 
     def strokes(self, direction: int) -> int:
@@ -186,7 +187,8 @@ class Fine(NamedTuple):
 
     ``speed`` and ``command`` are None if they are not measured. ``is_usable`` is False in gaps
     longer than the standard deviation of the filter; shorter gaps are interpolated. If only motion
-    without a payload is used, it is also False with a payload and within 0.2 s of one.
+    without a payload is used, ``is_usable`` is also False while a payload is carried, and 0.2 s
+    before and after. ``step_s`` is the length of a block [s]; the units are as in ``Signals``.
     """
 
     step_s: float
@@ -236,9 +238,9 @@ def block_means(
 
 
 def _near_payload(telemetry: Telemetry) -> Flags:
-    """Return flags of the samples with a payload or within 0.2 s of one, ``(n,)``.
+    """Return flags of the samples while a payload is carried, and 0.2 s before and after, ``(n,)``.
 
-    A payload that is not a number is unknown, and counts as one.
+    NaN is an unknown payload, and counts as a payload.
     """
     reach = math.ceil(_GRIP_S / telemetry.sample_period)
     is_held = np.pad(~(telemetry.payload <= 0.0), reach)

@@ -13,7 +13,7 @@ BETWEEN_RECORDS: Final = 0.6
 """Ratio of the prior medians of the standard deviations within a day and between days [-]."""
 
 SIGNIFICANCE: Final = 1e-3
-"""Probability under the healthy records below which a quantity or figure has changed."""
+"""Probability under the healthy records below which a quantity or figure counts as changed."""
 
 DOUBT: Final = 3e-3
 """Probability below which a record is not reported as healthy.

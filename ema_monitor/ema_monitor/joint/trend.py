@@ -19,17 +19,18 @@ _UNLIKELY: Final = 1e-2
 _VARIANCE: Final = 0.02**2
 """Usual relative variance of healthy friction, between records and between days [-]."""
 _WEIGHT: Final = 6
-"""Number of records that the usual scatter counts as."""
+"""Weight of the usual scatter, as a number of records."""
 
 
 def friction_rise(baseline: Baseline) -> float:
     """Return the relative rise of dry friction from the first to the last record [-].
 
-    Lines are fitted to friction over the number of the record, and to the means of the days, if
-    there are three or more. The rise is 0 if both are less than 10 %, or if healthy scatter
-    explains them (1e-2, one-sided). The usual scatter of 2 % between records, and between days, has
-    the weight of six records, in addition to the measured scatter about the line. Falling
-    friction, as of a gear that warms up, is not a rise.
+    One line is fitted to the friction of the records in chronological order, another to the daily
+    means; each needs at least three points. A rise counts as 0 if it is less than 10 %, or if
+    healthy scatter explains it (one-sided test at 1e-2). The larger rise is returned. The assumed
+    scatter is a weighted mean: the usual scatter of 2 % between records and between days with the
+    weight of six records, and the measured scatter about the line. Falling friction, for example
+    of a gear that warms up, is not a rise.
     """
     records = sorted(baseline.records, key=lambda record: record.stamp_ns)
     values = np.array([record.values[DRY] for record in records])

@@ -83,8 +83,8 @@ def figures_of(window: Telemetry) -> list[WindowFigures]:
     """Return the figures of a window as a list with at most one element.
 
     The list is empty without a measured current, or without strokes in both directions. The figures
-    are rounded to six digits, the precision of files and histories. An unsigned current keeps its
-    sign in both directions: its magnitude is the effort of friction and load.
+    are rounded to six digits, the precision of files and histories. An unsigned current is not
+    inverted in backward strokes, because it is the magnitude of the effort.
     """
     if not len(window.current) or len(window) < 2:
         return []
@@ -166,7 +166,7 @@ def _speeds(window: Telemetry) -> tuple[Array, float]:
 
 
 def _strokes(moving: Flags) -> list[NDArray[np.intp]]:
-    """Return the sample indices of each stroke, without its first sixth, in which it settles."""
+    """Return the sample indices of each stroke, without the settling time, which is a sixth."""
     places = np.flatnonzero(moving)
     runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
     settled = [run[len(run) // _SETTLING :] for run in runs]

@@ -55,10 +55,7 @@ _WHOLE_SIGNED_PERCENT: Final = 100.0
 
 
 def summary(comparison: Comparison) -> str:
-    """Return sentences about changed quantities and about quantities that are not judged.
-
-    The final full stop is missing.
-    """
+    """Return sentences about changed and not judged quantities, without the final full stop."""
     return ". ".join([finding(comparison), *map(_capital, _not_judged(comparison))])
 
 
@@ -240,7 +237,10 @@ def _doubt_sentence(item: QuantityChange) -> str:
 
 
 def _effort_sentence(item: QuantityChange) -> str:
-    """Return a sentence about the effort, which rises with friction and falls with the torque."""
+    """Return a sentence about the effort, which rises with friction and falls with the torque.
+
+    It is used if friction and torque per ampere cannot be distinguished.
+    """
     figures = item.change, item.low, item.high
     if item.name == TORQUE:
         change, high, low = (1.0 / (1.0 + figure) - 1.0 for figure in figures)

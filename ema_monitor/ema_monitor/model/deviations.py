@@ -225,7 +225,10 @@ def _prior(name: str, sigma: float, reach: float) -> Prior:
 
 
 def deviating(plant: PlantConstants, deviations: Array) -> PlantConstants:
-    """Return plant constants with deviations, except for load, drive and Stribeck friction."""
+    """Return plant constants changed by the deviations of individuals, ``(m, 25)``.
+
+    Load, lift, loop delay, Stribeck speed, eccentricity and sensor errors are applied elsewhere.
+    """
     factors = Deviations(*(1.0 + deviations.T))  # pyright: ignore[reportArgumentType]
     warmer = deviations[:, NAMES.index("winding_temperature")]
     control, motor, mechanics = plant

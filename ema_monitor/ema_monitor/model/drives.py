@@ -177,14 +177,14 @@ def pair_position(half_turns):
 
 @kernel()
 def of_pair(position, constants):
-    """Return the constant of the driven pair, selected from BC, AB and AC."""
+    """Return the value for the driven pair, selected from the values for BC, AB and AC."""
     bc, ab, ac = constants
     return select(position < 1.0 / 3.0, bc, select(position < 2.0 / 3.0, ab, ac))
 
 
 @kernel()
 def pair_at(drive: FastDrive, theta_m):
-    """Return the driven pair at a motor angle."""
+    """Return the constants of the driven pair at a motor angle ``theta_m`` [rad]."""
     half_turns = drive.half_turns * theta_m
     position = pair_position(half_turns)
     start = half_turns - position + of_pair(position, (0.0, 1.0 / 3.0, 2.0 / 3.0))
@@ -207,7 +207,7 @@ def pair_at(drive: FastDrive, theta_m):
 
 @kernel()
 def pair_after(drive: FastDrive, pair, theta_m):
-    """Return the driven pair of each lane, selected again if any lane has left its range.
+    """Return the driven pair of each lane; select it again if any lane has left its range.
 
     The selection takes as long as the rest of a step, and occurs in at most one of ten steps.
     """

@@ -152,7 +152,7 @@ def field_oriented_drive(drive: FieldOrientedDrive, stage, cos, sin, currents, I
 
 @kernel()
 def memory_of_current(drive: FieldOrientedDrive, I):
-    """Return a steady current, and the integral of its loop [A, V]."""
+    """Return the current loop's state at a steady current ``I``: current and integral [A, V]."""
     return I, I * drive.R[0]
 
 

@@ -53,6 +53,8 @@ class Response(NamedTuple):
 class MonitorModel:
     """One-phase model of an actuator that follows the measured command of a window.
 
+    The numbers (M10), (M11) and (M35) refer to equations in ``docs/model.md``.
+
     Parameters
     ----------
     parameters
@@ -64,7 +66,8 @@ class MonitorModel:
     dt
         Integration step [s]; None for the default step of the form.
     unit
-        Deviations of the unit from the parameters; only the fast form has a lift.
+        Deviations of the unit from the parameters; None for the nominal actuator. ``lift`` has an
+        effect in the fast form only.
     acquisition
         Acquisition of the telemetry; by default the current is averaged and all columns are
         measured.
@@ -169,7 +172,7 @@ class MonitorModel:
         has_sensor_errors = bool(np.any(sensor_errors))
         if corrections is None:
             corrections = Response(*np.zeros((2, len(window))))
-        # Corrections are added after sensor errors, so that the kernel must not add them before.
+        # Corrections must be added after sensor errors, so that the kernel adds zeros here.
         of_kernel = Response(*np.zeros((2, len(window)))) if has_sensor_errors else corrections
 
         def run(group: int) -> None:

@@ -23,15 +23,15 @@ _POSITION_GAIN: Final = COLUMNS.index("position_gain")
 TRAVEL: Final = np.array(
     [{"position_gain": 1.0, "speed_gain": -1.0}.get(name, 0.0) for name in COLUMNS]
 )
-"""Relative effect of deviations, in the order of `COLUMNS`, on the ratio of the travels from
-position and speed."""
+"""Relative change of the ratio of position travel to speed travel per unit deviation, in the order
+of `COLUMNS`."""
 
 MOVES_START: Final = ("position_offset", "position_gain")
 """Errors of readings that change the initial position of the model."""
 
 
 def read(columns: Array, window: Window) -> tuple[Array, Array]:
-    """Return the model inputs for a window with deviations.
+    """Return the model inputs that reproduce a window with wrong command and position readings.
 
     Parameters
     ----------
@@ -53,9 +53,10 @@ def read(columns: Array, window: Window) -> tuple[Array, Array]:
 
 
 def law_slopes(parameters: ActuatorParameters) -> Array:
-    """Return the change of the control-law offset per unit deviation, ordered as `COLUMNS`.
+    """Return the change of the control-law offset [rad] per unit deviation, ordered as `COLUMNS`.
 
     An offset of a sensor increases the measured position, speed or current in the control law.
+    All other deviations have no effect.
     """
     by_speed = 1.0 / parameters.G_prop
     slopes = {

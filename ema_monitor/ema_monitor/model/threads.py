@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parallel execution of one call's work in a thread pool.
 
-numba's ``prange`` is not used: without OpenMP, it ends the process if two threads call it at the
+numba's ``prange`` is not used: without OpenMP, it aborts the process if two threads call it at the
 same time; with GNU OpenMP, it does not survive a fork.
 """
 
@@ -46,7 +46,7 @@ def run_in_threads(work: Callable[[int], None], tasks: int) -> None:
         Function that releases the interpreter lock and takes 100 us or more per call. The order of
         the calls is arbitrary.
     tasks
-        Number of calls. The calling thread executes calls as well; a single call uses no other
+        Number of calls. The calling thread executes some of them; a single call uses no other
         thread.
     """
     numbers = iter(range(tasks))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Optimizers by name. They minimise a cost in the unit box and are independent of actuators.
+"""Registry of the optimizers, which minimise a cost in the unit box and do not depend on actuators.
 
 To add an optimizer, implement ``interface.Optimizer`` in a separate file and register it here.
 """

@@ -11,7 +11,7 @@ from ema_core.arrays import Array
 
 @kernel()
 def room(x, move):
-    """Return the largest share of a move that stays within the box [-], which may exceed 1."""
+    """Return the largest multiple of a component's move that stays in the box [-]; may exceed 1."""
     if move == 0.0:
         return math.inf
     return ((1.0 - x) if move > 0.0 else x) / abs(move)
@@ -29,7 +29,7 @@ def slope_at(x, hessian, gradient, start):
 
 @kernel()
 def step_of_free(hessian, slope, held):
-    """Return the Newton step of the free components, by Cholesky decomposition, ``(d,)``."""
+    """Return the Newton step by Cholesky decomposition, ``(d,)``; 0 for ``held`` components."""
     d = len(slope)
     lower, step = np.zeros((d, d)), np.zeros(d)
     for i in range(d):
@@ -59,7 +59,7 @@ def step_of_free(hessian, slope, held):
 
 @kernel(nogil=False)
 def lowest_in_box(hessian: Array, gradient: Array, start: Array) -> Array:
-    """Return the minimum, ``(d,)``, of a convex quadratic function in the unit box.
+    """Return the point of the minimum of a convex quadratic function in the unit box, ``(d,)``.
 
     The function is ``g (x - start) + (x - start) H (x - start) / 2``. The Hessian, ``(d, d)``, must
     be positive definite; ``gradient``, ``(d,)``, is the gradient at ``start``.
@@ -69,7 +69,10 @@ def lowest_in_box(hessian: Array, gradient: Array, start: Array) -> Array:
 
 @kernel(nogil=False)
 def lowest_of_each(hessian, gradient, at, starts, free):
-    """Return the minimum from each start, ``(n, d)``, over its free components (`lowest_of`)."""
+    """Return the point of the minimum for each start, ``(n, d)``.
+
+    ``starts`` and ``free`` are ``(n, d)``; `lowest_of` describes the other arguments.
+    """
     best = starts.copy()
     for i in range(len(starts)):
         best[i] = lowest_of(hessian, gradient, at, starts[i], free[i])
@@ -78,12 +81,12 @@ def lowest_of_each(hessian, gradient, at, starts, free):
 
 @kernel(nogil=False)
 def lowest_of(hessian, gradient, at, start, free):
-    """Return the minimum of a quadratic function over the ``free`` components, ``(d,)``.
+    """Return the point of a quadratic function's minimum over the ``free`` components, ``(d,)``.
 
-    All other components remain at the start. Primal active-set method: move towards the minimum
-    over the free components up to the first bound, and fix the component there. At a minimum,
-    release the fixed component with the steepest descent. ``gradient`` is the gradient at the point
-    ``at``, which may differ from the start.
+    The search is limited to the unit box. All other components remain at the start. Primal
+    active-set method: move towards the minimum over the free components up to the first bound, and
+    fix the component there. At a minimum, release the fixed component with the steepest descent.
+    ``gradient`` is the gradient at the point ``at``, which may differ from the start.
     """
     d = len(start)
     x, held, steepest_start = start.copy(), ~free, 0.0

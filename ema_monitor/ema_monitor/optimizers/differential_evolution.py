@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Differential evolution about the best individual: the standard form and the thesis's form."""
+"""Differential evolution (DE/best/1/bin): the standard form and the form of the thesis."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ class DifferentialEvolution(Population):
     F
         Weight of the difference, above 0 [-].
     CR
-        Crossover ratio, from 0 to 1 [-].
+        Crossover probability, from 0 to 1 [-].
 
     References
     ----------
@@ -70,7 +70,10 @@ class DifferentialEvolution(Population):
         return np.where(from_donor, donors, self._x)
 
     def _partners(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return the indices of two partners for each target; all three individuals differ."""
+        """Return the indices of two partners for each target, which differ from it, ``(n,)`` each.
+
+        The partners of a target differ from each other as well.
+        """
         n = len(self._x)
         ahead = self._rng.integers(1, n, size=n)
         further = self._rng.integers(1, n - 1, size=n)

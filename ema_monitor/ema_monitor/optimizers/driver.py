@@ -34,7 +34,7 @@ class Termination:
     stall_generations: int = 30
     """Number of consecutive generations without improvement after which the search ends."""
     tolerance: float = 1e-6
-    """Largest decrease of the best cost that is no improvement, relative to the cost [-]."""
+    """Largest relative decrease of the best cost that does not count as an improvement [-]."""
 
     def reached(self, best_costs: Sequence[float]) -> bool:
         """Return whether to stop, given the best cost after each generation so far."""

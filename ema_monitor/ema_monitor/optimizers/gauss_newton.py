@@ -20,7 +20,8 @@ class Trials(NamedTuple):
     """Trial points in groups, ``(m, d)`` each.
 
     A group is evaluated in one batch, and only if no earlier group reduces the cost. ``full`` is
-    the index in the first group of the full step, to the minimum of the linear model.
+    the index of the full step in the first group. The full step leads to the minimum of the linear
+    model.
     """
 
     groups: Sequence[Array]
@@ -42,16 +43,16 @@ class Search(Protocol):
 class LineSearch(NamedTuple):
     """Line search along the step to the minimum of the linear model.
 
-    ``lowest`` returns the minimum, ``groups`` are the tried shares of the step. J. Nocedal, S.
-    Wright, Numerical Optimization, 2006, section 3.1: the full step is tried first, and is accepted
-    near the optimum.
+    ``lowest`` returns the point of the minimum, ``(d,)``; ``groups`` contains the fractions of the
+    step to try. The full step is tried first, because it is accepted near the optimum (J. Nocedal,
+    S. Wright, Numerical Optimization, 2006, section 3.1).
     """
 
     lowest: Callable[[Linearisation], Array]
     groups: Sequence[Sequence[float]]
 
     def trials(self, at: Linearisation) -> Trials:
-        """Return points on the line from a linearisation to the minimum of its model."""
+        """Return points on the line from the linearisation point to the minimum of its model."""
         step = self.lowest(at) - at.point
         return Trials([at.point + np.array(group)[:, None] * step for group in self.groups], 0)
 
@@ -61,7 +62,7 @@ class LineSearch(NamedTuple):
 
 
 class LevenbergMarquardt(NamedTuple):
-    """Levenberg-Marquardt steps within the unit box: several dampings, and a minimal damping."""
+    """Levenberg-Marquardt steps within the unit box, with several dampings and nearly undamped."""
 
     damping: float = 2.0
     """Damping relative to the diagonal of the normal matrix [-]."""
@@ -74,7 +75,7 @@ class LevenbergMarquardt(NamedTuple):
         return Trials([np.stack(points)], len(FACTORS))
 
     def after(self, number: int) -> Self:
-        """Return the rule with dampings about the best damping."""
+        """Return the rule with dampings near the best damping."""
         damping = self.damping * FACTORS[min(number, len(FACTORS) - 1)]
         return self._replace(damping=min(max(damping, LEAST_DAMPING), MOST_DAMPING))
 
@@ -117,7 +118,7 @@ _NOWHERE: Final = Linearisation(np.empty(0), np.empty(0), np.empty((0, 0)))
 
 @dataclass
 class Descent:
-    """State of a descent from one start."""
+    """State of a descent from a starting point."""
 
     point: Array
     """Current point, ``(d,)``."""

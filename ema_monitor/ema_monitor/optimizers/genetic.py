@@ -18,7 +18,7 @@ _STEP_DECAY: Final = 1.0 / _STEP_GROWTH
 
 
 class GeneticAlgorithm(Population):
-    """Genetic algorithm after the documentation of Matlab's ``ga`` with bounds (R2018a).
+    """Genetic algorithm that follows the documentation of Matlab's ``ga`` with bounds (R2018a).
 
     The best 5 % of a population survive unchanged and are not evaluated again. Of the remaining
     places, 80 % are filled by children of two parents, with each gene taken from either parent with
@@ -83,14 +83,14 @@ def expected_children(population: int, parents: int) -> Array:
 
 
 def stochastic_uniform(expected: Array, rng: "np.random.Generator") -> NDArray[np.intp]:
-    """Return indices of selected individuals, each as often as expected, rounded up or down.
+    """Return the indices of selected individuals; each appears ``expected`` times, up to rounding.
 
     The expected numbers are intervals laid end to end. Marks at a distance of 1, with a random
     offset, select the individuals (Baker 1987, "Reducing bias and inefficiency in the selection
     algorithm"). The indices are in ascending order; their number is the sum of ``expected``.
     """
     marks = rng.random() + np.arange(round(np.sum(expected)))
-    # Without the last end, which may be below the last mark by rounding.
+    # The last end is omitted, because rounding may place it below the last mark.
     return np.searchsorted(np.cumsum(expected[:-1]), marks, side="right")
 
 
@@ -100,7 +100,7 @@ def scattered(mothers: Array, fathers: Array, rng: "np.random.Generator") -> Arr
 
 
 def mutated(parents: Array, step: float, rng: "np.random.Generator") -> Array:
-    """Return mutants, one ``step`` away from their parents, ``(m, d)``, clipped to the unit box."""
+    """Return mutants, ``(m, d)``, at the distance ``step`` from their parents, within the box."""
     directions = rng.normal(size=parents.shape)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return np.clip(parents + step * directions, 0.0, 1.0)

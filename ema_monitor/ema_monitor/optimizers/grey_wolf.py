@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Grey wolf optimization: the standard form, and the form of the thesis with leaders per wolf."""
+"""Grey wolf optimization: the standard form, and the thesis's form with leaders for each wolf."""
 
 from typing import Final
 

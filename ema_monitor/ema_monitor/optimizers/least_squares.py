@@ -12,7 +12,7 @@ from ema_monitor.optimizers.interface import NO_HINTS, Hints
 from ema_monitor.optimizers.linear_model import Linearisation
 
 DIFFERENCE: Final = 5e-3
-"""Step of the difference quotients [-]; smaller steps resolve stick and slip of the model."""
+"""Step of the difference quotients [-]; smaller steps would resolve stick-slip of the model."""
 
 # Numbers of points and descents of each screen; the first screen is a descent from the start.
 _SCREENS: Final = ((1, 1), (96, 4), (600, 12))
@@ -21,8 +21,8 @@ _SCREENS: Final = ((1, 1), (96, 4), (600, 12))
 # 5 % of the evaluations, 1e-3 takes 4 % more; the mean error is the same within 0.001 % of the
 # range.
 _STOPPING: Final = Stopping(iterations=25, gain=1e-4, step=2e-4, promise=1e-2)
-# Smallest relative improvement of the cost by a screen. Descents to the same optimum differ less,
-# because of the gain above.
+# Smallest relative improvement of the cost by a screen. The costs of descents to the same optimum
+# differ by less, because of the gain above.
 _AGREEMENT: Final = 0.02
 
 
@@ -31,7 +31,7 @@ class ScreenedLeastSquares:
 
     A screen is a Latin hypercube: half of the points are spread over the box, half are contracted
     towards the start. Each iteration evaluates the points for the difference quotients of all
-    descents in one batch, then their trial steps in another, with several dampings about the best
+    descents in one batch, then their trial steps in another, with several dampings near the best
     damping of the previous iteration. After each iteration, the worse half of the descents is
     dropped until a single descent remains. A descent ends if the evaluated or predicted gain of a
     step is small, or if an undamped step leads to a good fit as the linear model predicts. A
@@ -48,8 +48,8 @@ class ScreenedLeastSquares:
     rng
         Source of random numbers.
     hints
-        An optimum is accepted up to the good cost. If the good cost is 0, all screens are
-        evaluated.
+        An optimum is accepted if its cost is at most the good cost. If the good cost is 0, all
+        screens are evaluated.
     """
 
     uses_residuals = True
@@ -65,7 +65,7 @@ class ScreenedLeastSquares:
         self._evaluated: tuple[Array, ...] = ()
 
     def ask(self) -> Array:
-        """Return the points of a screen, of difference quotients or of trial steps, ``(m, d)``."""
+        """Return the points of a screen, difference quotients or trial steps, ``(m, d)``."""
         return self._asked
 
     def tell(self, points: Array, costs: Array, residuals: Array) -> None:
@@ -79,7 +79,7 @@ class ScreenedLeastSquares:
             self._asked = asked
 
     def _search(self) -> Iterator[Array]:
-        """Yield the points to evaluate next. The results must then be in ``_evaluated``."""
+        """Yield the points to evaluate next; `tell` stores the results before it resumes."""
         stopping = _STOPPING._replace(good_cost=self._hints.good_cost)
         for size, starts in _SCREENS:
             before = self._best_cost

@@ -67,7 +67,7 @@ class Quadratic(NamedTuple):
         return cls(at.point, jacobian.T @ at.residuals, jacobian.T @ jacobian)
 
     def with_ridge(self) -> Self:
-        """Return the model with a ridge, which keeps components without effect finite."""
+        """Return the model with a ridge on the Hessian, so that its minimum is unique."""
         hessian = self.hessian
         return self._replace(hessian=hessian + ridge_of(hessian) * np.eye(len(hessian)))
 
@@ -90,7 +90,7 @@ class Quadratic(NamedTuple):
         return lowest_in_box(self.hessian, self.gradient, self.point)
 
     def lowest_between(self, lower: Array, upper: Array) -> Array:
-        """Return the point of the minimum between bounds, ``(d,)``.
+        """Return the point of the minimum between bounds, ``(d,)`` each.
 
         The Hessian must be positive definite.
         """
@@ -102,10 +102,9 @@ class Quadratic(NamedTuple):
 
 
 def ridge_of(normal: Array) -> float:
-    """Return the ridge that makes a normal matrix, ``(d, d)``, invertible.
+    """Return the diagonal addition that makes a normal matrix, ``(d, d)``, invertible.
 
-    The ridge is far below the diagonal entry of any component with an effect. It keeps components
-    without effect finite.
+    The ridge is far below the diagonal entry of any component that affects the residuals.
     """
     return RIDGE * max(float(np.max(np.diag(normal), initial=0.0)), 1e-200)
 
@@ -113,7 +112,7 @@ def ridge_of(normal: Array) -> float:
 def refitted(at: Linearisation, rest: Array, free: Flags) -> Array:
     """Return the point of least cost of a linear model in the unit box, ``(d,)``.
 
-    Components that are not ``free``, ``(d,)``, have the values of ``rest``, ``(d,)``.
+    Components that are not ``free``, ``(d,)``, keep the values in ``rest``, ``(d,)``.
     """
     point = np.where(free, at.point, rest)
     point[free] = Quadratic.of(at.restricted(point, free)).with_ridge().lowest()

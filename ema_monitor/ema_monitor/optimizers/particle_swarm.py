@@ -47,7 +47,7 @@ class ParticleSwarm(Population):
     FEWEST = 3
 
     def _begin(self, population: int, d: int) -> None:
-        # Up to the width of the box.
+        # Initial velocities, up to the width of the box per iteration.
         self._v = self._rng.uniform(-1.0, 1.0, self._asked.shape)
         self._best_x = self._asked.copy()
         self._best_costs = np.full(population, np.inf)

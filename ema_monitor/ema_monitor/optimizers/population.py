@@ -13,7 +13,7 @@ from ema_monitor.optimizers.interface import NO_HINTS, Hints
 class Population(ABC):
     """Base class of population-based optimizers.
 
-    The first population consists of the start and of uniformly distributed points in the unit box.
+    The first population consists of the start and uniformly distributed points in the unit box.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Population(ABC):
     """
 
     FEWEST: ClassVar = 1
-    """Smallest number of individuals of the algorithm."""
+    """Smallest population with which the algorithm works."""
 
     uses_residuals = False
     converged = False
