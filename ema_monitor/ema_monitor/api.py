@@ -99,7 +99,7 @@ def find_windows(
     Raises
     ------
     ValueError
-        If ``telemetry`` is not telemetry.
+        If ``telemetry`` or an item of it is not a `Telemetry`.
     """
     finder = WindowFinder(settings or TriggerSettings(), description or ActuatorDescription())
     windows: list[Window] = []

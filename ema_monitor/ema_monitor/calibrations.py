@@ -61,7 +61,7 @@ def calibrate(
         ripple. The fit reads them one at a time, several times over. Measured causes enter with
         their sigma.
     description
-        Unit of the windows; the built-in actuator if None.
+        Description of the unit; None for the built-in actuator.
     form
         Form of the monitor model; the default form of the drive if None. It is ignored if the
         drive is unknown.
@@ -71,9 +71,9 @@ def calibrate(
     Raises
     ------
     ValueError
-        If there is no window, or the motion is too small; if a window has no excitation, another
-        sample period than the first window, or other columns than the description; if the unit
-        deviates impossibly far from its description, or implausibly far and no person accepts it.
+        If there is no window; if the motion of a window is too small, its sample period differs
+        from the first window, or its columns differ from the description; if the unit deviates
+        impossibly far from its description, or implausibly far and no person accepts it.
     """
     description = description or ActuatorDescription()
     if description.drive == "unknown":
@@ -152,7 +152,7 @@ class CalibrationStore:
         return self._in_use.get(key) or Calibration.builtin()
 
     def use(self, description: ActuatorDescription, calibration: JointCalibration | None) -> None:
-        """Use the learned baseline of a unit; None if it has none any more."""
+        """Use a learned baseline as the calibration of a unit; None removes the baseline in use."""
         if calibration is None:
             self._in_use.pop(description.unit_key, None)
         else:
@@ -224,7 +224,15 @@ class CalibrationStore:
     def keep(
         self, description: ActuatorDescription, calibration: AnyCalibration, path: Path
     ) -> None:
-        """Write a calibration to a file and use it; raise ValueError if it cannot be written."""
+        """Write a calibration to a file and use it.
+
+        If the file contains a calibration of the same unit, its labels are kept.
+
+        Raises
+        ------
+        ValueError
+            If the file cannot be written.
+        """
         with suppress(OSError, ValueError):
             calibration = with_labels_of(calibration, load_calibration(path))
         try:

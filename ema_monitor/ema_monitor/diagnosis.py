@@ -157,14 +157,15 @@ def identify(
     previous: ArrayLike | None = None,
     measured: Mapping[str, tuple[float, float]] | None = None,
 ) -> Estimate:
-    """Return the estimate of the faults in a window, without reporting progress.
+    """Identify the faults in a window and return the estimate, without progress reports.
 
     Parameters
     ----------
     window, settings, force, previous
         See ``Identification``.
     description, calibration
-        The actuator and its calibration; None for the built-in actuator.
+        The actuator and its calibration, or the reason why it has none. None for the built-in
+        actuator and its shipped calibration.
     measured
         Measured hidden causes: value and standard deviation by name (see ``measured_causes``);
         None for the measured causes of the window.
@@ -240,13 +241,14 @@ class _Motion:
     search: SearchSettings
 
     since: dict[int, tuple[int, int, list[WindowFigures]]] = field(default_factory=dict)
-    """Start and end stamps [ns] and figures of the stretches since the last estimate, by number.
+    """Start and end stamps [ns] and figures of the stretches since the last estimate, keyed by
+    number.
 
     A stretch whose search was cancelled may be added again under its number.
     """
 
     fruitless: int = 0
-    """Number of combinations without an estimate that were handled."""
+    """Number of combinations that ended without an estimate and have been handled."""
 
     def judged(self, estimate: Estimate) -> Estimate:
         """Return the estimate with a verdict from all motion since the previous estimate.

@@ -17,8 +17,10 @@ from ema_monitor.model.deviations import Deviations
 from ema_monitor.windows.window import Window
 
 WORST_RATIO: Final = 2.0
-"""Largest ratio of the cost of a fault to the cost of a healthy unit with deviations at which the
-fault still explains a window [-].
+"""Largest cost ratio at which a fault explains a window as well as a healthy unit does [-].
+
+The ratio is the cost of a unit with the fault, divided by the cost of a healthy unit with
+deviations.
 
 Measured 0.4 to 1.5 for a phase shorted by 45 to 60 %, and 1.0 to 5 for 18 healthy units, which show
 no fault beyond its limit."""

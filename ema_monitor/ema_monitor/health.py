@@ -77,7 +77,7 @@ class HealthLimits(Checked, settings_by_kind("_LimitByKind", float, _limit_of)):
 
     @property
     def friction_warning(self) -> float:
-        """Relative change of Coulomb friction that gives a warning [-]: 2 k of the fault."""
+        """Relative change of Coulomb friction that gives a warning [-]: twice the fault value."""
         return 2.0 * self.warn_share * self.of("friction")
 
 
@@ -111,12 +111,12 @@ class FaultHealth:
     limit_is_lower: bool
     """Whether life ends below the limit rather than above."""
     share: float
-    """Share of the way from healthy to the limit [-]."""
+    """Distance from the healthy value, relative to the distance of the limit [-]."""
     held: float = math.nan
     """Value of the latest test [-] that the next test must confirm: it disagrees with earlier
     tests, and one of the values gives a warning or failure. NaN otherwise."""
     unconfirmed: int | None = None
-    """Lower level shown by the latest test that later tests must confirm, or None."""
+    """Lower level that the latest test shows and later tests must confirm; None otherwise."""
     recurrence: Recurrence | None = None
     """Recurrence of the fault, if it is intermittent and not acknowledged."""
 
@@ -141,7 +141,7 @@ class Health:
     faults: tuple[FaultHealth, ...] = field(default=())
     """Health with respect to each fault."""
     reason: str = ""
-    """Why something is unknown; empty otherwise."""
+    """Reasons why faults or the level are unknown, and reasons for warnings; may be empty."""
     requirements: tuple[FaultHealth, ...] = field(default=())
     """Health with respect to each requirement; empty if there are none."""
 
@@ -174,7 +174,7 @@ def assess(
     tracked: Mapping[str, Tracked] | None = None,
     intermittent: Mapping[str, Recurrence] | None = None,
 ) -> Health:
-    """Return the health after a valid estimate.
+    """Return the health of an actuator, assessed from a valid estimate.
 
     Parameters
     ----------
@@ -303,7 +303,10 @@ def _torque_by_causes(
 
 
 def why_not_shown(names: Sequence[str]) -> str:
-    """Return a phrase on the faults that recent tests do not show, and on the motion they need."""
+    """Return a phrase that lists faults no recent test has shown, and the motion that shows them.
+
+    The phrase is empty if ``names`` is empty.
+    """
     by_motion: dict[str, list[str]] = {}
     for name in names:
         fault = FAULT_BY_NAME[name]
@@ -358,12 +361,14 @@ def _limited_by_warning(health: Health) -> Health:
 
 
 def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> Health:
-    """Return the health with further requirements, and the worse level and severity of both.
+    """Return the health extended by requirements; the worse level and severity apply.
 
     Parameters
     ----------
-    health, requirements
-        Health from the faults, and with respect to each requirement.
+    health
+        Health from the faults.
+    requirements
+        Health with respect to each requirement to add.
     """
     worst = worst_of(requirements)
     requirements = (*health.requirements, *requirements)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Intake of one actuator's data: windows and use of units, from telemetry, measurements and counts.
+"""Intake of one actuator: finds windows and adds up service life, from telemetry and counts.
 
 The node, `Monitor`, the commands that read bags and the archive all use it.
 """
@@ -25,16 +25,16 @@ if TYPE_CHECKING:  # an estimate alone needs no prognosis
     from ema_monitor.prognosis.service import CountLog
 
 MOST_MEASUREMENTS: Final = 10_000
-"""Number of measurements stored per cause in an endless telemetry stream."""
+"""Largest number of measurements stored per cause in an endless telemetry stream."""
 
 MOST_PIECES: Final = 1000
-"""Number of windows with separately stored duty in an endless telemetry stream."""
+"""Largest number of windows with separately stored duty in an endless telemetry stream."""
 
 _MOST_UNITS: Final = 10
 
 
 class Use(NamedTuple):
-    """Use of a unit up to a test."""
+    """Service life of a unit up to a test."""
 
     counted: "Count | None"
     """Latest count of service life; None without a count."""
@@ -62,7 +62,7 @@ class Intake:
     measured
         Causes that are measured throughout; each replaces the measurements in the log.
     max_age_s
-        Returns the largest age of a measurement at the start of a window [s].
+        Function that returns the largest age of a measurement at the start of a window [s].
     most_pieces
         Number of latest windows of a unit whose duty is stored separately; None for all windows of
         any number of units.
@@ -153,7 +153,15 @@ class Intake:
         self._counts.add(unit, count)
 
     def take_use(self, unit: UnitKey, end_ns: int) -> Use:
-        """Return the use of a unit up to a test that ends at ``end_ns``; duty is returned once."""
+        """Return the latest count of a unit and its duty since the last call, up to a test's end.
+
+        Parameters
+        ----------
+        unit
+            The unit.
+        end_ns
+            Stamp of the end of the test [ns].
+        """
         from ema_monitor.prognosis.duty.damage import NOTHING_FLOWN
 
         meter = self._meters.get(unit)
@@ -162,7 +170,13 @@ class Intake:
         return Use(counted, flown)
 
     def pieces(self, end_ns: int) -> dict[UnitKey, "list[tuple[int, FlownDuty]]"]:
-        """Return the duty of each unit up to the end of each window, and up to ``end_ns``."""
+        """Return each unit's duty in pieces, which end with each window and at ``end_ns``.
+
+        Returns
+        -------
+        dict
+            By unit, pairs of the stamp of a piece's end [ns] and the duty since the previous piece.
+        """
         for meter in self._meters.values():
             meter.cut(end_ns)
         return {unit: list(meter.pieces) for unit, meter in self._meters.items()}

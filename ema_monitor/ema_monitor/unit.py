@@ -141,8 +141,9 @@ class Unit:
         settings
             Settings to use from this test on.
         count
-            Latest count of service hours that was read before the test, or None. flown Known duty
-            since the previous test, valid or not.
+            Latest count of service hours that was read before the test, or None.
+            flown
+                Known duty since the previous test, valid or not.
         received_ns
             Reception time on the receiver's clock [ns]; 0 for a recording.
         is_live
@@ -490,7 +491,7 @@ class Unit:
         outlook = self._by_valid = self._outlook(parameters)
         if not self.history.entries:
             return self._claimed(outlook)
-        # Assessment of the latest test if that is assessed again, else of the previous test.
+        # Assessment of the latest test if it is assessed again, else of the previous test.
         assessments = self.history.assessments
         stamps_ns = (entry.stamp_ns for entry in reversed(self.history.entries[-2:]))
         before = next((assessments[ns] for ns in stamps_ns if ns in assessments), None)

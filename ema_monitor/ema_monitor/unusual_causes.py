@@ -26,7 +26,8 @@ def usual_range(name: str) -> float:
 def torque_change(estimate: Estimate) -> CauseEstimate | None:
     """Return the estimated (or else the measured) change of the torque constant, or None.
 
-    Equal short circuits that the window does not separate from a weaker motor are such a change.
+    Equal short circuits count as such a change if the window does not separate them from a weaker
+    motor.
     """
     causes = (*estimate.causes, *estimate.measured)
     torque = next((cause for cause in causes if cause.name == TORQUE_CONSTANT), None)
@@ -39,7 +40,7 @@ def torque_change(estimate: Estimate) -> CauseEstimate | None:
 
 
 def unusual_causes(estimate: Estimate) -> dict[str, str]:
-    """Return the hidden causes of an estimate that exclude the level OK: a phrase by cause name.
+    """Return a phrase for each hidden cause that excludes the level OK, keyed by cause name.
 
     An estimated or measured cause is unusual if its 95 % bound is outside the usual range. For a
     degraded estimate the value is used instead of the bound, as sigma includes the uncertainty of

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""History of the changes of a baseline, one line of JSON each, append only."""
+"""Append-only history of a baseline's changes, with one line of JSON per change."""
 
 import json
 import os
@@ -28,18 +28,18 @@ class Change:
     time_ns: int
     """Time of the change since 1970, UTC [ns]."""
     before: str
-    """Identity of the calibration before; empty without one."""
+    """Identity of the calibration before the change; empty if there was none."""
     after: str
-    """Identity of the calibration after; empty without one."""
+    """Identity of the calibration after the change; empty if there is none."""
     records: int
-    """Number of records in the calibration after; before, of a reset."""
+    """Number of records in the calibration after the change; for a reset, before it."""
     note: str = ""
     files: tuple[str, ...] = ()
-    """Names of the files of the records in the calibration after."""
+    """File names of the records in the calibration after the change."""
 
     @property
     def time_text(self) -> str:
-        """Time as a text, to the minute."""
+        """Time of the change as a text in UTC, to the minute."""
         return f"{datetime.fromtimestamp(self.time_ns // 1_000_000_000, UTC):%Y-%m-%d %H:%M} UTC"
 
     def __str__(self) -> str:
@@ -55,7 +55,7 @@ def append_change(path: Path, change: Change) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     line = json.dumps(asdict(change), ensure_ascii=False) + "\n"
     with path.open("ab+") as file:
-        # A line that a crash cut off stays alone.
+        # Separate the change from a line that a crash cut off.
         if file.tell() and not _ends_a_line(path):
             file.write(b"\n")
         file.write(line.encode())
@@ -64,7 +64,7 @@ def append_change(path: Path, change: Change) -> None:
 
 
 def read_changes(path: Path) -> list[Change]:
-    """Return the changes in a file, in their order; damaged lines are ignored."""
+    """Return the changes in a file, oldest first; damaged lines and a missing file are ignored."""
     changes = []
     try:
         lines = path.read_bytes().splitlines()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Progress of a baseline: its records, detection limits, and what would improve it."""
+"""Progress of a baseline: its records, its detection limits, and advice on improving it."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ FEWEST: Final = 3
 
 _MOVING: Final = 0.05
 _BLIND: Final = 1.0
-"""Relative change of friction that has to show [-]."""
+"""Relative change of friction that a baseline must be able to detect [-]."""
 
 
 @dataclass(frozen=True)
@@ -29,29 +29,29 @@ class Progress:
     """Progress of a baseline."""
 
     records: int = 0
-    """Number of records: of the baseline if accepted, else collected."""
+    """Number of records in the accepted baseline, or collected so far while learning."""
     days: int = 0
     """Number of days of the records; records without a date count as one day."""
     records_needed: int = 0
     """Number of records for automatic acceptance; 0 if a person accepts."""
     slowest: float = math.nan
-    """Slowest usual speed of the records [rad/s, m/s with a lead]."""
+    """Slowest usual speed of the records [rad/s; m/s for a drive with a lead]."""
     fastest: float = math.nan
-    """Fastest usual speed of the records [rad/s, m/s with a lead]."""
+    """Fastest usual speed of the records [rad/s; m/s for a drive with a lead]."""
     forward_share: float = math.nan
     """Share of the moving time in which the joint moves forward [-]."""
     detectable_same_day: float = math.nan
-    """Smallest relative change of friction that would show on a day with records [-]."""
+    """Smallest detectable relative change of friction on a day with records [-]."""
     detectable_other_day: float = math.nan
-    """Smallest relative change of friction that would show on another day [-]."""
+    """Smallest detectable relative change of friction on any other day [-]."""
     advice: tuple[str, ...] = ()
-    """Sentences on what would lower the smallest change."""
+    """Sentences on how to lower the smallest detectable change."""
     reason: str = ""
-    """Why the records make no baseline; empty if they make one."""
+    """Why the records cannot become a baseline; empty if they can."""
 
     @property
     def as_reason(self) -> Learning:
-        """The progress as the reason why a record is not judged."""
+        """The progress, as the reason why a record is not judged yet."""
         return Learning(
             self.records,
             self.days,
@@ -70,7 +70,21 @@ def progress_of(
     reason: str,
     records_needed: int = 0,
 ) -> Progress:
-    """Return the progress of records with the calibration fitted to them, if there is one."""
+    """Return the progress of a baseline.
+
+    Parameters
+    ----------
+    calibration
+        Calibration fitted to the records; None if there is none.
+    records, days
+        Number of records and of their days.
+    forward_share
+        Share of the moving time in which the joint moves forward [-].
+    reason
+        Why the records cannot become a baseline; empty if they can.
+    records_needed
+        Number of records for automatic acceptance; 0 if a person accepts.
+    """
     if calibration is None:
         return Progress(records, days, records_needed, reason=reason)
     comparer = calibration.comparer
@@ -99,8 +113,8 @@ def refusal_of(calibration: JointCalibration, *, accepts_outliers: bool = False)
     calibration
         Calibration fitted to the records.
     accepts_outliers
-        Whether a person confirms that all records are healthy, although records differ from the
-        others or friction rises.
+        Whether a person confirms that all records are healthy, although some are outliers or
+        friction rises.
     """
     if calibration.windows < FEWEST:
         return (

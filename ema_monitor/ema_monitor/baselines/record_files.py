@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Healthy records of a unit in compressed files, bounded in number."""
+"""Healthy records of a unit in compressed files, and the choice of records to keep."""
 
 import hashlib
 import math
@@ -28,7 +28,7 @@ _ANGLES: Final = ("command", "position")
 
 
 class StoredRecord(NamedTuple):
-    """A stored record; the order is by stamp."""
+    """A stored record; records are sorted by stamp."""
 
     stamp_ns: int
     """Stamp of the first sample [ns]."""
@@ -37,7 +37,7 @@ class StoredRecord(NamedTuple):
 
     @property
     def day(self) -> int:
-        """Day of the record since 1970; 0 without a date."""
+        """Day of the record [days since 1970]; 0 if its stamp has no date."""
         return self.stamp_ns // NS_A_DAY if has_date(self.stamp_ns) else 0
 
 
@@ -60,7 +60,7 @@ class RecordFiles:
         self.stored = sorted(_listed(folder))
 
     def add(self, window: Window) -> StoredRecord | None:
-        """Store a record. Return None if it is stored already.
+        """Store a record and return it; return None if it is already stored.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class RecordFiles:
         self.stored = [record for record in self.stored if record not in gone]
 
     def read(self, records: Sequence[StoredRecord]) -> list[Window]:
-        """Return records; damaged files are deleted and left out.
+        """Return the windows of records; damaged files are deleted and left out.
 
         Raises
         ------
@@ -107,8 +107,8 @@ class RecordFiles:
 def thinned(records: Sequence[StoredRecord], most: int) -> list[StoredRecord]:
     """Return at most ``most`` records, spread over their days.
 
-    The record whose neighbours in time are nearest is left out first, from the day with the most
-    records; of two such days, from the earlier one.
+    Records are left out one by one, from the day with the most records or the earliest such day.
+    The next record to go is the one whose neighbours in time are closest to each other.
     """
     kept = sorted(records)
     while len(kept) > most:
@@ -120,7 +120,7 @@ def thinned(records: Sequence[StoredRecord], most: int) -> list[StoredRecord]:
 
 
 def _most_crowded(day: Sequence[StoredRecord]) -> StoredRecord:
-    """Return the inner record whose neighbours are nearest; the first and the last remain."""
+    """Return the record between the first and the last whose neighbours are closest in time."""
     if len(day) < 3:
         return day[-1]
     spans = [after.stamp_ns - before.stamp_ns for before, after in zip(day, day[2:], strict=False)]

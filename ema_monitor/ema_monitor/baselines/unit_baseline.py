@@ -60,7 +60,7 @@ def calibration_pattern(folder: Path) -> str:
 
 
 def stored_units(folder: Path) -> dict[str, Path]:
-    """Return the description file of each actuator's latest unit in a folder of baselines."""
+    """Return the description file of each actuator's latest unit, keyed by actuator."""
     files = folder.glob(f"*/*/{DESCRIPTION_FILE}")
     by_age = sorted(files, key=lambda path: path.stat().st_mtime)
     return {unquote(path.parent.parent.name): path for path in by_age}
@@ -72,7 +72,7 @@ def changes_of(folder: Path, actuator_id: str, serial_number: str) -> list[Chang
 
 
 class InUseError(OSError):
-    """Another process writes the baseline of the unit."""
+    """Another process holds the baseline of the unit."""
 
 
 class UnitBaseline:
@@ -93,18 +93,18 @@ class UnitBaseline:
     description
         The unit.
     has_clock
-        Whether stamps come from a clock; if not, records count as records of one day.
+        Whether stamps come from a clock; if not, all records count as records of one day.
 
     Attributes
     ----------
     calibration
         Accepted calibration; None while learning.
     provisional
-        Calibration fitted to the candidates while learning; None before enough of them.
+        Calibration fitted to the candidates while learning; None until there are enough candidates.
     changes
         History of the changes.
     damage
-        Why it is unknown which baseline is accepted; empty if it is known.
+        Why the accepted baseline cannot be determined; empty otherwise.
 
     Raises
     ------
@@ -181,12 +181,12 @@ class UnitBaseline:
 
     @property
     def accepted_by(self) -> Change | None:
-        """The change that made the accepted baseline; None while learning, or if unknown."""
+        """The change that produced the accepted baseline; None while learning, or if unknown."""
         return self._accepting if self.is_accepted else None
 
     @property
     def _accepting(self) -> Change | None:
-        """The latest change that made the calibration; None if the history does not show it."""
+        """The latest change that produced the calibration; None if the history lacks it."""
         identity = self.calibration.calibration_id if self.calibration else ""
         matching = (item for item in reversed(self.changes) if item.after == identity)
         return next(matching, None) if identity else None
@@ -250,25 +250,26 @@ class UnitBaseline:
     def accept(
         self, author: str, note: str = "", *, force: bool = False, is_automatic: bool = False
     ) -> Change:
-        """Make the baseline of the candidates.
+        """Accept the candidates as the baseline. Return the recorded change.
 
         Parameters
         ----------
         author
-            Person or rule that accepts it.
+            Person or rule that accepts the baseline.
         note
-            Why, for the history.
+            Reason, for the history.
         force
-            Accept records that differ from the others.
+            Accept the baseline although some records are outliers or friction rises.
         is_automatic
-            Whether a rule accepts it.
+            Whether a rule accepts the baseline.
 
         Raises
         ------
         ValueError
-            If the unit has a baseline, or the records make none; the message names the reason.
+            If the unit has an accepted baseline, or the candidates cannot become one; the message
+            names the reason.
         OSError
-            If it cannot be written.
+            If the baseline cannot be written.
         """
         self._require_sound()
         if self.calibration is not None:
@@ -358,20 +359,20 @@ class UnitBaseline:
         return change
 
     def _complete(self) -> None:
-        """Complete the latest change, also if the process was killed within it."""
+        """Complete the latest change, even if the process was killed during the change."""
         if not self.changes:
             return
         latest, pending = self.changes[-1], self._folder / _PENDING
         path = self._folder / CALIBRATION_FILE
         if latest.kind is Kind.RESET and path.exists() and _identity(path) == latest.before:
-            self._discard()  # of a damaged baseline, both identities are empty
+            self._discard()  # both identities are empty if damaged
         if pending.exists():
             if _identity(pending) == latest.after:
                 pending.replace(path)
             pending.unlink(missing_ok=True)
 
     def _loaded(self) -> JointCalibration | None:
-        """Return the accepted calibration; None while learning, or with ``damage``."""
+        """Return the accepted calibration; None while learning, or with ``damage`` set."""
         path = self._folder / CALIBRATION_FILE
         latest = self.changes[-1] if self.changes else None
         try:
@@ -393,9 +394,9 @@ class UnitBaseline:
         return restored
 
     def _restored(self, accepting: Change) -> JointCalibration | None:
-        """Return the calibration of a change, fitted again; None if it differs from the original.
+        """Fit the calibration of a change again, store and return it.
 
-        The calibration is stored again.
+        Returns None if the records do not reproduce the original calibration.
         """
         names = set(accepting.files)
         records = [record for record in self._records.stored if record.path.name in names]
@@ -424,7 +425,7 @@ class UnitBaseline:
         return calibration
 
     def _write_description(self) -> None:
-        """Store the description, with which commands fit the records without a monitor."""
+        """Store the description, which lets commands fit the records without a monitor."""
         path = self._folder / DESCRIPTION_FILE
         described = self.description
         content = asdict(described)

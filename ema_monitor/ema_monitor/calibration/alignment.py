@@ -82,6 +82,9 @@ def shift_if_same(command: Array, reference: Array, sample_period: float) -> int
 
 
 def moved(row: Array, shift: int) -> Array:
-    """Return a row shifted by ``shift`` samples towards its start, ``(n,)``; its ends are held."""
+    """Return a row shifted by ``shift`` samples towards its start, ``(n,)``.
+
+    Samples beyond the ends repeat the first or the last value.
+    """
     n = len(row)
     return row[np.clip(np.arange(n) + shift, 0, n - 1)]

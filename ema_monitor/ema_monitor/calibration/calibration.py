@@ -27,7 +27,7 @@ from ema_monitor.windows.window import Window
 LEAST_SCATTER: Final = 1e-6
 """Scatter below which windows count as duplicates, so that the scatter is unknown [A, rad/s]."""
 
-# A deviation is not learned if its standard deviation exceeds this share of the prior's.
+# A deviation is not learned if its standard deviation exceeds this share of the prior's sigma.
 _LEARNED = 0.7
 _SAME_SCALE = 0.015
 # Key of the baseline in the hashed content, and in files that earlier versions wrote in format 4.
@@ -163,7 +163,7 @@ class Calibration(StoredCalibration):
     def not_learned(self) -> tuple[str, ...]:
         """Names of the deviations that the healthy windows did not determine.
 
-        Their standard deviations are hardly smaller than in their priors.
+        The fit hardly reduced their standard deviations below the values in their priors.
         """
         if not np.any(self.unit_covariance):
             return ()  # no deviations were fitted
@@ -253,7 +253,7 @@ class Calibration(StoredCalibration):
         )
 
     def unit_mismatch(self, description: ActuatorDescription) -> tuple[Difference, ...]:
-        """Return how a described actuator differs from the calibrated one; empty if it fits."""
+        """Return the differences between a description and the calibrated unit; empty if none."""
         differences: list[Difference] = []
         if self.form not in FORMS_OF_DRIVES.get(description.drive, ()):
             differences.append(("drive", description.drive, self.drive))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Detection of contradictions between a healthy window and the description of its actuator.
 
-A window shows wrong parameters that `ema_core.consistency` cannot see, because they agree with each
-other. It does not show parameters that its motion does not depend on: those are checked there.
+A window reveals wrong parameters that `ema_core.consistency` cannot detect, because they agree with
+each other. A window does not reveal parameters that its motion does not depend on.
 """
 
 from dataclasses import dataclass
@@ -31,8 +31,8 @@ class DescriptionMisfit:
     column: ColumnError | UnrelatedColumn
     """Column that differs from the response of the healthy model."""
     examples: dict[str, float]
-    """Parameters that affect the window and still have the values of the built-in example, by name.
-    """
+    """Parameters, keyed by name, that affect the window and still have the values of the built-in
+    example."""
 
     def __str__(self) -> str:
         if not self.examples:

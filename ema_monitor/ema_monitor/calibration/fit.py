@@ -124,7 +124,7 @@ def calibrate_model(
 
 
 def _relations(windows: Sequence[Window], parameters: ActuatorParameters) -> dict[str, float]:
-    """Return the healthy relations between columns by name, corrected for measured causes.
+    """Return the healthy relations between sensors, keyed by name, corrected for measured causes.
 
     A relation is the mean over the windows that determine it, or NaN without such windows.
     """
@@ -144,7 +144,7 @@ def _relations(windows: Sequence[Window], parameters: ActuatorParameters) -> dic
 def _scatter(
     windows: Sequence[Window], model: MonitorModel, mean: Array, h: float
 ) -> tuple[float, float]:
-    """Return the expected band-limited rms residuals of current and speed in a further window."""
+    """Return the expected band-limited rms residuals of current and speed in another window."""
     m = len(windows)
     if m == 1:
         return float("nan"), float("nan")

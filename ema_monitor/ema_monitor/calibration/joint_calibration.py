@@ -179,7 +179,7 @@ class JointCalibration(StoredCalibration):
         return PeriodTooLong(window.sample_period, highest)
 
     def unit_mismatch(self, description: ActuatorDescription) -> tuple[Difference, ...]:
-        """Return the differences of a described actuator from the calibrated actuator."""
+        """Return the differences between a description and the calibrated unit; empty if none."""
         differences: list[Difference] = []
         if description.drive != "unknown":
             differences.append(("drive", description.drive, "unknown"))

@@ -69,7 +69,7 @@ class StoredCalibration(Displayed, ABC):
 
     @abstractmethod
     def unit_mismatch(self, description: ActuatorDescription) -> tuple[Difference, ...]:
-        """Return how a described actuator differs from the calibrated one; empty if it fits."""
+        """Return the differences between a description and the calibrated unit; empty if none."""
 
     def _differences(
         self, description: ActuatorDescription, used: Iterable[str]

@@ -19,10 +19,10 @@ from ema_monitor.optimizers.linear_model import Linearisation, Quadratic
 from ema_monitor.windows.band import BAND_CORRELATION, band_limited, rms, speed_weight
 from ema_monitor.windows.window import Window
 
-# The figures below were measured on five simulated units with twelve windows each; sigma is the
+# The results below were measured on five simulated units with twelve windows each; sigma is the
 # standard deviation of a fitted deviation.
 _STEPS: Final = 0.05
-"""Step of the difference quotients [20 sigma of the prior].
+"""Step of the difference quotients, relative to 20 sigma of the prior [-].
 
 Steps of 0.02 and 0.1 change the fit by up to 1.6 sigma, because friction is not smooth, and hardly
 change the residual of the current."""
@@ -195,10 +195,10 @@ class _UnitProblem:
 def fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> UnitFit:
     """Return the deviations of a unit from nominal, fitted to healthy windows.
 
-    Gauss-Newton method on band-limited current and speed. Priors affect only deviations that the
-    windows do not determine. The fit begins with lift, friction, Stribeck speed and inertia. It
-    adds further deviations one at a time if they explain a large share of the remaining residuals.
-    Otherwise they would absorb residuals with different causes.
+    The fit uses the Gauss-Newton method on band-limited current and speed. Priors affect only
+    deviations that the windows do not determine. The fit begins with lift, friction, Stribeck speed
+    and inertia. It adds further deviations one at a time if they explain a large share of the
+    remaining residuals. Otherwise they would absorb residuals with different causes.
     """
     problem = _UnitProblem(groups, nominal)
     priors, sigma = problem.priors, problem.sigma

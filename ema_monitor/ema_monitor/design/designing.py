@@ -69,9 +69,9 @@ class Design:
 
     @property
     def sigma(self) -> dict[str, float]:
-        """Rehearsed standard deviations by fault, consistent with the rehearsed errors.
+        """Standard deviations in the rehearsal by fault [-], large enough for the rehearsed errors.
 
-        NaN for faults that are not detected.
+        The value is NaN for faults that are not detected.
         """
         return {fault.name: fault.effective for fault in self.rehearsed.faults}
 
@@ -127,8 +127,8 @@ def design_command(
 ) -> Design:
     """Design the shortest test that reaches wanted standard deviations.
 
-    Swings are searched by differential evolution on predictions of the model. The best swing is
-    rehearsed, and the prediction is corrected by the result of the rehearsal, until both agree.
+    Differential evolution searches for the best swing according to predictions of the model. The
+    best swing is rehearsed, and the result corrects the predictions, until both agree.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ class _Search:
             yield progress.point, math.sqrt(progress.cost)
 
     def command(self, point: Array) -> Command:
-        """Return the swing of a point of the unit box, ``(5,)``.
+        """Return the swing that a point of the unit box, ``(5,)``, encodes.
 
         The swing has a whole number of half periods, so that it ends at rest. It begins slowly:
         the mismatch of the model averages out over a wide range of speeds, while at a single speed

@@ -29,7 +29,7 @@ _PLAY: Final = 1.0
 
 
 class Information:
-    """Predicts standard deviations with the model, for actuators with several faults.
+    """Predicts the standard deviations of estimated faults, for actuators with several faults.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ class MotionLimits(Demands):
     Raises
     ------
     ValueError
-        If a limit is not above 0, or travel or duration are too small for a test.
+        If a limit is not above 0, or travel or duration is too small for a test.
     """
 
     def __post_init__(self) -> None:
@@ -71,7 +71,7 @@ class MotionLimits(Demands):
         speed: float | None = None,
         longest: float = 0.5,
     ) -> Self:
-        """Return limits; a limit that is None is 90 % of the limit of the actuator.
+        """Return the limits of a test; None stands for 90 % of the actuator's own limit.
 
         Raises
         ------

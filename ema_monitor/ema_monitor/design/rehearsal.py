@@ -254,7 +254,7 @@ def _either_order(part: Part, stand_in: Part) -> tuple[tuple[Part, Part], tuple[
 
 
 def fewest(parts: Iterable[Part]) -> tuple[Part, ...]:
-    """Return parts without combinations whose names all occur as single parts."""
+    """Return the parts, sorted, except combinations whose names all occur as single parts."""
     alone = {part[0] for part in parts if len(part) == 1}
     return tuple(sorted(part for part in parts if len(part) == 1 or not alone.issuperset(part)))
 

@@ -50,7 +50,9 @@ def plot_fit(
     Parameters
     ----------
     window
-        The window. estimate A valid estimate of the window.
+        The window.
+        estimate
+            A valid estimate of the window.
     calibration
         Calibration of the estimate; None for the built-in actuator.
     since_ns

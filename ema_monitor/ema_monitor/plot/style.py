@@ -73,7 +73,7 @@ def draw_legend(
     figure, panels
         The figure, and its panels.
     bands
-        Label of the band around a line, and common label of line and band, by label of the line.
+        For the label of a line: the label of the band around it, and a common label for both.
     """
     handles: dict[str, Any] = {}
     for axes in panels:

@@ -49,7 +49,8 @@ def read_windows(
     settings
         Settings of the detection; default settings if None.
     topic, actuator_id
-        Topic and actuator to read, if the recording has telemetry of several.
+        Topic and actuator to read, if the recording has telemetry on several topics or of several
+        actuators.
     description
         Description of the actuator; None for the description in the recording.
     measured_max_age_s

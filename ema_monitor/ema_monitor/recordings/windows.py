@@ -43,7 +43,7 @@ class WindowPlace:
     samples: int
     """Number of samples, without the omitted ones."""
     omitted: tuple[range, ...] = ()
-    """See `Window`."""
+    """Ranges of running indices that the window leaves out (see `Window`)."""
 
     def read(self) -> Telemetry:
         """Read the samples."""
@@ -74,7 +74,7 @@ class RecordedWindow:
     measured: tuple[CauseEstimate, ...] = ()
     """Measured hidden causes."""
     is_remainder: bool = False
-    """See `Window`."""
+    """Whether the record continues the motion of the previous record (see `Window`)."""
 
     @property
     def window(self) -> Window | Refusal:
@@ -109,12 +109,13 @@ class BagWindows:
     has_rested: bool
     """Whether the command (for records, the position) was ever at rest."""
     obstacle: str
-    """Reason why no window could be complete; empty if one could, or if it is unknown."""
+    """Reason why no window was complete; empty if a window was, or if the reason is unknown."""
     truths: list[StampedFaults]
     """True faults of the actuator by test cycle, in order, if the bag records them."""
     flown: "dict[UnitKey, list[tuple[int, FlownDuty]]]" = field(default_factory=dict)
-    """Flown duty by unit: pairs of a stamp [ns], the end of a window or of the bag, and the duty up
-    to it. Empty if it was not measured."""
+    """Flown duty in pieces, keyed by unit: the stamp of a piece's end [ns], which is the end of a
+    window or of the bag, and the duty since the previous piece. Empty if the duty was not
+    measured."""
 
     @property
     def usable(self) -> Sequence[Window]:
@@ -150,7 +151,7 @@ class BagWindows:
         return (stamp_ns - self.first_ns) * 1e-9
 
     def true_faults(self, start_ns: int) -> NDArray[np.float64] | None:
-        """Return the true faults of a window by its start, ``(8,)``; None if not recorded."""
+        """Return the true faults of the window at a start stamp [ns], ``(8,)``; None if unknown."""
         truth = truth_at(self.truths, start_ns)
         return None if truth is None else truth.faults
 
@@ -182,6 +183,6 @@ class WindowsOnDemand(Sequence[Window]):
 
 
 def truth_at(truths: Sequence[StampedFaults], start_ns: int) -> StampedFaults | None:
-    """Return the true faults of the test cycle that runs at a time; None before the first."""
+    """Return the true faults of the test cycle at a stamp [ns]; None before the first cycle."""
     before = bisect_right(truths, start_ns, key=lambda truth: truth.stamp_ns)
     return truths[before - 1] if before else None

@@ -47,8 +47,8 @@ class Segment:
 class WindowFinder:
     """Finds the windows in the telemetry of one actuator.
 
-    If the drive is unknown, the windows are records (`RecordTrigger`) with any settings. Until the
-    description is received, the latest ten seconds of telemetry are kept.
+    If the drive is unknown, the windows are records (`RecordTrigger`), regardless of the settings.
+    Until the description is received, the latest ten seconds of telemetry are kept.
 
     Parameters
     ----------
@@ -81,7 +81,8 @@ class WindowFinder:
         self._sample_period: float | None = None
         self._lacks_command = False
         self._period_reported = False
-        # Number of windows before the latest settings; samples and longest gapless run with them.
+        # Number of windows before the latest settings were applied; samples and longest gapless run
+        # since then.
         self._windows_before = self._samples = self._run = self._longest_run = 0
         if description is not None:
             self.describe(description)
@@ -93,7 +94,7 @@ class WindowFinder:
 
     @property
     def window_s(self) -> float:
-        """Length of a window [s]; for records, their shortest length."""
+        """Length of a window [s]; for records, the shortest length."""
         if self.finds_records:
             return LEAST_MOTION_S
         return self._trigger.settings.window_s if self._trigger else _LONGEST_WINDOW_S

@@ -18,9 +18,9 @@ _USUAL_SHARE: Final = 98.0
 def impossible_motion(telemetry: Telemetry, parameters: ActuatorParameters) -> str:
     """Return a message about samples that the described motor cannot produce, or "".
 
-    Impossible are position steps above both ten times the usual step and twice the step at top
-    speed. Impossible are also speed peaks of a single sample above 1.5 times the speed change that
-    the largest torque causes.
+    A position step is impossible if it exceeds both ten times the usual step and twice the step at
+    top speed. A speed peak of a single sample is impossible if it exceeds 1.5 times the speed
+    change that the largest torque causes.
     """
     h, top = telemetry.sample_period, parameters.top_speed
     parts: list[str] = []

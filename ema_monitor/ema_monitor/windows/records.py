@@ -29,7 +29,7 @@ LEAST_MOTION_S: Final = 2.0
 """Shortest total motion in a record [s]."""
 
 _RECENT_S: Final = 5.0
-"""Time whose travel sets the threshold of a rest [s]."""
+"""Duration of the latest motion whose travel determines the threshold of rest [s]."""
 
 MARGIN_S: Final = 0.5
 """Rest included before and after the motion of a record [s]."""
@@ -38,7 +38,7 @@ MOST_RECORD_SAMPLES: Final = 200_000
 """Largest number of samples in a record: 6.4 MB in four columns."""
 
 LONGEST_REST_S: Final = 5.0
-"""Longest rest that a record includes in full [s]; longer ones are left out but for a margin."""
+"""Longest rest that a record includes in full [s]; of longer rests, it only keeps the margins."""
 
 _REST_S: Final = 0.25
 _LEAST_REST_SAMPLES: Final = 3
@@ -99,10 +99,10 @@ class RecordTrigger(WindowTrigger):
     - after twice ``record_s``, even in motion.
 
     Rests of more than 5 s within a record are left out, except 0.5 s at both ends, and do not count
-    for its length. Thus a record of a joint that often pauses has as much motion as any other.
+    towards its length. Thus a record of a joint that often pauses has as much motion as any other.
 
-    A record that began is followed by the next one after ``record_interval_s`` at the earliest; the
-    motion between them is not stored.
+    The next record begins at least ``record_interval_s`` after the start of the previous record;
+    the motion between them is not stored.
 
     ``record_s`` is limited to half of ``MOST_RECORD_SAMPLES`` samples. Pieces with less than 2 s of
     motion, or with too little travel, are skipped.
@@ -290,9 +290,9 @@ class RecordTrigger(WindowTrigger):
     def _omit_rest(self, step: _Step, margin: int, longest: int) -> bool:
         """Leave out the current rest, except its margins, if it is longer than ``longest``.
 
-        Within a range that is left out, the position stays within the threshold. If it creeps, the
-        rest begins later, and the next range follows the one before. Returns False if the command
-        moves during the rest, which is a standstill.
+        Within a range that is left out, the position stays within the threshold. If the position
+        creeps, the rest begins later, and the next range follows the previous range. Returns False
+        if the command moves during the rest, which is a standstill.
         """
         if step.rest_begin != self._rest_begin:
             before = self._omitted[-1].stop if self._omitted else step.rest_begin

@@ -104,7 +104,7 @@ class Window(Displayed):
         return float(np.mean(self.speed(tau)[:n]))
 
     def missed(self, current: Array, speed: Array, tau: float) -> Array:
-        """Return the residuals of a response in current and speed, ``(2, ..., n)`` [A, rad/s].
+        """Return measured minus modelled current and speed, ``(2, ..., n)`` [A, rad/s].
 
         If the current is not measured, its residuals are 0.
 

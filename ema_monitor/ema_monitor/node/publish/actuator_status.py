@@ -51,13 +51,14 @@ class ActuatorStatus:
     is_listed, is_silent
         Whether the parameter ``actuators`` lists it, and whether its telemetry has stopped.
     received_ns
-        Steady time of its latest telemetry, or of its addition before the first telemetry [ns].
+        Steady time of its latest telemetry [ns]; before the first telemetry, the steady time at
+        which it was added.
     latency_s
         Time from the end of the latest window to its estimate [s].
     alternation
         Warning that several units use the name in turn; empty for a single unit.
     runs
-        Runs of its telemetry by reception, which count its losses for each publisher.
+        Runs of consecutive samples in its telemetry, which count the losses of each publisher.
     collision
         Warning that several publishers send its telemetry; else empty.
     learning
@@ -100,7 +101,7 @@ class ActuatorStatus:
 
     @property
     def hardware_id(self) -> str:
-        """Namespace, actuator, and serial number after the first description."""
+        """Namespace, actuator and, once a description was received, serial number."""
         serial_number = self.description.serial_number if self.description else ""
         return hardware_name(self._namespace, self.actuator_id, serial_number)
 
@@ -142,7 +143,7 @@ class ActuatorStatus:
         return True
 
     def check_publishers(self, publishing: Callable[[], Collection[str]]) -> bool:
-        """Update the warning of several publishers. Return whether it has begun.
+        """Update the warning about several publishers. Return whether it has just begun.
 
         ``publishing`` returns the full names of the nodes that publish telemetry. The warning
         replaces the defects, which come from the alternating sample indices.

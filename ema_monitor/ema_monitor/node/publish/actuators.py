@@ -38,7 +38,7 @@ class Actuators(dict[str, ActuatorStatus]):
     read_clock
         Returns the time and the backward clock step since the previous call [ns].
     why_not
-        Returns why an actuator is not monitored; empty if it may be.
+        Returns why an actuator is not monitored; empty if it may be monitored.
     rewind
         Discards tests later than a time [ns] to which simulated time has stepped back.
     mark_clock_step
@@ -115,7 +115,7 @@ class Actuators(dict[str, ActuatorStatus]):
             self._rewind(now.clock_ns)
 
     def find(self, actuator_id: str) -> tuple[ActuatorStatus, ActuatorDescription]:
-        """Return the status and description of an actuator; "" selects a sole actuator.
+        """Return the status and description of an actuator; "" selects the only actuator.
 
         Raises
         ------
@@ -172,7 +172,7 @@ class Actuators(dict[str, ActuatorStatus]):
     def show_learning(
         self, description: ActuatorDescription, text: str, *, is_learning: bool = True
     ) -> None:
-        """Withdraw the level of a unit without a level to show; an empty text changes nothing.
+        """Withdraw the level of a unit and show why it has none; an empty text changes nothing.
 
         Parameters
         ----------

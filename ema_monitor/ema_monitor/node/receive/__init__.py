@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Receiving part of a monitor: turns accepted messages into windows, measurements, counts."""
+"""Receiving part of a monitor: turns accepted messages into windows, measurements and counts."""

@@ -156,7 +156,7 @@ class Admission:
         return "" if self._shard.has(actuator_id) else _OTHER_SHARDS
 
     def refuse(self, actuator_id: str, followed: Collection[str]) -> str | None:
-        """Return None if one more actuator may be monitored, or else why it is refused.
+        """Return why one more actuator is refused; None if it may be monitored.
 
         The reason is empty after the first refusal.
         """

@@ -16,8 +16,8 @@ _LEAST_PACE: Final = 0.5
 """Smallest ratio of reception time to measurement time of live telemetry [-]."""
 
 _STEADY_PACE: Final = (0.8, 1.25)
-"""Range of this ratio for an actuator that streams in real time. A slow sender of stored telemetry
-does not stay within it."""
+"""Range of the ratio of reception time to measurement time for an actuator that streams in real
+time [-]. A slow sender of stored telemetry does not stay within this range."""
 
 _MOST_BLOCKS: Final = 1000
 

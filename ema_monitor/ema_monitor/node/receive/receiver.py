@@ -64,7 +64,7 @@ class Receiver:
         # Returns the full names of the nodes that publish telemetry.
         self._publishing = publishing
         self._log = log
-        # Latched topics describe an actuator once: the description is kept for its return.
+        # A latched topic delivers a description only once: keep it in case the actuator returns.
         self._described: dict[str, ActuatorDescription] = {}
         self._not_queued = deque[Segment]()
 
@@ -191,7 +191,7 @@ class Receiver:
             self._sources.trigger = settings
             for source in self._sources.values():
                 events = source.intake.restart(settings, "the settings of the window changed")
-                # Without an open window, the change is no defect.
+                # Without an open window, the change is not a defect.
                 self._deliver(source, [event for event in events if isinstance(event, Segment)])
 
     def check(self) -> None:
@@ -201,7 +201,7 @@ class Receiver:
         with self._receiving():
             stale = self._actuators.expire()
             for source in self._sources.values():
-                # Records end with the telemetry: their position shows no end.
+                # No later position can end the last record of telemetry that has stopped.
                 if source.status.is_silent and source.status.finder.finds_records:
                     self._deliver(source, source.intake.finish())
         for health in stale:
@@ -210,7 +210,7 @@ class Receiver:
             self._log.report()
 
     def check_publishers(self) -> None:
-        """Count the losses of each publisher, and update the warnings of several publishers."""
+        """Count the losses of each publisher, and update the warnings about several publishers."""
         with self._actuators.lock:
             for source in self._sources.values():
                 source.status.runs.settle(time.monotonic())

@@ -26,7 +26,7 @@ class Source:
     Attributes
     ----------
     intake
-        Finds windows in its telemetry and tracks the use of its units.
+        Finds windows in its telemetry and adds up the service life of its units.
     arrivals
         Reception times of its telemetry.
     status
@@ -57,12 +57,12 @@ class Source:
 
 
 class Sources(dict[str, Source]):
-    """Sources by actuator. Measured causes and counts may arrive before a source exists.
+    """Sources keyed by actuator. Measured causes and counts may arrive before a source exists.
 
     Attributes
     ----------
     measurements, counts
-        Logs of measured causes and of counted use, shared by all actuators.
+        Logs of measured causes and of service-life counts, shared by all actuators.
     """
 
     def __init__(
@@ -91,7 +91,10 @@ class Sources(dict[str, Source]):
             return actuator_id in self and self[actuator_id].arrivals.are_live(end_ns)
 
     def take_use(self, unit_key: UnitKey, end_ns: int) -> Use:
-        """Return the use of a unit up to a test that ends at ``end_ns``; duty is returned once."""
+        """Return the latest count of a unit and its duty since the last call, up to a test's end.
+
+        ``end_ns`` is the stamp of the end of the test [ns].
+        """
         with self._lock:
             if (source := self.get(unit_key[0])) is None:
                 return Use(self.counts.latest(unit_key, end_ns), NOTHING_FLOWN)

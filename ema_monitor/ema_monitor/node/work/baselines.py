@@ -64,7 +64,7 @@ class Baselines:
         self._log = log
         self._lock = threading.RLock()
         self._open: dict[UnitKey, UnitBaseline] = {}
-        # Units whose records have been fitted since they are enough for automatic acceptance.
+        # Units whose records were fitted after their number sufficed for automatic acceptance.
         self._enough: set[UnitKey] = set()
 
     def learns(self, description: ActuatorDescription) -> bool:
@@ -126,7 +126,7 @@ class Baselines:
         return learning_estimate(window, *filter(None, (progress, reason)))
 
     def note(self, diagnosed: Diagnosed, window: Window) -> None:
-        """Keep a record for an extension of the accepted baseline, unless it departs."""
+        """Store a record as a candidate to extend the accepted baseline, unless it departs."""
         description, estimate = diagnosed.description, diagnosed.estimate
         comparison = estimate.comparison
         if not self.learns(description) or estimate.verdict != VALID or comparison is None:
@@ -209,7 +209,7 @@ class Baselines:
         return baseline
 
     def _doubt(self, baseline: UnitBaseline, kind: Kind) -> str:
-        """Return why a change would take a fault for healthy; empty if it would not.
+        """Return why a change could define a faulty state as healthy; empty if it could not.
 
         A person who has reset the baseline has confirmed that the unit is healthy.
         """
@@ -248,7 +248,7 @@ class Baselines:
 
 
 def _unlearnable(description: ActuatorDescription) -> Reason | None:
-    """Return why no record of a unit can be judged; None if records can."""
+    """Return why records of a unit cannot be judged; None if they can."""
     return EffortMissing() if description.acquisition.current == "none" else None
 
 

@@ -102,7 +102,7 @@ class CalibrationCalls:
     def _calibrate(self, request: _Request, goal: Any = None) -> tuple[str, str]:
         """Calibrate on request of a service or goal; return a message and the calibration's id.
 
-        The actuator of a goal is reserved.
+        The actuator of a goal is reserved already.
         """
         unit, description = self._actuators.find(request.actuator_id)
         try:

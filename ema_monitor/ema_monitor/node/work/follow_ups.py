@@ -88,7 +88,7 @@ class FollowUps:
             self._queue.clear()
 
     def follow_health(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
-        """Queue the forecast, advice and assessment that follow a health."""
+        """Queue the forecast, advice and assessment for newly published health."""
         outputs, costs = self._outputs, self._settings.costs.value
 
         def publish_advice() -> None:

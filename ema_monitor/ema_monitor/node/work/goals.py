@@ -81,7 +81,7 @@ class Goals:
     def finish(self) -> None:
         """Wait until the results of all goals are sent; at most 2 s for a goal that computes.
 
-        An inactive monitor aborts its goals, and its actions must not be destroyed before.
+        An inactive monitor aborts its goals. Its actions must not be destroyed before that.
         """
         deadline_s = time.monotonic() + _PATIENCE_S
         for server in self._servers:

@@ -26,7 +26,7 @@ class Reception(Protocol):
     """Interface to the reception of telemetry and usage counts."""
 
     def take_use(self, unit_key: UnitKey, end_ns: int) -> Use:
-        """Return the use of a unit up to a test that ends at ``end_ns``; duty is returned once."""
+        """Return the latest count of a unit and its duty since the last call, up to ``end_ns``."""
         ...
 
     def is_live(self, actuator_id: str, end_ns: int) -> bool:
@@ -128,7 +128,7 @@ class Prognosis:
     ) -> Outlook | None:
         """Record a new calibration of a unit. Return the resulting health.
 
-        Returns None if the calibration is already recorded.
+        Returns None if nothing was recorded, because the unit has no valid test yet.
         """
         unit, now = self._histories.of(description), datetime.now(UTC)
         text = (

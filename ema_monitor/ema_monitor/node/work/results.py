@@ -120,7 +120,7 @@ class Results:
     def _follow(
         self, description: ActuatorDescription, outlook: Outlook | None, change: str | None
     ) -> None:
-        """Log a level change, and queue the follow-ups of a health."""
+        """Log a level change, and queue the follow-ups of an outlook."""
         if change:
             self._log.info(f"{description.actuator_id}: {change}")
         # After the health: the forecaster may wait for a prognosis in another thread.
