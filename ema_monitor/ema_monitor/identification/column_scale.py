@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of telemetry columns that are wrong by a factor, for example by unit or sign.
+"""Detection of telemetry columns that are wrong by a factor, such as a wrong unit or sign.
 
 Three relations reveal a wrong factor: the position follows its command, the speed is the derivative
 of the position, and the current accelerates the known inertia. No fault scales these relations.

@@ -28,7 +28,8 @@ from ema_monitor.reasons import MotionDisagrees, MotionEnded, Reason
 from ema_monitor.windows.window import Window
 
 WORTHWHILE: Final = 0.97
-"""Largest ratio of a fault's standard deviations after and before a stretch for a search [-]."""
+"""Largest predicted ratio of a fault's standard deviation after a stretch to the value before, at
+which the stretch is searched [-]."""
 
 MOST_SURPRISE: Final = 60.0
 """Largest squared distance from the prior knowledge at which a stretch is combined [-]."""
@@ -141,8 +142,8 @@ class Combination(Combining):
         """Return whether a stretch is worth a search.
 
         A search is worthwhile if it would reduce a standard deviation that exceeds the target, if
-        the current faults do not explain the stretch, or if it would report why it refuses the
-        stretch.
+        the faults estimated so far do not explain the stretch, or if the search would refuse the
+        stretch with a reason to report.
         """
         self._preview = None
         if calibration.shape_mismatch(stretch) or stretch.excitation_defect():
@@ -161,7 +162,10 @@ class Combination(Combining):
         return drive_defect(stretch, self._description.parameters) is not None
 
     def _lowers(self, knowledge: Knowledge, gained: Array) -> bool:
-        """Return whether information reduces a standard deviation that exceeds the target."""
+        """Return whether information reduces a standard deviation that exceeds the target.
+
+        ``gained`` is the information from a stretch, ``(8, 8)``.
+        """
         before = _RANGE + knowledge.gained
         ratio = np.sqrt(np.diag(np.linalg.inv(before + gained)) / np.diag(np.linalg.inv(before)))
         sigma, common = knowledge.sigma, knowledge.systematic_sigma

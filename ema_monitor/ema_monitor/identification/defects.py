@@ -20,8 +20,8 @@ _FLOWS: Final = 0.5
 def drive_defect(window: Window, parameters: ActuatorParameters) -> Reason | None:
     """Return the defect of drive, shaft or sensor in a window, or None.
 
-    A column that does not change while the motor moves indicates a dead sensor. Drive or shaft have
-    a defect if the motor stands still for 10 % of the window although position and speed loop
+    A column that does not change while the motor moves indicates a dead sensor. Drive or shaft is
+    defective if the motor stands still for 10 % of the window although position and speed loops
     demand nearly the current limit (M1), even at half their gain. If the demanded current flows,
     the shaft is blocked. If it does not flow, a phase is open or a switch has failed. If the
     current is not measured, either defect is possible. Speed loops with integral or derivative gain

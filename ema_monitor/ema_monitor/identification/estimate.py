@@ -52,8 +52,9 @@ class Estimate(Displayed):
     """
 
     start_ns: int
+    """Timestamp of the first sample of the window [ns]."""
     end_ns: int
-    """Timestamps of the first and last sample of the window [ns]."""
+    """Timestamp of the last sample of the window [ns]."""
     algorithm: str
     """Name of the optimizer, or ``INVERSE_DYNAMICS``."""
     seed: int
@@ -77,8 +78,8 @@ class Estimate(Displayed):
     fitness: float = math.nan
     """Cost at the estimate [A^2.s]; for stretches, the sum."""
     goodness_of_fit: float = math.nan
-    """Ratio of band-limited rms residuals to a healthy window, of current or speed, whichever is
-    larger [-]; NaN if the calibration does not include the residuals of a healthy window."""
+    """Band-limited rms residual relative to a healthy window; the larger value of current and speed
+    [-]. NaN if the calibration does not include the residuals of a healthy window."""
     goodness_limit: float = math.nan
     """Largest goodness of fit at which the faults explain the window [-]."""
     excitation: float = math.nan
@@ -133,7 +134,7 @@ class Estimate(Displayed):
 
     @property
     def is_learning(self) -> bool:
-        """Whether the record only adds to the baseline of a unit that has none yet."""
+        """Whether the unit has no baseline yet, and the record only contributes to it."""
         return any(isinstance(reason, Learning) for reason in self.reasons)
 
     def __post_init__(self) -> None:

@@ -24,10 +24,11 @@ UNUSUAL_EVIDENCE: Final = 2.0
 """Advantage of a fault over a hidden cause if a window cannot distinguish their explanations."""
 
 AMBIGUOUS_EVIDENCE: Final = 8.0
-"""Largest difference at which a window cannot distinguish two explanations."""
+"""Largest difference in evidence at which a window cannot distinguish two explanations."""
 
 REMEMBERED_EVIDENCE: Final = 3.0
-"""Largest influence of earlier tests on explanations that a window cannot distinguish."""
+"""Largest contribution of earlier tests to the evidence between explanations that a window cannot
+distinguish."""
 
 Components = Flags
 """Flags of the components in a set, ``(d,)``."""
@@ -113,7 +114,7 @@ class Evidence:
         trial, reference
             The explanations.
         most
-            Largest influence of earlier tests.
+            Largest contribution of earlier tests.
         """
         return float(self._difference(trial.cost, trial.point, reference, most))
 
@@ -127,7 +128,7 @@ class Evidence:
         sets
             Sets of components, ``(n, d)``.
         most
-            Largest influence of earlier tests.
+            Largest contribution of earlier tests.
 
         Returns
         -------
@@ -137,7 +138,7 @@ class Evidence:
         return self._difference(*self._optima(at, sets), at, most)
 
     def penalty(self, kept: Components) -> float:
-        """Return the penalty of a set of components relative to a healthy motor [-]."""
+        """Return the penalty of a set of components relative to the empty set [-]."""
         causes = int(np.sum(kept[self._suspects]))
         return COMPONENT_EVIDENCE * components(kept) + REPLACED_EVIDENCE * causes
 

@@ -50,10 +50,11 @@ DOUBTFUL_SIGMAS: Final = 4.0
 """Distance of a cause from its prior beyond which more starting points are tried [sigma]."""
 
 DOUBTFUL_MOTOR_SIGMAS: Final = 1.0
-"""Distance of inertia and torque constant beyond which more starting points are tried [sigma].
+"""Distance of inertia and torque constant from their priors beyond which more starting points are
+tried [sigma].
 
 These causes may be confused with the gain of the current sensor. In combination with another cause,
-they are doubtful at any distance, like short circuits of all phases.
+they are doubtful at any distance, as are short circuits of all phases.
 """
 
 # Largest evidence against an explanation at which it is fitted.
@@ -96,7 +97,7 @@ class Explanation:
     alternatives: list[Alternative]
     """Parts of the explanation and their possible replacements, by name."""
     open: Explanations
-    """Explanations that the window cannot distinguish."""
+    """Explanations that the window cannot distinguish from the estimate."""
     far: Array
     """Second moment about the estimate of the explanations that were compared with the full model,
     ``(d, d)``."""
@@ -337,7 +338,10 @@ class Explainer:
     def _better(
         self, starts: Array, trial: Components, at: Linearisation, kept: Components
     ) -> Fitted | None:
-        """Return the explanation with the components of a trial, or None if it is not better."""
+        """Return the fit of the components ``trial``, or None if it is not a better explanation.
+
+        The fit begins at the best of several ``starts``, ``(m, d)``.
+        """
         point = self._descended(starts, trial)
         there = self._objective.linearise(point, trial)
         if not np.all(np.isfinite(there.jacobian)):

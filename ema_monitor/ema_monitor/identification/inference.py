@@ -105,7 +105,7 @@ class Inference:
         fitted = needs_no_evidence(informed, knowledge)
         expected = needs_no_evidence(window, knowledge)
         causes = expected_causes(calibration.parameters, informed)
-        # Priors need the noise, which only the default measure of distance models.
+        # Priors need the noise, which only the default distance measure models.
         if settings.fitness != DEFAULT_FITNESS:
             causes = ()
         elif calibration.form not in LEARNS_UNIT:
@@ -286,7 +286,8 @@ class Inference:
         at = at._replace(residuals=widened * at.residuals)
         always, is_cause = self._always, np.arange(len(kept)) >= self._objective.first_cause
         effects = np.zeros((len(at.residuals), 0))
-        # The response at the healthy point under the calibrated command was measured.
+        # The healthy response to the calibrated command was measured: the deviations do not affect
+        # it.
         departs = np.any(explanation.kept[:N_FAULTS]) or np.any(explanation.kept[is_cause])
         if departs or self._window.measured:
             effects = self._effects(at, of_quantiles=of_quantiles)
@@ -311,9 +312,9 @@ class Inference:
     def _effects(self, at: Linearisation, *, of_quantiles: bool = False) -> Array:
         """Return the effects of the unit's uncertain deviations on the residuals, ``(r, k)``.
 
-        The effects are divided by ``MISMATCH_FACTOR``, which is later applied to the whole
-        covariance. Quantiles use half of the effects, and a smaller share for the play, because
-        backlash faults are multiples of the nominal play.
+        For the covariance, the effects are divided by ``MISMATCH_FACTOR``, which is later applied
+        to the whole covariance. Quantiles use half of the effects, and a smaller share for the
+        play, because backlash faults are multiples of the nominal play.
         """
         if self._unit_effects is None:
             self._unit_effects = self._objective.unit_effects(at.point)

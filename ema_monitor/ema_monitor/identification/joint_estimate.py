@@ -135,7 +135,7 @@ def identify_record(
         return _refused(window, calibration, scaled, compared=True)
     comparison = calibration.comparer.compare(record)
     healthy = calibration.baseline.preparation.samples_per_update
-    # Positions between updates are rough or smooth themselves; changed quantities are significant.
+    # A different update rate changes the roughness and scatter of the position, but no quantity.
     if comparison.figures and not comparison.changed and _differ(per_update, healthy):
         return _refused(window, calibration, OtherUpdates(per_update, healthy), compared=True)
     torque = comparison[of.TORQUE]
@@ -174,7 +174,7 @@ def identify_record(
 def record_curve(
     window: Window, description: ActuatorDescription, calibration: JointCalibration
 ) -> FrictionCurve | None:
-    """Return the friction of a record over speed; None if the record cannot be compared."""
+    """Return the friction of a record as a function of speed, or None if it is not comparable."""
     if _unusable(window, calibration) is not None:
         return None
     window, _ = _without_spikes(window, calibration)
@@ -308,7 +308,7 @@ def _read(
 
 
 def _is_too_short(reasons: Sequence[Reason]) -> bool:
-    """Return whether a record has too little motion, and nothing else is wrong with it."""
+    """Return whether too little motion is the only reason against a record."""
     return all(isinstance(reason, TooFewRows | TooFewStrokes) for reason in reasons)
 
 
@@ -388,7 +388,10 @@ def _shifted_zero(
 
 
 def _faults(comparison: Comparison) -> tuple[FaultVector, np.ndarray, np.ndarray]:
-    """Return the faults given by the quantities, their covariance, and flags of healthy faults."""
+    """Return the faults that quantities measure, their covariance, and flags of healthy faults.
+
+    Faults that are not measured are NaN.
+    """
     values, variances = np.full(N_FAULTS, math.nan), np.full(N_FAULTS, math.nan)
     insignificant = np.zeros(N_FAULTS, dtype=bool)
     for name, fault in of.FAULTS_OF_RECORDS.items():

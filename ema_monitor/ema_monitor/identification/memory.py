@@ -73,7 +73,10 @@ class Memory:
         return replace(self, causes=causes, variances=_FAULT.widened(self.variances, months))
 
     def before(self, stamp_ns: int) -> "Memory":
-        """Return the memory at a time [ns]; `NOTHING` before the end of the latest test."""
+        """Return the memory with its uncertainty at a time [ns].
+
+        Before the end of the latest test, `NOTHING` is returned.
+        """
         if not self.stamp_ns or stamp_ns < self.stamp_ns:
             return NOTHING
         return self.after((stamp_ns - self.stamp_ns) / _MONTH_NS)

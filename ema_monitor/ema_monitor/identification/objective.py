@@ -34,9 +34,13 @@ from ema_monitor.windows.relations import law_offset, travel_ratio
 from ema_monitor.windows.window import Window
 
 _UNEXPLAINED_POWER = 0.05
-# The fit of the unit treats the model mismatch under the calibrated command as noise. Therefore its
-# covariance is too large for this command. The share was determined on simulated units.
 CALIBRATED_SHARE = 0.3
+"""Share of the fitted deviations' standard deviation that applies to the calibrated command [-].
+
+The fit of the unit treats the model mismatch under this command as noise. Therefore its covariance
+is too large for this command. The share was determined on simulated units.
+"""
+
 # Uncertainty of the lift of an idle phase relative to the lift with equal phases, and the short
 # circuit above which the phases count as unequal. Measured on the reference actuator and on
 # simulated units.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Prediction of the information that the search of a stretch of ordinary motion gives (M28)."""
+"""Prediction of the information that a search in a stretch of ordinary motion would give (M28)."""
 
 from typing import Final, NamedTuple, Self
 
@@ -57,7 +57,7 @@ class StretchMotion(NamedTuple):
 
 
 class Preview(NamedTuple):
-    """Predicted result of the search of a stretch."""
+    """Predicted result of a search in a stretch of motion."""
 
     load: float
     """Load that explains the stretch best, in the unit box."""
@@ -73,7 +73,7 @@ class Preview(NamedTuple):
     def of(
         cls, stretch: Window, calibration: Calibration, knowledge: Knowledge, faults: Array
     ) -> Self:
-        """Return the preview of a stretch.
+        """Return the predicted result of a search in a stretch.
 
         Parameters
         ----------

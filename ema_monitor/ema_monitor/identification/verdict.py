@@ -35,9 +35,9 @@ class Misfit(NamedTuple):
 
     @property
     def goodness(self) -> float:
-        """Ratio of rms residuals to a healthy window, of current or speed, whichever is larger [-].
+        """Rms residual relative to a healthy window; the larger value of current and speed [-].
 
-        If one ratio is unknown, the property is the known ratio.
+        If one value is unknown, the known value is returned. NaN if both are unknown.
         """
         return math.sqrt(float(np.fmax(*self.powers[:, 0])))
 

@@ -53,8 +53,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
 """The quantities of a comparison by name, in display order."""
 
 FAULTS_OF_RECORDS: Final[Mapping[str, str]] = {FRICTION: "friction", PLAY: "backlash"}
-"""Fault that a quantity measures. Other faults cannot be measured in records of an unknown drive.
-"""
+"""Fault that each quantity measures. Records of an unknown drive do not measure other faults."""
 
 
 @dataclass(frozen=True)

@@ -39,13 +39,13 @@ class JudgedFigure(NamedTuple):
     label: str
     """Displayed name."""
     between_days: float
-    """Prior median of the standard deviation between days [-], for a level relative to the largest
+    """Prior median of the standard deviation between days [-]; for a level, relative to the largest
     healthy level."""
     is_logarithm: bool = True
     """Whether the figure is a logarithm; otherwise it is a level [A]."""
     error: float = 0.0
-    """Standard deviation of the figure's error in one test, in the unit of ``between_days``. The
-    scatter of healthy tests in quick succession is smaller."""
+    """Standard deviation of the figure's error in one test, in the unit of ``between_days``. It is
+    larger than the scatter of healthy tests in quick succession."""
 
 
 class DatedFigures(NamedTuple):
@@ -252,7 +252,7 @@ def _change(
 
 @lru_cache(_CACHED_SCATTERS)
 def _scatter(healthy: tuple[Observation, ...], between_days: float) -> Scatter:
-    """Return the scatter of a figure. The cache works because all tests of a unit use the same."""
+    """Return the scatter model of a figure; it is cached because all tests of a unit share it."""
     # The prior extends to a few times its median, and must cover the scatter of the healthy tests.
     shown = float(np.std([observation.value for observation in healthy], ddof=1))
     return scatter_of(healthy, max(between_days, shown, _TINY))

@@ -51,7 +51,7 @@ class WindowBaseline:
 
     @classmethod
     def of(cls, windows: Iterable[Telemetry]) -> Self:
-        """Return the baseline of healthy windows.
+        """Return a baseline from healthy windows.
 
         Windows without a measured current, or without strokes in both directions, are ignored.
         """
