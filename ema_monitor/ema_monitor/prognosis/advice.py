@@ -60,7 +60,7 @@ class Choice(NamedTuple):
     """Hours from now to the removal [h], or to the earliest removal after the next test if the
     decision waits for it."""
     risk: float
-    """Probability of a failure before that [-]."""
+    """Probability of a failure before the removal [-]."""
 
     @property
     def rate(self) -> float:
@@ -70,7 +70,7 @@ class Choice(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """A decision that is due after a test."""
+    """A maintenance decision after a test."""
 
     costs: Costs
     """Costs and lead time."""

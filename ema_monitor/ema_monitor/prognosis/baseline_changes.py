@@ -57,7 +57,7 @@ def other_calibration(outlook: Outlook, history: History) -> list[UnitEvent]:
 
 
 def worn_baseline(history: History) -> str:
-    """Return the person who set the current baseline on a worn unit, or ""."""
+    """Return the text of the event that set the current baseline on a worn unit, or ""."""
     newest = _baseline(history.entries[-1])
     earlier = (entry for entry in reversed(history.entries) if _baseline(entry) != newest)
     before = next(earlier, None)

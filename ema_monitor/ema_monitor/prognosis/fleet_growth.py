@@ -51,7 +51,7 @@ class FleetGrowth:
     """Names of the fleets that were merged."""
 
     def together(self, other: "FleetGrowth") -> "FleetGrowth":
-        """Return two merged fleets; if both contain a unit, the entry with more tests is kept.
+        """Return both fleets, merged; if both contain a unit, the entry with more tests is kept.
 
         Raises
         ------

@@ -245,15 +245,17 @@ def _latest_faults(
 def earlier(
     by_faults: RemainingLife, by_requirements: RemainingLife, together: RemainingLife
 ) -> RemainingLife:
-    """Return the life that ends with the first of two lives; the shorter determines the criterion.
+    """Return the remaining life until the first of two end-of-life criteria is met.
+
+    The shorter life determines the criterion of the result.
 
     Parameters
     ----------
     by_faults, by_requirements
         Lives of the same actuator.
     together
-        Life that ends with the first of both, computed from common samples. As it may be based on
-        fewer samples, the result is limited to the shorter of both lives.
+        Life until the first of both ends, computed from common samples. As it may be based on fewer
+        samples, the result is limited to the shorter of both lives.
     """
     lives = [life for life in (by_faults, by_requirements) if life.known]
     if not lives:

@@ -40,7 +40,7 @@ _TABLES: Final = """
 """
 
 _LATE_SHARE: Final = 0.05
-# The third: tables or columns are missing.
+# SQLITE_ERROR means that tables or columns are missing.
 _DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
 
 
@@ -283,7 +283,7 @@ class History:
                 self._check_kind(db)
             db.execute("PRAGMA journal_mode = WAL")
             db.execute("PRAGMA synchronous = FULL")
-            # After each test: a copy or a move of the file alone has all tests.
+            # Checkpoint after each test, so that the database file alone contains all tests.
             db.execute("PRAGMA wal_autocheckpoint = 1")
             with db:
                 # Needed also for an existing file: it shows whether the file can be written.
@@ -308,7 +308,7 @@ class History:
             raise ValueError(f"it belongs to unit {units}, not {self.unit}")
 
     def _read(self, db: sqlite3.Connection) -> None:
-        """Add the intact records of the file; raise ValueError for the rest."""
+        """Add the intact records of the file; raise ValueError if any are damaged or missing."""
         damage: list[str] = []
 
         def read(label: str, key: int, record: str, crc32: int, add: Callable[[str], None]) -> None:

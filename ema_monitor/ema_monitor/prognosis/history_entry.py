@@ -46,7 +46,7 @@ class Count:
     Raises
     ------
     ValueError
-        If a figure is impossible; the message names it.
+        If a value is impossible; the message names it.
     """
 
     stamp_ns: int
@@ -74,7 +74,7 @@ class Entry:
     Raises
     ------
     ValueError
-        If the estimate is not valid, or has an impossible figure.
+        If the estimate is not valid, or has an impossible value.
     """
 
     estimate: Estimate
@@ -111,7 +111,7 @@ class Entry:
 
     @property
     def parts(self) -> tuple[WindowFigures, ...]:
-        """Figures of its estimate."""
+        """Figures of the windows of its estimate."""
         return self.estimate.parts
 
 
@@ -128,11 +128,11 @@ class UnusedCycle:
     """Duty since the previous test cycle, as far as telemetry covers it."""
     parts: tuple[WindowFigures, ...] = ()
     comparison: Comparison | None = None
-    """Figures and comparison of its estimate."""
+    """Figures of the windows of its estimate, and comparison with healthy records."""
     shift_ns: int = 0
     """Correction added to its stamps to put the test in order [ns]."""
     is_ordered: bool = True
-    """Whether its place among the tests is known."""
+    """Whether its position among the tests is known."""
 
     @classmethod
     def of(
@@ -306,7 +306,7 @@ class StampedTest(NamedTuple):
 
 
 def unordered(tests: Iterable[StampedTest]) -> dict[str, StampsContradict]:
-    """Return the bags in which the order of tests is unknown, with the reason by bag.
+    """Return the reason for each bag in which the order of tests is unknown, keyed by bag.
 
     Tests must not overlap in time unless they are copies, and stamps must not go back within a bag.
 
@@ -332,7 +332,7 @@ def unordered(tests: Iterable[StampedTest]) -> dict[str, StampsContradict]:
 
 
 def _stepped_back(tests: Iterable[StampedTest]) -> dict[str, StampsContradict]:
-    """Return the bags in which a test is stamped before an earlier test, with the reason by bag.
+    """Return the reason for each bag in which a test is stamped before an earlier test.
 
     A repeated test, as in a recording of a playback, does not count.
     """

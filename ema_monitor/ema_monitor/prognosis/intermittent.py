@@ -12,7 +12,7 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import NOTE, Entry
 
 LATEST_TESTS: Final = 20
-"""Number of latest tests in which intermittent faults are searched."""
+"""Number of latest tests that are searched for intermittent faults."""
 
 GONE_SHARE: Final = 0.5
 """Share of the limit below which a fault is absent [-]."""
@@ -22,11 +22,12 @@ OCCURRENCES: Final = 2
 error."""
 
 CERTAIN_SIGMA: Final = 5.0
-"""Distance beyond its limit from which a single occurrence of a fault warns, too, in sigmas [-]."""
+"""Distance beyond the limit above which even a single occurrence of a fault gives a warning
+[standard deviations]."""
 
 ABSENCES: Final = 14
-"""Tests in a row without the fault that end the warning after a single occurrence: then, a fault in
-one of five tests would have been missed with a probability of less than 5 % (0.8^14)."""
+"""Number of consecutive tests without the fault that end the warning after a single occurrence.
+They would miss a fault that appears in one of five tests with a probability below 5 % (0.8^14)."""
 
 
 class _Sighting(NamedTuple):
@@ -37,7 +38,7 @@ class _Sighting(NamedTuple):
     distance: float = 0.0
     """Distance of the fault from healthy; 0 if it was absent [-]."""
     is_certain: bool = False
-    """Whether the fault appeared at once, and far beyond its limit."""
+    """Whether the fault appeared suddenly, and far beyond its limit."""
 
 
 class _Sign:
@@ -71,7 +72,10 @@ class _Sign:
         self._is_near_limit = True
 
     def acknowledge(self, stamp_ns: int) -> None:
-        """Reset the sign if a test of a stamp [ns] has an event on it; later tests count."""
+        """Reset the sign if the test at ``stamp_ns`` [ns] has an event about the sign.
+
+        Later tests still count.
+        """
         if stamp_ns not in self._stamps_ns:
             return
         later = [test for test in self._latest if test.stamp_ns > stamp_ns]
@@ -98,7 +102,10 @@ class _Sign:
             self._stamps_ns.add(newest.stamp_ns)
 
     def _single(self) -> Recurrence | None:
-        """Return a single certain occurrence that too few tests without the sign have followed."""
+        """Return a single certain occurrence, or None.
+
+        One to ``ABSENCES`` - 1 tests without the sign must follow it.
+        """
         latest = list(self._latest)
         absences = next((n for n, test in enumerate(reversed(latest)) if test.distance), 0)
         if not 0 < absences < ABSENCES or not latest[-1 - absences].is_certain:
@@ -113,8 +120,9 @@ class Intermittent:
     bound is below half the limit. Other tests are inconclusive, for example if the fault is near
     its limit. A failure is present in a test that shows a failed actuator or sensor, and absent in
     a valid test. A fault or failure that recurs is intermittent until a person acknowledges it. A
-    fault that appeared once, in a single test, at once and far beyond its limit, warns until a
-    person acknowledges it or ``ABSENCES`` tests in a row are without it.
+    fault that appeared suddenly and far beyond its limit, in a single test, gives a warning. The
+    warning ends if a person acknowledges it, or after ``ABSENCES`` consecutive tests without the
+    fault.
 
     Parameters
     ----------
@@ -129,7 +137,7 @@ class Intermittent:
 
     @property
     def faults(self) -> dict[str, Recurrence]:
-        """Occurrences by name of each fault that is intermittent or appeared once."""
+        """Recurrence of each fault that is intermittent or appeared once, keyed by name."""
         return {name: sign.recurrence for name, sign in self._faults.items() if sign.recurrence}
 
     @property
@@ -167,7 +175,7 @@ class Intermittent:
 def intermittent_of(history: History, limits: HealthLimits) -> Intermittent:
     """Return the intermittent faults and failures from all tests and the notes on them."""
     result = Intermittent(limits)
-    # A note holds from the test on that it is about, or with which it is kept.
+    # A note takes effect with its test, or with the later test whose assessment contains it.
     notes = deque(
         sorted(
             (max(stamp_ns, history.time_of(event.stamp_ns)), history.time_of(event.stamp_ns))

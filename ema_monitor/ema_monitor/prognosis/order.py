@@ -14,7 +14,7 @@ from ema_monitor.prognosis.history_entry import Test, UnusedCycle
 from ema_monitor.reasons import OrderUnknown, codes
 
 SAME_TEST_SIGMAS: Final = 4.0
-"""Largest difference of a fault between two estimates of one test [standard deviations]."""
+"""Largest difference of a fault between two estimates of the same test [standard deviations]."""
 
 _LEAST_AHEAD_NS: Final = 1_000_000_000
 

@@ -113,8 +113,8 @@ class Outlook(Displayed):
     rul: RemainingLife
     """The shorter of ``rul_faults`` and ``rul_requirements``."""
     dominant: str = ""
-    """Fault or requirement that ends life first. If unknown, the worst with a warning; empty
-    without a warning."""
+    """Fault or requirement that ends life first. If the life is unknown, the worst fault or
+    requirement with a warning; empty without a warning."""
     future: FutureDuty = STEADY
     """Assumed future duty."""
     assumption: str = AS_BEFORE

@@ -16,7 +16,7 @@ TREND_HOURS: Final = 1000.0
 """Hours over which growth is displayed [h]."""
 
 SOON_HOURS: Final = 0.5
-"""Time to a removal below which the unit is to be removed now [h]."""
+"""Time to a removal below which the advice is to remove the unit now [h]."""
 
 _NAMED_CAUSES: Final = 3
 
@@ -28,7 +28,7 @@ def label_of(name: str) -> str:
 
 
 def shown_in(unit: str) -> tuple[str, float]:
-    """Return the suffix for a displayed value (its unit; empty for "1") and the value's factor."""
+    """Return the unit suffix and the scale factor for displaying a value; no suffix for "1"."""
     return {"rad": (" mrad", 1e3), "1": ("", 1.0)}.get(unit, (f" {unit}", 1.0))
 
 
@@ -73,7 +73,10 @@ def in_words(item: FaultHealth) -> str:
 
 
 def recurrence_in_words(name: str, recurrence: Recurrence) -> str:
-    """Return the sentence on an intermittent fault, or a single occurrence, with its remedy."""
+    """Return a sentence on an intermittent fault or a single occurrence.
+
+    The sentence includes what ends the warning.
+    """
     latest = f"the latest {recurrence.tests} tests"
     if recurrence.tests_left:
         return (
@@ -110,7 +113,7 @@ def failures_in_words(reason: str, recurrence: Recurrence) -> str:
 
 
 def reason_of(outlook: Outlook) -> str:
-    """Return why something is unknown or stale; empty otherwise."""
+    """Return the reasons stated by the health and the remaining life, joined; may be empty."""
     return "; ".join(dict.fromkeys(filter(None, [outlook.health.reason, outlook.rul.reason])))
 
 

@@ -19,7 +19,8 @@ class LastShown:
     Parameters
     ----------
     limits
-        Limits at which life ends. A test shows a fault if it decides whether its limit is reached.
+        Limits at which life ends. A test shows a fault if it determines whether the fault has
+        reached its limit.
     entries
         Tests so far, in any order.
 

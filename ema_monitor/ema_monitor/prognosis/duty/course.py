@@ -175,7 +175,11 @@ class DutyCourse:
         return self.lately(self.relative)[MEASURE]
 
     def lately(self, figures: Array) -> Array:
-        """Return row means of figures since the latest duty change, ``(k,)``; NaN if unknown."""
+        """Return the mean of each row of ``figures`` since the latest duty change, ``(k,)``.
+
+        ``figures``, ``(k, n - 1)``, has a value for each interval, weighted by its service hours.
+        The mean is NaN if unknown.
+        """
         recent = figures[:, self.since :]
         elapsed = np.where(np.isfinite(recent), self.elapsed[self.since :], 0.0)
         hours = np.sum(elapsed, axis=1)

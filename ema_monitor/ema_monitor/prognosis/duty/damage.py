@@ -95,14 +95,18 @@ class DamageSettings(Checked):
     def ageing(self, hours: ArrayLike, celsius: ArrayLike) -> float:
         """Return the ageing as equivalent hours at a winding temperature of 100 degC [h].
 
-        Arrhenius law exp(-E/kT), T in kelvin (Dakin 1948).
+        The ageing rate follows the Arrhenius law exp(-E/kT), T in kelvin (Dakin 1948).
         """
         kelvin = np.maximum(np.asarray(celsius) + _ZERO_CELSIUS, 1.0)
         away = self.activation_energy / BOLTZMANN * (1.0 / _REFERENCE_K - 1.0 / kelvin)
         return float(np.sum(np.asarray(hours) * np.exp(away)))
 
     def damage(self, flown: FlownDuty) -> Array:
-        """Return hours of telemetry, travel, wear, hours of known temperature, and ageing."""
+        """Return the damage done by a duty, ``(5,)``.
+
+        The values are the hours of telemetry [h], travel [rad], wear [rad], hours of known winding
+        temperature [h], and ageing [h].
+        """
         (travel, load), (hours, rise) = (
             (amount, moment / np.where(amount > 0.0, amount, 1.0))
             for amount, moment in (flown.travel, flown.winding)

@@ -63,7 +63,7 @@ class DutyMeter:
     Parameters
     ----------
     pieces
-        Queue of pairs of a window's stamp [ns] and the duty up to it, to which ``cut`` appends.
+        Queue to which ``cut`` appends a window's end stamp [ns] and the duty since the last cut.
     most_pieces
         Largest length of the queue; beyond it, the two oldest pieces are merged.
     """

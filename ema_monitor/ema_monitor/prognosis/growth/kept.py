@@ -25,7 +25,7 @@ class Kept:
         return state
 
     def restore(self, state: Mapping[str, NDArray[Any]], at: str = "") -> None:
-        """Restore the result of ``state`` of an object with the same limits and settings.
+        """Restore a state that ``state`` returned for an object with the same limits and settings.
 
         Raises
         ------

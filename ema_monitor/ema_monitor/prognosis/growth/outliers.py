@@ -50,7 +50,7 @@ class OutlierDetector(Kept):
 
     If the next test agrees in all odd components and no other component is odd, their levels have
     changed. If the next test is as expected, the held test is discarded. A jump small enough to be
-    caused by two occasional errors must appear in three tests and raises no event before. A
+    caused by two occasional errors must appear in three tests and raises no event before that. A
     component that is odd in four consecutive tests has changed as well.
     """
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Performance of an actuator with faults: tracking error, bandwidth, free play, torque margin.
 
-Computed by the fast form of the monitor model (M10), for many actuators at a time.
+The fast form of the monitor model (M10) is run for many actuators at a time.
 """
 
 import math

@@ -86,7 +86,7 @@ class Requirements:
     Parameters
     ----------
     parameters
-        Parameters of the unit; with a calibration, from ``Calibration.model()``.
+        Parameters of the unit; ``Calibration.unit_parameters`` if there is a calibration.
     limits
         Limits of the required performance.
 
@@ -166,15 +166,16 @@ class Requirements:
         covariance
             Covariance of the faults, ``(8, 8)``; NaN rows and columns count as unobservable.
         warn_share
-            Share of the way to a limit above which the lower 95 % bound gives a warning [-].
+            Share of the distance from healthy to a limit above which the lower 95 % bound gives a
+            warning [-].
 
         Notes
         -----
         Standard deviations follow from the delta method, with differences over one standard
         deviation of each component, at least 0.01. If an unobservable component over its whole
-        range would change a performance by more than 5 % of the way to the limit, sigma is NaN and
-        the level ``STALE``, unless the value is beyond the limit. The direction of an eccentricity
-        below 0.02 is ignored.
+        range would change a performance by more than 5 % of the distance from healthy to the limit,
+        sigma is NaN and the level ``STALE``, unless the value is beyond the limit. The direction of
+        an eccentricity below 0.02 is ignored.
         """
         k = as_faults(faults)[0]
         P = np.array(covariance, dtype=np.float64)
