@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of an explanation that a window cannot distinguish from each other (M27)."""
+"""Parts of an explanation that a window cannot distinguish from each other.
+
+The method is described in ``docs/identification.md``, M27.
+"""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Combination of stretches of ordinary motion until the faults are accurate enough (M29)."""
+"""Combination of stretches of ordinary motion until the faults are accurate enough.
+
+The method is described in ``docs/identification.md``, M29.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -162,9 +165,9 @@ class Combination(Combining):
         return drive_defect(stretch, self._description.parameters) is not None
 
     def _lowers(self, knowledge: Knowledge, gained: Array) -> bool:
-        """Return whether information reduces a standard deviation that exceeds the target.
+        """Return whether the information ``gained`` from a stretch, ``(8, 8)``, is worth a search.
 
-        ``gained`` is the information from a stretch, ``(8, 8)``.
+        It must significantly reduce a standard deviation that exceeds the target.
         """
         before = _RANGE + knowledge.gained
         ratio = np.sqrt(np.diag(np.linalg.inv(before + gained)) / np.diag(np.linalg.inv(before)))

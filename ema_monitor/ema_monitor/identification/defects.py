@@ -22,10 +22,10 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> Reason | Non
 
     A column that does not change while the motor moves indicates a dead sensor. Drive or shaft is
     defective if the motor stands still for 10 % of the window although position and speed loops
-    demand nearly the current limit (M1), even at half their gain. If the demanded current flows,
-    the shaft is blocked. If it does not flow, a phase is open or a switch has failed. If the
-    current is not measured, either defect is possible. Speed loops with integral or derivative gain
-    are not checked.
+    demand nearly the current limit, even at half their gain (``docs/model.md``, M1). If the
+    demanded current flows, the shaft is blocked. If it does not flow, a phase is open or a switch
+    has failed. If the current is not measured, either defect is possible. Speed loops with integral
+    or derivative gain are not checked.
     """
     p, t = parameters, window.telemetry
     if dead := _dead_sensor(window):

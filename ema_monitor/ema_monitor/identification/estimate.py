@@ -48,7 +48,7 @@ _SHAPES: Final = {
 class Estimate(Displayed):
     """The faults identified in a window, or in several combined stretches of ordinary motion.
 
-    For an estimate from stretches, "window" means all stretches together (M29).
+    For an estimate from stretches, "window" means all stretches together.
     """
 
     start_ns: int

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Combined estimate of several stretches of ordinary motion (M29).
+"""Combined estimate of several stretches of ordinary motion.
 
 The estimate of the last stretch contains the faults and their covariance after all stretches. All
 other fields of the estimates refer to single stretches, and are combined in this module.
+
+The method is described in ``docs/identification.md``, M29.
 """
 
 from collections import Counter

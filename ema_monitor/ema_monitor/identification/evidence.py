@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Comparison of explanations of a window by residuals and prior probability (M27)."""
+"""Comparison of explanations of a window by residuals and prior probability.
+
+The method is described in ``docs/identification.md``, M27.
+"""
 
 from collections.abc import Callable, Sequence
 from itertools import combinations
@@ -35,7 +38,7 @@ Components = Flags
 
 
 class Explanations(NamedTuple):
-    """Explanations that a window cannot distinguish, beginning with the estimate (M27)."""
+    """Explanations that a window cannot distinguish; the first is the estimate."""
 
     worse: Array
     """Evidence against each explanation relative to the estimate, ``(k,)`` [-]."""

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Explanation of a window by faults and hidden causes, with its alternatives (M27).
+"""Explanation of a window by faults and hidden causes, with its alternatives.
 
 The search fits faults only. Starting from its optimum, sets of faults and hidden causes compete. A
 cause is added, or replaces faults, if it explains the window much better, or equally well with
 fewer components. Sets are compared on the linear model; each selected set is fitted again with the
 full model. If the window remains unexplained, or only an unusual cause explains it, further fits
 begin at other starting points.
+
+The method is described in ``docs/identification.md``, M27.
 """
 
 import math
@@ -210,7 +212,7 @@ class Explainer:
     ) -> list[tuple[list[int], list[int], Array]]:
         """Return replacements in the explanation that do not change the strength of the motor.
 
-        Each consists of the replaced components, their replacements, and the point, ``(d,)``.
+        Each item consists of the replaced components, their replacements, and the point, ``(d,)``.
         """
         healthy = [phase for phase in SHORT_CIRCUITS if not kept[phase]]
         least = min(SHORT_CIRCUITS, key=lambda phase: float(at.point[phase]))

@@ -72,7 +72,7 @@ class TotalLeastSquares(LeastSquares):
 
     Notes
     -----
-    Equation M15; eq. 6.6 of the thesis with the slope divided by its root mean square.
+    Eq. 6.6 of the thesis, with the slope divided by its root mean square.
     """
 
     def __init__(self, window: Window, calibration: Calibration, scatter: Scatter) -> None:
@@ -85,7 +85,9 @@ class TotalLeastSquares(LeastSquares):
 
 
 class BandLimited(LeastSquares):
-    """Band-limited difference of current and speed, robust against outliers (M15).
+    """Band-limited difference of current and speed, robust against outliers.
+
+    The method is described in ``docs/identification.md``, M15.
 
     The residuals of current and speed are low-pass filtered at about 1 kHz. The residual of the
     speed is converted to half the current that the speed loop derives from it, or less if the speed

@@ -259,7 +259,8 @@ class Inference:
     ) -> tuple[Array, Array]:
         """Return quantiles, ``(5, 8)``, and the probability that each fault is present, ``(8,)``.
 
-        ``covariance``, ``(8, 8)``, is the covariance about each explanation (M18).
+        ``covariance``, ``(8, 8)``, is the covariance about each explanation. See M18 in
+        ``docs/identification.md``.
         """
         explanations = explanation.open
         steps = explanations.steps[:, _FAULTS]
@@ -278,8 +279,8 @@ class Inference:
 
         If the explanation includes causes, the covariance of its components refers to the
         explanation itself. The covariance of each further fault refers to the explanation with this
-        fault added. The uncertain deviations of the unit are included (M18). ``widened`` is the
-        factor by which a poor fit increases the residuals.
+        fault added. The uncertain deviations of the unit are included. ``widened`` is the factor by
+        which a poor fit increases the residuals. See M18 in ``docs/identification.md``.
         """
         at, kept = explanation.at, explanation.kept
         # The uncertain deviations of the unit do not depend on the misfit.
@@ -331,7 +332,8 @@ class Inference:
     ) -> tuple[Knowledge, Array]:
         """Return the knowledge of the faults after a stretch, and its information, ``(8, 8)``.
 
-        No fault is set to healthy or limited to the unit box (M29).
+        No fault is set to healthy or limited to the unit box. See M29 in
+        ``docs/identification.md``.
         """
         objective, at = self._objective, explanation.at
         shown = explanation.kept | explanation.confused | self._always

@@ -288,7 +288,7 @@ def _read(
     fine: Fine,
     lag: EffortLag,
 ) -> JointRecord | tuple[Reason, ...]:
-    """Return a record fitted with a shifted effort, or the reasons why it cannot be compared."""
+    """Return a record fitted after its effort is shifted by a lag, or the reasons against it."""
     baseline = calibration.baseline
     fine = aligned(fine, lag)
     signals = filtered(fine, baseline.preparation)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gaussian prior and posterior of the faults in a sequence of windows (M29)."""
+"""Gaussian prior and posterior of the faults in a sequence of windows.
+
+The method is described in ``docs/identification.md``, M29.
+"""
 
 from typing import Final, NamedTuple, Self
 

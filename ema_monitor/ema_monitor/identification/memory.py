@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Memory of a unit's earlier tests: a prior for faults and slow hidden causes (M27)."""
+"""Memory of a unit's earlier tests: a prior for faults and slow hidden causes.
+
+The method is described in ``docs/identification.md``, M27.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -51,7 +54,7 @@ _MAY_GROW = np.array(
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """Memory of a unit's earlier tests (M27)."""
+    """Results of a unit's earlier tests, as a prior for the faults and causes of its next test."""
 
     stamp_ns: int = 0
     """End of the latest test that the memory contains [ns]; 0 without tests."""

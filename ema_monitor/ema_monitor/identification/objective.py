@@ -106,7 +106,7 @@ PLAIN: Final = Coordinates(play=0.0, cartesian=True)
 
 
 class Relations(NamedTuple):
-    """Relations between the columns of a window that hold for any motion (M27).
+    """Relations between the columns of a window that hold for any motion.
 
     Each relation is linear in the errors of the readings. The number of relations may be 0.
     """

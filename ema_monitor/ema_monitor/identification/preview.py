@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Prediction of the information that a search in a stretch of ordinary motion would give (M28)."""
+"""Prediction of the information that a search in a stretch of ordinary motion would give.
+
+The method is described in ``docs/identification.md``, M28.
+"""
 
 from typing import Final, NamedTuple, Self
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Quantiles of faults over several explanations (M18)."""
+"""Quantiles of faults over several explanations.
+
+The method is described in ``docs/identification.md``, M18.
+"""
 
 from statistics import NormalDist
 from typing import Final

@@ -86,7 +86,7 @@ class _Premises:
     """Measured causes that were removed because the window contradicts them."""
 
     def without(self, *causes: CauseEstimate) -> Self:
-        """Return the inputs without some measured causes, which become contradicted causes."""
+        """Return the inputs without some measured causes, which are recorded as contradicted."""
         return replace(
             self, window=_without(self.window, causes), contradicted=(*self.contradicted, *causes)
         )
@@ -146,7 +146,7 @@ class ModelIdentification:
                 return end.value.estimate
 
     def _search(self, window: Window, calibration: Calibration) -> Search:
-        """Search, and repeat without measured or remembered causes that the window contradicts."""
+        """Search; repeat without the measured or remembered causes that the window contradicts."""
         spent = 0
         memory = self.memory if self.settings.fitness == DEFAULT_FITNESS else NOTHING
         premises = _Premises(window, calibration, memory, time.perf_counter())

@@ -206,7 +206,8 @@ def significant_components(
 
     Backward elimination on the linear model: as long as a group of components is not significant
     (``SIGNIFICANT_SIGMAS``), the least significant group is set to healthy and the remaining
-    components are fitted again (M17). Faults are rare: a fault without evidence counts as absent.
+    components are fitted again. Faults are rare: a fault without evidence counts as absent. See M17
+    in ``docs/identification.md``.
 
     Parameters
     ----------

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Verdict on an estimate from its misfit, with the reasons (M19)."""
+"""Verdict on an estimate from its misfit, with the reasons.
+
+The method is described in ``docs/identification.md``, M19.
+"""
 
 import math
 from collections.abc import Iterable, Sequence

@@ -119,7 +119,7 @@ class Comparer:
 
     @cached_property
     def symptoms(self) -> SymptomComparer:
-        """Comparison of play, tracking and model-free figures."""
+        """Comparer of play, tracking lag and model-free figures."""
         return SymptomComparer(self.baseline)
 
     @cached_property
@@ -155,7 +155,7 @@ class Comparer:
     def spread(self) -> Array:
         """Covariance of the difference between a record and the healthy mean, ``(5, 5)``.
 
-        The error of the record itself is not included.
+        The error of the record itself is excluded.
         """
         days, count = len(set(self.baseline.days)), len(self.baseline.records)
         assumed = self.assumed_correlations

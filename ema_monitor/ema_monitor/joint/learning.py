@@ -39,7 +39,7 @@ def learn(
 ) -> Baseline:
     """Return the baseline estimated from healthy records.
 
-    A payload that is carried in one direction only looks like friction. If the payload is known in
+    A payload that is carried in just one direction looks like friction. If the payload is known in
     all records, the model is also fitted to the motion without a payload. This second baseline is
     returned if at least half of the records can be used without a payload, and the friction has a
     smaller error.
@@ -81,7 +81,7 @@ def learn(
 
 
 def _friction_error(baseline: Baseline) -> float:
-    """Return the usual error of the friction of a record, relative to the friction [-]."""
+    """Return the typical relative error of the friction of a healthy record [-]."""
     noise = float(np.median(baseline.covariances[:, DRY, DRY]))
     return math.hypot(baseline.shape.friction_error, math.sqrt(noise))
 

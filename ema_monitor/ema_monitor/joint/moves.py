@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Level and remaining life from figures of whole moves, for drives that log no samples (M48)."""
+"""Level and remaining life from figures of whole moves, for drives that log no samples.
+
+The method is described in ``docs/real-data.md``, M48.
+"""
 
 import math
 from collections.abc import Mapping

@@ -21,7 +21,7 @@ threshold, less than 1 % of healthy baselines have a false outlier.
 
 
 class Outlier(NamedTuple):
-    """A healthy record that differs, its index in the baseline, and its comparison."""
+    """A differing healthy record, its index in the baseline, and its comparison with the rest."""
 
     record: JointRecord
     number: int

@@ -12,7 +12,7 @@ def renewed(telemetry: Telemetry) -> Telemetry:
     """Return telemetry with a repeated position interpolated linearly between its updates.
 
     A position that repeats each value k times lags by (k - 1) / 2 samples, which looks like a
-    change of the tracking lag. An irregularly updated position is rough as well. Speed and effort
+    change of the tracking lag. An irregularly updated position also looks rough. Speed and effort
     are interpolated as well if they repeat their values, so that all columns have the same delay.
     Without repetition, the telemetry is returned unchanged.
     """
@@ -27,7 +27,10 @@ def renewed(telemetry: Telemetry) -> Telemetry:
 
 
 def _longest_update(values: Array) -> int:
-    """Return the largest usual number of samples per update of a column, ``(n,)``."""
+    """Return the number of samples per update of a column, ``(n,)``; 1 without repeated values.
+
+    If the updates are irregular, the longest usual number is returned.
+    """
     if (held := held_samples(values)) > 1:
         return held
     irregular = irregular_updates(values)

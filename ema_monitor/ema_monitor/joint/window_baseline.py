@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Healthy and labelled windows of a unit, and the departure of later windows from them (M47)."""
+"""Healthy and labelled windows of a unit, and the departure of later windows from them.
+
+The method is described in ``docs/real-data.md``, M47.
+"""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence

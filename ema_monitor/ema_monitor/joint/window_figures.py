@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model-free figures of a test window: levels, scatter and roughness of each stroke (M47)."""
+"""Model-free figures of a test window: levels, scatter and roughness of each stroke.
+
+The method is described in ``docs/real-data.md``, M47.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -66,7 +69,7 @@ class Motion:
         return f"{self.travel:.3g} rad at {self.speed:.3g} rad/s, {1.0 / self.sample_period:g} Hz"
 
     def is_like(self, motion: "Motion") -> bool:
-        """Return whether windows of both motions can be compared."""
+        """Return whether another motion is so similar that windows of both can be compared."""
         ratios = np.divide(astuple(self), np.maximum(astuple(motion), _TINY))
         return bool(np.all(np.abs(np.log(np.maximum(ratios, _TINY))) <= math.log1p(_TOLERANCE)))
 
@@ -166,7 +169,7 @@ def _speeds(window: Telemetry) -> tuple[Array, float]:
 
 
 def _strokes(moving: Flags) -> list[NDArray[np.intp]]:
-    """Return the sample indices of each stroke, without the settling time, which is a sixth."""
+    """Return the sample indices of each stroke, omitting its first sixth (settling time)."""
     places = np.flatnonzero(moving)
     runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
     settled = [run[len(run) // _SETTLING :] for run in runs]

@@ -349,7 +349,7 @@ def baseline_sentences(comparer: Comparer) -> list[str]:
 
 
 def advice_sentences(comparer: Comparer) -> list[str]:
-    """Return sentences on what would lower the detection limits of a baseline."""
+    """Return sentences of advice on how to lower the detection limits of a baseline."""
     sentences = []
     for item in comparer.improvements:
         days = f" on {_count(item.days, 'further day')}" if item.days else ""

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects of wrong command and position readings on a window (M27).
+"""Effects of wrong command and position readings on a window.
 
 Wrong readings change the input of the model, not the motion. If the command reading is delayed,
 measured current and speed appear early. If the position reading is wrong, the model starts at the
 wrong position.
+
+The method is described in ``docs/identification.md``, M27.
 """
 
 from typing import Final

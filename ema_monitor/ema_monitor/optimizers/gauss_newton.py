@@ -75,7 +75,7 @@ class LevenbergMarquardt(NamedTuple):
         return Trials([np.stack(points)], len(FACTORS))
 
     def after(self, number: int) -> Self:
-        """Return the rule with dampings near the best damping."""
+        """Return the rule for the next iteration, with dampings near the best damping."""
         damping = self.damping * FACTORS[min(number, len(FACTORS) - 1)]
         return self._replace(damping=min(max(damping, LEAST_DAMPING), MOST_DAMPING))
 
