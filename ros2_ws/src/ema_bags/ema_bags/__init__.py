@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads and writes rosbag2 recordings in MCAP.
+"""Reading and writing of rosbag2 recordings in MCAP format.
 
 ``import ema_bags`` offers the names of ``ema_bags.api``; docs/python.md shows how to use
-them. Reading needs no ROS.
+them. Reading does not require ROS.
 """
 
 from typing import TYPE_CHECKING

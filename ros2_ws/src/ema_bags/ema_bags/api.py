@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Library interface of recordings: messages and telemetry of a bag."""
+"""Library interface for recordings: messages and telemetry of a bag."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -23,7 +23,7 @@ from ema_interfaces.msg import ActuatorDescription, Usage
 
 
 class WrittenTopic:
-    """A written topic, with the quality of service of its publisher.
+    """A topic being recorded, with the quality of service of its publisher.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class WrittenTopic:
     is_state
         Whether the latest message describes a state that lasts until the next message.
     trim
-        Function that removes the bytes after the content of a message.
+        Function that removes padding bytes after the content of a serialised message.
     """
 
     def __init__(self, name: str, message_class: Any, qos: QoSProfile) -> None:
@@ -104,11 +104,11 @@ class BagFile:
     Attributes
     ----------
     information
-        Its name, and the time range and number of its messages.
+        Name of the file, and time range and number of its messages.
     counts
         Number of messages of each topic.
     disk
-        The file on the disk, without the current chunk.
+        The file on the disk; the current chunk is not yet part of it.
 
     Raises
     ------
@@ -163,6 +163,6 @@ class BagFile:
         self._mcap.finish()
 
     def close(self) -> None:
-        """Write the buffered data, and close; a file that cannot be written stays open."""
+        """Write the buffered data and close the file; if writing fails, the file stays open."""
         self.disk.flush()
         self.disk.close()

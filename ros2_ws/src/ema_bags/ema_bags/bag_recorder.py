@@ -18,13 +18,13 @@ from ema_interfaces.msg import FaultEstimate, Health, HealthSummary
 _READ: Final = (FaultEstimate, Health, HealthSummary, DiagnosticArray)
 _OVERHEAD_BYTES: Final = 200
 _LEAST_BAG_BYTES: Final = 100_000
-# Smaller chunks let the index, which stays in memory, grow twice as fast: time ends chunks as well.
+# Every flush also ends a chunk; smaller chunks would double the growth of the index in memory.
 _CHUNK_BYTES: Final = 768 * 1024
 
 
 @dataclass(frozen=True)
 class RecorderSettings(Checked):
-    """Settings of a recorder, fixed while a bag is open. Names are the names of rosbag2."""
+    """Settings of a recorder, fixed while a bag is open; named as in rosbag2 where it has them."""
 
     output: str = text(
         "",
@@ -135,7 +135,7 @@ class BagRecorder:
     Raises
     ------
     ValueError, OSError
-        For the same reasons as in ``BagWriter``.
+        As for ``BagWriter``.
     """
 
     def __init__(
@@ -200,7 +200,7 @@ class BagRecorder:
         return self._take_changes()
 
     def close(self) -> str:
-        """Write the snapshot of level changes that await one, and close the bag.
+        """Write the snapshot that is still due, if any, and close the bag.
 
         Return a summary of the snapshot, or "" without one.
 
@@ -217,7 +217,7 @@ class BagRecorder:
         return written
 
     def _take_changes(self) -> str:
-        """Return the level changes that await a snapshot, and forget them."""
+        """Return and clear the level changes that await a snapshot."""
         changes, self._changes = self._changes, []
         return ", ".join(dict.fromkeys(changes))
 
@@ -229,8 +229,8 @@ class BagRecorder:
         ValueError
             If no message is kept.
         OSError
-            If the bag cannot be written. Messages are buffered in memory up to its limit, count
-            as written, and are written later.
+            If the bag cannot be written. Messages that fit in memory stay buffered, count as
+            written, and are written later.
         """
         if not self._settings.snapshot_duration:
             raise ValueError(
@@ -258,17 +258,17 @@ class BagRecorder:
         return f"{count} messages ({span_s:.3f} s) written to {self.bag.file_path}"
 
     def _keep(self, item: _Kept) -> None:
-        """Keep a message and drop old ones; dropped states are written first to the next file."""
+        """Keep a message and drop old ones; dropped states are repeated at the start of a file."""
         self._kept.append(item)
         self.kept_bytes += item.size
         settings = self._settings
         duration_s = settings.snapshot_duration
         if self._changes:
-            # The snapshot is due within this time, and has the time before the first change.
+            # The snapshot is due within this time, and covers the time before the first change.
             duration_s += settings.snapshot_duration + settings.snapshot_after
         duration_ns = round(duration_s * 1e9)
         while self._kept:
-            # A clock that was set back makes no message old.
+            # If the clock was set back, no message counts as old.
             is_old = item.log_time_ns - self._kept[0].log_time_ns > duration_ns
             if not is_old and self.kept_bytes <= settings.max_cache_size:
                 break

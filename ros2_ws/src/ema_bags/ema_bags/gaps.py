@@ -7,9 +7,9 @@ from typing import Final, Self
 
 from ema_core.wording import counted
 
-# Older bags have this name as well: the package was renamed later.
+# Bags written before the package was renamed use this name, so it is kept.
 GAP: Final = "ema_recording gap"
-"""Name of the metadata record that describes a gap before it in a file."""
+"""Name of the MCAP metadata record that describes a gap; the gap precedes the record."""
 
 
 @dataclass
@@ -30,7 +30,7 @@ class Gap:
 
     @classmethod
     def from_metadata(cls, record: Mapping[str, str]) -> Self:
-        """Return the gap in a metadata record; KeyError or ValueError if the record has none."""
+        """Return the gap in a metadata record; raise KeyError or ValueError if it has none."""
         numbers = (int(record[key]) for key in ("start_ns", "end_ns", "messages"))
         return cls(record.get("reason", ""), *numbers)
 

@@ -50,10 +50,10 @@ class Stretch:
     """A range of bytes with messages: a chunk, or consecutive messages outside of chunks."""
 
     offset: int
-    """First byte."""
+    """Position of the first byte in the file."""
 
     stop: int
-    """End, exclusive."""
+    """Position after the last byte."""
 
     start_ns: int = 2**64
     """Earliest log time of its messages [ns]."""
@@ -91,7 +91,7 @@ class Contents:
     """Messages that the recorder could not record."""
 
     is_whole: bool = True
-    """Whether no message is lost; a damaged index loses none."""
+    """Whether no message is lost; a damaged index alone loses none."""
 
     def define(self, record: object) -> None:
         """Add a schema or channel, which must not differ from an earlier definition."""

@@ -38,7 +38,7 @@ def message_class(name: str) -> Any:
 
 def definition(name: str) -> str:
     """Return the text of the ``.msg`` file of a message type; ValueError if it is not installed."""
-    return _shared_file(name, ".msg").read_bytes().decode()  # line ends stay as they are
+    return _shared_file(name, ".msg").read_bytes().decode()  # keeps line ends unchanged
 
 
 def type_hash(name: str) -> str:

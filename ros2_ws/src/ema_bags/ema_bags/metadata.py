@@ -160,7 +160,7 @@ def folder_contents(folder: Path) -> FolderContents:
 
 
 def _files_in(folder: Path) -> dict[str, Path]:
-    """Return the MCAP files in a folder in order, by their names without the compression suffix.
+    """Return the MCAP files in a folder in order, keyed by name without the compression suffix.
 
     An uncompressed file takes precedence: its compressed form is incomplete, or was unpacked.
     """

@@ -70,7 +70,10 @@ class Playback:
         self._tick(time_ns)
 
     def step(self, count: int, stop: threading.Event) -> int:
-        """Play ``count`` messages at once; return their number, less at the end or if stopped."""
+        """Play up to ``count`` messages without delay; return the number played.
+
+        Fewer are played if the messages end or ``stop`` is set.
+        """
         played = 0
         while self._next is not None and played < count and not stop.is_set():
             self._tick(self._next.log_time_ns)

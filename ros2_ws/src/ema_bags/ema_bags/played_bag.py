@@ -28,7 +28,7 @@ _OF_ACTUATORS: Final = frozenset(
 
 @dataclass(frozen=True)
 class PlayerSettings(Checked):
-    """Settings of a playback. Names are the names of rosbag2."""
+    """Settings of a playback, named as in rosbag2 where it has them."""
 
     bag: str = text("", "bag to play: a file or a folder")
     rate: float = quantity(1.0, "-", 0.01, 100.0, "playback rate")
@@ -64,7 +64,7 @@ class PlayedBag:
     offers
         Offered quality of service by topic.
     remarks
-        Why a topic is not played, or played with a default quality of service, by topic.
+        Reason why a topic is not played, or played with a default quality of service, by topic.
     skipped
         Number of skipped malformed messages.
     start_ns, end_ns
@@ -91,7 +91,7 @@ class PlayedBag:
             except ValueError as error:
                 self.offers[name] = replay_qos(())
                 self.remarks[name] = f"played with reliable QoS: {error}"
-        # Latched messages before a log time of the bag, with their actuators.
+        # Latched messages before ``_latched_until_ns``, with their actuators.
         self._latched: list[tuple[Recorded, str]] = []
         self._latched_until_ns = 0
         first_ns, self.end_ns = self.bag.start_ns or 0, self.bag.end_ns or 0
@@ -126,11 +126,14 @@ class PlayedBag:
         return sum(topic.count for topic in self.topics.values())
 
     def messages(self, start_ns: int) -> Iterator[Recorded]:
-        """Read the played messages after a log time [ns], with the installed types."""
+        """Read the played messages from a log time [ns] on, upgraded to the installed types."""
         return self._upgraded(self.bag.raw_messages(self.topics, start_ns, self.end_ns))
 
     def latched_before(self, time_ns: int) -> list[Recorded]:
-        """Read the latched messages of each actuator before a log time [ns], reading once."""
+        """Return the last latched message of each topic and actuator before a log time [ns].
+
+        Each message of the bag is read only once.
+        """
         if time_ns > self._latched_until_ns:
             latched = DurabilityPolicy.TRANSIENT_LOCAL
             topics = [name for name, offer in self.offers.items() if offer.durability == latched]

@@ -48,7 +48,7 @@ class PlayerNode(ManagedNode):
         declare(self, PlayerSettings)
         self._stop = threading.Event()
         self._worker: threading.Thread | None = None
-        self._steered = threading.RLock()  # over start and stop of the worker
+        self._steered = threading.RLock()  # guards start and stop of the worker
 
     def configure(self) -> None:
         """Open the bag and create the publishers of its topics."""
@@ -120,7 +120,7 @@ class PlayerNode(ManagedNode):
 
     def _halt(self) -> None:
         """Stop before the next message."""
-        self._stop.set()  # also of a burst, which holds the lock
+        self._stop.set()  # also stops a burst, which holds the lock
         with self._steered:
             self._stop.set()
             if self._worker is not None:
@@ -182,11 +182,11 @@ class PlayerNode(ManagedNode):
         self._step(1)
 
     def _burst(self, request: Any) -> Mapping[str, Any]:
-        # As in rosbag2, 0 is the rest of the bag.
+        # As in rosbag2, 0 plays the rest of the bag.
         return {"actually_burst": self._step(request.num_messages or sys.maxsize)}
 
     def _step(self, count: int) -> int:
-        """Play the next messages while it is paused, and return how many there were."""
+        """Play the next messages while paused; return the number played."""
         with self._steering():
             if self._status == PlaybackState.PLAYING:
                 raise ValueError("the player is playing: pause it first")
@@ -218,7 +218,7 @@ class PlayerNode(ManagedNode):
                 latched = self._played.latched_before(time_ns)
                 self._playback.go_to(time_ns, self._played.messages(time_ns))
             except (OSError, ValueError):
-                self._continue()  # from where it was
+                self._continue()  # from the previous position
                 raise
             self._is_begun = True
             if self._status == PlaybackState.ENDED:

@@ -78,7 +78,10 @@ def recorded_qos(text: str) -> list[QoSProfile]:
 
 
 def common_offer(offers: Sequence[QoSProfile], depth: int) -> QoSProfile:
-    """Return the strongest profile that every publisher of a topic offers; at least one needed."""
+    """Return the strongest profile that all publishers of a topic offer.
+
+    ``offers`` must not be empty.
+    """
     is_reliable = all(item.reliability == ReliabilityPolicy.RELIABLE for item in offers)
     is_latched = all(item.durability == DurabilityPolicy.TRANSIENT_LOCAL for item in offers)
     return QoSProfile(
@@ -89,7 +92,7 @@ def common_offer(offers: Sequence[QoSProfile], depth: int) -> QoSProfile:
 
 
 def joint_offer(offers: Sequence[QoSProfile]) -> QoSProfile:
-    """Return the recorded profile of a topic: equal profiles as they are, else a common offer."""
+    """Return the profile to record for a topic: the offer if all are equal, else a common offer."""
     if all(item == offers[0] for item in offers):
         return offers[0]
     return common_offer(offers, _UNKNOWN_DEPTH)
@@ -101,7 +104,7 @@ def replay_qos(offers: Sequence[QoSProfile]) -> QoSProfile:
     A latched topic keeps its depth, so that a late subscription receives what it would have
     received. Any other reliable topic gets a depth of at least ``RELIABLE_DEPTH``, so that playing
     fast loses nothing. A player asserts its liveliness with the recorded lease, at most
-    ``LEASE_S``, also if none is recorded: its publishers replace publishers that were alive.
+    ``LEASE_S``, even if none is recorded: its publishers replace publishers that were alive.
 
     Parameters
     ----------

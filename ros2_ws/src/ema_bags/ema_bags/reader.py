@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads rosbag2 recordings in MCAP, including the intact part of damaged recordings."""
+"""Reading of rosbag2 recordings in MCAP, including the intact part of damaged recordings."""
 
 import shutil
 import tempfile
@@ -78,7 +78,7 @@ class Bag(Recording):
 
     @property
     def is_whole(self) -> bool:
-        """Whether the part read so far lost no message by damage.
+        """Whether damage has lost no message in the part read so far.
 
         A file that was not closed may lack messages.
         """

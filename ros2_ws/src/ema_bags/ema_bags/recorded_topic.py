@@ -88,7 +88,7 @@ class SampleGaps:
             runs.settle(now_s)
 
     def ignore(self) -> None:
-        """Count no gap so far; a sole publisher's gaps are counted by sequence number."""
+        """Discard the gaps so far; with a single publisher, sequence numbers count gaps."""
         for runs in self._runs.values():
             runs.ignore()
 
@@ -172,7 +172,7 @@ class RecordedTopic:
                 self._samples.ignore()
 
     def pause(self) -> None:
-        """Ignore the gap until publishers are set again, while nothing is recorded."""
+        """Ignore the gap after a pause, whose messages are not recorded."""
         with self._lock:
             self._gaps.pause()
             if self._samples:

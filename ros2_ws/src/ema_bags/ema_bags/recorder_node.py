@@ -222,7 +222,7 @@ class RecorderNode(ManagedNode):
                     topic.is_received = True
 
     def _note_standstill(self) -> None:
-        """Report a time before now during which this process did not run."""
+        """Report a period, if any, since the last call in which this process did not run."""
         now = time.clock_gettime(time.CLOCK_BOOTTIME), self.get_clock().now().nanoseconds
         last, self._last_call = self._last_call, now
         if last is None or now[0] - last[0] < _STANDSTILL_S:

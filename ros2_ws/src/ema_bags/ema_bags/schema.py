@@ -70,7 +70,7 @@ def _fields(text: str, package: str) -> list[tuple[str, str, str]]:
 def to_installed(
     name: str, recorded_text: str, recorded_hash: str
 ) -> Callable[[bytes], bytes] | None:
-    """Return the function that upgrades recorded messages to the installed type; None if equal.
+    """Return a function that upgrades recorded messages to the installed type; None if equal.
 
     The hashes are compared. Recordings older than ROS 2 Iron have no hash: the fields of the
     definitions are compared instead. If the recorded definition only lacks fields with a default
@@ -119,7 +119,7 @@ def to_installed(
 def _upgrade(
     name: str, recorded_text: str, kept: list[str], lacking: dict[str, Any]
 ) -> Callable[[bytes], bytes]:
-    """Return the function that adds the missing fields of a recorded type to its messages."""
+    """Return a function that adds the missing fields of a recorded type to its messages."""
     decode, store = decoder(name, recorded_text), typestore(name, schema_text(name))
     installed = store.types[name]
 
@@ -132,7 +132,10 @@ def _upgrade(
 
 
 def _defaults(text: str) -> dict[str, Any]:
-    """Return the default values in a definition by field; of arrays only of ``float64[]``."""
+    """Return the default value of each field of a definition that has one.
+
+    The default of a ``float64[]`` is an empty array; other arrays have none.
+    """
     defaults: dict[str, Any] = {field: np.empty(0) for field in _ARRAY.findall(text)}
     for kind, field, value in _DEFAULT.findall(text):
         if kind == "bool":
@@ -146,7 +149,7 @@ def _defaults(text: str) -> dict[str, Any]:
 
 @cache
 def trimmer(name: str) -> Callable[[bytes], bytes]:
-    """Return the function that removes the bytes after the content of a message of a type.
+    """Return a function that removes the bytes after the content of a message of a type.
 
     ROS reserves the padding of empty sequences, does not use it, and leaves it after the message.
     Readers that check the end of a message refuse more than 3 such bytes.
@@ -166,7 +169,7 @@ def trimmer(name: str) -> Callable[[bytes], bytes]:
 
 @cache
 def decoder(type_name: str, schema: str) -> Callable[[bytes], Any]:
-    """Return the function that decodes messages of a type.
+    """Return a function that decodes messages of a type.
 
     Decoded messages have the fields of the definition as attributes; sequences of numbers are
     arrays.

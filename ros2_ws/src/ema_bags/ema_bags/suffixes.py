@@ -10,7 +10,7 @@ ARCHIVES: Final = (".npz",)
 """NumPy archives of arrays."""
 
 TABLES: Final = (".csv", *PARQUET, *ARCHIVES)
-"""Tables; ``ema import`` also reads any other file that is no bag as CSV."""
+"""Tables; ``ema import`` also reads any other file that is not a bag as CSV."""
 
 MCAP: Final = ".mcap"
 """Bag in MCAP storage."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes rosbag2 recordings in MCAP."""
+"""Writing of rosbag2 recordings in MCAP."""
 
 import errno
 import shutil

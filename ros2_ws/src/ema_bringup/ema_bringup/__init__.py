@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the launch files share."""
+"""Code shared by the launch files."""

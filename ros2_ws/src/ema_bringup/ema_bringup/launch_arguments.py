@@ -61,7 +61,7 @@ def launch(
     file
         Path of the launch file.
     make_nodes
-        Returns the nodes.
+        Function that returns the nodes for a launch context.
     nodes
         Names of the nodes, each with an argument for its parameter file. If ``monitor`` is one of
         them, there are also arguments for its files.
@@ -197,7 +197,7 @@ def monitors(
     file = Path(value_of(context, "monitor_params"))
     _require_file("monitor", str(file))
     folder = Path(tempfile.mkdtemp(prefix="ema_"))
-    # Not earlier: a monitor that is restarted reads its file again.
+    # Keep the files until exit: a restarted monitor reads its file again.
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return [
         node(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All joints of the robots in the graph: bridge, monitor, recorder and dashboard.
+"""Bridge, monitor, recorder and dashboard for all joints of the robots in the graph.
 
 ros2 launch ema_bringup attach.launch.py
 """
@@ -13,7 +13,7 @@ from launch import LaunchContext, LaunchDescription
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the nodes, with their arguments."""
+    """Return the launch description with the nodes and their arguments."""
     return ema.launch(
         __file__,
         _nodes,

@@ -51,7 +51,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
         )
         for number, name in enumerate(names)
     ]
-    # Monitors have equal shares of listed actuators.
+    # If the actuators are listed, the monitors share them equally.
     count = ema.value_of(context, "monitors")
     monitors = ema.monitors(context, count, **({"actuators": names} if count != "1" else {}))
     return [*actuators, *monitors, ema.node(context, "dashboard", "ema_dashboard")]

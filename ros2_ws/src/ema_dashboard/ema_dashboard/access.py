@@ -69,7 +69,7 @@ class Access:
         return ""
 
     def sockets(self, host: str, scheme: str) -> list[str]:
-        """Return the WebSocket origins of a page, also behind a proxy that adds TLS."""
+        """Return the WebSocket origins of a page, including behind a proxy that adds TLS."""
         page_origin = f"{scheme}://{host.lower()}"
         secure = f"https://{host.lower()}"
         origins = [page_origin, *[secure] * (secure != page_origin and secure in self._origins)]

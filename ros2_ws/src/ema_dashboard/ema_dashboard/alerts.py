@@ -15,7 +15,7 @@ from ema_interfaces.msg import Health
 from ema_ros.stamps import stamp_from_message
 
 WAITS_S: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-"""Delays between attempts to post an alert [s]; after the last attempt it is lost."""
+"""Delays between attempts to post an alert [s]; after the last attempt the alert is lost."""
 
 MOST_WAITING: Final = 100
 """Largest number of waiting alerts; if it is exceeded, the oldest alert is lost."""

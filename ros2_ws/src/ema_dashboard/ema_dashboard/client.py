@@ -118,7 +118,7 @@ class Client:
             self._ended.set_result((code, words))
 
     async def _receive(self) -> tuple[int, bytes]:
-        """Handle the client's requests. Return why the connection ended."""
+        """Handle the client's requests. Return the close code and reason of the connection."""
         while True:
             message = await self._socket.receive()
             if message.type in (WSMsgType.CLOSE, WSMsgType.CLOSING, WSMsgType.CLOSED):

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 from aiohttp import web
 
 _MOST_WAITING: Final = 16
-# Not the types configured on the machine: a browser runs no script of a wrong type.
+# Fixed, because the machine's types may be wrong, and browsers refuse scripts of a wrong type.
 _CONTENT_TYPES: Final = {
     ".css": "text/css",
     ".html": "text/html",
@@ -52,7 +52,7 @@ def read_page() -> dict[str, Made]:
 
 
 Document = Callable[[Mapping[str, str], str], Made]
-"""Computes a document from a query and the header ``Accept``, in any thread."""
+"""Function that computes a document from the query and the header ``Accept``, in any thread."""
 
 
 class Documents:

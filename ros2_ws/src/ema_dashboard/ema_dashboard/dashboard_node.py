@@ -59,8 +59,8 @@ class DashboardNode(ManagedNode):
     Parameters of the node are the fields of ``DashboardSettings``.
 
     Messages are forwarded without decoding. Topics that are neither latched nor needed for the
-    history are received only while a client shows them. The node changes nothing in the graph,
-    except the player, which clients may control, and notes and baselines, which monitors store.
+    history are received only while a client shows them. The node only observes, with two
+    exceptions: clients may control a player, and send notes and baseline changes to monitors.
     """
 
     def __init__(self, **kwargs: Any) -> None:

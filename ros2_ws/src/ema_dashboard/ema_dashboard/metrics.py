@@ -118,7 +118,7 @@ class Metrics(Collector):
     Parameters
     ----------
     totals
-        Returns the totals of the dashboard.
+        Function that returns the totals of the dashboard.
     """
 
     def __init__(self, totals: Callable[[], Totals]) -> None:

@@ -118,7 +118,7 @@ class ActuatorHistory:
         self._estimate = self._health = self._latest = None
 
     def news(self) -> UnitHistory | None:
-        """Return the additions since the last call, for clients with the earlier history."""
+        """Return the additions since the last call; None if there are none."""
         additions, self._news = self._news, self._empty(is_addition=True)
         return additions if additions.tests or additions.events else None
 
@@ -194,7 +194,7 @@ class Histories:
     hub
         Hub that receives the histories.
     time_ns
-        Returns the ROS time [ns].
+        Function that returns the ROS time [ns].
     """
 
     def __init__(self, node: Node, namespace: str, hub: Hub, time_ns: Callable[[], int]) -> None:
@@ -268,7 +268,7 @@ class Histories:
         client.call_async(request).add_done_callback(partial(self._take, key, now_s))
 
     def _take(self, key: tuple[str, str], asked_s: float, future: Any) -> None:
-        """Process a monitor's response; for an unknown unit it has no history."""
+        """Process a monitor's response; it has no history if the unit is unknown to the monitor."""
         response: Any = future.result()
         with self._lock:
             # An answer to an outdated request is ignored.

@@ -54,7 +54,7 @@ def load_descriptions(file: str, joints: Sequence[str]) -> list[ActuatorDescript
     """Return the description of each joint, or of a single actuator without joints.
 
     Each joint's name is its actuator's name, and replaces ``{joint}`` in the file name. Without a
-    file, a single actuator is the built-in one, and joints have an unknown drive.
+    file, a single actuator is the built-in actuator, and joints have an unknown drive.
 
     Raises
     ------

@@ -44,7 +44,7 @@ class Received(NamedTuple):
 
 
 def worth(health: Any, ended_s: float, *, is_silent: bool = False) -> Any:
-    """Return a health, replaced by STALE with the previous level once it has expired.
+    """Return a health; once it has expired, its level is STALE and ``last_level`` the previous.
 
     Parameters
     ----------

@@ -25,9 +25,9 @@ def subscribe_latched(
 ) -> None:
     """Subscribe to a topic with any mix of publishers; deliver each message once.
 
-    Several subscriptions are needed: a transient local one does not match publishers with default
-    quality of service, a volatile one misses earlier latched messages, and neither matches best
-    effort.
+    Several subscriptions are needed: a transient local subscription does not match publishers with
+    default quality of service, a volatile subscription misses earlier latched messages, and neither
+    matches best-effort publishers.
 
     Parameters are as in ``rclpy.node.Node.create_subscription``; messages have an
     ``actuator_id``.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which monitors are alive, by the liveliness of the publishers of health."""
+"""Detection of monitors that have ended, by the liveliness of their publishers of health."""
 
 from typing import Any
 
@@ -11,12 +11,12 @@ from ema_ros.topics import HEALTH, PLAYBACK_STATE
 
 
 class MonitorLiveliness:
-    """Liveliness of the monitors of a namespace, as a subscription to ``health`` receives it.
+    """Liveliness of the monitors of a namespace, as observed by a subscription to ``health``.
 
     The middleware of a process asserts the liveliness of its publishers. A subscription that
-    requests a lease (``topics.ALIVE_BY_MANY``) counts the publishers whose lease is over, but does
-    not name them. If one of several monitors ends, the graph lacks it as soon as the DDS lease of
-    its process is over.
+    requests a lease (``topics.ALIVE_BY_MANY``) counts the publishers whose lease has expired, but
+    does not name them. If one of several monitors ends, it disappears from the graph when the DDS
+    lease of its process expires.
 
     A player publishes the health of any monitor: while it plays, all monitors count as alive.
 
@@ -34,7 +34,7 @@ class MonitorLiveliness:
     def __init__(self, namespace: str) -> None:
         place = namespace.rstrip("/")
         self._health, self._playback_state = f"{place}/{HEALTH}", f"{place}/{PLAYBACK_STATE}"
-        # Whether the lease of all publishers is over. A new publisher counts as alive only after
+        # Whether the leases of all publishers have expired. A new publisher is alive only after
         # its middleware has asserted its liveliness, up to two thirds of the lease later.
         self._is_lost = False
         self._present: set[str] = set()
@@ -57,7 +57,7 @@ class MonitorLiveliness:
         Parameters
         ----------
         monitor
-            Full name of its node, ``author`` of its messages.
+            Full node name of the monitor, which is ``author`` of its messages.
         """
         if self._is_lost or not self._present:
             return True

@@ -63,7 +63,7 @@ class ManagedNode(LifecycleNode):
     stopping
         Event that is set when the process is about to end; blocking callbacks must return.
     is_interrupted
-        Returns whether the process was asked to end, even before the node is served.
+        Function that returns whether the process was asked to end, even before callbacks run.
     failed_callbacks
         Number of failed callbacks.
     """
@@ -112,12 +112,12 @@ class ManagedNode(LifecycleNode):
 
     @property
     def hardware_id(self) -> str:
-        """Hardware id of the status: by default the node."""
+        """Hardware ID of the status; by default, the full name of the node."""
         return self.get_fully_qualified_name()
 
     @property
     def unit_namespace(self) -> str:
-        """Namespace of the telemetry, part of a unit's name in all nodes."""
+        """Namespace of the telemetry, which is part of a unit's name in all nodes."""
         return self.resolve_topic_name(topics.TELEMETRY).rpartition("/")[0]
 
     @property
@@ -297,7 +297,7 @@ class ManagedNode(LifecycleNode):
             steps.append(self._end_activity(state))
         if state.label in ("active", "inactive"):
             steps.append(self._end_configuration(state))
-        # Not earlier: the process waits only briefly for the transition to return.
+        # Set last, because the process waits only briefly for the transition to return.
         self.finished.set()
         if any(step != _SUCCESS for step in steps):
             return TransitionCallbackReturn.ERROR

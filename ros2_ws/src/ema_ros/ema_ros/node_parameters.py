@@ -39,7 +39,7 @@ def declare(node: Node, definition: Any, prefix: str = "", *, is_fixed: bool = F
     """Declare the fields of a dataclass as parameters that ``configure`` reads.
 
     They can be changed while the node is unconfigured or inactive. A new value takes effect at the
-    next configure. While the node is active, a change is refused with the next step.
+    next configure. While the node is active, a change is refused; the reason names the next step.
 
     Parameters
     ----------

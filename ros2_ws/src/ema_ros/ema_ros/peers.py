@@ -77,7 +77,7 @@ class Peers:
         return lost
 
     def task(self, hardware_id: str, now_s: float) -> Task:
-        """Return the status.
+        """Return the status of the peers.
 
         It is ERROR while another node has the same name, and WARN for a minute after a loss, or
         while a publisher is incompatible.

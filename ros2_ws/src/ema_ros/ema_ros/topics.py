@@ -72,7 +72,7 @@ ALIVE: Final = QoSProfile(
     liveliness=LivelinessPolicy.AUTOMATIC,
     liveliness_lease_duration=Duration(nanoseconds=round(1e9 * LEASE_S)),
 )
-"""As ``LATCHED``; subscriptions learn when the process of a publisher ends or stands still."""
+"""Like ``LATCHED``; subscriptions also detect when a publisher's process ends or hangs."""
 
 ALIVE_BY_MANY: Final = QoSProfile(
     depth=1000,

@@ -13,7 +13,10 @@ from ema_core.description import ActuatorDescription
 from ema_core.record_needs import FEWEST_REVERSING, FEWEST_STROKES
 
 _SEVERAL_SPEEDS: Final = 0.3
-"""Least spread of the speed: a trapezoid with a quarter of its time in ramps has it [-]."""
+"""Smallest spread that counts as several speeds [-].
+
+A trapezoidal speed profile with a quarter of its time in ramps has this spread.
+"""
 _VISIBLE: Final = 0.1
 _SAME_SHAFT: Final = 2.0
 
@@ -26,12 +29,12 @@ def abilities_of(
     fit: EffortFit | None,
     defects: tuple[InputDefect, ...],
 ) -> tuple[AbilityResult, ...]:
-    """Return each quantity with the needs that the recording does not meet.
+    """Return, for each quantity, the conditions that the recording does not meet.
 
     Parameters
     ----------
     mapping, description
-        ColumnMapping of the joint and description of the actuator.
+        Column mapping of the joint, and description of the actuator.
     motion, relations, fit
         Measured motion, relations of the columns and fit of the effort; None if there is no motion.
     defects

@@ -26,7 +26,7 @@ def read_archive(path: Path, table: Table) -> StoredTable:
     path
         The file.
     table
-        Format of a CSV file, which an archive does not need.
+        Format of a CSV file; unused, but returned with the columns.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def read_archive(path: Path, table: Table) -> StoredTable:
 def split_columns(
     name: str, table: NDArray[Any], parts: Sequence[str] = ()
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of an array ``(n, k)``, named by their number or by ``parts``."""
+    """Return the columns of an array ``(n, k)``, named by their index or by ``parts``."""
     if len(parts) == table.shape[1] and len(set(parts)) == len(parts):
         names = [f"{name}.{part}" for part in parts]
     else:
@@ -82,7 +82,7 @@ def split_columns(
 
 
 def list_column(column: Any) -> NDArray[Any] | None:
-    """Return a column of lists of one length as an array, ``(n, k)``; None if it is none.
+    """Return a column of equally long lists of numbers as an array ``(n, k)``, else None.
 
     Parameters
     ----------

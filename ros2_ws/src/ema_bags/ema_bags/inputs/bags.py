@@ -155,7 +155,7 @@ def recorded_joints(bag: AnyBag, effort_unit: str) -> list[TopicJoint]:
     bag
         The bag.
     effort_unit
-        Unit of the effort, unless it is a current by its name.
+        Unit of the effort, unless the field name denotes a current.
     """
     topics = JointTopics()
     kinds = {name: topic.type_name for name, topic in bag.topics.items()}

@@ -45,7 +45,9 @@ class BridgeNode(ManagedNode):
 
     If the mapping lists ``joints``, each joint is a separate actuator; otherwise there is one
     actuator. Without a mapping, the node bridges all joints of all joint state topics outside its
-    namespace, also joints that appear later; a robot in a namespace adds it to its joints' names.
+    namespace, including joints that appear later. If a robot has a namespace, the actuators of its
+    joints are named with the namespace as prefix.
+
     The node's parameters are the fields of ``BridgeSettings``; ``docs/inputs.md`` describes the
     mapping file. Message types are looked up by name, in the mapping or the ROS graph, so only the
     message packages of the mapped topics must be installed.

@@ -69,7 +69,7 @@ class BridgedActuator:
         self._past = deque([(time.monotonic(), self._counts.copy())], maxlen=times)
 
     def note(self) -> None:
-        """Record the current counts for computing rates."""
+        """Record the current message and sample counts, from which rates are computed."""
         self._past.append((time.monotonic(), self._counts.copy()))
 
     def count(self, topic: str) -> None:

@@ -20,12 +20,12 @@ class BridgedRobot:
     mapping
         The mapping.
     units
-        Description of each actuator, by its joint's name in the mapping; a mapping without joints
-        has one actuator.
+        Actuator descriptions, keyed by joint name in the mapping; a mapping without joints has one
+        actuator.
     settings
         Settings of the bridges.
     hardware_of
-        Returns the hardware id of a unit.
+        Function that returns the hardware ID of a unit.
     step_s
         Interval between calls of `note` [s].
     has_prefix
@@ -106,7 +106,7 @@ class BridgedRobot:
             self._states.share()
 
     def remove(self, names: Iterable[str]) -> None:
-        """Stop converting the telemetry of actuators; names of other robots are ignored."""
+        """Stop converting the telemetry of the named actuators; unknown names are ignored."""
         for name in names:
             if self.actuators.pop(name, None) and self._states is not None:
                 self._states.remove(self._joints[name])

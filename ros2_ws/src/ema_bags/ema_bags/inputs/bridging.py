@@ -37,7 +37,7 @@ from ema_core.telemetry import COLUMNS, Telemetry
 LEAST_SAMPLES: Final = 40
 _LOOK_BACK_S: Final = 10.0
 _NOT_FINITE_S: Final = 3.0
-# Time between two checks for defects [s]: at first, and after the first ``_LOOK_BACK_S``.
+# Time between two checks for defects [s]: during the first ``_LOOK_BACK_S``, and later.
 _CHECK_S: Final = 0.2
 _RECHECK_S: Final = 2.0
 _MOST_WAITING: Final = 200_000
@@ -106,9 +106,10 @@ class BridgeSettings(Checked):
 class Bridge:
     """Converts live messages to telemetry, with a short delay.
 
-    The sample rate is measured during the first ``learn_s``; samples from this time are kept. A
-    certain defect that would make estimates wrong withholds telemetry until it disappears. While
-    more motion may still refute the defect, telemetry is published and checked again.
+    The sample rate is measured during the first ``learn_s``; samples from this time are kept. If a
+    defect would make estimates wrong and is certain, telemetry is withheld until the defect
+    disappears. While more motion may still refute the defect, telemetry is published and checked
+    again.
 
     Parameters
     ----------
@@ -201,7 +202,7 @@ class Bridge:
 
     @property
     def refused(self) -> list[InputDefect]:
-        """Certain errors that withhold telemetry."""
+        """Certain errors; while there are any, telemetry is withheld."""
         return withholding(self.defects, self.mapping)
 
     @property
@@ -294,7 +295,7 @@ class Bridge:
         if self.mapping.clock.rate_hz:
             return False
         if self._clock is not None and self._clock.early_s > _EARLY_S:
-            return True  # stamps by the old rate would be in the future
+            return True  # stamps computed from the old rate would be in the future
         if len(recent_ns) < LEAST_SAMPLES:
             return False
         if 1e-9 * np.ptp(recent_ns) < self.settings.learn_s:
@@ -341,7 +342,7 @@ class Bridge:
         self._settled = np.concatenate([self._settled, stamps])
 
     def _latest_stamps(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the latest stamps that may show a new rate, including new ones [ns]."""
+        """Return the latest stamps, including ``stamps``, for detecting a new rate [ns]."""
         recent = np.concatenate([self._recent_ns, stamps])
         # Twice ``learn_s``, so that the samples cover it for any block length.
         earliest_ns = recent[-1:] - round(2e9 * self.settings.learn_s)
@@ -365,7 +366,7 @@ class Bridge:
     def _complete(self, count: int) -> int:
         """Return the number of samples for which all other topics have caught up."""
         primary = self._waiting[self.mapping.position.topic]
-        # Do not wait for slow temperatures, and for payloads.
+        # Do not wait for temperatures and payloads, which may be slow.
         awaited = {item.topic for _, item in self.mapping.telemetry_sources()}
         awaited_series = [
             series

@@ -65,7 +65,7 @@ def read_numbers(column: "pd.Series[Any]", decimal: str) -> WrittenNumbers | Non
     Parameters
     ----------
     column
-        The texts.
+        Cells as strings.
     decimal
         Decimal sign of the table, "." or ",". If it does not fit the column but the alternative
         fits all cells, the alternative is used.
@@ -87,7 +87,7 @@ def read_numbers(column: "pd.Series[Any]", decimal: str) -> WrittenNumbers | Non
 
 
 def shows_decimals(values: NDArray[Any]) -> bool:
-    """Return whether some fraction cannot be a misread thousands separator."""
+    """Return whether any value has a fraction that cannot be a misread group of thousands."""
     parts = np.abs(values[np.isfinite(values)])
     parts = parts[parts % 1.0 != 0.0]
     thousands = parts * 1e3

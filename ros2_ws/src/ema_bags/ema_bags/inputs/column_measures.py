@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of single columns and of pairs of columns: steps, repetition, saturation, lags."""
+"""Measures of single columns and pairs of columns: steps, repetition, saturation, lags."""
 
 import math
 from typing import Final, NamedTuple
@@ -70,15 +70,15 @@ class Held(NamedTuple):
     """Repetition of values during motion."""
 
     every: int
-    """Samples per renewal; 1 if every sample is renewed, 0 if unknown."""
+    """Samples per update of the value; 1 if every sample is updated, 0 if unknown."""
     share: float
     """Share of the samples that repeat the previous value [-]."""
     longest: int
-    """Most samples with one value."""
+    """Largest number of successive samples with the same value."""
 
 
 def held_values(values: _Array, is_moving: NDArray[np.bool_]) -> Held:
-    """Return the repetition of a column during motion; masks and values are ``(n,)``."""
+    """Return how often a column repeats its previous value during motion; both are ``(n,)``."""
     if len(values) < 2:
         return Held(0, math.nan, 0)
     is_repeated = np.concatenate([[False], np.diff(values) == 0.0]) & is_moving
@@ -105,7 +105,10 @@ def saturated_share(values: _Array) -> float:
 
 
 def moving_mask(speed: _Array) -> NDArray[np.bool_]:
-    """Return where a joint moves: faster than 5 % of its usual fast speed, ``(n,)``."""
+    """Return a mask, ``(n,)``, of the samples in which a joint moves.
+
+    A joint moves if it is faster than 5 % of the 95th percentile of its speed.
+    """
     size = np.abs(speed)
     fast = float(np.percentile(size, 95.0)) if len(size) else 0.0
     return size > max(_MOVING * fast, 0.0)
@@ -123,9 +126,10 @@ def smoothed(values: _Array, period: float, seconds: float = _SMOOTH_S) -> _Arra
 
 
 def lag_between(cause: _Array, effect: _Array, period: float) -> float:
-    """Return the lag of ``effect`` behind ``cause`` [s]; NaN if they are not alike.
+    """Return the lag of ``effect`` behind ``cause`` [s], by cross-correlation.
 
-    Both are ``(n,)``, sampled at the same times, and have a zero mean motion: speeds, or slopes.
+    Both are ``(n,)`` and sampled at the same times. They should be rates of change, such as speeds.
+    Return NaN if their correlation is below 0.7, or the lag exceeds 0.5 s.
     """
     n = len(cause)
     if n < 50:
@@ -156,7 +160,7 @@ def lag_between(cause: _Array, effect: _Array, period: float) -> float:
 
 
 def _cross_validated(terms: _Array, target: _Array) -> float:
-    """Return the share of a column that terms explain in the blocks that were not fitted [-]."""
+    """Return the share of a column's variance that terms explain in blocks not fitted [-]."""
     block = np.arange(len(target)) * _BLOCKS // len(target) % 2 == 0
     shares = []
     for fitted in (block, ~block):
@@ -170,17 +174,17 @@ class EffortFit(NamedTuple):
     """Least-squares fit of an effort by inertia, friction and gravity."""
 
     explained: float
-    """Cross-validated share of the effort that the motion explains [-]."""
+    """Cross-validated share of the effort's variance that the motion explains [-]."""
     lag_s: float
     """Lag of the effort behind the motion [s]; NaN if the fit does not show it."""
     inertia: float
-    """Standard deviation of the inertial effort over the dry friction [-]."""
+    """Standard deviation of the inertial effort, divided by the dry friction [-]."""
     gravity: float
-    """Standard deviation of the effort of gravity over the dry friction [-]."""
+    """Standard deviation of the gravity effort, divided by the dry friction [-]."""
 
 
 def fit_effort(position: _Array, effort: _Array, period: float) -> EffortFit | None:
-    """Fit an effort by the motion; None if there is too little motion.
+    """Fit an effort by inertia, friction and gravity; return None if there is too little motion.
 
     Parameters
     ----------
@@ -221,7 +225,7 @@ def fit_effort(position: _Array, effort: _Array, period: float) -> EffortFit | N
     target = filtered[rows]
 
     def residual(shift: int) -> float:
-        """Return the variance that the motion leaves if the effort lags by some samples."""
+        """Return the residual variance if the effort lags by ``shift`` samples."""
         weights, *_ = np.linalg.lstsq(terms[rows - shift], target, rcond=None)
         return float(np.var(target - terms[rows - shift] @ weights))
 

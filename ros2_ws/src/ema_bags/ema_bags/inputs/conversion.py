@@ -111,7 +111,7 @@ def convert(
 
 
 def _held(raw: Mapping[str, NDArray[np.float64]], source: PayloadSource) -> NDArray[np.float64]:
-    """Return the payload, ``(n,)``: 0 without one; an unknown payload counts as one."""
+    """Return the payload, ``(n,)``: 0 if none is held, 1 if unknown."""
     values = _scaled(raw["payload"], source.sign * source.scale, source.offset) - source.above
     return np.where(np.isfinite(values), np.maximum(values, 0.0), 1.0)
 

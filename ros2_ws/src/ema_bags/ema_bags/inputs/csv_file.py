@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of CSV files below their heading."""
+"""Reading of CSV files; ``csv_heading`` reads their heading."""
 
 import re
 from pathlib import Path

@@ -30,7 +30,7 @@ _LEAST_STEPS: Final = 200
 _JUMP: Final = 4.0
 _SUDDEN: Final = 20.0
 _CATCHES_UP: Final = 1.5
-# Samples per update of the position, below which a modelled drive is not questioned.
+# Samples per position update, below which irregular updates are ignored for a modelled drive.
 _FEW_REPEATS: Final = 1.5
 _FAR_BEYOND: Final = 2.0
 _JUMP_OF_RANGE: Final = 0.05
@@ -85,6 +85,10 @@ def stream_defects(
 
     Parameters
     ----------
+    losses
+        Counts of lost and irregular samples.
+    rebuilt
+        Number of stamps reconstructed from arrival times.
     of_table
         Whether the samples are table rows, which have no arrival time.
     is_unknown
@@ -174,7 +178,7 @@ def other_rate(rate: Rate, description: ActuatorDescription) -> Iterator[InputDe
 
 
 def renewed_slowly(rate: Rate, times: float) -> InputDefect:
-    """Return the defect that each value is published several times.
+    """Return the defect for values that are each published several times.
 
     ``rate`` is the rate at which values change, ``times`` the number of samples per value.
     """
@@ -192,7 +196,7 @@ def refused(defects: Iterable[InputDefect], mapping: ColumnMapping) -> list[Inpu
 
 
 def withholding(defects: Iterable[InputDefect], mapping: ColumnMapping) -> list[InputDefect]:
-    """Return the certain errors that the mapping does not accept; they withhold live telemetry."""
+    """Return the certain errors that the mapping does not accept; live telemetry is withheld."""
     return [item for item in refused(defects, mapping) if item.is_certain]
 
 
@@ -217,7 +221,7 @@ def _held(
     held = find_held(columns)
     irregular = None if "position" in held else irregular_updates(columns["position"])
     if irregular is not None and not is_unknown and irregular.mean < _FEW_REPEATS:
-        irregular = None  # the samples of a repeated table, at its update rate
+        irregular = None  # a table with repeated values, already reduced to its update rate
     if not held and irregular is None:
         return
     rate_hz = 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)
@@ -286,7 +290,7 @@ def _jumps(position: NDArray[np.float64], stamps_ns: NDArray[np.int64]) -> Itera
     )
     is_late = (repeated > 1) & (sizes < _CATCHES_UP * repeated * speed)
     is_jump &= ~is_late
-    # The step before the first rows is unknown.
+    # Jumps in the first rows are ignored, because the steps before them are unknown.
     jumps = sizes[is_jump & (rows >= _FIRST_JUDGED)]
     if 0 < len(jumps) <= _MANY * len(steps):
         text = (

@@ -37,7 +37,7 @@ class Need(StrEnum):
     MEASURED_EFFORT = auto()
     """A measured effort, rather than a setpoint."""
     MOTION = auto()
-    """Motion."""
+    """Motion of the joint."""
     STROKES = auto()
     """Strokes in both directions."""
     SPEEDS = auto()
@@ -73,7 +73,7 @@ class Timing:
     lost: int
     """Samples missing in gaps."""
     gaps: int
-    """Places where samples are missing."""
+    """Number of gaps in which samples are missing."""
     pauses: int
     """Interruptions of more than 1 s."""
     clock_jumps: int
@@ -106,11 +106,11 @@ class ColumnExamination:
     step: float
     """Quantisation step; NaN if none is visible."""
     held_every: int
-    """Samples per renewal of the value; 1 if every sample is renewed, 0 if unknown."""
+    """Samples per update of the value; 1 if every sample is updated, 0 if unknown."""
     held_share: float
     """Share of the samples in motion that repeat the previous value [-]."""
     held_longest: int
-    """Most samples in motion with one value."""
+    """Largest number of successive samples in motion with the same value."""
     saturated_share: float
     """Share of the samples at the largest absolute value [-]."""
     missing: int
@@ -144,13 +144,13 @@ class Motion:
     strokes_forward: int
     strokes_backward: int
     pieces: int
-    """Strokes in the direction with fewer, a long stroke counted once per 2 s."""
+    """Number of strokes in the direction that has fewer; a long stroke counts once per 2 s."""
     slowest: float
     """5 % quantile of the speed during motion [unit/s]."""
     fastest: float
     """95 % quantile of the speed during motion [unit/s]."""
     speed_spread: float
-    """Standard deviation of the absolute speed during motion over its mean [-]."""
+    """Standard deviation of the absolute speed during motion, divided by its mean [-]."""
     moving_s: float
     """Time in motion [s]."""
 
@@ -162,7 +162,7 @@ class JointExamination:
     joint: str
     """Name of the joint; empty if the source has one joint."""
     mapping: ColumnMapping
-    """ColumnMapping of this joint."""
+    """Column mapping of this joint."""
     columns: tuple[ColumnExamination, ...]
     doubts: tuple[Doubt, ...]
     """Doubts about the joint as a whole; those about one column are in ``columns``."""
@@ -171,7 +171,7 @@ class JointExamination:
     relations: Relations | None
     motion: Motion | None
     wraps: int
-    """Wraps of an angle that were continued."""
+    """Number of angle wraps that were unwrapped."""
     impossible: int
     """Physically impossible samples."""
     second_position: str
@@ -219,8 +219,8 @@ class Examination:
 
     @property
     def mappings(self) -> tuple[ColumnMapping, ...]:
-        """Mappings that ``ema import`` takes, the one with most joints first.
+        """Mappings for ``ema import``, in order of decreasing number of joints.
 
-        Joints whose sections differ only in their name share a mapping.
+        Joints whose mappings differ only in the joint's name share a mapping.
         """
         return shared_mappings(item.mapping for item in self.joints)

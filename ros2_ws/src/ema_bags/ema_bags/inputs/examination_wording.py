@@ -48,7 +48,7 @@ _LITTLE_EXPLAINED: Final = 0.5
 
 
 def judged_lines(joint: JointExamination) -> list[str]:
-    """Return the quantities that can be judged, and one line for each reason of the rest."""
+    """Return one line with the quantities that can be judged, and one per missing condition."""
     able = [ABILITY_NAMES[item.ability] for item in joint.abilities if not item.needs]
     lines = [f"can be judged: {', '.join(able) or 'nothing'}"]
     by_need: dict[tuple[Need, ...], list[str]] = {}
@@ -92,7 +92,7 @@ def motion_line(joint: JointExamination) -> str:
 
 
 def findings(joint: JointExamination) -> list[str]:
-    """Return defects, doubts about the joint, and conspicuous figures, the errors first."""
+    """Return one line per defect and per conspicuous measurement, errors first."""
     errors = [f"error {item}" for item in joint.defects if item.is_error]
     notes = [str(item) for item in joint.defects if not item.is_error]
     lines = [*errors, *notes]

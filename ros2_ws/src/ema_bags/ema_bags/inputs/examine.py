@@ -362,7 +362,10 @@ def _strokes(
 def _speed_factor(
     position: _Array, speed: _Array, lag_s: float, period: float, tau: float
 ) -> float:
-    """Return the speed over the derivative of the position, without the lag; NaN if unknown."""
+    """Return the speed divided by the derivative of the position; NaN if unknown.
+
+    The lag of the speed is removed first.
+    """
     late = round(lag_s / period) if math.isfinite(lag_s) else 0
     n = len(position) - abs(late)
     nothing = np.empty(0)

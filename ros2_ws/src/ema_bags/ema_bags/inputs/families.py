@@ -32,7 +32,7 @@ class JointNames:
     """Part of the names that denotes the joint; empty if the table has one joint."""
 
     columns: Mapping[str, str]
-    """Column by template, such as ``actual_q_{joint}``."""
+    """Column names, keyed by template, such as ``actual_q_{joint}``."""
 
 
 def joint_names(names: Sequence[str], hint_of: Callable[[str], Hint]) -> list[JointNames]:
@@ -94,7 +94,7 @@ def _best_family(names: Sequence[str], hint_of: Callable[[str], Hint]) -> list[J
 
 
 def _family(seed: str, valid: Mapping[str, dict[str, str]]) -> dict[str, dict[str, str]]:
-    """Return the templates that have joints of the seed only, without common columns."""
+    """Return the templates whose joints all occur in the seed; no two share a column."""
     keys, family = valid[seed].keys(), {seed: valid[seed]}
     used = set(valid[seed].values())
     longest_first = sorted(valid.items(), key=lambda item: -len(item[1]))
@@ -106,7 +106,7 @@ def _family(seed: str, valid: Mapping[str, dict[str, str]]) -> dict[str, dict[st
 
 
 def _splits(name: str) -> Iterator[tuple[str, str]]:
-    """Yield the templates of a name, and the joint that each of them leaves out."""
+    """Yield each template of a column name, with the joint name that it replaces."""
     tokens = [match for match in _TOKENS.finditer(name) if match[0][0] not in "[("]
     unit = unit_in_name(name)
     for first in range(len(tokens)):

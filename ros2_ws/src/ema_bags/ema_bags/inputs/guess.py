@@ -37,7 +37,7 @@ class Guess:
     """The recognised mapping."""
 
     doubts: tuple[Doubt, ...]
-    """Reasons and open questions."""
+    """Reasons for the choices, and open questions."""
 
     joint: str = ""
     """Name of the joint; empty if the file has one joint."""
@@ -101,7 +101,7 @@ def refine(
     current = mapping.current
     is_unsigned = current and not current.encoding and np.nanmin(raw["current"]) >= 0.0
     if current and current.kind == "equivalent" and is_unsigned:
-        # Topics need the speed, whose sign the magnitude takes.
+        # On topics, the sign of a magnitude comes from the speed.
         if mapping.is_table or mapping.speed is not None:
             mapping = replace(mapping, current=replace(current, kind="magnitude"))
         doubts.append(Doubt(DoubtKind.MAGNITUDE, "current", current.source))
@@ -143,7 +143,7 @@ def refine(
 
 
 def _of_joint(mapping: ColumnMapping) -> ColumnMapping:
-    """Return the mapping of a joint without a gear ratio: the speed is of the joint, too."""
+    """Return the mapping with the speed at the user shaft, for a joint without a gear ratio."""
     speed = mapping.speed
     return mapping if speed is None else replace(mapping, speed=replace(speed, shaft="user"))
 

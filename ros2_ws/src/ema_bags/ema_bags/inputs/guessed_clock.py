@@ -28,7 +28,9 @@ _STEPS: Final = ((5e4, "ns"), (50.0, "us"), (0.2, "ms"))
 
 
 def guess_clock(columns: TableColumns, doubts: list[Doubt]) -> tuple[Clock, list[str]]:
-    """Guess the clock; return it and the names of the remaining columns.
+    """Guess the clock of a table; return it and the names of the remaining columns.
+
+    Doubts are appended to ``doubts``.
 
     Raises
     ------
@@ -182,7 +184,7 @@ def _epoch_of(values: NDArray[Any]) -> str:
         size = TIMES_NS[unit]
         years = (finite[-1] - epoch) * size / (365.25 * TIMES_NS["day"])
         if 30.0 < years < 90.0 and _FASTEST_NS < step * size < _SLOWEST_NS:
-            # Seconds since 1904 are seconds since 1970 only after 2077.
+            # Seconds since 1970 cannot be mistaken for seconds since 1904 before 2066.
             return unit
     return ""
 

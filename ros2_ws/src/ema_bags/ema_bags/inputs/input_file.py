@@ -72,7 +72,7 @@ class InputFile(ABC):
         """
 
     def guess(self, description: ActuatorDescription, clock: Clock | None = None) -> Guess:
-        """Recognise the mapping of the first joint, or of the joint of a bag that moves most.
+        """Recognise the mapping of one joint: the first of a table, or the most mobile of a bag.
 
         Parameters
         ----------

@@ -34,7 +34,7 @@ _EFFORTS: Final = frozenset(path for _, paths in PATHS["current"] for path in pa
 _LEAST_MESSAGES: Final = 10
 # Once its joints are known, a message is examined once per second.
 _RECHECK_NS: Final = 1_000_000_000
-# Several rechecks without the joint.
+# Time without the joint after which it is silent: several rechecks.
 _SILENT_NS: Final = 3_000_000_000
 _MOST_ORDERS: Final = 100
 _MOST_NAMES: Final = 1000
@@ -45,9 +45,9 @@ class JointGroup(NamedTuple):
     """Joints that share topics and have the same columns."""
 
     mapping: ColumnMapping
-    """Mapping of the joints, which it lists."""
+    """Mapping that lists the joints."""
     names: dict[str, str]
-    """Actuator of each joint: the joint's name, after the robot's namespace if it has one."""
+    """Actuator name by joint: the joint's name, prefixed with the robot's namespace if any."""
 
 
 @dataclass
@@ -58,7 +58,7 @@ class _Joint:
     latest_ns: int
     messages: int = 0
     paths: set[str] = field(default_factory=set)
-    """Fields with a finite value; of an effort, other than zero."""
+    """Fields that had a finite value; an effort field only if the value was not 0."""
 
     def is_decidable(self, now_ns: int) -> bool:
         return self.messages >= _LEAST_MESSAGES and now_ns - self.first_ns >= 1e9 * FIND_S
@@ -75,10 +75,10 @@ class _Topic:
 
 
 class JointFinder:
-    """Finds the joints of running robots, and the columns that they have.
+    """Finds the joints of running robots, and the columns of each joint.
 
-    `joint_sources` describes which topics count. An effort that is always 0 is not published. If
-    the topic of a joint is silent for 3 s, another topic with the joint takes its place.
+    `joint_sources` describes which topics are chosen. An effort that is always 0 counts as not
+    published. If the topic of a joint is silent for 3 s, another topic with the joint replaces it.
 
     Parameters
     ----------
@@ -87,16 +87,16 @@ class JointFinder:
     effort_unit
         Unit of the effort: ``N.m``, ``A`` or ``N``; for prismatic joints, N replaces N.m.
     topics
-        Full names of the topics that may have positions; empty for all.
+        Full names of the topics from which positions are read; empty for all.
     most
         Largest number of joints.
 
     Attributes
     ----------
     refused
-        Why joints are not found, although they match, by topic and joint.
+        Reason why a joint that matches is refused, keyed by topic and joint.
     surplus
-        Actuators that are not found because there are ``most`` others.
+        Actuators that are ignored because the limit ``most`` is reached.
     """
 
     def __init__(
@@ -167,7 +167,7 @@ class JointFinder:
             state.next_ns[names] = received_ns + _RECHECK_NS
 
     def describe(self, topic: str, urdf: str) -> str:
-        """Read the joint types from a robot description; return why it is unusable, or "".
+        """Read the joint types from a robot description; return the reason if unusable, else "".
 
         Parameters
         ----------
@@ -185,9 +185,9 @@ class JointFinder:
         return ""
 
     def found(self, now_ns: int) -> list[JointGroup]:
-        """Return joints that are new, or have other columns or topics, since the last call.
+        """Return the joints that are new, or whose columns or topics have changed.
 
-        Such columns replace the earlier mapping of their joint.
+        Changes are relative to the last call. The mapping of a joint replaces its earlier mapping.
         """
         silent, undecidable = self._silent(now_ns), self._undecidable(now_ns)
         situation = self._changes, undecidable, silent

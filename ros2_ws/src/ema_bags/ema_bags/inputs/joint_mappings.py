@@ -8,12 +8,12 @@ from ema_bags.inputs.mapping import ColumnMapping
 
 
 def shared_mappings(mappings: Iterable[ColumnMapping]) -> tuple[ColumnMapping, ...]:
-    """Combine the mappings of joints that differ only by ``joint``, the one with most joints first.
+    """Combine mappings that differ only in ``joint``, in order of decreasing number of joints.
 
     Parameters
     ----------
     mappings
-        ColumnMapping of each joint; ``{joint}`` in a source stands for its name.
+        Mapping of each joint; ``{joint}`` in a source stands for the joint's name.
     """
     groups: dict[str, tuple[ColumnMapping, list[str]]] = {}
     for mapping in mappings:

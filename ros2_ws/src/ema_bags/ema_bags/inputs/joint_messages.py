@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Message types that hold joints: where each quantity is, and reading of their values."""
+"""Message types with joint data: field paths of the quantities, and reading of their values."""
 
 import re
 from collections.abc import Callable, Hashable
@@ -21,7 +21,7 @@ NUMBERS: Final = frozenset(
     f"std_msgs/msg/{kind}"
     for kind in ("Float64", "Float32", "Float64MultiArray", "Float32MultiArray")
 )
-"""Message types with numbers that name no joint."""
+"""Message types with numbers but without joint names."""
 
 KINDS: Final = JOINT_KINDS | NUMBERS
 """Message types from which joints are recognised."""
@@ -77,25 +77,25 @@ class Reading(NamedTuple):
     """Numbers of one message."""
 
     form: Hashable
-    """Equal for messages with the same columns."""
+    """Key that is equal for messages with the same columns."""
     values: NDArray[np.float64]
     """The numbers, ``(n,)``."""
     columns: Callable[[], list[tuple[str, str]]]
-    """Returns joint and field path of each number; the joint is empty if none is named."""
+    """Function that returns joint and field path of each number; the joint is "" if not named."""
 
 
 def is_payload(topic: str, kind: str) -> bool:
-    """Return whether a topic is the payload of a robot, by its name and message type."""
+    """Return whether a topic's name and message type mark it as the payload of a robot."""
     return kind in _PAYLOADS and topic.rpartition("/")[2] == "payload"
 
 
 def is_read(topic: str, kind: str) -> bool:
-    """Return whether joints are recognised from a topic, or it is their payload."""
+    """Return whether joints or a payload can be read from a topic."""
     return kind in KINDS or is_payload(topic, kind)
 
 
 def is_electric(path: str) -> bool:
-    """Return whether a field of the effort is a current by its name."""
+    """Return whether the name of an effort field denotes a current."""
     return path == _CURRENT
 
 

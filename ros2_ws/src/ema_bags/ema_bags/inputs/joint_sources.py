@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics count for a joint: its actuator's name, its robot, and the source of each quantity.
+"""Selection of the topics of each joint: its actuator name, robot, and source of each quantity.
 
-The same decisions hold for running robots and for recordings.
+The same rules apply to running robots and to recordings.
 """
 
 from collections.abc import Iterator, Mapping, Sequence, Set
@@ -22,7 +22,7 @@ from ema_bags.inputs.mapping import (
 from ema_bags.inputs.names import roles_of
 
 EFFORT_UNIT: Final = "N.m"
-"""Unit of the effort in joint states of revolute joints; of prismatic joints, it is N."""
+"""Unit of the effort in joint states of revolute joints; for prismatic joints, it is N."""
 
 _COMMANDED: Final = "commanded joint state"
 """Kind of a joint state topic that is named like a command, such as ``joint_commands``."""
@@ -42,9 +42,9 @@ class Offer(NamedTuple):
     joint: str
     """Name of the joint in the messages."""
     varying: Set[str]
-    """Field paths with values that count."""
+    """Field paths with usable values."""
     constant: Set[str] = frozenset()
-    """Field paths with a constant value, which counts if there is no other."""
+    """Field paths with a constant value, used only if ``varying`` does not have the quantity."""
     is_silent: bool = False
     """Whether the joint is missing in the latest messages, or there are none."""
 
@@ -53,7 +53,7 @@ class Offer(NamedTuple):
         return _COMMANDED if self.kind == JOINT_STATE and is_command(self.topic) else self.kind
 
     def path_of(self, quantity: str) -> str:
-        """Return the field path of a quantity; empty without one."""
+        """Return the field path of a quantity; "" if the topic does not have it."""
         paths = [path for kind, paths in _PATHS[quantity] if kind == self._kind for path in paths]
         for present in (self.varying, self.constant):
             if path := next((path for path in paths if path in present), ""):
@@ -81,7 +81,7 @@ class JointKey(NamedTuple):
 
     @property
     def actuator(self) -> str:
-        """Name of the actuator: the joint's name, after the robot's namespace if it has one."""
+        """Name of the actuator: the joint's name, prefixed with the robot's namespace if any."""
         return "/".join(filter(None, self))
 
 
@@ -91,7 +91,7 @@ class JointSources:
 
     key: JointKey
     paths: Mapping[str, tuple[str, str]]
-    """Topic and field path by quantity; the position is always there."""
+    """Topic and field path, keyed by quantity; ``position`` is always present."""
 
     @property
     def home(self) -> str:
@@ -110,7 +110,7 @@ class JointSources:
         Parameters
         ----------
         effort_unit
-            Unit of the effort, unless it is a current by its name; for prismatic joints, N
+            Unit of the effort, unless the field name denotes a current; for prismatic joints, N
             replaces N.m.
         is_linear
             Whether the joint is prismatic.
@@ -148,19 +148,20 @@ def joint_sources(
 ) -> Iterator[JointSources]:
     """Yield the sources of each joint with a position, in the order in which joints appear.
 
-    The position comes from a topic that is not silent and has an effort as well, if there is one;
-    of several, from the first kind of ``PATHS``, then from the topic that has it already, then from
-    the first topic. Other quantities come from the same topic, or else from others of the robot. A
-    payload belongs to the robot with the innermost namespace that contains its topic.
+    The position is preferably taken from a topic that is not silent and has an effort as well.
+    Among several, the order of message types in ``PATHS`` decides, then the topic in ``homes``,
+    then the order of ``offers``. Other quantities are preferably taken from the same topic, else
+    from another topic of the robot. A payload belongs to the robot with the innermost namespace
+    that contains its topic.
 
     Parameters
     ----------
     offers
-        What the topics offer, in the order in which they appeared.
+        Joints and fields of the topics, in the order in which they appeared.
     homes
-        Topics that have the positions of joints already.
+        Topic from which the position of each joint is currently taken.
     allowed
-        Topics that may have the position; empty for all.
+        Topics from which positions may be taken; empty for all.
     payloads
         Topics of payloads.
     """
@@ -206,7 +207,7 @@ def _rank(offer: Offer, present: str) -> tuple[Any, ...]:
 
 
 def _rank_of(quantity: str, offer: Offer, home: Offer) -> tuple[Any, ...]:
-    """Return the rank of a topic for another quantity than the position."""
+    """Return the rank of a topic for a quantity other than the position."""
     kinds = [kind for kind, _ in _PATHS[quantity]]
     is_constant = offer.path_of(quantity) not in offer.varying
     is_elsewhere = offer.topic != home.topic
@@ -216,7 +217,7 @@ def _rank_of(quantity: str, offer: Offer, home: Offer) -> tuple[Any, ...]:
 
 
 def _by_joint(offers: Sequence[Offer]) -> dict[JointKey, list[Offer]]:
-    """Return the offers for each joint of each robot; a controller belongs to a robot."""
+    """Group the offers by robot and joint; controller topics are assigned to a robot."""
     groups: dict[JointKey, list[Offer]] = {}
     for offer in offers:
         if offer.is_state and offer.path_of("position"):
@@ -235,7 +236,7 @@ def _by_joint(offers: Sequence[Offer]) -> dict[JointKey, list[Offer]]:
         elif len(places) == 1:
             [robot] = places
         else:
-            # A controller publishes in its own namespace, within the one of the robot.
+            # A controller publishes in its own namespace, within the namespace of the robot.
             robot = namespace_of(f"/{namespace_of(offer.topic)}")
         groups.setdefault(JointKey(robot, offer.joint), []).append(offer)
     return groups

@@ -22,7 +22,7 @@ _MISSING_NS: Final = 1_000_000_000
 def reads_joint_states(mapping: ColumnMapping) -> bool:
     """Return whether all mapped quantities are fields of messages that name their joints.
 
-    The payload may be any number on a topic of its own, which all joints have in common.
+    The payload may be any number on a separate topic, which all joints share.
     """
     return mapping.clock.source in ("", *CLOCKS) and all(
         _is_common(mapping, item)
@@ -64,7 +64,7 @@ class _Topic:
         """Return the index of each joint among the names of a message, -1 if absent."""
         order = self.orders.get(names)
         if order is None:
-            # Of a name that occurs twice, the first value counts.
+            # If a name occurs twice, the first value is used.
             places: dict[str, int] = {
                 name: place for place, name in reversed(list(enumerate(names)))
             }
@@ -246,7 +246,7 @@ class JointColumns:
         self._is_received, self._missing_ns = True, None
 
     def miss(self, arrivals_ns: NDArray[np.int64]) -> None:
-        """Count messages that lack the joint, by their arrival times [ns]."""
+        """Count messages that lack the joint, given their arrival times [ns]."""
         self.rejected += len(arrivals_ns)
         first_ns, _ = self._missing_ns or (int(arrivals_ns[0]), 0)
         self._missing_ns = first_ns, int(arrivals_ns[-1])
@@ -260,7 +260,7 @@ class JointColumns:
         return taken
 
     def problem(self) -> str:
-        """Return since when the messages lack the joint, or ""."""
+        """Return a text that states since when the messages lack the joint, or ""."""
         if self._missing_ns is None:
             return ""
         if not self._is_received:

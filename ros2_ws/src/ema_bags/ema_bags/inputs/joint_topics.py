@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recognition of the joints on topics: collected messages, and the mapping of each joint."""
+"""Collection of messages, and recognition of the joints on their topics."""
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -83,7 +83,7 @@ class JointTopics:
         return {name: topic.kind for name, topic in self._topics.items()}
 
     def add(self, topic: str, kind: str, message: Any, sent_ns: int, received_ns: int) -> None:
-        """Add a message; messages of types that hold no joints are ignored.
+        """Add a message, unless it can have neither joints nor a payload.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class JointTopics:
         Parameters
         ----------
         effort_unit
-            Unit of the effort, unless it is a current by its name.
+            Unit of the effort, unless the field name denotes a current.
         """
         samples = [item for name in self._topics for item in self._samples(name)]
         of_topics = {(item.topic, item.joint): item for item in samples}
@@ -136,7 +136,7 @@ class JointTopics:
             table = np.array([row.values for row in block], dtype=float).T
             by_joint: dict[str, dict[str, NDArray[np.float64]]] = {}
             for (joint, path), values in zip(topic.columns[form], table, strict=True):
-                # Of a name that occurs twice, the first value counts.
+                # If a name occurs twice, the first value is used.
                 by_joint.setdefault(joint, {}).setdefault(path, np.ascontiguousarray(values))
             for joint, columns in by_joint.items():
                 parts.setdefault(joint, []).append(Series(stamps, arrivals, columns))
@@ -145,7 +145,7 @@ class JointTopics:
 
 
 def _joined(parts: Sequence[Series]) -> Series:
-    """Return one series; fields that a part lacks are NaN."""
+    """Concatenate series; fields that a part lacks become NaN."""
     paths = dict.fromkeys(path for part in parts for path in part.values)
     return Series(
         np.concatenate([part.stamps_ns for part in parts]),
@@ -160,9 +160,9 @@ def _joined(parts: Sequence[Series]) -> Series:
 
 
 def _without_repeated(samples: Sequence[_Samples]) -> list[Offer]:
-    """Return the offers of all topics, but for states that repeat the positions of another topic.
+    """Return the offers of all topics, except states that repeat the positions of another topic.
 
-    Two topics with equal extremes of the position repeat each other.
+    Topics in different namespaces repeat each other if their positions have equal extremes.
     """
     offers: list[Offer] = []
     seen: dict[tuple[str, float, float], Offer] = {}

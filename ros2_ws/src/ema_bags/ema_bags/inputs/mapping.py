@@ -357,7 +357,7 @@ class ColumnMapping(Checked):
         return self.current
 
     def telemetry_sources(self) -> Iterator[tuple[str, Source]]:
-        """Yield name and source of each telemetry column but the payload."""
+        """Yield name and source of each telemetry column except the payload."""
         for name in _QUANTITIES:
             item = self.measured_current if name == "current" else getattr(self, name)
             if item is not None:

@@ -183,7 +183,7 @@ class ThinnedMotion:
 
     @property
     def dissipation(self) -> float | None:
-        """Correlation of current and speed without inertia, gravity and constant load [-].
+        """Correlation of current and speed after removing inertia, gravity and constant load [-].
 
         Because friction dissipates energy, it is positive if the sign of the current is right. None
         if the current is not measured or there is no fast motion in both directions.
@@ -256,7 +256,10 @@ class ThinnedMotion:
 
 
 def reversals(position: NDArray[np.float64]) -> list[int]:
-    """Return the indices of the first sample, all reversals and the last sample."""
+    """Return the indices of the first sample, all reversals and the last sample.
+
+    Reversals smaller than 5 % of the range are ignored. Return an empty list without motion.
+    """
     least = _REVERSAL * float(np.ptp(position))
     if least <= 0.0:
         return []

@@ -22,7 +22,7 @@ _WORDS: Final = {
 }
 _MASSES: Final = frozenset(("payload", "nutzlast", "load kg"))
 _GRIPS: Final = frozenset(("gripper", "grasped", "gripped", "holding", "held", "carrying"))
-"""Words that name the mass of a payload, and words that may name a flag of it."""
+"""Words that may name a payload flag; words in ``_MASSES`` name the mass of a payload."""
 _SPLIT: Final = re.compile(r"[^0-9A-Za-zµ°]+|(?<=[a-z]{2})(?=[A-Z])")
 _UNITS: Final = {
     "rad": ("rad", "radian", "radians"),
@@ -114,7 +114,7 @@ def hint_of(name: str, unit: str = "") -> Hint:
 
 
 def names_payload(name: str, *, is_flag: bool) -> bool:
-    """Return whether a name suggests a payload, such as ``load_kg`` or, of a flag, ``gripper``."""
+    """Return whether a name suggests a payload, such as ``load_kg``, or ``gripper`` for a flag."""
     text = f" {' '.join(_words(name))} "
     return any(f" {words} " in text for words in (_MASSES | _GRIPS if is_flag else _MASSES))
 

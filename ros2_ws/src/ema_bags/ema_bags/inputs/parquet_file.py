@@ -12,16 +12,16 @@ from ema_bags.inputs.table_columns import StoredTable
 
 
 def read_parquet(path: Path, table: Table) -> StoredTable:
-    """Read a Parquet file; a named index or an index of times is a column.
+    """Read a Parquet file; a named index or an index of times becomes a column.
 
-    A column of lists of one length becomes the columns ``name_0`` to ``name_{k-1}``.
+    A column of lists with ``k`` elements each becomes the columns ``name_0`` to ``name_{k-1}``.
 
     Parameters
     ----------
     path
         The file.
     table
-        Format of a CSV file, which a Parquet file does not need.
+        Format of a CSV file; unused, but returned with the columns.
 
     Raises
     ------

@@ -54,7 +54,7 @@ def two_publishers(stamps_ns: NDArray[np.int64]) -> Iterator[InputDefect]:
 
 
 def _several(pattern: NDArray[np.float64]) -> InputDefect:
-    """Return the defect of publishers at the same rate, from the steps of one period [ns]."""
+    """Return the defect for publishers at the same rate, from the steps of one period [ns]."""
     count, steps = len(pattern), ", ".join(f"{1e-6 * step:.3g}" for step in pattern)
     text = (
         f"stamp intervals repeat every {count} messages ({steps} ms): the joint has {count} "

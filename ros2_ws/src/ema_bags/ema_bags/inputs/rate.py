@@ -31,7 +31,7 @@ class Rate:
     measured_period: float
     """Sample period measured from the stamps [s]."""
     jitter: float
-    """Robust standard deviation of the stamps from regular ones [s]."""
+    """Robust standard deviation of the stamps from regular stamps [s]."""
     resolution: float
     """Resolution of the stamps [s]."""
 

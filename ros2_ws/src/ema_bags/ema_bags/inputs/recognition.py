@@ -47,7 +47,7 @@ class Hint(NamedTuple):
     """Whether the name suggests a commanded value."""
 
     def supports(self, quantity: str) -> float:
-        """Return 1 if the name suggests the quantity, -1 if it suggests others, 0 if none."""
+        """Return 1 if the name suggests the quantity, -1 if only others, 0 if none."""
         if not self.quantities:
             return 0.0
         return 1.0 if quantity in self.quantities else -1.0
@@ -133,7 +133,7 @@ class Recognizer:
         values = np.array([_thinned(column, stride) for column in varying.values()])
         if values.size:
             values = values[:, _liveliest(values)]
-            # A column may vary elsewhere, or only between the samples that are compared.
+            # A column that varies elsewhere may be constant in the rows that are compared.
             varies = np.ptp(values, axis=1) > 0.0
             values = values[varies]
             self.names = [name for name, kept in zip(self.names, varies, strict=True) if kept]
@@ -196,7 +196,7 @@ class Recognizer:
         ]
 
     def _rate_score(self, a: int, b: int) -> float:
-        """Return a score for a column as the speed of a position; at least 1 if it is."""
+        """Return a score for column ``b`` as the speed of position ``a``; accepted from 1."""
         relation = self._rate[a][b]
         if abs(relation.correlation) < _RATE:
             return 0.0
@@ -288,7 +288,7 @@ class Recognizer:
         return IdentifiedColumn(self.names[best], candidates[best][1] and is_alone)
 
     def _explained_effort(self, a: int, b: int) -> float:
-        """Return the cross-validated share of a column that a position's motion explains [-]."""
+        """Return the cross-validated share of ``b`` that the motion of ``a`` explains [-]."""
         terms, effort = self._motion_terms(a), self._smooth[b]
         block = np.arange(len(effort)) * _BLOCKS // len(effort) % 2 == 0
         explained = []

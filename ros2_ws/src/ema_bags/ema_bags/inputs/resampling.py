@@ -21,7 +21,7 @@ class Losses:
     lost: int = 0
     """Samples missing in gaps."""
     gaps: int = 0
-    """Gaps: places where samples are missing."""
+    """Gaps in which samples are missing."""
     filled: int = 0
     """Lost samples that were interpolated; not included in ``lost``."""
     pauses: int = 0

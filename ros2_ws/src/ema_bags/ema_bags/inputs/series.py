@@ -191,9 +191,10 @@ class Collector:
 def join_topics(
     by_topic: Mapping[str, Series], mapping: ColumnMapping, stamps_ns: NDArray[np.int64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the values of all sources at the position samples, by ``ColumnMapping.wanted``.
+    """Return the values of all sources at the position samples.
 
-    Each array is ``(n,)``, NaN where a source has no value.
+    Arrays are keyed as in ``ColumnMapping.wanted``. Each is ``(n,)``, NaN where a source has no
+    value.
 
     Parameters
     ----------
@@ -222,7 +223,11 @@ def join_topics(
 def value_at(
     series: Series, key: str, at: NDArray[np.int64], *, holds: bool
 ) -> NDArray[np.float64]:
-    """Return values of a series at arrival times, ``(n,)``: the latest, or interpolated."""
+    """Return values of a series at arrival times ``at`` [ns]: the latest, or interpolated.
+
+    Both are ``(n,)``. Values are NaN before the first sample and, if interpolated, in gaps and
+    after the last sample.
+    """
     order = np.argsort(series.arrivals_ns, kind="stable")
     times, values = series.arrivals_ns[order], series.values[key][order]
     return (_held if holds else _between)(times, values, at)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recognition of the joints of a table: the mapping of each, from its motion and its names."""
+"""Recognition of the joints of a table from motion and column names."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -30,7 +30,7 @@ _UNLIKE: Final[dict[str, set[str]]] = {
 """Roles that exclude a column from each quantity, in the order in which columns are assigned."""
 
 _OF_HINT: Final = {"effort": "current"}
-"""ColumnMapping section of a quantity of the recognition, if it has another name."""
+"""Mapping section of each recognised quantity whose section has a different name."""
 
 _PHYSICAL: Final = ("position", "speed", "command", "effort")
 _CONFIRMED_VOTES: Final = 3
@@ -57,7 +57,7 @@ class TableJoints:
     clock
         Known clock of the table; None to recognise it.
     description
-        Actuator of the table, which may need a command.
+        Description of the actuator; a modelled drive needs a command.
 
     Raises
     ------
@@ -92,7 +92,7 @@ class TableJoints:
         return [self._with_payload(guess) for guess in self._guesses()]
 
     def _with_payload(self, guess: Guess) -> Guess:
-        """Return a guess with the payload, which all joints have in common."""
+        """Return a guess with the payload column, which all joints share."""
         if not self._payload:
             return guess
         mapping = replace(guess.mapping, payload=PayloadSource(self._payload))
@@ -138,7 +138,7 @@ class TableJoints:
         return hint_of(name, self._columns.units.get(name, ""))
 
     def _recognise(self, columns: Mapping[str, str]) -> _Recognised:
-        """Identify the columns of a joint from the motion; ``columns`` is by template."""
+        """Identify the columns of a joint from the motion; ``columns`` is keyed by template."""
         names = [name for name in columns.values() if name not in self._columns.dates]
         if self._period <= 0.0:
             return _Recognised(None)
@@ -173,7 +173,7 @@ class TableJoints:
     def _voted(
         self, families: Sequence[JointNames], recognised: Sequence[_Recognised]
     ) -> list[_Recognised]:
-        """Return the columns of each joint, with the templates that most joints agree on."""
+        """Return the columns of each joint, from the templates on which most joints agree."""
         votes: dict[str, dict[str, int]] = {quantity: {} for quantity in _PHYSICAL}
         for family, item in zip(families, recognised, strict=True):
             template_of = {name: template for template, name in family.columns.items()}
@@ -227,7 +227,7 @@ class TableJoints:
             if kind.startswith("phase_")
         }
         if list(phases) == ["phase_a"] and "current" not in taken:
-            taken["current"] = phases.pop("phase_a")  # in A, not of phase A: there is no other
+            taken["current"] = phases.pop("phase_a")  # A is the unit: there is no other phase
         if "position" not in taken and {"command", "error"} <= taken.keys():
             taken["position"] = f"{taken['command']} - {taken['error']}"
             doubts.append(Doubt(DoubtKind.FROM_ERROR, "position", taken["position"]))
@@ -284,9 +284,10 @@ class TableJoints:
 
 
 def _payload_of(columns: TableColumns, names: Sequence[str]) -> str:
-    """Return the column that is a payload by its name and its values, or "".
+    """Return the column whose name and values indicate a payload, or "".
 
-    A payload rests at levels, and its lowest level is 0. The position of a gripper is no payload.
+    A payload rarely changes, and its smallest value is 0. The position of a gripper is not a
+    payload.
     """
     candidates = [name for name in names if _is_payload(name, columns.values[name])]
     return candidates[0] if len(candidates) == 1 else ""
@@ -306,7 +307,7 @@ def _is_payload(name: str, values: NDArray[np.float64]) -> bool:
 def _with_joint_side(
     joint: JointColumns, second: str, alternatives: tuple[JointColumns, ...]
 ) -> _Recognised:
-    """Return the columns with the position of the joint, if the first is at the motor."""
+    """Return the columns with the position at the joint, if the identified one is at the motor."""
     position = joint.columns["position"]
     if not (words_of(position.name) & _MOTOR_SIDE and words_of(second) & _JOINT_SIDE):
         return _Recognised(joint, alternatives, second)
@@ -347,7 +348,7 @@ def _chosen(
 
 
 def _of_family(source: Source, family: JointNames) -> Source:
-    """Return a source with ``{joint}`` in place of the joint in its columns."""
+    """Return a source in which ``{joint}`` replaces the joint in the column names."""
     text = source.source
     for template, name in sorted(family.columns.items(), key=lambda item: -len(item[1])):
         if text == name:
@@ -365,7 +366,7 @@ def _alternatives(joints: Iterable[JointColumns], quantity: str, named: Sequence
 
 
 def _period(columns: TableColumns, clock: Clock) -> float:
-    """Return the median sample period [s]; 0 if the clock has no two times."""
+    """Return the median sample period [s]; 0 if the clock has fewer than two times."""
     if not clock.source:
         return 1.0 / clock.rate_hz
     stamps: NDArray[np.int64] = columns.stamps(clock)
