@@ -135,11 +135,11 @@ class Baseline:
         return np.log([(record.usual_speed, record.travel) for record in self.records])
 
     def motion_errors(self, record: JointRecord) -> Array:
-        """Return the standard deviations of the coefficients due to a different motion, ``(5,)``.
+        """Return the standard errors of the coefficients due to an unusual motion, ``(5,)``.
 
-        They are in the units of the coefficients, and 0 for a motion within the healthy range. A
-        small timing error of the inertial effort looks like friction. This apparent friction
-        changes with the ratio of speed to travel.
+        They are in the units of the coefficients, and 0 if speed and travel are within the healthy
+        range. A small timing error of the inertial effort looks like friction. This apparent
+        friction changes with the ratio of speed to travel.
         """
         errors = _MOTION_TOLERANCE * self.distance(record) * self.scales
         paces = self._motions @ [1.0, -1.0]

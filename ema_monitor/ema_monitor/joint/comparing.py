@@ -323,7 +323,7 @@ class _Test:
         return max(float(np.min(healthy)) - error, error - float(np.max(healthy)), 0.0)
 
     def result(self) -> Comparison:
-        """Return the comparison."""
+        """Return the comparison of the record with the baseline."""
         tests = self._single_tests()
         symptoms = self._comparer.symptoms
         play = symptoms.play(self._record)

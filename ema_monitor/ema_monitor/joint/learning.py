@@ -93,7 +93,7 @@ def _learn(
     *,
     is_empty: bool,
 ) -> Baseline:
-    """Return the baseline from all motion, or from the motion without a payload."""
+    """Return the baseline from all motion, or, if ``is_empty``, from motion without a payload."""
     bands = [motion_band(record) for record in records]
     period = float(np.median([record.sample_period for record in records]))
     cutoff = cutoff_of(float(np.median(bands)), period)

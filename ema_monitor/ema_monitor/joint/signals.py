@@ -70,7 +70,7 @@ class Preparation(NamedTuple):
 
 @dataclass(frozen=True)
 class Signals:
-    """Rows of steady motion in one direction, ``(n,)`` each."""
+    """Rows of a record in steady motion, away from reversals, ``(n,)`` each."""
 
     effort: Array
     """Effort [A]."""
@@ -114,7 +114,7 @@ class Signals:
     def every_other_stroke(self) -> Flags:
         """Return flags of the rows in every other stroke of each direction, ``(n,)``.
 
-        Chosen and remaining rows both have strokes in both directions.
+        The chosen rows and the remaining rows contain strokes in both directions.
         """
         chosen = np.zeros(len(self), dtype=bool)
         for direction in (1.0, -1.0):

@@ -100,9 +100,9 @@ class WindowBaseline:
                 )
 
     def with_labels_of(self, source: Self) -> Self:
-        """Return the baseline with the labelled tests of ``source``.
+        """Return the baseline with its labelled tests replaced by the labelled tests of ``source``.
 
-        Only windows with the motion of a healthy window are included.
+        Labelled windows are omitted if no healthy window has a similar motion.
         """
         healthy = [window.figures for window in self.healthy]
         labelled = [
