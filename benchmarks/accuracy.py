@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy of the fault estimator beside the thesis's, and how far its covariance is honest.
+"""Accuracy of the fault estimator compared with the thesis, and calibration of its covariance.
 
     python benchmarks/accuracy.py [--json FILE] [--quick]
 
-Every window comes from the high-fidelity simulation, which the estimator never runs, with seeds
-that nothing was tuned on. Prints tables and writes JSON. Needs g++ for the unit of time.
+Every window comes from the high-fidelity simulation, which the estimator never runs. No part of
+the estimator was tuned on these seeds. Prints tables and writes JSON. Needs g++ for the yardstick
+that serves as the unit of time.
 """
 
 import time
@@ -44,22 +45,24 @@ from ema_study.sources import counted
 MEAN_LOW_PERCENT: Final = 0.71
 """Mean error of the thesis's best algorithm, particle swarm, over the five small faults [%]."""
 MEAN_HIGH_PERCENT: Final = 1.76
-"""The same over the five large faults [%]."""
+"""Mean error of particle swarm over the five large faults [%]."""
 FASTEST_TIME_S: Final = 97.0
-"""Mean time of its fastest study, the multiple case by particle swarm [s]."""
+"""Mean time of the thesis's fastest study, the multiple case by particle swarm [s]."""
 LONGEST_TIME_S: Final = 2900.0
-"""Mean time of its slowest study, the multiple case by grey wolves [s]."""
+"""Mean time of the thesis's slowest study, the multiple case by grey wolves [s]."""
 FLOOR_PERCENT: Final = 0.2
-"""Error below which half of the thesis's best need not be reached [%]."""
+"""Lower limit of the target: half of the thesis's best error, but no less than this [%]."""
 MULTIPLE_PERCENT: Final = 0.3
 SINGLE: Final = ("friction", "backlash", "short circuit", "eccentricity", "gain")
 DETECTED_SIGMA: Final = 2.0
-"""Standard deviations from healthy beyond which a small fault is detected, as one reads it off an
-estimate; how often healthy windows have that is measured, and may be in one in a hundred."""
+"""Deviation from healthy above which a small fault counts as detected [sigma].
+
+Healthy windows may exceed it at the rate ``MOST_ALARMS``.
+"""
 MOST_ALARMS: Final = 0.01
 POWER: Final = 0.9
 STEPS_PERCENT: Final = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
-"""Sizes of a fault that are tried one after the other, in percent of the range."""
+"""Sizes of a fault, tried in ascending order [% of the range]."""
 
 _PRECISION_STUDY: Final = "stall_stop"
 _HEALTHY_WINDOWS_OFF: Final = 12
@@ -75,7 +78,7 @@ def measure(
     steps: int,
     timed: int,
 ) -> Figures:
-    """Print accuracy, coverage, detection and times, with so many cases of each set."""
+    """Measure accuracy, coverage, detection and times of the fault estimator."""
     calibration = calibration_on(cases.healthy(HEALTHY_WINDOWS, "calibration"))
     ideal, noisy = Variant(Calibration.builtin()), Variant(calibration, noisy=True)
     law, wide = cases.by_the_law(random_each), cases.wide(random_each)
@@ -123,7 +126,7 @@ def _off_nominal(pool: Workers, faulty: list[Case], count: int) -> Trial:
 
 
 def _covariance(trial: Trial) -> Figures:
-    """Return how often intervals cover the truth, and how wide they are."""
+    """Return the coverage and the width of the intervals, by component."""
     known, coverage = trial.known, trial.coverage_by_component()
     half, wide = trial.coverage_by_component(0.5), trial.quantiles[4] - trial.quantiles[0]
     return {
@@ -142,7 +145,7 @@ def _covariance(trial: Trial) -> Figures:
 
 
 def _detection(pool: Workers, noisy: Variant, windows: int, steps: int) -> Figures:
-    """Return false alarms, and the smallest step of each fault that is detected."""
+    """Return the false alarms, and the smallest detected size of each fault [% of the range]."""
     [trial] = trials(pool, "healthy windows, alarms", cases.healthy(windows), [noisy])
     levels = Counter(
         assess(estimate, HealthLimits()).level if estimate.valid else "not valid"
@@ -168,17 +171,18 @@ def _detection(pool: Workers, noisy: Variant, windows: int, steps: int) -> Figur
 
 
 def _deviations(trial: Trial) -> np.ndarray:
-    """Return how many standard deviations each fault is away from healthy, ``(n, 8)``."""
+    """Return the distance of each fault from healthy in standard deviations, ``(n, 8)``."""
     away = np.nan_to_num(np.abs(trial.faults - healthy_faults()) / trial.sigma)
     away[:, ECCENTRICITY_PHASE] = 0.0
     return away
 
 
 def _timing(pool: Workers, calibration: Calibration, count: int) -> Figures:
-    """Return times of cold and warm estimates.
+    """Return the times of cold and warm estimates.
 
-    Each is also in windows of the yardstick, run just before it. Half of the windows have faults by
-    the thesis's law and half have wide ones; all are noisy.
+    Times are in seconds, and in multiples of a window of the yardstick, which is timed just before
+    each estimate. Half of the windows have faults drawn by the thesis's law and half have wide
+    faults. All have sensor noise.
     """
     chosen = cases.by_the_law(count // 2) + cases.wide(count // 2)
     windows = [noisy_window(case) for case in pool.track("windows to time", chosen)]
@@ -217,9 +221,9 @@ def _timed(
 
 
 def published_percent() -> dict[str, dict[str, float]]:
-    """Return the mean error of each algorithm's ten runs [%], by case and algorithm.
+    """Return the published mean error of each algorithm's ten runs [%], by case and algorithm.
 
-    The multiple case is that of its study of precision.
+    For the multiple case the runs are from the thesis's study of precision.
     """
     runs = counted(printed_runs())
     results: dict[str, dict[str, float]] = {}
@@ -274,7 +278,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def _target_percent(by_algorithm: dict[str, float], name: str) -> float:
-    """Return the largest error that a case may have [%]."""
+    """Return the target of a case: the largest mean error allowed [%]."""
     if name == "multiple":
         return MULTIPLE_PERCENT
     return max(min(by_algorithm.values()) / 2.0, FLOOR_PERCENT)
@@ -331,7 +335,7 @@ def _detection_rows(entry: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     covariance = figures["covariance"]
     judged = covariance["intervals"] + covariance["unobservable"]
     yield (
@@ -346,7 +350,7 @@ def tables(figures: Figures) -> Iterator[Table | str]:
         "by component, noisy sensors",
         (*headings, f"smallest at\n{DETECTED_SIGMA:g} sigma %"),
         (
-            # The direction of eccentricity is no fault by itself.
+            # The direction of eccentricity alone is not a fault.
             (
                 name,
                 percent(component["coverage"]),

@@ -1,20 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cost of the advice over seeded lives, beside an oracle, fixed intervals and running to failure.
+"""Cost of the maintenance advice compared with an oracle, fixed intervals and run-to-failure.
 
     python benchmarks/advisory.py [--lives N] [--others N] [--json FILE]
 
-Each life to failure is followed test by test, with estimates drawn at the measured errors of the
-estimator. After each test the tracker, which knows no law, predicts, and a policy decides: go on,
-or remove the unit after the lead time. All policies see the same samples of the remaining life at
-the same tests. The cost is that of all lives over the hours of all lives, relative to a removal.
+Each simulated life is followed test by test until failure, with estimates drawn at the measured
+errors of the estimator. After each test the tracker, which does not know the growth law, predicts
+the remaining life. A policy then decides whether to continue or to remove the unit after the lead
+time. All policies see the same samples of the remaining life at the same tests. The cost rate is
+the cost of all lives, in removals, over the hours of all lives.
 
-- advice: as published (docs/prognosis.md, P18, P19); nothing in it is fitted to lives.
-- oracle: the best of two families of policies, with their figures chosen in hindsight on these very
-  lives: removal as soon as a quantile of the remaining life is nearer than the next chance by a
-  margin, and age replacement at a given cost rate.
-- fixed interval: removal at one age, the best on other lives of the same population.
+- advice: the published advice (docs/prognosis.md, P18, P19). It has no parameters fitted to lives.
+- oracle: the best of two families of policies, whose parameters are chosen in hindsight on the same
+  lives. The first removes a unit when a quantile of its remaining life, less a margin, is below
+  the time until the next test plus the lead time. The second is age replacement at a given cost
+  rate.
+- fixed interval: removal at one age, the best age on other lives of the same population.
 - to failure: no removal before a failure.
-- known end: a removal just before each failure, which nobody can do.
+- known end: a removal just before each failure, a bound that no policy can reach.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -36,11 +38,11 @@ from ema_monitor.prognosis.growth.tracker_settings import TrackerSettings
 from ema_sim.lives import LifeSettings
 
 FAILURES: Final = (5.0, 10.0, 20.0)
-"""Cost of a failure over that of a removal [-]."""
+"""Cost of a failure over the cost of a removal [-]."""
 LEADS: Final = (0.0, 20.0, 50.0)
 """Lead times [h]."""
 MOST_OVER_ORACLE: Final = 1.05
-"""Largest cost of the advice over that of the oracle [-]."""
+"""Largest cost of the advice over the cost of the oracle [-]."""
 
 _INTERVAL: Final = LifeSettings().interval_hours
 _QUANTILES: Final = (5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3)
@@ -51,7 +53,7 @@ _AGES: Final = np.arange(100.0, 2500.0, 5.0)
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What is known after each test of a life, and when it ends."""
+    """Predictions after each test of a life, and the end of the life."""
 
     hours: NDArray[np.float64]  # service hours of tests with a known remaining life, (n,) [h]
     lives: NDArray[np.float32]  # samples of the remaining life in ascending order, (n, m) [h]
@@ -60,11 +62,11 @@ class Course:
 
 
 Policy = Callable[[Course], float]
-"""Service hour at which a unit is removed [h]; infinite when never."""
+"""Function that returns the service hour of removal of a course [h]; infinite for no removal."""
 
 
 def follow(scored: ScoredLife) -> Course:
-    """Return what the tracker predicts after each test of a life."""
+    """Return the predictions of the tracker after each test of a life."""
     life = scored.life()
     tracker, settings = Tracker(), TrackerSettings()
     hours, lives, missing = [], [], []
@@ -85,12 +87,12 @@ def follow(scored: ScoredLife) -> Course:
 
 
 def end_of(scored: ScoredLife) -> float:
-    """Return the service hour at which a life ends [h]."""
+    """Return the service hour at which a life fails [h]."""
     return scored.life().end_hours
 
 
 def advice(costs: Costs) -> Policy:
-    """Return the policy of the advice that is published."""
+    """Return the policy that follows the published advice."""
 
     def policy(course: Course) -> float:
         for hours, lives, missing in zip(course.hours, course.lives, course.missing, strict=True):
@@ -105,7 +107,11 @@ def advice(costs: Costs) -> Policy:
 
 
 def threshold(costs: Costs, quantile: float, margin: float) -> Policy:
-    """Return the policy that removes when a quantile of the life is near by a margin [h]."""
+    """Return the policy that removes a unit when a quantile of its remaining life is near.
+
+    It decides to remove at the first test whose quantile, less ``margin`` [h], is below the time
+    until the next test plus the lead time.
+    """
 
     def policy(course: Course) -> float:
         left = course.lives[:, int(quantile * course.lives.shape[1])] - margin
@@ -118,7 +124,7 @@ def threshold(costs: Costs, quantile: float, margin: float) -> Policy:
 
 
 def replacement(costs: Costs, rate: float) -> Policy:
-    """Return age replacement at a given cost rate [1/h], which expects no further test."""
+    """Return the policy of age replacement at a cost rate [1/h] that expects no further test."""
 
     def policy(course: Course) -> float:
         for hours, row in zip(course.hours, course.lives, strict=True):
@@ -137,7 +143,7 @@ def replacement(costs: Costs, rate: float) -> Policy:
 
 
 def outcome(courses: Sequence[Course], policy: Policy, costs: Costs) -> dict[str, float]:
-    """Return cost rate, failures and mean hours of lives under a policy."""
+    """Return the cost rate [1/h], failures and mean hours of lives under a policy."""
     ends = np.array([course.end for course in courses])
     removed = np.array([policy(course) for course in courses])
     failed = removed >= ends
@@ -150,7 +156,7 @@ def outcome(courses: Sequence[Course], policy: Policy, costs: Costs) -> dict[str
 
 
 def at_age(ends: NDArray[np.float64], age: float, costs: Costs) -> float:
-    """Return the cost rate of removals at one age."""
+    """Return the cost rate [1/h] of removals at one age [h]; ``ends`` [h] are the failures."""
     cost = np.where(ends <= age, costs.failure, costs.removal)
     return float(np.sum(cost) / np.sum(np.minimum(ends, age)))
 
@@ -158,7 +164,10 @@ def at_age(ends: NDArray[np.float64], age: float, costs: Costs) -> float:
 def compare(
     courses: Sequence[Course], other_ends: NDArray[np.float64], costs: Costs
 ) -> dict[str, Any]:
-    """Return the figures of all policies at some costs."""
+    """Return the outcome of each policy at the given costs.
+
+    The age of fixed intervals is chosen on ``other_ends`` [h], the failures of other lives.
+    """
     candidates: dict[str, Policy] = {
         f"quantile {quantile:g}, margin {margin:g} h": threshold(costs, quantile, margin)
         for quantile, margin in product(_QUANTILES, _MARGINS)
@@ -183,7 +192,7 @@ def compare(
 
 
 def measure(pool: Workers, lives: int, others: int) -> Figures:
-    """Print the cost of the advice over so many lives; fixed intervals are fitted to others."""
+    """Measure the cost of the advice; fixed intervals are fitted to other lives."""
     courses = pool.map("lives", follow, lives_of("advised", lives))
     ends = np.array(pool.map("other lives", end_of, lives_of("advised_others", others)))
     cases = [
@@ -208,7 +217,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     headings = ("failure", "lead [h]", "advice", "(failed)", "oracle", "(failed)", "its policy")
     yield grid(
         f"cost per 1,000 flight hours over {figures['lives']} lives, in removals",

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An archive at work: time and memory by its size, speed-up, queries, killed workers.
+"""Performance of an archive: time and memory by size, speed-up, queries and killed workers.
 
     python archive.py [--full] [--only PART] [--json FILE]
 
-Drawn tests take the place of bags where only their number matters; real bags are those of
+Where only the number of bags matters, their tests are drawn at random. Real bags are recorded from
 simulated lives. Without --full the largest archive has 10,000 tests of 50 units, and there are 60
-real bags and 10 kills; with it 100,000 of 500, 1,000 and 200.
+real bags and 10 kills. With --full there are 100,000 tests of 500 units, 1,000 bags and 200 kills.
 """
 
 import os
@@ -38,17 +38,17 @@ from ema_core.array_environment import array_environment
 from ema_core.tasks import Workers as Tasks
 
 FLEET_BAGS: Final = 6_000_000
-"""Of 200 aircraft with 8 actuators each, tested daily for ten years."""
+"""Bags of 200 aircraft with 8 actuators each, tested daily for ten years."""
 
 SIZES: Final = ((1_000, 5), (10_000, 50), (100_000, 500))
-"""Tests and units of archives that are compared."""
+"""Tests and units of each archive compared."""
 
 _ROUNDS: Final = 3
 _TIMED_BAGS: Final = 30
 
 
 def of_size(place: Path, tests: int, units: int) -> Figures:
-    """Return time and memory of an archive of drawn tests, estimates alone."""
+    """Return time and memory to write the estimates of drawn tests to an archive."""
     make_stubs(place / "bags", units, tests)
     began_s, used_s = time.perf_counter(), time.process_time()
     with Manifest(place / "archive", is_new=True) as manifest, Tasks("processes", 2) as pool:
@@ -75,7 +75,7 @@ def of_size(place: Path, tests: int, units: int) -> Figures:
 
 
 def of_unit(place: Path, tests: int) -> Figures:
-    """Return what it takes to follow the tests of a unit, and one that is added to them."""
+    """Return the processor time to follow all tests of a unit, and one test added later [s]."""
     make_stubs(place / "bags", 1, tests + 1)
     last = max((place / "bags").rglob("*.mcap"))
     last.rename(place / last.name)
@@ -95,7 +95,7 @@ def of_unit(place: Path, tests: int) -> Figures:
 
 
 def of_a_bag(place: Path, bags: Path) -> Figures:
-    """Return the computing time of a real bag, and how much it records."""
+    """Return the mean processor time and the mean recorded time of a real bag [s]."""
     with Manifest(place / "archive", is_new=True) as made:
         scan(made, [str(bags)])
         settings = made.settings
@@ -112,7 +112,7 @@ def of_a_bag(place: Path, bags: Path) -> Figures:
 
 
 def of_workers(place: Path, bags: Path) -> Figures:
-    """Return how long real bags take one and two workers, in turns."""
+    """Return the time to process real bags with one and with two workers, in turns [s]."""
     seconds: dict[int, list[float]] = {1: [], 2: []}
     for number in range(_ROUNDS):
         for workers, taken in seconds.items():
@@ -122,7 +122,7 @@ def of_workers(place: Path, bags: Path) -> Figures:
                 settings = manifest.settings
                 manifest.find_due(settings)
                 warm = BagTask(*next(iter(manifest.due(settings))), settings)
-                # Not timed: each process loads its kernels.
+                # Each process loads its kernels first, which is not timed.
                 list(pool.run(diagnose_bag, [warm] * 3 * workers))
                 began_s = time.perf_counter()
                 run_bags(manifest, pool, tally)
@@ -134,7 +134,7 @@ def of_workers(place: Path, bags: Path) -> Figures:
 
 
 def of_queries(place: Path, tests: int, units: int) -> Figures:
-    """Return how long the worst twenty take, by the latest rows and by all rows of health."""
+    """Return the time of queries [s]: the worst twenty units by the latest rows and by all rows."""
     write_drawn_health(place / "archive", units, tests // units)
     questions = {
         "worst_s": "select * from worst_first limit 20",
@@ -152,7 +152,7 @@ def of_queries(place: Path, tests: int, units: int) -> Figures:
 
 
 def of_kills(place: Path, bags: Path, kills: int) -> Figures:
-    """Return what is missing or doubled after so many workers were killed at random."""
+    """Return the number of bags missing or doubled after ``kills`` random kills of workers."""
     archive, tally, rng = place / "archive", RunTally(), random.Random(0)
     killed, over = 0, threading.Event()
 
@@ -176,7 +176,7 @@ def of_kills(place: Path, bags: Path, kills: int) -> Figures:
         killer = threading.Thread(target=kill)
         killer.start()
         rounds = 0
-        # A bag that met three kills is a row with that reason; a bag that is touched is due again.
+        # A bag hit by three kills is stored with that reason. Touching its file makes it due again.
         while manifest.find_due(manifest.settings) and rounds < 2 * kills:
             with Tasks("processes", 2) as pool:
                 run_bags(manifest, pool, tally)
@@ -198,7 +198,7 @@ def _lost(archive: Path) -> list[tuple[Any, ...]]:
 
 
 def lives(place: Path, count: int) -> Path:
-    """Simulate lives until there are so many bags; return their folder."""
+    """Simulate lives until there are ``count`` bags. Return their folder."""
     bags, seed = place / "real", 0
     bags.mkdir()
     while len(made := sorted(bags.rglob("*.mcap"))) < count:
@@ -214,7 +214,7 @@ PARTS: Final = ("size", "unit", "queries", "bag", "workers", "kills")
 
 
 def apart(work: Callable[..., Figures], *options: Any) -> Figures:
-    """Return what a part measures in a folder and a process of its own."""
+    """Run a part in a new temporary folder and a new process. Return its figures."""
     with tempfile.TemporaryDirectory() as folder:
         return in_a_process(work, Path(folder), *options)
 
@@ -222,7 +222,7 @@ def apart(work: Callable[..., Figures], *options: Any) -> Figures:
 def measure(
     _: Workers, only: Sequence[str], tests: int, unit: int, bags: int, kills: int
 ) -> Figures:
-    """Print what an archive takes: of so many tests, tests of a unit, real bags and kills."""
+    """Measure time and memory of an archive, its queries, and the effect of killed workers."""
     os.environ.update(array_environment())
     figures: Figures = {}
     wanted = only or PARTS
@@ -283,7 +283,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def _followed_s(unit: Figures) -> float:
-    """Return the computing time of a test that is followed [s]."""
+    """Return the processor time per followed test [s]."""
     return unit["whole_cpu_s"] / unit["whole_followed"]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests of a fleet that are drawn instead of recorded; workers import this."""
+"""Tests of a fleet, drawn at random instead of recorded. Worker processes import this module."""
 
 import json
 from pathlib import Path
@@ -21,7 +21,7 @@ _NS_PER_HOUR: Final = 3_600_000_000_000
 
 
 def make_stubs(folder: Path, units: int, tests: int) -> None:
-    """Make a small file a test, in a folder a unit; tests are a day apart."""
+    """Write one small file per test, in one folder per unit."""
     for unit in range(units):
         place = folder / f"unit_{unit:04d}"
         place.mkdir(parents=True)
@@ -31,7 +31,7 @@ def make_stubs(folder: Path, units: int, tests: int) -> None:
 
 
 def draw(task: BagTask) -> BagResult:
-    """Return an estimate that is drawn, in the place of one that is identified."""
+    """Return a random estimate for a file of ``make_stubs``, instead of identifying one."""
     path = Path(task.url)
     test = json.loads(path.read_text(encoding="utf-8"))
     unit, number = test["unit"], test["number"]
@@ -58,7 +58,7 @@ def draw(task: BagTask) -> BagResult:
 
 
 def write_drawn_health(archive: Path, units: int, tests: int) -> None:
-    """Make an archive with so many rows of health of each unit, and the latest of them."""
+    """Create an archive with ``tests`` rows of health per unit, and the latest row of each."""
     import pyarrow as pa
 
     tables = []

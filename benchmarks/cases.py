@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Validation windows of the fault estimator, each reproducible from its case.
+"""Validation windows of the fault estimator, each reproducible from its ``Case``.
 
 The pulse-width modulation of the reference actuator is chaotic but deterministic: two runs from
-the same state are equal to the last bit. So that windows differ as those of a real drive do, the
-command is stirred for some milliseconds before the approach, by too little to move the gear.
+the same state are equal to the last bit. Windows of a real drive differ. Therefore a small random
+command, too small to move the gear, precedes the approach for some milliseconds ("stirring").
 """
 
 from collections.abc import Callable
@@ -37,40 +37,40 @@ CURRENT_NOISE: Final = 0.05
 """Standard deviation of the current sensor's noise [A]."""
 
 RESOLUTIONS: Final = {"current": 0.005, "position": 1e-6, "speed": 0.05}
-"""Resolution of the sensors [A, rad, rad/s]."""
+"""Resolutions of the sensors [A, rad, rad/s]."""
 
 PLANT_TOLERANCE: Final = 0.05
-"""How far a plant's parameters are off at most, as a share of themselves [-]."""
+"""Largest relative deviation of a plant's parameters from nominal [-]."""
 
 THESIS_FAULTS: Final = {name: case.faults for name, case in CASES.items()}
-"""The thesis's ten single faults and its multiple one."""
+"""The thesis's ten single faults and its multiple fault, by name."""
 
 HEALTHY: Final = tuple(healthy_faults().tolist())
 """Fault vector of a healthy actuator."""
 
 DETECTABLE: Final = tuple(n for n in range(N_FAULTS) if n != ECCENTRICITY_PHASE)
-"""Components that can be a fault by themselves: the direction of eccentricity cannot."""
+"""Components that can be a fault alone: all but the direction of eccentricity."""
 
 _NOMINAL = ActuatorParameters()
 _CYCLE = build_cycle(THESIS_CHIRP, SAMPLE_PERIOD)
-# A window begins once the chirp has left its threshold, so it ends a little after the chirp.
+# A window begins when the chirp exceeds the threshold, so it ends shortly after the chirp.
 _END = _CYCLE.stop + 100
 _STIR = 1.2e-5
 _SIMPLY_OFF = ("R_s", "L_s", "k_t", "k_e")
 _JOINTLY_OFF = (("J_m", "J_u"), ("C_m", "C_u"), ("f_sm", "f_su"))
 
-# Each set draws from a stream of its own, so that a change of one leaves the others alone.
+# Each set draws from a separate stream, so that a change of one set does not affect the others.
 _STREAMS = ["first", "single", "law", "wide", "plant", "play", "healthy", "calibration", "step"]
 
 
 @dataclass(frozen=True)
 class Case:
-    """What a window was recorded on.
+    """Faults, plant and start of a simulated window.
 
-    ``plant`` is what the actuator really is; the monitor knows the nominal parameters only.
-    ``start`` "approach" stirs, then approaches as the test cycle does; "anywhere" stirs and starts
-    without approach, at a random place in the play; "first cycle" is the whole test cycle from the
-    very start of the simulation, without stirring.
+    ``plant`` has the true parameters; the monitor knows the nominal parameters only. With
+    ``start`` "approach", the command stirs, then approaches as the test cycle does. With
+    "anywhere" it stirs and starts without approach, at a random position in the play. "first
+    cycle" is the whole test cycle from the start of the simulation, without stirring.
     """
 
     faults: tuple[float, ...]
@@ -80,7 +80,7 @@ class Case:
     drive: str = "six_step"
 
     def telemetry(self) -> Telemetry:
-        """Simulate, and return what ideal sensors say, up to the end of the window."""
+        """Return the simulated telemetry of ideal sensors up to the end of the window."""
         rng = np.random.default_rng([*self.seed, 0])
         actuator = SimulatedActuator(self.plant, drive=self.drive)
         place = at_rest if self.drive == "six_step" else field_oriented_at_rest
@@ -93,7 +93,7 @@ class Case:
             actuator.state = place(rng.uniform(-1.0, 1.0) * float(mechanics.half_backlash), 0.0)
             stir, rest = _STIR * rng.standard_normal(600), np.zeros(600)
             return actuator.advance(np.concatenate([stir, rest, chirp]))
-        # From where the cycle has gone back for its approach: what was before does not matter.
+        # Start at the lowest command, where the approach begins: earlier motion has no effect.
         below = int(np.argmin(_CYCLE.samples[: _CYCLE.start]))
         depth = float(_CYCLE.samples[below])
         actuator.state = place(depth / self.plant.tau, depth / self.plant.tau)
@@ -101,7 +101,7 @@ class Case:
         return actuator.advance(np.concatenate([stir, _CYCLE.samples[below:_END]]))
 
     def window(self, telemetry: Telemetry, *, noisy: bool) -> Window:
-        """Return the window in this case's telemetry."""
+        """Return the window in this case's telemetry; RuntimeError if it has none."""
         if noisy:
             rng = np.random.default_rng([*self.seed, 1])
             telemetry = Sensors(CURRENT_NOISE, RESOLUTIONS, rng).measure(telemetry)
@@ -113,14 +113,17 @@ class Case:
 
 @dataclass(frozen=True)
 class Plant:
-    """An actuator off its nominal parameters: healthy cases to calibrate on, and faulty ones."""
+    """Cases of an actuator that deviates from its nominal parameters.
+
+    The healthy cases are for calibration.
+    """
 
     healthy: list[Case]
     faulty: list[Case]
 
 
 def first_cycles() -> dict[str, Case]:
-    """Return the thesis's faults as the first cycle after the start of the simulation."""
+    """Return the thesis's faults by name, in the first cycle after the start of the simulation."""
     return {
         name: Case(_tuple(fault_vector(faults)), _seed("first"), start="first cycle")
         for name, faults in THESIS_FAULTS.items()
@@ -128,7 +131,7 @@ def first_cycles() -> dict[str, Case]:
 
 
 def thesis_faults(repetitions: int) -> dict[str, list[Case]]:
-    """Return the thesis's faults, each with several realisations of the modulation."""
+    """Return the thesis's faults by name, each with several realisations of the modulation."""
     return {
         name: [Case(case.faults, _seed("single", number, i)) for i in range(repetitions)]
         for number, (name, case) in enumerate(first_cycles().items())
@@ -136,27 +139,30 @@ def thesis_faults(repetitions: int) -> dict[str, list[Case]]:
 
 
 def by_the_law(count: int) -> list[Case]:
-    """Return faults by the thesis's law: most components small, some large."""
+    """Return cases with faults drawn by the thesis's law: most components small, some large."""
     return _drawn("law", count, random_faults)
 
 
 def wide(count: int) -> list[Case]:
-    """Return faults in all components at once."""
+    """Return cases with random faults in all components."""
     return _drawn("wide", count, wide_faults)
 
 
 def without_approach(count: int) -> list[Case]:
-    """Return wide faults at an unknown place in the play."""
+    """Return cases with wide faults that start at an unknown position in the play."""
     return [replace(case, start="anywhere") for case in _drawn("play", count, wide_faults)]
 
 
 def healthy(count: int, purpose: Literal["healthy", "calibration"] = "healthy") -> list[Case]:
-    """Return healthy cases: for false alarms, or others to calibrate on."""
+    """Return healthy cases, to count false alarms or, from another stream, to calibrate on."""
     return _drawn(purpose, count, lambda rng: healthy_faults())
 
 
 def step(fault: int, size: float, count: int) -> list[Case]:
-    """Return cases with a single small fault; of gain in either sense, of eccentricity anywhere."""
+    """Return cases with a single small fault.
+
+    A change of gain has either sign; eccentricity has any direction.
+    """
 
     def draw(rng: np.random.Generator) -> NDArray[np.float64]:
         k = healthy_faults()
@@ -169,7 +175,7 @@ def step(fault: int, size: float, count: int) -> list[Case]:
 
 
 def plants(faulty: list[Case], count: int, healthy_count: int) -> list[Plant]:
-    """Return plants off their nominal parameters, with the given faults dealt among them."""
+    """Return plants that deviate from nominal; the faulty cases are dealt among them in turn."""
     result = []
     for number in range(count):
         parameters = _off_nominal(np.random.default_rng(_seed("plant", number)))

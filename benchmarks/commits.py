@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A benchmark of another commit and of the working tree side by side, in turns.
+"""Compare a benchmark of another commit with the same benchmark of the working tree, in turns.
 
     python commits.py COMMIT SCRIPT [--turns 3] [ARGUMENTS OF THE SCRIPT]
 
-Each runs its own script, with the libraries and messages of this workspace. Prints all figures, and
-the medians of what the working tree has over what the commit has in the same turn.
+Each tree runs its own version of the script, with the libraries and messages of this workspace.
+Prints the median of each figure in both trees, and the median ratio of working tree to commit
+within a turn.
 """
 
 import json
@@ -25,7 +26,7 @@ ROOT: Final = Path(__file__).parents[1]
 
 
 def measured(root: Path, script: str, arguments: tuple[str, ...]) -> dict[str, float]:
-    """Return the figures by name that a script of a tree writes."""
+    """Run a script of a source tree. Return its figures by name."""
     packages = [*root.glob("ema_*"), *root.glob("ros2_ws/src/ema_*")]
     path = os.pathsep.join([*map(str, packages), os.environ.get("PYTHONPATH", "")])
     with tempfile.TemporaryDirectory() as folder:
@@ -37,7 +38,7 @@ def measured(root: Path, script: str, arguments: tuple[str, ...]) -> dict[str, f
 
 
 def numbers(figures: dict[str, Any], name: str = "") -> Iterator[tuple[str, float]]:
-    """Yield all numbers, with the names that lead to them."""
+    """Yield the name and value of each number in nested figures; keys are joined by spaces."""
     for key, value in figures.items():
         if isinstance(value, dict):
             yield from numbers(value, f"{name}{key} ")
@@ -51,7 +52,7 @@ def numbers(figures: dict[str, Any], name: str = "") -> Iterator[tuple[str, floa
 @click.option("--turns", default=3, show_default=True)
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def main(commit: str, script: str, turns: int, arguments: tuple[str, ...]) -> None:
-    """Print the figures of both."""
+    """Print the figures of both trees."""
     with tempfile.TemporaryDirectory() as folder:
         other = Path(folder, "other")
         worktree = ["git", "-C", str(ROOT), "worktree"]

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What clients of the dashboard cost the graph: by how much `health` is later because of them.
+"""Cost of dashboard clients to the graph: the delay that they add to `health`.
 
     python benchmarks/dashboard.py [--rounds N] [--tests N] [--json FILE]
 
-Runs an actuator with its monitor and the dashboard as processes. It does not wear: that of the demo
-has failed after a minute, and then a search takes seven times as long. In turn there is no
-client, one that reads, one that does not read, one that sends garbage and floods, and one that asks
-for the page as fast as it can. Prints the time from the end of a window to the reception of its
-`health`, and what it is beyond that without clients.
+Runs an actuator with its monitor and the dashboard as processes. The actuator does not wear: the
+actuator of the demo fails after a minute, and then a search takes seven times as long. In turn
+there is no client, one that reads, one that does not read, one that floods the dashboard with
+garbage, and one that requests the page as fast as it can. Prints the time from the end of a window
+to the reception of its `health`, and the excess over the time without clients.
 """
 
 import asyncio
@@ -38,14 +38,14 @@ _PROTOCOLS: Final = ("foxglove.sdk.v1",)
 
 
 async def _attend(session: ClientSession, url: str, *, reads: bool) -> None:
-    """Subscribe to all channels; read what comes, or nothing more."""
+    """Subscribe to all channels. Then read all messages, or none."""
     async with session.ws_connect(url, protocols=_PROTOCOLS, max_msg_size=0) as connection:
         await connection.receive()
         advertised = json.loads((await connection.receive()).data)["channels"]
         channels = [{"id": item["id"], "channelId": item["id"]} for item in advertised]
         await connection.send_json({"op": "subscribe", "subscriptions": channels})
         if not reads:
-            await asyncio.Event().wait()  # aiohttp reads 64 kB ahead, and no more
+            await asyncio.Event().wait()  # aiohttp reads ahead 64 kB at most
         async for _ in connection:
             pass
 
@@ -74,8 +74,8 @@ CLIENTS: Final[dict[str, Any]] = {
 
 
 def be_client(kind: str, url: str) -> None:
-    """Be a client until the process ends; one that is refused comes again at once."""
-    os.nice(19)  # clients are elsewhere: what they compute themselves is no matter here
+    """Run a client until the process ends. A refused client reconnects immediately."""
+    os.nice(19)  # real clients run on other computers: their own load must not count here
 
     async def work() -> None:
         async with ClientSession() as session:
@@ -87,14 +87,14 @@ def be_client(kind: str, url: str) -> None:
 
 
 def measure(pool: Workers, rounds: int, tests: int) -> Figures:
-    """Print how late health is with each client, in so many rounds of so many tests."""
+    """Measure the delay of health with each kind of client."""
     delays_s: list[float] = []
 
     def note(message: Health) -> None:
         delays_s.append(time.time() - 1e-9 * stamp_from_message(message.header.stamp))
 
     def next_delays_s(count: int) -> list[float]:
-        # The first has begun before.
+        # The first window began before the client connected.
         delays_s.clear()
         graph.wait(lambda: len(delays_s) > count, f"{count} messages on health")
         return delays_s[1 : count + 1]
@@ -110,7 +110,7 @@ def measure(pool: Workers, rounds: int, tests: int) -> Figures:
         )
         graph.wait_for_status(_STATUS, lambda entry: "address" in entry)
         url = graph.statuses[_STATUS]["address"]
-        next_delays_s(2)  # kernels are loaded
+        next_delays_s(2)  # until the kernels are loaded
         for _ in pool.track("rounds", range(rounds)):
             for kind in results:
                 client = context.Process(target=be_client, args=(kind, url))
@@ -142,7 +142,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     yield grid(
         f"from window to health, of {len(figures['delays_s'][NO_CLIENT])} each",
         ("a client that", "median [ms]", "95 % [ms]", "dashboard [cores]"),

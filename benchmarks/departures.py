@@ -3,9 +3,10 @@
 
     python benchmarks/departures.py [--json FILE] [--healthy N] [--each N]
 
-Under the thesis's chirp, of the simulator's own actuator and of held-out foreign ones: healthy
-windows beyond the twelve of each baseline, and the hidden causes of trust.py. Each is judged on the
-day of the healthy windows, and as if it were 30 days later.
+Windows under the thesis's chirp of the simulator's own actuator and of held-out foreign actuators.
+They are healthy, in addition to the twelve healthy windows of each baseline, or have the hidden
+causes of trust.py. Each window is judged on the day of the healthy windows, and as if recorded 30
+days later.
 """
 
 from collections.abc import Iterator
@@ -29,15 +30,15 @@ PLANTS: Final = 6
 MOST_ALARMS: Final = 1e-3
 FOUND: Final = 0.95
 FAILURES: Final = ("open phase A", "dead switch", "jam")
-"""Failures that no fault describes, which depart on any day."""
+"""Failures that are not in the fault model. They must depart on any day."""
 SAME_DAY: Final = (*FAILURES, "load by position 50 N.m/rad")
-"""The same, and what departs on the day of the healthy windows; other causes are smaller."""
+"""Causes that must depart on the day of the healthy windows; the other causes are smaller."""
 
 _STREAM: Final = 9_100
 
 
 def telemetry_of(task: Task) -> Telemetry | None:
-    """Return the telemetry of a window; None if there is none."""
+    """Return the telemetry of a task's window, or None if the task has no window."""
     try:
         return task.window().telemetry
     except (RuntimeError, ValueError):
@@ -45,19 +46,19 @@ def telemetry_of(task: Task) -> Telemetry | None:
 
 
 def test_of(task: Task) -> list[WindowFigures]:
-    """Return the figures of a window; none without a stroke in each direction."""
+    """Return the figures of a task's window; empty without a stroke in each direction."""
     telemetry = telemetry_of(task)
     return [] if telemetry is None else figures_of(telemetry)
 
 
 def baseline_of(unit: Unit) -> WindowBaseline:
-    """Return the baseline of a unit."""
+    """Return the baseline of a unit's healthy windows."""
     telemetry = map(telemetry_of, Task(unit, ()).healthy())
     return WindowBaseline.of(block for block in telemetry if block is not None)
 
 
 def probabilities_of(baseline: WindowBaseline, figures: list[WindowFigures]) -> list[float]:
-    """Return how likely a healthy unit is as far away, on each of ``DAYS``."""
+    """Return the probability that a healthy unit departs as far, on each of ``DAYS``."""
     if not figures:
         return [0.0] * len(DAYS)  # A window without motion differs from all healthy windows.
     departures = (baseline.departure(day * NS_A_DAY, figures) for day in DAYS.values())
@@ -65,7 +66,7 @@ def probabilities_of(baseline: WindowBaseline, figures: list[WindowFigures]) -> 
 
 
 def measure(pool: Workers, healthy: int, each: int) -> Figures:
-    """Print departures of healthy windows of each kind of unit, and of each hidden cause."""
+    """Measure the departures of healthy windows and of each hidden cause, by kind of unit."""
     figures: Figures = {}
     for kind in KINDS:
         tasks = {name: hidden(kind, PLANTS, name, each) for name in HIDDEN}
@@ -98,7 +99,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     for number, day in enumerate(DAYS):
         yield grid(
             f"windows that depart, {day}",

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a test shows what was promised before it, and how short a designed one is.
+"""Accuracy of the standard deviations promised for a test, and duration of designed tests.
 
     python benchmarks/design.py [--json FILE] [--quick]
 
-Certifies tests of the simulator's own actuator and compares the promise with simulated tests;
-designs commands and compares them with the thesis's chirp; runs chirp and designed command on
-foreign actuators (`foreign`, effects for development), which the design knows nothing of.
+Certifies tests of the simulator's own actuator and compares the promise with simulated tests.
+Designs commands and compares them with the thesis's chirp. Runs the chirp and the designed command
+on foreign actuators (`foreign`, effects for development), which are unknown to the design.
 """
 
 from collections.abc import Iterator, Mapping
@@ -38,7 +38,7 @@ from ema_monitor.windows.window import Window
 from ema_sim.bench import BenchSettings
 
 RATIO: Final = 0.5
-"""Largest duration of the designed command over that of the chirp."""
+"""Largest duration of the designed command over the duration of the chirp [-]."""
 
 _NOMINAL: Final = ActuatorParameters()
 _SINE: Final = Command("sine", amplitude=0.01, start_frequency=4.0, duration=0.5)
@@ -58,7 +58,7 @@ class Condition(NamedTuple):
     resolutions: Mapping[str, float] = RESOLUTIONS
 
     def rig(self) -> SimulatedRig:
-        """Return the rig that runs its tests."""
+        """Return a simulated rig that runs tests under this condition."""
         description = ActuatorDescription(sample_period=self.sample_period)
         settings = BenchSettings(current_noise=self.current_noise, seed=_SEED)
         bench = Bench(
@@ -68,7 +68,7 @@ class Condition(NamedTuple):
 
 
 def designed(within: tuple[str, Mapping[str, float]]) -> dict[str, Any]:
-    """Return the command designed within limits, and how it compares with the chirp."""
+    """Return the command designed within named limits, and its comparison with the chirp."""
     name, limits = within
     rig = Condition(name, THESIS_CHIRP).rig()
     design = design_command(
@@ -87,7 +87,7 @@ def designed(within: tuple[str, Mapping[str, float]]) -> dict[str, Any]:
 
 
 def chirp_demands() -> dict[str, float]:
-    """Return what the chirp itself demands, as limits."""
+    """Return the travel, current, torque and speed that the chirp reaches, as limits."""
     rig = Condition("chirp", THESIS_CHIRP).rig()
     windows = rig(THESIS_CHIRP, healthy_faults(), _CALIBRATION_WINDOWS, {})
     information = Information(calibrate_model(windows))
@@ -96,7 +96,7 @@ def chirp_demands() -> dict[str, float]:
 
 
 def certified(work: tuple[Condition, int]) -> dict[str, Any]:
-    """Return what was promised of each fault of a test, and what simulated ones gave."""
+    """Return the comparison of promised and simulated errors of each fault in a condition."""
     condition, repetitions = work
     rig, command = condition.rig(), condition.command
     description = ActuatorDescription(sample_period=condition.sample_period)
@@ -114,7 +114,11 @@ def certified(work: tuple[Condition, int]) -> dict[str, Any]:
 
 
 def _kept(tests: list[tuple[float, float, float]]) -> dict[str, float]:
-    """Return rms of the promised and the stated sigma and of the error, and what 90 % cover."""
+    """Return promised over stated sigma, rms error and coverage of the 90 % interval.
+
+    Each test is promised sigma, stated sigma and error of a fault. Without tests the result is
+    empty.
+    """
     if not tests:
         return {}
     values = np.array(tests)
@@ -124,7 +128,7 @@ def _kept(tests: list[tuple[float, float, float]]) -> dict[str, float]:
 
 
 def foreign(work: tuple[int, Command, int]) -> list[dict[str, Any]]:
-    """Return estimates of random faults of one foreign plant under a command."""
+    """Return the estimates of random faults of one foreign plant under a command."""
     number, command, tests = work
     unit = Unit("foreign", number)
 
@@ -154,7 +158,7 @@ def foreign(work: tuple[int, Command, int]) -> list[dict[str, Any]]:
 
 
 def measure(pool: Workers, repetitions: int, plants: int, tests: int) -> Figures:
-    """Print promises beside simulated tests of each condition, and tests of foreign plants."""
+    """Compare promises with simulated tests of each condition, and test foreign plants."""
     within = [("moderate limits", _MODERATE), ("limits of the chirp itself", chirp_demands())]
     designs = pool.map("designs", designed, within)
     new = Command(**designs[0]["command"])
@@ -209,7 +213,7 @@ def rows(figures: Figures) -> Iterator[Row]:
         for name, kept in certificate["faults"].items()
         if kept
     }
-    # Few simulated tests may have no sigma to compare with.
+    # With few simulated tests there may be no sigma to compare with.
     worst = max(shares, key=lambda name: abs(np.log(shares[name])), default="")
     yield all_of(
         "predicted sigma within 25 % of simulated tests",
@@ -223,12 +227,12 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def _of_chirp(design: dict[str, Any], name: str) -> float:
-    """Return the standard deviation over that of the chirp, or over the finest that is wanted."""
+    """Return a fault's sigma over its sigma under the chirp, or over ``FINEST`` if larger."""
     return design["sigma"][name] / max(design["wanted"][name] / 1.1, FINEST)
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     names = [name.replace("_", "\n") for name in COMPONENTS]
     yield grid(
         "designs",

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy with a sinusoidal motor under field-oriented control, beside six-step commutation.
+"""Accuracy with field-oriented control of a sinusoidal motor, compared with six-step commutation.
 
     python benchmarks/field_oriented.py [--json FILE] [--quick]
 
-The same faults, motion, mechanics and sensors in both drives: the thesis's cases, its law, and
-faults in all components at once, by ideal and by noisy sensors. Each drive is calibrated on 20
-healthy windows of noisy sensors. Prints a table and writes JSON.
+Both drives have the same faults, motion, mechanics and sensors: the thesis's cases, faults drawn by
+its law, and faults in all components, with ideal and with noisy sensors. Each drive is calibrated
+on healthy windows of noisy sensors. Prints a table and writes JSON.
 """
 
 import math
@@ -38,7 +38,7 @@ _MEDIAN_TARGET_PERCENT: Final = 0.5
 
 
 def measure(pool: Workers, each: int, repetitions: int) -> Figures:
-    """Print the figures by drive, set and sensors, with so many cases of each set."""
+    """Measure the accuracy by drive, set of cases and sensors."""
     sets = {
         **cases.thesis_faults(repetitions),
         "law": cases.by_the_law(each),
@@ -63,13 +63,13 @@ def measure(pool: Workers, each: int, repetitions: int) -> Figures:
 
 
 def _summary(trial: Trial) -> Figures:
-    # What is not significant is put back to healthy.
+    # The estimator resets insignificant faults to healthy.
     claimed = np.any(trial.faults != healthy_faults(), axis=1)
     return trial.summary() | {"covered": trial.coverage(), "claimed": int(np.sum(claimed))}
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the targets of the field-oriented drive beside the same of six-step commutation."""
+    """Return the targets of the field-oriented drive, compared with six-step commutation."""
     for name, sensors in (("law", "ideal"), ("law", "noisy"), ("wide", "ideal"), ("wide", "noisy")):
         mine, other = (figures[name][drive][sensors] for drive in ("field_oriented", "six_step"))
         what = f"field-oriented, {name}, {sensors} sensors: median error [%]"
@@ -83,7 +83,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     ways = [(drive, sensors) for drive in DESCRIPTIONS for sensors in ("ideal", "noisy")]
     yield grid(
         "errors [% of the range]; share of 90 % intervals that cover, and of degraded estimates",

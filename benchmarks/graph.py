@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A graph of nodes as processes in a domain of its own, and what listens to it."""
+"""A graph of nodes as processes in a separate ROS domain, and a node that subscribes to them."""
 
 import os
 import signal
@@ -24,9 +24,10 @@ _LAST_S: Final = 10.0
 
 
 class Graph(AbstractContextManager["Graph", None]):
-    """Starts processes, listens to their status and to topics, and ends what runs when it is left.
+    """A context that starts processes, subscribes to topics, and ends its processes on exit.
 
-    ``statuses`` has the latest values of each status by its name, ``message`` among them.
+    ``statuses`` has the latest values of each status of ``/diagnostics`` by its name. The key
+    ``message`` has the message of the status.
     """
 
     def __enter__(self) -> Self:
@@ -57,12 +58,12 @@ class Graph(AbstractContextManager["Graph", None]):
         self._domain.close()
 
     def run(self, command: Sequence[str | Path]) -> Process:
-        """Start a process."""
+        """Start a command as a process, which ends when the context is left."""
         self._processes.append(subprocess.Popen(command, stderr=subprocess.DEVNULL))
         return self._processes[-1]
 
     def start(self, node: str, files: Sequence[Path] = (), **parameters: Any) -> Process:
-        """Start the process of a node with its own parameter file, others and parameters."""
+        """Start a node with its default parameter file, further files and parameters."""
         arguments = ros_arguments(
             node, parameter_files=files, assignments=assignments_of(parameters)
         )
@@ -71,11 +72,17 @@ class Graph(AbstractContextManager["Graph", None]):
     def listen(
         self, message_class: type, topic: str, note: Callable[[Any], None], qos: Any
     ) -> None:
-        """Have something called with each message of a topic."""
+        """Subscribe to a topic: ``note`` is called with each message."""
         self._node.create_subscription(message_class, topic, note, qos)
 
     def wait(self, is_over: Callable[[], bool], what: str = "") -> None:
-        """Take in what comes until something holds; what is named must not take long."""
+        """Process callbacks until a condition holds.
+
+        Raises
+        ------
+        RuntimeError
+            If ``what`` is given and the condition does not hold within ``_PATIENCE_S``.
+        """
         end_s = time.monotonic() + _PATIENCE_S
         while not is_over():
             self._executor.spin_once(timeout_sec=0.05)
@@ -83,7 +90,7 @@ class Graph(AbstractContextManager["Graph", None]):
                 raise RuntimeError(f"not within {_PATIENCE_S:g} s: {what}")
 
     def wait_for_status(self, name: str, is_reached: Callable[[dict[str, str]], bool]) -> None:
-        """Wait until a status is as wanted; what was published before does not count."""
+        """Wait until the values of a status satisfy a condition; earlier messages do not count."""
         self.statuses.clear()
         self.wait(lambda: name in self.statuses and is_reached(self.statuses[name]), name)
 

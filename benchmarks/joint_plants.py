@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joints of other makes for joints.py: their physics, their controllers, and their recorded logs.
+"""Joints of other manufacturers for joints.py: physics, controllers and recorded logs.
 
-``ema_sim.robot.joint`` simulates them. A unit of a joint is drawn by its seed. Its healthy records
-are from a few days, its tests from a month later on.
+``ema_sim.robot.joint`` simulates them. A unit of a joint is drawn from its seed. Its healthy
+records are from a few days, its tests from a month later on.
 """
 
 import json
@@ -43,45 +43,48 @@ _ROOT: Final = 47_100
 
 @dataclass(frozen=True, kw_only=True)
 class Joint(SimulatedJoint):
-    """A type of joint with its motion and log."""
+    """A type of joint with its motion and its log.
+
+    Lengths are in rad for a rotary joint and in m for a linear joint.
+    """
 
     motion: Motion
     reach: float
     """Largest distance of the motion from its centre."""
     rate_hz: int
     payload: float = 0.0
-    """Gravity and load inertia vary by this share between records."""
+    """Relative variation of gravity and load inertia between records [-]."""
     ratio: float = 1.0
-    """Motor speed over output speed of a rotary joint."""
+    """Motor speed over output speed of a rotary joint [-]."""
     lead: float = 0.0
-    """Travel for one motor turn of a linear joint."""
+    """Travel per motor turn of a linear joint [m]; 0 for a rotary joint."""
     torque_constant: float = 0.1
     effort: Literal["A", "mA", "N.m", "N", "%"] = "A"
     rated: float = 10.0
-    """Rated current [A]: 100 per cent."""
+    """Rated current [A]: 100 % of the logged effort."""
     sampling: Literal["mean", "instantaneous"] = "mean"
     effort_step: float = 0.0
     """Resolution of the effort, in the unit of the log."""
     has_speed: bool = True
     lag: float = 0.0
-    """Samples by which the effort is late."""
+    """Delay of the effort, in samples of the log."""
     seconds: float = 25.0
     is_varied: bool = False
     """Amplitude and speed of tests are 0.7 to 1.3 times those of the healthy records."""
 
     @property
     def has_command(self) -> bool:
-        """Whether the log has a position command."""
+        """True if the log has a position command."""
         return self.control in ("position", "pd")
 
     @property
     def ampere(self) -> float:
-        """Effort at the output for 1 A."""
+        """Effort at the output per ampere [N.m/A; N/A for a linear joint]."""
         return self.torque_constant * (2.0 * pi / self.lead if self.lead else self.ratio)
 
     @property
     def logged(self) -> float:
-        """Effort in the unit of the log for a unit of effort at the output."""
+        """Logged effort, in the unit of the log, per unit of effort at the output."""
         per_ampere = {"A": 1.0, "mA": 1e3, "%": 100.0 / self.rated}
         return per_ampere[self.effort] / self.ampere if self.effort in per_ampere else 1.0
 
@@ -91,7 +94,7 @@ _TABLE: Final = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(enc
 DEVELOPMENT: Final = {name: Joint(**values) for name, values in _TABLE["development"].items()}
 """Joints for development."""
 HELD_OUT: Final = {name: Joint(**values) for name, values in _TABLE["held_out"].items()}
-"""Joints for one run at the end: nothing is tuned on them."""
+"""Joints for a single run at the end; the monitor is not tuned on them."""
 JOINTS: Final = {**DEVELOPMENT, **HELD_OUT}
 
 FRICTION: Final = {f"friction {factor:g}": factor for factor in (1.15, 1.3, 1.6, 2.0)}
@@ -99,7 +102,7 @@ FRICTION: Final = {f"friction {factor:g}": factor for factor in (1.15, 1.3, 1.6,
 
 @dataclass(frozen=True)
 class Case:
-    """Faults of a record: factors of the healthy values, and a load over the Coulomb friction."""
+    """Faults of a record: factors on the healthy values [-]; ``load`` is over Coulomb friction."""
 
     friction: float = 1.0
     viscous: float = 1.0
@@ -112,7 +115,7 @@ HEALTHY: Final = Case()
 
 
 def cases(joint: Joint, healthy: int) -> dict[str, Case]:
-    """Return the cases of a joint by name, with a number of healthy ones."""
+    """Return the cases of a joint by name, with ``healthy`` healthy cases."""
     cases = {name: Case(friction=factor) for name, factor in FRICTION.items()}
     cases |= {"viscous": Case(viscous=2.0), "torque": Case(torque=0.9), "load": Case(load=0.5)}
     if joint.play:
@@ -121,11 +124,14 @@ def cases(joint: Joint, healthy: int) -> dict[str, Case]:
 
 
 def _moves(joint: Joint, n: int, size: float, pace: float, seed: tuple[int, ...]) -> Vector:
-    """Return point-to-point moves with rests; of a work cycle the points are those of the joint."""
+    """Return the positions of point-to-point moves with rests, ``(n,)``.
+
+    The points of a work cycle depend on the joint only, the points of other motions on the seed.
+    """
     rng, same = np.random.default_rng(seed), np.random.default_rng(seed[0])
     ramp = 0.25
     parts, at, samples = [np.zeros(round(_REST_S / CONTROL_S))], 0.0, 0
-    # A cycle begins anywhere, and repeats its six moves.
+    # A work cycle begins at any of its six moves, and repeats them.
     points = list(zip(same.uniform(-1.0, 1.0, 6), same.uniform(0.5, 1.0, 6), strict=True))
     number = int(rng.integers(6))
     while samples < n:
@@ -150,9 +156,9 @@ def _moves(joint: Joint, n: int, size: float, pace: float, seed: tuple[int, ...]
 
 
 def reference_of(joint: Joint, size: float, pace: float, seed: tuple[int, ...]) -> Vector:
-    """Return position, speed and acceleration of a motion, ``(n, 3)``, every ``CONTROL_S``.
+    """Return position, speed and acceleration of a motion at steps of ``CONTROL_S``, ``(n, 3)``.
 
-    ``size`` and ``pace`` scale amplitude and speed. The first number of the seed stands for the
+    ``size`` and ``pace`` scale amplitude and speed. The first number of the seed identifies the
     joint.
     """
     length, rng = round(joint.seconds / CONTROL_S), np.random.default_rng(seed)
@@ -188,7 +194,7 @@ def reference_of(joint: Joint, size: float, pace: float, seed: tuple[int, ...]) 
 
 
 class Record(NamedTuple):
-    """A record: its columns, and its true dry friction over nominal, apart from load and speed."""
+    """Columns of a record, and its true dry friction over nominal, at nominal load and speed."""
 
     columns: pd.DataFrame
     dry: float
@@ -196,7 +202,7 @@ class Record(NamedTuple):
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit of a joint, by number; days and records are drawn by it."""
+    """A unit of a joint; name and seed determine its days and records."""
 
     name: str
     seed: int = 0
@@ -209,12 +215,12 @@ class Unit:
         return (_ROOT + crc32(self.name.encode()) % 10_000, self.seed, *numbers)
 
     def climate(self, day: int) -> tuple[float, float]:
-        """Return temperature above nominal [K] and factor of dry friction of a day."""
+        """Return the temperature above nominal [K] and the factor on dry friction [-] of a day."""
         rng = np.random.default_rng(self._seed(2, day))
         return rng.normal(0.0, _SPREAD_OF_DAYS), 1.0 + rng.normal(0.0, self.joint.dry_of_days)
 
     def record(self, day: int, number: int, case: Case = HEALTHY) -> Record:
-        """Return a record of a day; its number determines motion, payload and noise."""
+        """Return a record; day and number determine its motion, payload and noise."""
         joint, rng = self.joint, np.random.default_rng(self._seed(1, day, number))
         ambient, dry_of_day = self.climate(day)
         is_test = day >= FIRST_TEST_DAY
@@ -261,14 +267,14 @@ class Unit:
         return pd.DataFrame(columns).round(9)
 
     def mapping(self) -> dict[str, Any]:
-        """Return the mapping file of the log."""
+        """Return the content of the mapping file for the log."""
         joint, length = self.joint, "m" if self.joint.lead else "rad"
         kinds: dict[str, dict[str, Any]] = {
             "A": {"unit": "A", "kind": "equivalent"},
             "mA": {"unit": "mA", "kind": "equivalent"},
             "%": {"unit": "A", "kind": "equivalent", "scale": joint.rated / 100.0},
             "N.m": {"unit": "N.m", "kind": "joint_torque"},
-            # The user shaft of a linear joint is its screw.
+            # The user shaft of a linear joint is the screw.
             "N": {"unit": "N.m", "kind": "joint_torque", "scale": joint.lead / (2.0 * pi)},
         }
         sections: dict[str, Any] = {"position": {"source": "position", "unit": length}}
@@ -284,7 +290,7 @@ class Unit:
         return sections | {"clock": {"source": "time_s"}}
 
     def description(self) -> dict[str, Any]:
-        """Return the description of the unit, as its owner knows it."""
+        """Return the content of the unit's description file, with what its owner knows."""
         joint = self.joint
         parameters = {"tau": 1.0 / joint.ratio, "k_t": joint.torque_constant}
         if joint.lead:
@@ -309,7 +315,7 @@ class Unit:
             )
 
     def write(self, record: Record, folder: Path, name: str) -> Path:
-        """Write a record to a folder: CSV up to 100 Hz, else Parquet."""
+        """Write a record to a folder, as CSV up to 100 Hz, else as Parquet. Return its path."""
         if self.joint.rate_hz <= 100:
             record.columns.to_csv(path := folder / f"{name}.csv", index=False)
         else:
@@ -323,7 +329,7 @@ def healthy_days(records: int, days: int) -> list[tuple[int, int]]:
 
 
 def write_truth(folder: Path, truth: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write what is true of each record of a folder to truth.json."""
+    """Write the true values of each record of a folder to truth.json."""
     (folder / "truth.json").write_text(json.dumps(truth, indent=1), encoding="utf-8")
 
 

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well the route for unknown drives judges joints of other makes, beside least squares.
+"""Accuracy for unknown drives: joints of other manufacturers, compared with least squares.
 
     python benchmarks/joints.py [--quick] [--joints A,B] [--seeds N] [--json FILE] [--folder FOLDER]
 
-Units of ``joint_plants`` are calibrated by `ema calibrate` on healthy records of a few days, and
-their tests from a month later on are judged by `ema estimate --json`. Least squares fits the same
-logs. Then tests follow with a friction change of the reported smallest size. `--held-out` runs the
-joints for one run at the end, `--healthy-trials 10000` the false alarms of so many healthy tests.
+`ema calibrate` calibrates units of ``joint_plants`` on healthy records of a few days. `ema estimate
+--json` judges their tests from a month later on. Least squares fits the same logs. Further tests
+have a friction change of the reported smallest detectable size. `--held-out` runs the joints that
+are reserved for a single run at the end. `--healthy-trials 10000` adds 10,000 healthy tests, to
+measure the rate of false alarms.
 """
 
 import json
@@ -52,7 +53,7 @@ WANTED_SMALLEST: Final = 5.0
 COVER: Final = (0.85, 0.95)
 MOST_ALARMS: Final = 1e-3
 TRIALS_EACH: Final = 25
-"""Healthy tests of a unit whose false alarms alone are counted."""
+"""Healthy tests of a unit that serves only to count false alarms."""
 
 NAMES: Final = {
     "friction": "friction",
@@ -61,9 +62,9 @@ NAMES: Final = {
     "load": "load",
     "play": "play",
 }
-"""Quantity that changes in each kind of case."""
+"""Quantity that changes, by kind of case."""
 CONSEQUENCES: Final = ("friction_over_inertia", "tracking_lag")
-"""Quantities that no fault is attributed to: they change with others."""
+"""Quantities that change with other quantities. No fault is attributed to them."""
 OUTCOMES: Final = ("named", "not separated", "departed", "missed", "not judged", "wrong")
 
 _FIRST_TRIAL: Final = 1000
@@ -71,19 +72,23 @@ _FIRST_TRIAL: Final = 1000
 
 @dataclass(frozen=True)
 class Task:
-    """A unit to be calibrated on healthy records, and its tests by name."""
+    """A unit to calibrate on healthy records, and its tests by name."""
 
     unit: Unit
     records: int
     days: int
     tests: Mapping[str, Case]
     sized: int = 0
-    """Tests with a friction change of the reported smallest size."""
+    """Number of further tests with a friction change of the reported smallest size."""
     folder: Path | None = None
 
 
 class LeastSquares:
-    """Effort on acceleration, speed, its sign, a constant and gravity; alarms at 3 sigma."""
+    """Least-squares fit of the effort, as a reference; alarms at 3 sigma.
+
+    The regressors are acceleration, speed, sign of the speed, a constant and, if the joint has
+    gravity, the sine of the position.
+    """
 
     NAMES: Final = ("inertia", "viscous_friction", "friction", "load", "gravity")
 
@@ -95,7 +100,7 @@ class LeastSquares:
         self.quantile = float(student.ppf(0.95, len(fits) - 1))
 
     def fit(self, path: Path) -> NDArray[np.float64]:
-        """Return the coefficients of a log."""
+        """Return the coefficients of a log, in the order of ``NAMES``."""
         log = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
         q, step = log["position"].to_numpy(), 1.0 / self.joint.rate_hz
         width = max(7, int(0.03 / step) | 1)
@@ -111,7 +116,10 @@ class LeastSquares:
         return np.linalg.lstsq(np.column_stack(columns)[moves], effort[moves])[0]
 
     def judge(self, path: Path) -> Figures:
-        """Return the change of friction with its 90 % interval, and the quantity of an alarm."""
+        """Return the relative change of friction with its 90 % interval, and the alarm.
+
+        The alarm names the coefficient that deviates most, or is "" below 3 sigma.
+        """
         fit = self.fit(path)
         size = np.abs(fit - self.mean) / self.sigma
         largest = int(np.argmax(size))
@@ -127,7 +135,7 @@ class LeastSquares:
 
 
 def run(*arguments: str | Path) -> tuple[int, str, str, float]:
-    """Run a command; return its exit code, what it printed, its errors and processor time [s]."""
+    """Run a command. Return its exit code, stdout, errors and processor time [s]."""
     started = time.process_time()
     done = CliRunner().invoke(ema, list(map(str, arguments)))
     spent = time.process_time() - started
@@ -136,7 +144,7 @@ def run(*arguments: str | Path) -> tuple[int, str, str, float]:
 
 
 def estimated(path: Path, calibration: Path) -> Figures:
-    """Return what `ema estimate` reports of a record."""
+    """Return the report of `ema estimate` for a record."""
     code, printed, errors, spent = run("estimate", path, "--calibration", calibration, "--json")
     try:
         estimates = json.loads(printed)
@@ -156,7 +164,7 @@ def estimated(path: Path, calibration: Path) -> Figures:
 
 
 def judged_unit(task: Task) -> Figures:
-    """Write, calibrate and judge a unit; return what is reported of its tests, and the truth."""
+    """Write the records of a unit, calibrate it and judge its tests. Return reports and truth."""
     unit, truth = task.unit, {}
     with ExitStack() as stack:
         folder = task.folder or Path(stack.enter_context(TemporaryDirectory()))
@@ -225,7 +233,7 @@ def measure(
     held_out: bool,
     folder: Path | None = None,
 ) -> Figures:
-    """Print how well joints of other makes are judged, beside least squares."""
+    """Measure the accuracy on joints of other manufacturers, compared with least squares."""
     chosen = joints.split(",") if joints else list(HELD_OUT if held_out else DEVELOPMENT)
     if unknown := set(chosen) - set(JOINTS):
         raise click.UsageError(f"no joint {', '.join(unknown)}: expected some of {list(JOINTS)}")
@@ -243,19 +251,19 @@ def measure(
 
 
 def _friction(test: Figures) -> Figures | None:
-    """Return what a test reports of its friction; None if it is not judged."""
+    """Return the reported friction of a test, or None if it is not judged."""
     friction = test["ours"]["quantities"].get("friction")
     return friction if friction and friction["judgement"] != "not judged" else None
 
 
 def is_alarm(ours: Figures) -> bool:
-    """Return whether a record is reported as different from the healthy ones."""
+    """Return whether a record is reported as different from the healthy records."""
     changed = any(quantity["judgement"] == "changed" for quantity in ours["quantities"].values())
     return changed or bool(ours["figures"]) or ours["verdict"] == "departed"
 
 
 def outcome(test: Figures) -> str:
-    """Return which of ``OUTCOMES`` a test with a fault has."""
+    """Return the outcome of a test with a fault, one of ``OUTCOMES``."""
     wanted, ours = NAMES.get(test["kind"], "friction"), test["ours"]
     changed = {
         name: quantity
@@ -276,7 +284,7 @@ def outcome(test: Figures) -> str:
 
 
 def of_joint(units: Sequence[Figures]) -> Figures:
-    """Return the figures of some units."""
+    """Return the errors, intervals, alarms and outcomes of the tests of several units."""
     tests = [test for unit in units for test in unit["tests"]]
     wear = [test for test in tests if test["kind"] == "friction"]
     healthy = [test for test in tests if test["kind"] == "healthy"]
@@ -320,19 +328,19 @@ def of_joint(units: Sequence[Figures]) -> Figures:
 
 
 def _error(test: Figures, friction: Figures) -> float:
-    """Return the relative error of a friction ratio; the truth includes the scatter of days."""
+    """Return the relative error of the friction ratio. Its truth includes the scatter of days."""
     return (1.0 + friction["change"]) / (1.0 + test["change"]) - 1.0
 
 
 def _covers(test: Figures, friction: Figures) -> bool:
-    """Return whether an interval holds the wear; the scatter of days is part of the interval."""
+    """Return whether an interval contains the wear. It must allow for the scatter of days."""
     return bool(friction["low"] <= test["wear"] <= friction["high"])
 
 
 def _reason(test: Figures) -> str:
     friction = test["ours"]["quantities"].get("friction")
     words = (friction and friction["reason"]) or test["ours"]["reason"] or "no estimate"
-    # Reasons that differ in their figures or paths only are the same.
+    # Reasons that differ only in their numbers or paths count as equal.
     return re.sub(r"\S*/\S*|\d[\d.]*", "*", words)
 
 
@@ -345,7 +353,7 @@ def _share(flags: Sequence[bool]) -> float:
 
 
 def by_joint(figures: Figures) -> dict[str, Figures]:
-    """Return the figures of each joint, and of all."""
+    """Return the results of each joint by name, and of all joints as "all"."""
     units: list[Figures] = figures["units"]
     names = dict.fromkeys(unit["joint"] for unit in units)
     joints = {name: of_joint([unit for unit in units if unit["joint"] == name]) for name in names}
@@ -357,7 +365,7 @@ def rows(figures: Figures) -> Iterator[Row]:
     joints = by_joint(figures)
     every = joints.pop("all")
     for name, joint in joints.items():
-        # A joint without a judged test has not met its target.
+        # A joint without a judged test misses its target.
         error = joint["error"] if joint["error"] == joint["error"] else np.inf
         beside = f"{joint['least_squares']['error']:.2f}"
         what = f"joint {name}: friction error, rms [%]"
@@ -398,7 +406,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     joints = by_joint(figures)
     yield grid(
         "friction (least squares in brackets)",

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed of the two model kernels against C++, on this computer.
+"""Speed of the two model kernels compared with C++ on this computer.
 
     python benchmarks/kernels.py [--json FILE]
 
-The monitor model in windows of 0.5 s per second, and as a ratio to the yardstick; the reference
-actuator in time per step, and as a ratio to the same steps in scalar C++. What is compared
-alternates, and each ratio is taken within one turn. Needs g++.
+The speed of the monitor model is in windows of 0.5 s per second, and as a ratio to the yardstick.
+The speed of the reference actuator is in time per step, and as a ratio to the same steps in scalar
+C++. The programs compared run in turns, and each ratio is taken within one turn. Needs g++.
 """
 
 import os
@@ -43,14 +43,17 @@ FAULTS: Final = {
     "faulty": {"eccentricity": 0.3, "short_circuit_a": 0.2, "friction": 0.25},
 }
 SHARE: Final = 0.9
-"""Least speed of the batch kernel in the yardstick's form, over the yardstick's [-]."""
+"""Least speed of the batch kernel in the yardstick's form, over the speed of the yardstick [-]."""
 SCALING: Final = 1.7
 """Least speed of two cores over one, from batches of 64 on [-]."""
 LARGE_BATCH: Final = 64
 
 
 def monitor_seconds(cores: int) -> dict[str, float]:
-    """Time of a window [s] by step and batch, with so many cores, measured in this process."""
+    """Return the time of a window [s], by step and batch, on a number of cores.
+
+    Restricts this process to these cores.
+    """
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
     rest = np.concatenate([[0.0], COMMAND])
     idle = (np.zeros(len(rest)) for _ in COLUMNS[1:])
@@ -72,7 +75,10 @@ def monitor_seconds(cores: int) -> dict[str, float]:
 
 
 def best_time(work: Callable[[], object]) -> float:
-    """Time of the fastest of some calls after a first one [s], as the yardstick reports its own."""
+    """Return the time of the fastest of several calls after a warm-up call [s].
+
+    The yardstick reports its own time in the same manner.
+    """
     work()
     times = []
     for _ in range(CALLS):
@@ -83,7 +89,7 @@ def best_time(work: Callable[[], object]) -> float:
 
 
 def reference_step(case: str) -> float:
-    """Time of a step of the reference actuator [s]."""
+    """Return the time of a step of the reference actuator [s]."""
     actuator = SimulatedActuator(sample_period=SAMPLE_PERIOD)
     actuator.faults = fault_vector(FAULTS[case])
     start = time.perf_counter()
@@ -92,7 +98,7 @@ def reference_step(case: str) -> float:
 
 
 def cpp(*arguments: str) -> str:
-    """Return what the C++ twin of the reference actuator prints."""
+    """Return the output of the C++ twin of the reference actuator."""
     program = build(HERE / "reference_step.cpp")
     return subprocess.run(
         [program, *arguments], check=True, capture_output=True, text=True, encoding="utf-8"
@@ -102,8 +108,8 @@ def cpp(*arguments: str) -> str:
 def cpp_difference() -> float:
     """Return the largest difference of the smoothed current between both references [A].
 
-    Smoothed by a Hann window of 2 ms, as single samples are chaotic once a leg switches a step
-    earlier in one of them.
+    The Hann window of 2 ms is necessary because single samples are chaotic: they differ as soon as
+    a leg switches a step earlier in one of the programs.
     """
     hann, worst = np.hanning(round(2e-3 / SAMPLE_PERIOD) + 2), 0.0
     currents = np.split(np.array(cpp("--current").split(), float), 2)
@@ -116,19 +122,19 @@ def cpp_difference() -> float:
 
 
 def summary(values: Sequence[float]) -> dict[str, float]:
-    """Median and 95th percentile."""
+    """Return the median and the 95th percentile."""
     return {"median": statistics.median(values), "p95": float(np.percentile(values, 95))}
 
 
 def compared(values: Iterable[float], ratios: Iterable[float]) -> Figures:
-    """Return the summaries of what is measured, and of its ratio to another."""
+    """Return the summaries of measured values, and of their ratios to a reference."""
     return {"value": summary([*values]), "ratio": summary([*ratios])}
 
 
 def measure(pool: Workers, turns: int) -> Figures:
-    """Print the speeds of so many turns."""
+    """Measure the speeds of the kernels in turns."""
     unit: list[float] = []
-    # Seconds of each turn by cores and run, and by case and build.
+    # Seconds of each turn: of the monitor by cores and run, of the reference by case and build.
     monitor: dict[int, list[dict[str, float]]] = {1: [], 2: []}
     reference: dict[str, dict[str, list[float]]] = {
         case: {name: [] for name in ("C++", "numba")} for case in FAULTS
@@ -198,7 +204,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     measured = {f"its form through our {LANES} lanes": figures["yardstick_form"]}
     for run in figures["monitor"].values():
         what = f"pair form, {1e6 * run['dt_s']:.0f} us, {run['batch']}"

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Learning of a joint's baseline from the work of a simulated arm.
+"""Cost and scatter of learning a joint's baseline from the work of a simulated arm.
 
     python benchmarks/learning.py [--seed N] [--records N] [--json FILE]
 
-Each joint of the arm works in cycles of 20 s with short rests and a part of 2 kg. One record a
-minute is stored and fitted as a monitor does. Besides the processor time, the friction of healthy
-records is compared by the way in which they are cut: at any phase of the work cycle, or at its
-start, with a length of less than one cycle, one cycle, and three cycles.
+Each joint of the arm works in cycles of 20 s with short rests and a payload of 2 kg. One record per
+minute is stored and fitted, as in a monitor. The benchmark measures the processor time. It also
+compares the scatter of friction between healthy records by how they are cut: at any phase of the
+work cycle or at its start, with a length of less than one cycle, one cycle, or three cycles.
 """
 
 import tempfile
@@ -35,7 +35,7 @@ from ema_monitor.windows.window import Window
 from ema_sim.robot.work import WorkSettings, simulate_work
 
 MOST_PERCENT: Final = 0.5
-"""Processor time of a learning joint [% of a core]."""
+"""Largest processor time of learning a joint [% of a core]."""
 
 _RATE: Final = 100
 _START_NS: Final = 1_700_000_000_000_000_000
@@ -43,11 +43,11 @@ _MINUTE: Final = 60 * _RATE
 _JOINTS: Final = 6
 _HEALTHY: Final = 12
 _WARM: Final = 20
-"""Cycles before the records that are compared, in which the gears warm up."""
+"""Cycles before the compared records, in which the gears warm up."""
 
 
 class Work(NamedTuple):
-    """Columns of all joints, ``(n, 6)`` each, and the first sample of each cycle."""
+    """Columns of all joints, ``(n, 6)`` each, and the index of the first sample of each cycle."""
 
     command: NDArray[np.float64]
     effort: NDArray[np.float64]
@@ -56,7 +56,7 @@ class Work(NamedTuple):
     starts: NDArray[np.intp]
 
     def record(self, joint: int, first: int, samples: int) -> Window:
-        """Return a record of a joint."""
+        """Return a record of a joint, from the index of its first sample and its length."""
         part = slice(first, first + samples)
         columns = (column[part, joint] for column in self[:-1])
         command, effort, position, speed = columns
@@ -65,7 +65,7 @@ class Work(NamedTuple):
 
 
 def work_of(seed: int, hours: float) -> Work:
-    """Return the work of an arm."""
+    """Return the simulated work of an arm."""
     settings = WorkSettings(cycle_pause=1.0, payload=2.0)
     parts = [
         part for _, part in simulate_work(hours, seed=seed, rate=_RATE, work=lambda _: settings)
@@ -91,7 +91,7 @@ def described(joint: int) -> ActuatorDescription:
 
 
 def cores_of(work: Work, joint: int, records: int) -> float:
-    """Return the processor time of learning a joint, one record of a minute after the other."""
+    """Return the processor time of learning a joint from records of a minute [cores]."""
     with (
         tempfile.TemporaryDirectory(prefix="ema_learning_") as folder,
         UnitBaseline(Path(folder), described(joint)) as baseline,
@@ -108,7 +108,10 @@ def cores_of(work: Work, joint: int, records: int) -> float:
 
 
 def scatter_of(work: Work, joint: int, firsts: list[int], samples: int) -> tuple[float, float]:
-    """Return scatter and smallest detectable change of friction [-]; NaN without a baseline."""
+    """Return the scatter and the smallest detectable change of friction [-].
+
+    Both are NaN if the records give no baseline.
+    """
     records = [work.record(joint, first, samples) for first in firsts]
     try:
         calibration = calibrate_joint(records, described(joint))

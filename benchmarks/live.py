@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Samples lost and latency in a live graph of three processes, read from the bags of demos.
+"""Lost samples and latency in a live graph of three processes, read from the bags of demos.
 
     python benchmarks/live.py [--demos N] [--duration S] [--json FILE]
 
-Actuator, monitor and recorder run as processes at 10,000 samples a second, in one demo after the
-other, since an actuator of the demo wears out within a minute. Prints how many samples got lost on
-the way to the monitor and to the recorder, and the time from a window's last sample to the
-reception of its estimate; writes JSON.
+Actuator, monitor and recorder run as processes at 10,000 samples per second. Several short demos
+follow each other, because the actuator of the demo wears out within a minute. Prints the number of
+samples lost between actuator and monitor and between actuator and recorder, and the time from a
+window's last sample to the reception of its estimate. Writes JSON.
 """
 
 import subprocess
@@ -30,7 +30,7 @@ _STATUS: Final = "/ema/node_status"
 
 
 def read(path: Path) -> Figures:
-    """Return what a demo's bag contains: counts, and lists by estimate or refusal."""
+    """Return counts of a demo's bag, and lists with an item per estimate or refusal."""
     bag = Bag(path)
     blocks = [
         (item.message.first_index, len(item.message.command)) for item in bag.messages([_TELEMETRY])
@@ -46,7 +46,7 @@ def read(path: Path) -> Figures:
         "windows": int(status.windows),
         "estimates": len(valid),
         "warm_estimates": sum(item.message.warm_start for item in valid),
-        # By the recorder, and as the monitor says.
+        # The recorder's clock gives the latency, the monitor the computing time.
         "latency": [
             (item.log_time_ns - stamp_from_message(item.message.window_end)) * 1e-9
             for item in valid
@@ -58,7 +58,7 @@ def read(path: Path) -> Figures:
 
 
 def pooled(demos: Sequence[Figures]) -> Figures:
-    """Return the figures of all demos together."""
+    """Return the combined figures of all demos: sums, medians and 95th percentiles."""
     # Numbers are added up, lists joined.
     figures: Figures = {
         name: sum((demo[name] for demo in demos), type(first)()) for name, first in demos[0].items()
@@ -72,7 +72,7 @@ def pooled(demos: Sequence[Figures]) -> Figures:
 
 
 def measure(pool: Workers, demos: int, duration: int) -> Figures:
-    """Print what is lost and how late estimates are in so many demos, each of a duration [s]."""
+    """Measure lost samples and latency of estimates in several demos, each of a duration [s]."""
     results = []
     with tempfile.TemporaryDirectory() as folder:
         for number in pool.track("demos", range(demos)):
@@ -96,7 +96,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return all figures, and why estimates were not valid."""
+    """Return all figures, and the reasons for invalid estimates."""
     shown = {name: value for name, value in figures.items() if name != "reasons"}
     yield grid(
         "live graph at 10 kHz",

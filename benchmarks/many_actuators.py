@@ -1,24 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How many actuators 1, 2 and 4 monitor processes follow, and what happens beyond.
+"""Number of actuators that 1, 2 and 4 monitor processes can follow, and behaviour on overload.
 
     python benchmarks/many_actuators.py [--monitors 1,2,4] [--actuators 8,16,...] [--bursts N]
         [--beyond N] [--json FILE]
 
-One process publishes the telemetry of all actuators in real time: each streams 0.7 s of test in
-every 5 s, in blocks of 10 ms at 10,000 samples a second, in turn. It was simulated beforehand, with
-other faults in each actuator and noise of 0.02 A on the current. A test is a rest 1.5 mrad below,
-0.15 s of approach, 0.05 s of rest and the thesis's chirp of 0.5 s, so that the monitor knows where
-in its play the motor stands. The monitors share the actuators by the parameter `shard` and write
-their histories in one folder.
+One process publishes the telemetry of all actuators in real time. Each actuator streams a test of
+0.7 s every 5 s, in blocks of 10 ms at 10,000 samples per second. The tests of the actuators start
+at different times. They are simulated beforehand, with different faults in each actuator and noise
+of 0.02 A on the current. A test consists of a rest 1.5 mrad below the start, 0.15 s of approach,
+0.05 s of rest and the thesis's chirp of 0.5 s. The approach defines the position of the motor in
+its play. The monitors share the actuators by the parameter `shard` and write their histories to
+one folder.
 
-For each number of monitors the largest number of actuators is searched, of those given, that is
-followed: no window is dropped or missing, no block lost, and each estimate comes before the next
-test of its actuator, once kernels are compiled and every actuator has had three windows, in so many
-bursts. Then twice as many as the first one follows are sent to it, in --beyond bursts: what is
-dropped, and whether its memory grows.
+For each number of monitors, the benchmark searches --actuators for the largest number that they can
+follow. They follow the actuators if no window is dropped or missing, no block is lost, and each
+estimate arrives before the next test of its actuator. This must hold in --bursts bursts, after
+kernels are compiled and every actuator has had three windows. Then the first number of monitors
+receives twice as many actuators as it can follow, in --beyond bursts. The benchmark reports the
+number of dropped windows and the growth of memory.
 
-All run on the same machine: the processor time of what publishes and listens is beside that of the
-monitors.
+All processes run on the same machine. The processor time of the publisher and of the benchmark
+itself is reported in addition to the processor time of the monitors.
 """
 
 import multiprocessing
@@ -52,7 +54,7 @@ from ema_ros.topics import ACTUATOR_TOPICS, DESCRIPTION, FAULT_ESTIMATE, NAMESPA
 from ema_sim.actuator import SimulatedActuator
 
 LEAST_ACTUATORS: Final = 100
-"""Actuators that one monitor is to follow."""
+"""Actuators that one monitor should be able to follow."""
 
 PERIOD_S: Final = 5.0
 TEST_S: Final = 0.7
@@ -71,7 +73,7 @@ _QUEUE_S: Final = 30.0
 
 
 class Course:
-    """Memory of monitors over time, and the windows that wait, noted while one listens."""
+    """Recorder of the memory of monitor processes, and of their waiting windows."""
 
     def __init__(self, graph: Graph, processes: Sequence[int]) -> None:
         self._graph = graph
@@ -82,7 +84,7 @@ class Course:
         self.waiting_most = 0
 
     def note(self) -> None:
-        """Note both, once a second."""
+        """Record memory and waiting windows, at most once per second."""
         if time.time() < self._next_s:
             return
         self._next_s = time.time() + 1.0
@@ -94,7 +96,10 @@ class Course:
         self.waiting_most = max([self.waiting_most, *waiting])
 
     def memory_at_end(self) -> tuple[float, float]:
-        """Return memory [MB] and its growth over the second half [MB/min] of the largest."""
+        """Return the memory [MB] of the largest monitor, and its growth over the second half.
+
+        The growth is in MB/min; NaN with fewer than three samples.
+        """
         half = len(self._memory_mb) // 2
         courses = np.array(self._memory_mb[half:]).T
         course = courses[np.argmax(courses[:, -1])]
@@ -106,7 +111,7 @@ class Course:
 def try_out(
     tests: Sequence[Sequence[bytes]], monitors: int, actuators: int, bursts: int
 ) -> Figures:
-    """Let monitors follow a number of actuators, and return how they fare once settled."""
+    """Run monitors with a number of actuators. Return latency, losses and load after settling."""
     names = [f"flap_{number}" for number in range(actuators)]
     total = _SETTLING + bursts
     context = multiprocessing.get_context("spawn")
@@ -153,7 +158,7 @@ def try_out(
             late_s = times.get()
             is_late = until(time.time() + _QUEUE_S)
             graph.wait(lambda: expected <= latencies_s.keys() or is_late())
-            # The status of all, once more.
+            # Wait for one more status of each monitor.
             graph.wait(until(time.time() + 1.5))
         finally:
             publisher.join(_LAST_S)
@@ -170,18 +175,18 @@ def try_out(
         "actuators": actuators,
         "windows": len(expected),
         "missing": len(expected - estimated),  # without an estimate
-        "dropped": len(expected & dropped),  # given up for later ones
+        "dropped": len(expected & dropped),  # dropped for later windows
         "refused": len(estimated - valid - dropped),  # not valid for another reason
-        "dropped_before": len(dropped - expected),  # while it settled
+        "dropped_before": len(dropped - expected),  # while the monitors settled
         "blocks_lost": actuators * total * round(TEST_S / BLOCK_S) - blocks,
-        # From a window's last sample to the reception of its estimate, of the valid ones.
+        # From a window's last sample to the reception of its estimate, if valid.
         "latency_median_s": float(np.median(of_valid_s)),
         "latency_longest_s": float(np.max(of_valid_s)),
-        # Valid estimates of the actuator that had fewest, over those of the one that had most.
+        # Fewest valid estimates of an actuator over the most valid estimates of an actuator.
         "least_served": min(served) / max(1, *served),
         "waiting_most": course.waiting_most,
         "cores": cores,
-        "other_cores": other_cores,  # of what publishes and listens
+        "other_cores": other_cores,  # of publisher and subscriber
         "memory_mb": memory_mb,  # of the largest monitor
         "memory_slope_mb_per_min": slope,
         "publisher_late_s": late_s,
@@ -189,7 +194,10 @@ def try_out(
 
 
 def commands_of_test(h: float) -> tuple[NDArray[np.float64], ...]:
-    """Return the command before, during and after what is sent, at a sample period [rad]."""
+    """Return the command [rad] before, during and after the published test.
+
+    ``h`` is the sample period [s].
+    """
 
     def glide(start: float, stop: float, duration_s: float) -> NDArray[np.float64]:
         u = np.arange(1, round(duration_s / h) + 1) / round(duration_s / h)
@@ -207,7 +215,7 @@ def commands_of_test(h: float) -> tuple[NDArray[np.float64], ...]:
 
 
 def simulated_tests() -> list[list[bytes]]:
-    """Return the serialised blocks of tests of actuators with other faults, several of each."""
+    """Return the serialised blocks of each test: several tests per actuator, in order."""
     h, rng = ActuatorDescription().sample_period, np.random.default_rng(20)
     before, sent, after = commands_of_test(h)
     size = round(BLOCK_S / h)
@@ -236,10 +244,10 @@ def publish(
     monitors: int,
     simulated: Sequence[Sequence[bytes]],
 ) -> None:
-    """Publish the tests of all actuators in real time, once there are as many monitors.
+    """Publish the tests of all actuators in real time, as soon as all monitors have subscribed.
 
-    Tells when the first period began [s since the epoch], and in the end how late a block was
-    sent at most [s]. ``simulated`` has the tests as serialised messages.
+    Puts two values into ``times``: the start of the first period [s since the epoch] and, at the
+    end, the largest delay of a block [s]. ``simulated`` has the tests as serialised messages.
     """
     tests = [[deserialize_message(item, TelemetryBlock) for item in test] for test in simulated]
     rclpy.init()
@@ -265,13 +273,13 @@ def publish(
         message.header.stamp = stamp_to_message(began_ns + due_ns - (size - 1) * h_ns)
         message.first_index = due_ns // h_ns - size + 1
         telemetry.publish(message)
-    time.sleep(_DISCOVERY_S)  # a reader may still ask for what it missed
+    time.sleep(_DISCOVERY_S)  # a reader may still request missed blocks
     times.put(latest_ns * 1e-9)
     rclpy.shutdown()
 
 
 def schedule(actuators: int, bursts: int) -> Iterator[tuple[int, int, int, int]]:
-    """Yield when each block is due [ns], and the numbers of actuator, burst and block."""
+    """Yield the due time of each block [ns], and its numbers of actuator, burst and block."""
     a_period, a_test = round(PERIOD_S / BLOCK_S), round(TEST_S / BLOCK_S)
     starts = [a_period * number // actuators for number in range(actuators)]
     for tick in range(bursts * a_period + max(starts)):
@@ -282,7 +290,7 @@ def schedule(actuators: int, bursts: int) -> Iterator[tuple[int, int, int, int]]
 
 
 def is_followed(entry: Figures) -> bool:
-    """Whether nothing was lost, and each estimate came before the next test of its actuator."""
+    """Return whether no data was lost and each estimate came before its actuator's next test."""
     lost = entry["missing"] or entry["dropped"] or entry["blocks_lost"]
     return not lost and entry["latency_longest_s"] < PERIOD_S
 
@@ -294,7 +302,10 @@ def resident_mb(process: int) -> float:
 
 
 def search(numbers: Sequence[int], start: int, run: Callable[[int], Figures]) -> list[Figures]:
-    """Return runs up to and beyond the largest number that is followed, sought from a start on."""
+    """Return the runs of a search, from ``start``, for the largest number that is followed.
+
+    The runs are in ascending order of actuators and include the first number that is not followed.
+    """
     place = min(range(len(numbers)), key=lambda i: abs(numbers[i] - start))
     results = [run(numbers[place])]
     step = 1 if is_followed(results[0]) else -1
@@ -307,13 +318,13 @@ def search(numbers: Sequence[int], start: int, run: Callable[[int], Figures]) ->
 
 
 def followed(runs: Sequence[Figures], monitors: int) -> int:
-    """Return the largest number of actuators that was followed; 0 when none was."""
+    """Return the largest number of actuators that was followed; 0 if no run succeeded."""
     mine = (run for run in runs if run["monitors"] == monitors and is_followed(run))
     return max((run["actuators"] for run in mine), default=0)
 
 
 def measure(pool: Workers, monitors: str, actuators: str, bursts: int, beyond: int) -> Figures:
-    """Print how many actuators numbers of monitors follow, of numbers of them from the least on."""
+    """Measure how many actuators each number of monitors can follow."""
     tests = simulated_tests()
     numbers = sorted(map(int, actuators.split(",")))
     counts = list(map(int, monitors.split(",")))
@@ -341,7 +352,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     runs = [*figures["rows"], *figures["beyond"]]
     yield grid(
         f"{TEST_S:g} s of test in every {PERIOD_S:g} s of each actuator, in turn",

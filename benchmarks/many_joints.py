@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processor time of one monitor that follows 100 joints of unknown drives in ordinary motion.
+"""Processor time of one monitor that follows 100 unknown drives in ordinary motion.
 
     python benchmarks/many_joints.py [--joints N] [--blocks 0.1,0.01] [--records N] [--json FILE]
 
-Units of the 100 Hz joint ``servo`` of joint_plants are calibrated by `ema calibrate`. Their records
-of ordinary motion, one after the other, are the telemetry of so many joints. A monitor node takes
-the serialised messages and compares the records with the calibrations. Its processor time is that
-of its own code: messages are handed to its callbacks, without the middleware and its executor.
+`ema calibrate` calibrates units of the 100 Hz joint ``servo`` of joint_plants. Their consecutive
+records of ordinary motion serve as the telemetry of all joints. A monitor node receives the
+serialised messages and compares the records with the calibrations. The processor time excludes the
+middleware and the executor, because the messages are passed to the callbacks of the node.
 """
 
 import os
@@ -44,7 +44,7 @@ from ema_ros.messages import description_to_message, telemetry_to_message
 from ema_ros.topics import NAMESPACE
 
 MOST_CORES: Final = 0.5
-"""Processor time that 100 joints may take."""
+"""Largest processor time of 100 joints [cores]."""
 
 JOINT: Final = "servo"
 
@@ -55,7 +55,7 @@ _PATIENCE_S: Final = 300.0
 
 
 def recorded_units(folder: Path, joints: int) -> tuple[list[list[Telemetry]], ActuatorDescription]:
-    """Calibrate units, store a calibration for each joint, and return the units' records."""
+    """Calibrate units and store a calibration for each joint. Return the records of each unit."""
     records, description = [], ActuatorDescription()
     for number in range(_UNITS):
         unit, place = Unit(JOINT, number), folder / f"unit_{number}"
@@ -82,10 +82,10 @@ def recorded_units(folder: Path, joints: int) -> tuple[list[list[Telemetry]], Ac
 
 
 def try_out(joints: int, block_s: float, count: int) -> Figures:
-    """Feed a monitor with joints, and return its processor time for a second of their telemetry.
+    """Feed a monitor with joints. Return its processor time per second of their telemetry.
 
-    What is computed once, until each joint has its first estimate, is measured apart;
-    ``count`` more records are measured.
+    The processor time until each joint has its first estimate is measured separately, as
+    ``once_s``. Then ``count`` further records are measured.
     """
     with tempfile.TemporaryDirectory(prefix="ema_joints_") as place, closing(Domain()) as domain:
         records, description = recorded_units(Path(place), joints)
@@ -114,7 +114,7 @@ def try_out(joints: int, block_s: float, count: int) -> Figures:
             of_units = [record[number % _RECORDS] for record in records]
             at_ns = start_ns + round(number * length_s * 1e9)
             sent = [_messages(record, at_ns, block_s) for record in of_units]
-            # The last one only ends the record before.
+            # The last record only ends the previous one.
             parts = list(zip(*sent, strict=True))[: 1 if number > count else None]
             begin_s = time.process_time()
             for part, blocks in enumerate(parts):
@@ -122,15 +122,15 @@ def try_out(joints: int, block_s: float, count: int) -> Figures:
                     message = deserialize_message(blocks[joint % _UNITS], TelemetryBlock)
                     message.actuator_id = f"joint_{joint}"
                     node.receiver.receive_telemetry(message)
-                while len(node.work.worker.queue):  # in real time the worker has this long
+                while len(node.work.worker.queue):  # in real time the worker would have time
                     time.sleep(0.01)
                 if part:
                     continue
-                # The first blocks of a record end the record before.
+                # The first blocks of a record end the previous record.
                 end_s = time.monotonic() + _PATIENCE_S
                 while len(estimates) < number * joints and time.monotonic() < end_s:
                     time.sleep(0.01)
-                if number == 1:  # each joint has its first estimate
+                if number == 1:  # by then each joint has its first estimate
                     once_s = time.process_time() - begin_s
             spent_s += (time.process_time() - begin_s) * (number > 0)
         spent_s -= once_s
@@ -154,7 +154,7 @@ def try_out(joints: int, block_s: float, count: int) -> Figures:
 
 
 def _messages(record: Telemetry, at_ns: int, block_s: float) -> list[bytes]:
-    """Return the serialised blocks of a record that begins at a time [ns]."""
+    """Return the serialised blocks of a record, shifted to begin at a time [ns]."""
     size = round(block_s / record.sample_period)
     shift = round(at_ns * 1e-9 / record.sample_period)
     moved = replace(record, stamp_ns=at_ns, first_index=shift)
@@ -165,7 +165,7 @@ def _messages(record: Telemetry, at_ns: int, block_s: float) -> list[bytes]:
 
 
 def measure(pool: Workers, joints: int, blocks: str, records: int) -> Figures:
-    """Print the processor time of one monitor that follows joints of unknown drives."""
+    """Measure the processor time of one monitor that follows unknown drives."""
     lengths = list(map(float, blocks.split(",")))
     tried = pool.track("block lengths", lengths)
     return {"rows": [in_a_process(try_out, joints, trial, records) for trial in tried]}
@@ -183,7 +183,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     rows_of_joints = figures["rows"]
     names = (name.replace("_", " ") for name in rows_of_joints[0] if name != "reasons")
     shown = ([row[name] for name in row if name != "reasons"] for row in rows_of_joints)

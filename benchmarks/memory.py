@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Peak memory of the commands that read bags, on a bag of one minute and one of ten.
+"""Peak memory of the commands that read bags, for a bag of one minute and a bag of ten minutes.
 
 python memory.py [--json FILE]
 """
@@ -34,18 +34,21 @@ from ema_cli.main import main
 main()
 """
 MOST: Final = 1.1
-"""How much larger the peak may be with the longer bag: windows are kept, their telemetry is not."""
+"""Largest ratio of the peaks of the longer and the shorter bag [-].
+
+Commands keep the windows in memory, but not the telemetry.
+"""
 
 
 def peak_of(bag: Path, name: str) -> float:
-    """Return the largest resident set of a command in a process of its own [MiB]."""
+    """Run a command in a new process. Return its largest resident set [MiB]."""
     arguments = [sys.executable, "-c", CHILD, name, str(bag), *OPTIONS[name]]
     subprocess.run(arguments, stdout=subprocess.DEVNULL, cwd=bag.parent, check=True)
     return peak_mib((bag.parent / "status").read_text(encoding="utf-8"))
 
 
 def measure(pool: Workers) -> Figures:
-    """Print the peak memory of each command for a short and a long bag."""
+    """Measure the peak memory of each command for a short and a long bag."""
     figures: Figures = {name: [] for name in OPTIONS}
     with tempfile.TemporaryDirectory() as folder:
         for minutes in pool.track("bags", MINUTES):
@@ -59,7 +62,7 @@ def measure(pool: Workers) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets: the peak of each command with the short and the long bag."""
+    """Return the rows of the targets: the ratio of the peaks of each command."""
     short_min, long_min = MINUTES
     for name in OPTIONS:
         short, long = figures[name]

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ordinary motion tells of the faults, without any test cycle.
+"""Accuracy of faults that are estimated from ordinary motion, without a test cycle.
 
     python benchmarks/ordinary_motion.py [--json FILE] [--quick] [--plants N]
 
-Twenty seconds each of random smooth moves, ramps with dwells and sines, under a load of up to 30 %
-of the torque limit, on the simulator's own actuator and on foreign ones (`foreign`). Each unit is
-calibrated on healthy windows of the test cycle, or on healthy stretches of ordinary motion.
+The motions are random smooth moves, ramps with dwells, and sines, of twenty seconds each, under a
+load of up to 30 % of the torque limit. The actuators are the simulator's own and foreign ones
+(`foreign`). Each unit is calibrated on healthy windows of the test cycle, on healthy stretches of
+ordinary motion, or on both.
 """
 
 import time
@@ -27,7 +28,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.tally import CombinationSettings
 
 RIGHT: Final = {"friction": 0.02, "backlash": 0.02, "gain": 0.02}
-"""Error up to which a fault is right, 0.03 where it is not named [-]."""
+"""Largest error of a correct estimate by fault [-]; ``RIGHT_OTHERWISE`` for the other faults."""
 
 RIGHT_OTHERWISE: Final = 0.03
 WITHIN: Final = 0.95
@@ -41,7 +42,7 @@ _ASSESSED: Final = [n for n, fault in enumerate(FAULTS) if fault.limit is not No
 
 
 class Found(NamedTuple):
-    """What one recording gave: estimates, what became of the stretches, and computing time [s]."""
+    """Estimates of one recording, counts of its stretches by outcome, and computing time [s]."""
 
     estimates: list[Estimate]
     tally: dict[str, Any]
@@ -49,7 +50,7 @@ class Found(NamedTuple):
 
 
 def identified(work: tuple[Recording, Calibration]) -> Found:
-    """Record a motion, and return what its stretches give."""
+    """Record a motion. Return the estimates of its stretches."""
     recording, calibration = work
     stretches = recording.stretches()
     combination = Combination(ACTUATOR, calibration, settings=CombinationSettings(pause_s=0.0))
@@ -61,7 +62,7 @@ def identified(work: tuple[Recording, Calibration]) -> Found:
 
 
 def accuracy(recordings: Sequence[Recording], results: Sequence[Found]) -> Figures:
-    """Return the figures of the estimates of a condition."""
+    """Return errors, coverage and verdicts of the estimates in a condition."""
     pairs = [
         (r.faults, estimate)
         for r, f in zip(recordings, results, strict=True)
@@ -97,7 +98,7 @@ def accuracy(recordings: Sequence[Recording], results: Sequence[Found]) -> Figur
 
 
 def measure(pool: Workers, plants: int, recordings: int) -> Figures:
-    """Print what ordinary motion tells of the faults."""
+    """Measure the accuracy of faults that are estimated from ordinary motion."""
     with_faults = {
         f"{kind}, {motion}, calibrated on the {on}": recorded.recordings(
             kind, plants, motion, on, recordings
@@ -156,7 +157,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     counts = ("record-\nings", "without\nestimate", "esti-\nmates", "valid", "degra-\nded")
     more = ("re-\nfused", "stretches", "searched", "wrong and\nconfident")
     yield grid(

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actuators that nothing was tuned on, and what is recorded of them, by seeds.
+"""Actuators and recordings, drawn from seeds that the monitor was not tuned on.
 
-A unit is the simulator's own actuator or a foreign one (`foreign`). A window of a test cycle
-is a ``Task``, ordinary motion a ``Recording``.
+A unit is the simulator's own actuator or a foreign one (`foreign`). A ``Task`` is a window of a
+test cycle, a ``Recording`` is ordinary motion.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -40,14 +40,17 @@ from ema_sim.actuator import SimulatedActuator, at_rest
 from ema_sim.sensors import Sensors
 
 Kind = Literal["own", "foreign", "exact drive", "held out"]
-"""The simulator's own actuator, or foreign ones: of the effects for development, of these with the
-gains of the drive as described, of the effects held out."""
+"""Kinds of actuators.
+
+"own" is the simulator's own actuator. "foreign" plants have the effects for development, "exact
+drive" the same without deviations of the drive, "held out" the held-out effects.
+"""
 
 T_MAX: Final = ActuatorParameters().T_max
 CALIBRATION_WINDOWS: Final = 12
-"""Healthy windows that each unit is calibrated on."""
+"""Number of healthy windows that each unit is calibrated on."""
 CALIBRATION_STRETCHES: Final = 24
-"""Healthy stretches of ordinary motion that a unit is calibrated on, of all motions alike."""
+"""Number of healthy stretches of ordinary motion for calibration, equal for all motions."""
 SECONDS: Final = 20.0
 """Length of a recording of ordinary motion [s]."""
 
@@ -62,15 +65,18 @@ _REACH: Final = 8e-3
 _H: Final = 1e-4
 
 TEST_MOTIONS: Final = ("chirp", "small chirp", "sine", "moves", "move")
-"""Commands: the test cycle's chirp; one of 3 mrad up to 20 Hz; a sine of 10 mrad and 4 Hz; random
-smooth moves, others in every window; the same moves in every window."""
+"""Names of the commands of test windows.
+
+"chirp" is the chirp of the test cycle, "small chirp" has 3 mrad up to 20 Hz, "sine" 10 mrad and 4
+Hz. "moves" are random smooth moves that differ between windows, "move" is the same in every window.
+"""
 
 Recorded = TypeVar("Recorded", "Task", "Recording")
 Result = TypeVar("Result")
 
 
 class Unit(NamedTuple):
-    """An actuator with its sensors, by number: foreign ones are drawn with it as the seed."""
+    """An actuator with its sensors. The number is the seed of a foreign actuator."""
 
     kind: Kind
     number: int = 0
@@ -78,10 +84,10 @@ class Unit(NamedTuple):
 
 @dataclass(frozen=True)
 class Task:
-    """A window to be recorded: faults, hidden causes in the units of the registry, and motion.
+    """A window to record: faults, hidden causes in the units of the registry, and motion.
 
-    The motion is one of ``TEST_MOTIONS`` or a command. ``calibrated_on`` is that of the healthy
-    windows that the unit is calibrated on.
+    The motion is one of ``TEST_MOTIONS`` or a command. ``calibrated_on`` is the motion of the
+    healthy windows that the unit is calibrated on.
     """
 
     unit: Unit
@@ -99,23 +105,23 @@ class Task:
 
     @property
     def calibration_key(self) -> tuple[Any, ...]:
-        """What tasks of the same calibration share."""
+        """Key that is equal for tasks with the same calibration."""
         return self.unit, self.calibrated_on, self.sample_period
 
     def window(self) -> Window:
-        """Record it, stirred before the approach.
+        """Simulate the task and return its window. The command stirs before the approach.
 
         Raises
         ------
         RuntimeError
-            When there is no window in the telemetry.
+            If the telemetry does not contain exactly one window.
         """
         rng, h = np.random.default_rng(self.seed), self.sample_period
         cycle = build_cycle(_command(self.motion, h, rng), h)
         below, settings = int(np.argmin(cycle.samples[: cycle.start])), TriggerSettings()
         end = cycle.start + round(_MORE_S / h)
         if isinstance(self.motion, Command):
-            # A window begins once the command has left its threshold, so it ends a little after it.
+            # A window begins when the command exceeds the threshold, so it ends shortly after it.
             end = cycle.stop + round(0.02 / h)
             settings = TriggerSettings(window_s=(cycle.stop - cycle.start - 1) * h)
         stirred = round(rng.uniform(5e-3, 40e-3) / h)
@@ -128,22 +134,22 @@ class Task:
         return events[0]
 
     def healthy(self) -> list["Task"]:
-        """Return the healthy windows that the unit is calibrated on."""
+        """Return the tasks of the healthy windows that the unit is calibrated on."""
         on = self.calibrated_on
         motion = TEST_MOTIONS.index(on) if isinstance(on, str) else len(TEST_MOTIONS)
         seeds = [_seed(0, self.unit, motion, i, 0) for i in range(CALIBRATION_WINDOWS)]
         return [replace(self, seed=s, faults=HEALTHY, causes={}, motion=on) for s in seeds]
 
     def calibration(self) -> Calibration:
-        """Return the calibration of its unit."""
+        """Return the calibration of the unit."""
         return calibrate_model([task.window() for task in self.healthy()], self.description)
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Ordinary motion to be recorded: one of ``MOTIONS`` or ``UNINFORMATIVE``.
+    """Ordinary motion to record: one of ``MOTIONS`` or ``UNINFORMATIVE``.
 
-    ``calibrated_on`` is "chirp", the test cycle, "motion", or "chirp and motion".
+    ``calibrated_on`` is "chirp" (the test cycle), "motion" or "chirp and motion".
     """
 
     unit: Unit
@@ -155,11 +161,11 @@ class Recording:
 
     @property
     def calibration_key(self) -> tuple[Any, ...]:
-        """What recordings of the same calibration share."""
+        """Key that is equal for recordings with the same calibration."""
         return self.unit, self.calibrated_on
 
     def stretches(self) -> list[Window]:
-        """Record it, and return its stretches."""
+        """Simulate the recording and return its stretches."""
         rng = np.random.default_rng(self.seed)
         t = _H * np.arange(1.0, round(SECONDS / _H) + 1)
         commands = {**MOTIONS, **UNINFORMATIVE}[self.motion](rng, t)
@@ -167,7 +173,7 @@ class Recording:
         return find_windows(telemetry, settings=TriggerSettings(windows=ANY_MOTION))
 
     def calibration(self) -> Calibration:
-        """Return the calibration of its unit, on windows of the test cycle, stretches, or both."""
+        """Return the calibration of the unit on the windows that ``calibrated_on`` names."""
         windows = []
         if "chirp" in self.calibrated_on:
             windows += [task.window() for task in Task(self.unit, (0,)).healthy()]
@@ -185,7 +191,11 @@ def found_by_condition(
     conditions: Mapping[str, Sequence[Recorded]],
     work: Callable[[tuple[Recorded, Calibration]], Result],
 ) -> dict[str, list[Result]]:
-    """Return what ``work`` makes of what is recorded in each condition, and its calibration."""
+    """Calibrate each unit, and return the results of ``work`` by condition.
+
+    ``work`` receives a task or recording, and the calibration of its unit. ``what`` labels the
+    progress.
+    """
     every = [task for some in conditions.values() for task in some]
     units = {task.calibration_key: task for task in every}
     made = pool.map(f"{what}: calibrations", methodcaller("calibration"), list(units.values()))
@@ -197,7 +207,10 @@ def found_by_condition(
 
 
 def dealt(kind: Kind, plants: int, count: int) -> list[tuple[int, Unit]]:
-    """Return numbers, and the units of a kind that they fall to; there is one own actuator."""
+    """Return the numbers from 0 to ``count`` - 1, each with a unit of a kind, in turn.
+
+    Kind "own" has one unit, the other kinds have ``plants``.
+    """
     first = _FIRST_HELD_OUT if kind == "held out" else 0
     each = 1 if kind == "own" else plants
     return [(i, Unit(kind, 0 if kind == "own" else first + i % each)) for i in range(count)]
@@ -214,11 +227,11 @@ def faulty(
     calibrated_on: str | None = None,
     stream: int,
 ) -> list[Task]:
-    """Return tasks with random faults, half by the thesis's law and half moderate ones."""
+    """Return tasks with random faults, half by the thesis's law and half moderate."""
     tasks = []
     for i, unit in dealt(kind, plants, count):
         rng = np.random.default_rng(_seed(stream, unit, i))
-        # Half of each unit's windows, too.
+        # The law alternates between the windows of each unit.
         draw = random_faults if (i // (1 if kind == "own" else plants)) % 2 else moderate_faults
         k, seed = tuple(draw(rng).tolist()), _seed(stream, unit, i, 1, 0)
         on = calibrated_on or motion
@@ -227,7 +240,7 @@ def faulty(
 
 
 def moderate_faults(rng: np.random.Generator) -> NDArray[np.float64]:
-    """Draw faults in one to three components, uniform from 0.02 to 0.35 off healthy."""
+    """Return random faults in one to three components, 0.02 to 0.35 from healthy, uniform."""
     k = healthy_faults()
     for n in rng.choice(DETECTABLE, rng.integers(1, 4), replace=False):
         sign = rng.choice([-1.0, 1.0]) if n == GAIN else 1.0
@@ -237,13 +250,13 @@ def moderate_faults(rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def mixed_causes(rng: np.random.Generator) -> dict[str, float]:
-    """Draw one or two hidden causes."""
+    """Return one or two random hidden causes, by name, in the units of the registry."""
     names = rng.choice(list(_RANGES), rng.integers(1, 3), replace=False)
     return {str(name): float(rng.uniform(*_RANGES[name])) for name in names}
 
 
 def load(rng: np.random.Generator) -> dict[str, float]:
-    """Draw a constant load of up to 30 % of the torque limit."""
+    """Return a random constant load of up to 30 % of the torque limit, as a hidden cause."""
     return {"load_torque": float(rng.uniform(*_RANGES["load_torque"]))}
 
 
@@ -284,14 +297,14 @@ HIDDEN: Final[Mapping[str, Mapping[str, float]]] = {
     "dead switch": {"dead_switch": 1.0},
     "jam": {"jam": 1.0},
 }
-"""Hidden causes of the table, each on a healthy actuator."""
+"""Hidden causes by row of the table, each on a healthy actuator."""
 
 MAY_BE_SILENT: Final = frozenset({"none", "resistance + 30 %", "supply - 20 %"})
-"""Rows in which nothing need be named."""
+"""Rows in which the estimate need not name a cause."""
 
 
 def hidden(kind: Kind, plants: int, name: str, count: int) -> list[Task]:
-    """Return tasks of a row of the table, dealt among the units."""
+    """Return healthy tasks with the hidden causes of a row of ``HIDDEN``, dealt among units."""
     stream = 100 + list(HIDDEN).index(name)
     return [
         Task(unit, _seed(stream, unit, i, 0), causes=HIDDEN[name])
@@ -300,7 +313,7 @@ def hidden(kind: Kind, plants: int, name: str, count: int) -> list[Task]:
 
 
 def sine_faults(kind: Kind, plants: int, count: int) -> list[Task]:
-    """Return tasks with friction 0.15 and a short circuit of 0.1, calibrated and run on a sine."""
+    """Return tasks with friction 0.15 and short circuit 0.1, calibrated and run with a sine."""
     k = healthy_faults()
     k[0], k[SHORT_CIRCUITS[0]] = 0.15, 0.1
     return [
@@ -310,7 +323,7 @@ def sine_faults(kind: Kind, plants: int, count: int) -> list[Task]:
 
 
 def two_shorts(kind: Kind, plants: int, count: int) -> list[Task]:
-    """Return tasks with two phases shorted by more than half."""
+    """Return tasks with a short circuit of 0.5 to 0.8 in two phases."""
     tasks = []
     for i, unit in dealt(kind, plants, count):
         rng = np.random.default_rng(_seed(61, unit, i))
@@ -342,7 +355,10 @@ def telemetry_of(
     rng: np.random.Generator,
     sample_period: float,
 ) -> Telemetry:
-    """Record a unit from rest at the first of some commands, ``(n,)`` [rad]."""
+    """Return the simulated telemetry of a unit, from rest at the first command.
+
+    ``commands`` are ``(n,)`` in rad, ``sample_period`` is in s.
+    """
     if unit.kind != "own":
         return _foreign(unit).telemetry(commands, faults, causes, rng, sample_period)
     actuator = SimulatedActuator(_NOMINAL, sample_period=sample_period)
@@ -378,16 +394,16 @@ def _command(motion: str | Command, h: float, rng: np.random.Generator) -> Comma
 
 
 def _test_moves(h: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return smooth moves to and fro between random angles of up to 8 mrad, with dwells [rad].
+    """Return smooth moves back and forth between random angles of up to 8 mrad, with dwells [rad].
 
-    The dwells are so short that no move ends in a rest, which would end the window.
+    The dwells are short enough that no move ends in a rest, which would end the window.
     """
     parts, at = [], 0.0
     side = rng.choice([-1.0, 1.0])
     while sum(map(len, parts)) < _DURATION / h:
         side = -side
         to = float(side * rng.uniform(2e-3, 8e-3))
-        # At most half the largest speed of the motor on the way.
+        # Limits the speed to half the largest speed of the motor.
         lasts = max(abs(to - at) * np.pi / 2.0 / 0.4, rng.uniform(0.05, 0.1))
         u = np.arange(1, round(lasts / h) + 1) * h / lasts
         parts.append(at + (to - at) * (1.0 - np.cos(np.pi * np.minimum(u, 1.0))) / 2.0)
@@ -447,14 +463,14 @@ MOTIONS: Final[Mapping[str, Callable[..., NDArray[np.float64]]]] = {
     "ramps": _ramps,
     "sine": _sine,
 }
-"""Ordinary motions: each maps random numbers and times [s] to a command [rad]."""
+"""Ordinary motions by name: functions of a random generator and times [s] to a command [rad]."""
 
 UNINFORMATIVE: Final[Mapping[str, Callable[..., NDArray[np.float64]]]] = {
     "rest": lambda rng, t: np.full(len(t), rng.uniform(-_REACH, _REACH)),
-    # Less than the least travel.
+    # Below the least travel of a window.
     "tiny sine": lambda rng, t: (
         rng.uniform(1e-4, 4e-4) * np.sin(2.0 * np.pi * rng.uniform(0.5, 5.0) * t)
     ),
     "drift": lambda rng, t: rng.choice([-1.0, 1.0]) * rng.uniform(1e-4, 1.5e-3) * t,
 }
-"""Motions that do not show the faults."""
+"""Motions that carry no information on the faults."""

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How promptly nodes end on request, and write a recording to disk.
+"""Time that nodes take to end on request, and data that a killed recorder loses.
 
     python benchmarks/promptness.py [--repeats N] [--json FILE]
 
-Prints how long the process of each node takes from SIGINT to its end, that of the monitor while it
-identifies as well, and how much of a recording is lost when its recorder is killed. The tests wait
-for the same ends, but for any time: how long they take depends on what else the machine does.
+Prints the time from SIGINT to the end of each node's process, also for a monitor during an
+identification, and the length of the recording that is lost when its recorder is killed. The tests
+of the nodes wait for the same ends without a time limit, because the time depends on the load of
+the machine.
 """
 
 import signal
@@ -30,7 +31,7 @@ KILLED: Final = "recorder: lost when killed"
 
 
 def ended_s(process: Process) -> float:
-    """Interrupt a process; return how long it takes to end [s]."""
+    """Interrupt a process. Return the time until it ends [s]."""
     begin_s = time.monotonic()
     process.send_signal(signal.SIGINT)
     process.wait()
@@ -38,16 +39,16 @@ def ended_s(process: Process) -> float:
 
 
 def ends(graph: Graph, name: str, **parameters: Any) -> float:
-    """Return how long a node that is up takes to end [s]."""
+    """Start a node and interrupt it when it is active. Return the time until it ends [s]."""
     process = graph.start(name, **parameters)
     graph.wait_for_status(f"/ema/{name}: lifecycle", lambda entry: entry["message"] == "active")
     return ended_s(process)
 
 
 def ends_while_it_identifies(graph: Graph) -> float:
-    """Return how long a monitor takes to end in the midst of an identification [s]."""
+    """Interrupt a monitor during an identification. Return the time until it ends [s]."""
     actuator = graph.start("actuator")
-    # At ten million evaluations it takes minutes.
+    # An identification with ten million evaluations takes minutes.
     monitor = graph.start("monitor", algorithm="pso", budget=10_000_000, history_folder="memory")
     graph.wait_for_status(
         "/ema/monitor: flap telemetry", lambda entry: entry.get("windows", "0") != "0"
@@ -58,7 +59,7 @@ def ends_while_it_identifies(graph: Graph) -> float:
 
 
 def lost_s(graph: Graph, folder: Path) -> float:
-    """Return how much of a recording is lost when its recorder is killed [s]."""
+    """Kill a recorder. Return the length of the recording that is lost [s]."""
     actuator, recorder = graph.start("actuator"), graph.start("recorder", output=str(folder))
     graph.wait_for_status(
         "/ema/recorder: recording", lambda entry: int(entry.get("messages", 0)) > 300
@@ -72,7 +73,7 @@ def lost_s(graph: Graph, folder: Path) -> float:
 
 
 def measure(pool: Workers, repeats: int) -> Figures:
-    """Print how promptly nodes end, and what a killed recorder loses, so many times each."""
+    """Measure the time that nodes take to end, and the loss of a killed recorder."""
     with tempfile.TemporaryDirectory() as place, Graph() as graph:
         folders = (Path(place, str(number)) for number in count())
         cases: dict[str, Callable[[], float]] = {

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the commands report of records of real actuators (docs/real-data.md).
+"""Reports of the commands for records of real actuators (docs/real-data.md).
 
     python benchmarks/real.py FOLDER [--json FILE] [--picture FILE]
     python benchmarks/real_document.py FILE --write docs/real-data.md
 
-FOLDER holds `ball_screw*.parquet` (Cranfield, CORD 5097649; a ball screw of 5 mm lead in three
+FOLDER has `ball_screw*.parquet` (Cranfield, CORD 5097649; a ball screw of 5 mm lead with three
 loads, healthy and with twelve seeded faults), `aircraft_ema*.parquet` (project REPRISE; sixteen
-tests over six months, to the jam) and, if at hand, `emps_normal.parquet` and `emps_pulses.parquet`
-(a benchmark of system identification). Each trial of the ball screw is a table on a day of its own,
-tests a month after the healthy trials. `ema import`, `calibrate`, `estimate`, `label` and
-`predict` get whole trials; `ema moves` gets the table of the aircraft. A healthy trial is never
-judged by itself, and a labelled trial never by its label. It takes 3 minutes on two idle cores.
+tests over six months, until the jam) and, optionally, `emps_normal.parquet` and
+`emps_pulses.parquet` (a benchmark of system identification). Each trial of the ball screw is
+imported as a table on a separate day, the tests a month after the healthy trials. `ema import`,
+`calibrate`, `estimate`, `label` and `predict` process whole trials; `ema moves` processes the table
+of the aircraft. No healthy trial is judged by a calibration that includes it, and no trial by its
+own label. The benchmark takes 3 minutes on two idle cores.
 """
 
 import json
@@ -40,7 +41,7 @@ HEALTHY: Final = "normal"
 LOADS: Final = (20, 40, -40)
 TRIALS: Final = (1, 2, 3, 4, 5)
 DAYS: Final = (1, 3, 5)
-"""Numbers of healthy trials, each on its own day."""
+"""Numbers of healthy days to compare, with one trial per day."""
 FIRST_TEST_DAY: Final = 40
 MIDNIGHT: Final = pd.Timestamp("2025-03-03", tz="UTC").timestamp()
 
@@ -49,17 +50,20 @@ FOUND: Final = {
     "backlash 1": (("backlash1",), {20: 0.95, 40: 0.95, -40: 0.95}),
     "backlash 2": (("backlash2",), {20: 0.95, 40: 0.95, -40: 0.6}),
 }
-"""Share of trials to be found by load."""
+"""Faults that should be found: states, and the required share of trials by load [kg]."""
 RIGHT: Final = {20: 0.88, 40: 0.78, -40: 0.85}
-"""Share of trials whose state of thirteen is to be named rightly."""
+"""Required share of trials whose state, one of thirteen, is named correctly, by load [kg]."""
 REPORTED: Final = ("lackLubrication1", "lackLubrication2", "backlash1", "backlash2", "spalling4")
 WARNING: Final = 0.2
-"""Change of friction of the first warning: a level OK needs a smaller detectable change."""
+"""Relative change of friction at the first warning [-].
+
+The level OK is justified only if a smaller change is detectable.
+"""
 LIMIT: Final = 1.5
-"""Ratio to the healthy current at which the aircraft actuator has to be removed."""
+"""Ratio to the healthy current at which the aircraft actuator has to be removed [-]."""
 
 NEWTONS: Final = 35.15
-"""Force for 1 V of command [N/V]."""
+"""Force per volt of command of EMPS [N/V]."""
 PUBLISHED: Final = {"inertia": 95.11, "viscous friction": 203.5, "friction": 20.39}
 """Mass [kg], viscous friction [N.s/m] and Coulomb friction [N] of EMPS."""
 PULSES_N: Final = 88.0
@@ -95,17 +99,17 @@ class Trial(NamedTuple):
 
     @property
     def bag(self) -> str:
-        """Name of its bag as a test."""
+        """File name of the trial's bag as a test."""
         return f"test_{self.state}_{self.load}_{self.number}.mcap"
 
     @property
     def healthy_bag(self) -> str:
-        """Name of its bag as a healthy trial."""
+        """File name of the trial's bag as a healthy trial."""
         return f"healthy_{self.load}_{self.number}.mcap"
 
 
 class Comparison(NamedTuple):
-    """Healthy trials of a load, trials with a label, and trials to be judged by them."""
+    """Healthy trials of a load, labelled trials, and the trials to judge with both."""
 
     load: int
     days: int
@@ -115,7 +119,7 @@ class Comparison(NamedTuple):
 
 
 def succeed(*arguments: str | Path) -> str:
-    """Run a command that is to succeed; return what it printed."""
+    """Run a command and return its stdout; RuntimeError if it fails."""
     code, printed, errors, _ = run(*arguments)
     if code:
         raise RuntimeError(f"ema {' '.join(map(str, arguments))}: exit code {code}: {errors}")
@@ -123,7 +127,7 @@ def succeed(*arguments: str | Path) -> str:
 
 
 def imported(folder: Path, trial: tuple[Trial, int, pd.DataFrame]) -> None:
-    """Write a trial as a table of its day, and import it."""
+    """Write a trial as a table on its day, and import the table into a bag."""
     (key, day, records), columns = trial, ["set_point_mm", "position_error_mm", "current_a"]
     name = key.bag if day >= FIRST_TEST_DAY else key.healthy_bag
     table = (folder / name).with_suffix(".csv")
@@ -135,7 +139,7 @@ def imported(folder: Path, trial: tuple[Trial, int, pd.DataFrame]) -> None:
 
 
 def written(folder: Path, source: Path, workers: Workers) -> list[Trial]:
-    """Import all trials of the ball screw; return them."""
+    """Import all trials of the ball screw and return them."""
     frame = pd.concat([pd.read_parquet(path) for path in sorted(source.glob("ball_screw*"))])
     frame["state"] = frame["state"].astype(str)
     frame = frame[frame["trial"].isin(TRIALS)]
@@ -150,7 +154,7 @@ def written(folder: Path, source: Path, workers: Workers) -> list[Trial]:
 
 
 def comparisons(trials: Sequence[Trial]) -> list[Comparison]:
-    """Return what is compared with what: every faulty trial once by each number of days."""
+    """Return the comparisons to make; each number of days judges every faulty trial once."""
     chosen = []
     for load in LOADS:
         here = [trial for trial in trials if trial.load == load]
@@ -163,7 +167,7 @@ def comparisons(trials: Sequence[Trial]) -> list[Comparison]:
                 tests = [trial for trial in healthy if trial.number in turned[days:]]
                 tests += [trial for trial in faulty if trial.number == turned[days]]
                 chosen.append(Comparison(load, days, turned[:days], tests))
-            # Whole trials left out: the healthy one is judged by the other four.
+            # Leave whole trials out: the other four healthy trials judge the healthy one.
             left = [trial for trial in here if trial.number == turned[0]]
             labelled = [trial for trial in faulty if trial.number != turned[0]]
             chosen.append(Comparison(load, len(turned) - 1, turned[1:], left, labelled))
@@ -171,7 +175,7 @@ def comparisons(trials: Sequence[Trial]) -> list[Comparison]:
 
 
 def compared(folder: Path, comparison: Comparison) -> list[Figures]:
-    """Return what `ema estimate` reports of the tests of a comparison."""
+    """Return the reports of `ema estimate` for the tests of a comparison."""
     calibration = calibrated(folder, comparison)
     for state in sorted({trial.state for trial in comparison.labelled}):
         bags = [folder / trial.bag for trial in comparison.labelled if trial.state == state]
@@ -190,7 +194,7 @@ def compared(folder: Path, comparison: Comparison) -> list[Figures]:
 
 
 def calibrated(folder: Path, comparison: Comparison) -> Path:
-    """Return the calibration of the healthy trials of a comparison."""
+    """Calibrate on the healthy trials of a comparison. Return the path of the calibration."""
     load, healthy = comparison.load, comparison.healthy
     name = f"{load}_{'_'.join(map(str, healthy))}{'_labelled' * bool(comparison.labelled)}.yaml"
     bags = [folder / Trial(HEALTHY, load, number).healthy_bag for number in healthy]
@@ -199,7 +203,7 @@ def calibrated(folder: Path, comparison: Comparison) -> Path:
 
 
 def estimated(bag: Path, calibration: Path) -> Figures:
-    """Return what `ema estimate` reports of a record."""
+    """Return the report of `ema estimate` for a record."""
     code, printed, errors, _ = run("estimate", bag, "--calibration", calibration, "--json")
     if not printed:
         raise RuntimeError(f"{bag}: {errors}")
@@ -216,7 +220,7 @@ def estimated(bag: Path, calibration: Path) -> Figures:
 
 
 def reported(folder: Path, load: int) -> list[Figures]:
-    """Return level and friction of tests after one healthy day."""
+    """Return level and friction of tests after calibration on one healthy day."""
     calibration = calibrated(folder, Comparison(load, 1, TRIALS[-1:], ()))
     reports = []
     for state in (HEALTHY, *REPORTED):
@@ -233,7 +237,7 @@ def reported(folder: Path, load: int) -> list[Figures]:
 
 
 def emps(source: Path) -> Figures:
-    """Return what the commands report of EMPS: its coefficients, its parts, an unknown load."""
+    """Return the reports of the commands for EMPS: coefficients, thirds and an unknown load."""
     normal = pd.read_parquet(source / "emps_normal.parquet")
     pulses = pd.read_parquet(source / "emps_pulses.parquet")
     third = len(normal) // 3
@@ -264,7 +268,7 @@ def emps(source: Path) -> Figures:
 
 
 def aircraft(path: Path) -> list[Figures]:
-    """Return what `ema moves` reports of each test by the tests before it."""
+    """Return the report of `ema moves` for each test, based on the tests before it."""
     moves = pd.read_parquet(path)
     with TemporaryDirectory() as name:
         table, mapping = Path(name) / "moves.csv", Path(name) / "moves.yaml"
@@ -281,11 +285,11 @@ def aircraft(path: Path) -> list[Figures]:
 
 
 def measure(workers: Workers, folder: Path, picture: Path | None = None) -> Figures:
-    """Print what the commands report of the records of real actuators in FOLDER."""
+    """Run the commands on the records of real actuators in FOLDER."""
     with TemporaryDirectory() as name:
         trials = written(Path(name), folder, workers)
         reports = workers.map("report", partial(reported, Path(name)), LOADS)
-        # The longest first, so that no worker waits for the last.
+        # Start the longest tasks first, to keep all workers busy until the end.
         tasks = sorted(comparisons(trials), key=lambda entry: not entry.labelled)
         judged = workers.map("compare", partial(compared, Path(name)), tasks)
     figures: Figures = {
@@ -301,18 +305,18 @@ def measure(workers: Workers, folder: Path, picture: Path | None = None) -> Figu
 
 
 def has_departed(test: Figures) -> bool:
-    """Return whether a trial departs."""
+    """Return whether a trial departs from the healthy trials."""
     return test["verdict"] == "departed"
 
 
 def is_open(test: Figures) -> bool:
-    """Return whether the friction of a trial that does not depart is not judged."""
+    """Return whether a trial does not depart, but its friction is not judged."""
     friction = test["quantities"]["friction"]["judgement"]
     return not has_departed(test) and friction == "not judged"
 
 
 def kind(state: str) -> str:
-    """Return a state without its severity."""
+    """Return the kind of a state, without its severity."""
     return state.rstrip("0123456789")
 
 
@@ -323,7 +327,7 @@ def named(test: Figures) -> str:
 
 
 def changes(test: Figures) -> str:
-    """Return the quantities and figures that have changed."""
+    """Return the changed quantities, with signs, and figures of a trial, separated by commas."""
     signs = {
         name: "+" if quantity["change"] > 0.0 else "-"
         for name, quantity in test["quantities"].items()
@@ -333,9 +337,10 @@ def changes(test: Figures) -> str:
 
 
 def chosen(figures: Figures, days: int, load: int | None = None, *states: str) -> list[Figures]:
-    """Return the trials that are compared with this number of days, or left out of the most.
+    """Return the trials that are compared with a number of healthy days, by load and state.
 
-    With five days a healthy trial is compared with the other four.
+    With five days, a healthy trial is compared with the other four. ``load`` None selects all
+    loads, and no ``states`` select all states.
     """
     return [
         test
@@ -382,14 +387,14 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def smallest_change(figures: Figures, days: int, load: int | None = None) -> float:
-    """Return the median of the smallest detectable changes of friction [%]."""
+    """Return the median over trials of the smallest detectable change of friction [%]."""
     frictions = [test["quantities"]["friction"] for test in chosen(figures, days, load)]
     changes = [friction["smallest_change"] for friction in frictions]
     return 100.0 * float(np.nanmedian(np.array(changes, dtype=float)))
 
 
 def is_blind(report: Figures) -> bool:
-    """Return whether a change of friction that gives a warning could have been missed."""
+    """Return whether the test could have missed a change of friction that gives a warning."""
     friction = report["friction"]
     smallest = friction["smallest_change"]
     return friction["judgement"] == "not judged" or smallest is None or smallest >= WARNING
@@ -431,7 +436,7 @@ def _aircraft_rows(name: str, tests: list[Figures]) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     states = list(dict.fromkeys(trial["state"] for trial in figures["trials"]))
     for days in DAYS:
         cells = {
@@ -504,7 +509,7 @@ def _departing(tests: Sequence[Figures]) -> str:
 
 
 def draw(figures: Figures, path: Path) -> None:
-    """Draw the change of friction in trials of the ball screw, and the life of the aircraft's."""
+    """Draw the change of friction of the ball screw, and the life of the aircraft actuator."""
     picture, (left, right) = plt.subplots(
         1, 2, figsize=(12.0, 4.6), layout="constrained", width_ratios=(3, 2)
     )

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of docs/real-data.md from the figures of `real.py`.
+"""Write the tables of docs/real-data.md from the figures of `real.py`.
 
     python benchmarks/real_document.py FIGURES [--write DOCUMENT] [--picture FILE]
 
-FIGURES is what `real.py --json` wrote. The tables are printed in Markdown. With --write, each
-replaces the table of DOCUMENT that has the same headings.
+FIGURES is the file of `real.py --json`. The tables are printed in Markdown. With --write, each
+table replaces the table of DOCUMENT with the same headings.
 """
 
 import json
@@ -105,7 +105,7 @@ def tables(figures: Figures) -> Iterator[list[str]]:
 
 
 def _departed(figures: Figures, load: int, states: tuple[str, ...]) -> str:
-    """Return how many trials depart after each number of days, of how many."""
+    """Return the number of departed trials for each number of days, and the number of trials."""
     tests = [chosen(figures, days, load, *states) for days in DAYS]
     departed = [sum(map(has_departed, of_days)) for of_days in tests]
     sizes = [len(of_days) for of_days in tests]
@@ -166,7 +166,7 @@ def _period(name: str, tests: Sequence[Figures]) -> list[str]:
 
 
 def rewritten(document: str, new: Sequence[Sequence[str]]) -> str:
-    """Return the document with tables replaced by those with the same headings.
+    """Return the document with each table replaced by the new table with the same headings.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def rewritten(document: str, new: Sequence[Sequence[str]]) -> str:
 @click.option("--write", "document", type=click.Path(exists=True, path_type=Path))
 @click.option("--picture", type=click.Path(path_type=Path))
 def main(figures: Path, document: Path | None, picture: Path | None) -> None:
-    """Print or write the tables."""
+    """Print the tables, and write them to the document."""
     values = json.loads(figures.read_text(encoding="utf-8"))
     new = list(tables(values))
     for rows in new:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A monitor that begins again: time from a unit's file of many tests to its health.
+"""Restart of a monitor: time from a unit's history of many tests to its health.
 
     python resume.py [--tests 1000] [--runs 5] [--json FILE]
 
-Prints how long it takes with what the file keeps of growth, and, in the same run, when all tests
-are repeated, as after a change of limits or of the tracker.
+Prints the time with the stored growth, and the time if all tests are repeated, as after a change of
+limits or of the tracker.
 """
 
 import sqlite3
@@ -34,7 +34,7 @@ SETTINGS: Final = PrognosisSettings(service=Service(hours_per_cycle=1.0))
 
 
 def lived(path: Path, tests: int) -> None:
-    """Write the history of a unit whose friction and backlash grow."""
+    """Write the history of a unit with growing friction and backlash to a file."""
     unit, rng = Unit(History(*UNIT, path), SETTINGS), np.random.default_rng(1)
     for number in range(tests):
         unit.update(worn(float(number), number / tests, rng), None, SETTINGS)
@@ -43,7 +43,7 @@ def lived(path: Path, tests: int) -> None:
 
 
 def resume_s(path: Path) -> float:
-    """Return the time from the file to the health after its latest test [s]."""
+    """Return the time to read a history and compute the health after its latest test [s]."""
     parameters = Calibration.builtin().unit_parameters
     start_s = time.perf_counter()
     unit = Unit(History(*UNIT, path), SETTINGS)
@@ -56,8 +56,8 @@ def resume_s(path: Path) -> float:
 
 
 def measure(_: Workers, tests: int, runs: int) -> Figures:
-    """Print how long a restart takes with what is kept of growth, and without it."""
-    # Made and compiled once a process, by any unit.
+    """Measure the time of a restart with the stored growth, and without it."""
+    # A process compiles the requirements once, for its first unit: exclude that time.
     requirements_of(Calibration.builtin().unit_parameters, RequirementLimits())
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "unit.sqlite"

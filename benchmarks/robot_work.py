@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arms at work: the wear at which a joint is named, and healthy days without a warning.
+"""Arms at work: the wear at which a joint is named, and false alarms on healthy days.
 
     python benchmarks/robot_work.py [--seeds N] [--hours H] [--json FILE]
 
 Units of the simulated six-joint arm work in a pick-and-place cycle. Their telemetry is written to
-files, from which `ema attach` recognises the columns, learns the baselines and gives the levels:
-with the mass of the part in the hand as a column `payload`, and without it.
+files. `ema attach` recognises the columns, learns the baselines and reports the levels. The files
+have the mass of the payload as a column `payload`, or do not have it.
 
-- Wear: 24 healthy cycles, then cycles in which the friction of one joint rises by 3 % each. For
-  each joint: the true increase in the record that first gives a warning which names friction, and
-  whether any other joint is above OK.
-- Work: two healthy arms, 12 joints, learn on three days and then work for ``--hours``, with parts
-  and temperatures that change over the day. No joint may give a warning.
+- Wear: 24 healthy cycles are followed by cycles in which the friction of one joint rises by 3 %
+  each. For each joint, the benchmark reports the true increase in the first record with a warning
+  that names friction, and whether any other joint is above OK.
+- Work: two healthy arms, 12 joints, learn on three days and then work for ``--hours``, with
+  payloads and temperatures that change over the day. No joint may give a warning.
 """
 
 import json
@@ -37,7 +37,7 @@ START_S: Final = 1_793_664_000.0
 HEALTHY_CYCLES: Final = 24
 WORN_CYCLES: Final = 14
 GROWTH: Final = 0.03
-"""Increase of friction in a cycle, relative to healthy [-]."""
+"""Increase of friction per cycle, relative to healthy [-]."""
 NAMED_BY: Final = 0.15
 """Increase of friction by which the joint should be named [-]."""
 
@@ -47,11 +47,11 @@ _LEARNED_CYCLES: Final = 10
 _WORK_PAUSE_S: Final = 30.0
 
 PAYLOADS: Final = {"known": True, "unknown": False}
-"""Whether the files have the payload, by its name in the figures."""
+"""Variants of the files by their name in the figures: True with a column `payload`."""
 
 
 class _Log(NamedTuple):
-    """Work of an arm in one file: samples, and friction over healthy friction in each cycle."""
+    """Log of an arm's work: samples, end of each cycle [s], and its friction over healthy."""
 
     start_s: float
     columns: dict[str, Any]
@@ -62,7 +62,7 @@ class _Log(NamedTuple):
 def log_of(
     arm: RobotArm, start_s: float, cycles: Sequence[tuple[WorkSettings, dict[str, float]]]
 ) -> _Log:
-    """Simulate cycles with these settings and wear, from a time on."""
+    """Simulate cycles, each with settings and wear by joint, from a time on. Return their log."""
     blocks, ends_s, ratios, samples = [], [], [], 0
     for work, wear in cycles:
         cycle = arm.begin_cycle(work, wear)
@@ -79,7 +79,10 @@ def log_of(
 
 
 def attached(logs: Sequence[_Log], healthy: str, *, has_payload: bool) -> dict[str, Any]:
-    """Return what `ema attach` prints of each joint in files of the logs, by name."""
+    """Return the report of `ema attach` for files of the logs, by joint.
+
+    ``healthy`` is the argument of ``--healthy``. ``has_payload`` False omits the column `payload`.
+    """
     with tempfile.TemporaryDirectory() as name:
         for number, log in enumerate(logs):
             columns = {
@@ -95,7 +98,7 @@ def attached(logs: Sequence[_Log], healthy: str, *, has_payload: bool) -> dict[s
 
 
 def wear_case(case: tuple[int, str]) -> dict[str, Any]:
-    """Return the outcome for an arm with one wearing joint, by whether the payload is known."""
+    """Return the outcomes for an arm with one wearing joint, by ``PAYLOADS``."""
     seed, joint = case
     arm = RobotArm(seed=seed, rate=RATE)
     work = WorkSettings(healthy_cycles=0)
@@ -113,7 +116,10 @@ def wear_case(case: tuple[int, str]) -> dict[str, Any]:
 
 
 def _wear_outcome(joint: str, worn: _Log, healthy: Any, joints: dict[str, Any]) -> dict[str, Any]:
-    """Return the outcome of `attached`; ``healthy`` has the friction ratios of healthy records."""
+    """Return the outcome of a report: when the joint is named, its errors, and other joints.
+
+    ``healthy`` has the mean friction ratio of each joint in the healthy cycles.
+    """
     at = JOINT_NAMES.index(joint)
     named = None
     for record in joints[joint]["records"]:
@@ -137,9 +143,9 @@ def _wear_outcome(joint: str, worn: _Log, healthy: Any, joints: dict[str, Any]) 
 def _errors(
     joint: dict[str, Any], worn: _Log, at: int, healthy: float
 ) -> Iterator[tuple[float, bool]]:
-    """Yield the error of each record's friction ratio, and whether its interval holds.
+    """Yield the error of each record's change of friction [-], and whether its interval holds.
 
-    The friction wanders in the healthy records, too: ``healthy`` is its mean ratio there.
+    Friction also varies between the healthy records; ``healthy`` is its mean ratio there.
     """
     ends_s = np.array(worn.ends_s)
     ratios = np.array(worn.ratios)[:, at]
@@ -153,9 +159,9 @@ def _errors(
 
 
 def work_case(case: tuple[int, float]) -> dict[str, Any]:
-    """Return the levels of a healthy arm in ``hours`` of work, after learning on three days.
+    """Return the levels of a healthy arm at work, after learning on three days, by ``PAYLOADS``.
 
-    They are given by whether the payload is known.
+    ``case`` has the seed of the arm and the hours of work.
     """
     seed, hours = case
     arm = RobotArm(seed=seed, rate=RATE)
@@ -194,7 +200,7 @@ def _work(hour: float) -> WorkSettings:
 
 
 def measure(workers: Workers, seeds: int, hours: float) -> Figures:
-    """Run both parts."""
+    """Measure the wear at which joints are named, and false alarms of healthy arms."""
     cases = [(seed, joint) for seed in range(seeds) for joint in JOINT_NAMES]
     worn = workers.map("arms that wear", wear_case, cases)
     work = workers.map("arms at work", work_case, [(100 + arm, hours) for arm in range(2)])
@@ -202,7 +208,7 @@ def measure(workers: Workers, seeds: int, hours: float) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Yield targets and what was measured."""
+    """Return the rows of the targets."""
     for payload in PAYLOADS:
         worn = [case[payload] for case in figures["wear"]]
         with_it = f", payload {payload}"

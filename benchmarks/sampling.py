@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What rate, sampling of the current and missing columns cost: errors, verdicts and intervals.
+"""Effect of sample rate, current sampling and missing columns on errors, verdicts and intervals.
 
     python benchmarks/sampling.py [--json FILE] [--vectors N] [--seed S]
 
-The same random faults, half by the thesis's law and half wide, are simulated with each acquisition
-of the telemetry and noisy sensors, windows are found in it, and each is identified with a
-calibration on twelve healthy cycles that were acquired alike. The weights and
-limits were set with seeds 1 to 4.
+The same random faults, half by the thesis's law and half wide, are simulated with noisy sensors and
+with each acquisition of the telemetry. Each window is identified with a calibration on twelve
+healthy cycles of the same acquisition. The weights and limits were tuned with seeds 1 to 4.
 """
 
 from collections.abc import Iterator
@@ -47,11 +46,11 @@ ACQUISITIONS: Final = {
         ("1 kHz, no current", 1e-3, Acquisition("none")),
     )
 }
-"""Acquisitions by name, each of the built-in actuator."""
+"""Descriptions of the built-in actuator by name of the acquisition."""
 
 
 class _Recording(NamedTuple):
-    """What is simulated: an actuator with faults, ``(8,)``, in some test cycles."""
+    """An actuator with faults, ``(8,)``, to simulate in a number of test cycles."""
 
     description: ActuatorDescription
     faults: NDArray[np.float64]
@@ -80,7 +79,7 @@ def _estimate(work: tuple[_Recording, Calibration]) -> Estimate:
 
 
 def measure(pool: Workers, vectors: int, seed: int) -> Figures:
-    """Print the figures of each acquisition, of so many faults."""
+    """Measure the accuracy with each acquisition."""
     rng = np.random.default_rng([20_160, seed])
     truths = [(wide_faults if i % 2 else random_faults)(rng) for i in range(vectors)]
     figures, first = {}, 1000 * seed
@@ -122,7 +121,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     shares = ("valid", "fit_within_limit", "separated", "covers")
     yield grid(
         "rate, sampling of the current, missing columns",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all benchmarks share: their commands, and the processes that they measure in."""
+"""Shared parts of the benchmarks: their commands, and processes to measure in."""
 
 import json
 import multiprocessing
@@ -26,7 +26,7 @@ Result = TypeVar("Result")
 
 
 class Workers:
-    """A process a core, each of which keeps to one thread, with progress on a bar."""
+    """A pool of one single-threaded process per core, with a progress bar."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
@@ -34,41 +34,41 @@ class Workers:
     @cached_property
     def _pool(self) -> ProcessPoolExecutor:
         os.environ.update(array_environment())
-        # A fork would inherit threads of this process as they stand.
+        # A fork would inherit the state of this process's threads.
         context = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(os.cpu_count(), context, limit_threads, (1,))
 
     def map(self, what: str, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """Return what ``work`` makes of each item."""
+        """Return the result of ``work`` for each item, in order; ``what`` labels the progress."""
         chunk = max(1, min(8, len(items) // 8))
         return list(self.track(what, self._pool.map(work, items, chunksize=chunk), len(items)))
 
     def track(self, what: str, items: Iterable[Item], total: int | None = None) -> Iterable[Item]:
-        """Return items, to be gone through in this process."""
+        """Return an iterable of the items that shows progress, labelled ``what``."""
         return self._progress.track(items, total=total, description=what)
 
     def close(self) -> None:
-        """End the processes."""
+        """Stop the processes."""
         if "_pool" in vars(self):
             self._pool.shutdown()
 
 
 def in_a_process(work: Callable[..., Result], *options: Any) -> Result:
-    """Return what ``work`` gives in a process of its own."""
+    """Run ``work`` in a new process and return its result."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         return pool.submit(work, *options).result()
 
 
 def peak_mib(status: str) -> float:
-    """Return the largest resident set by ``/proc/PID/status`` [MiB].
+    """Return the largest resident set in the content of ``/proc/PID/status`` [MiB].
 
-    What wait4 and getrusage say is at least the peak of the process that forked.
+    wait4 and getrusage report at least the peak of the process that forked.
     """
     return int(status.partition("VmHWM:")[2].split()[0]) / 1024.0
 
 
 def cpu_s(process: int) -> float:
-    """Return the processor time that a process has taken so far [s]."""
+    """Return the processor time that a process has used so far [s]."""
     fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -85,10 +85,12 @@ def command(
     full: Mapping[str, int] | None = None,
     **options: Any,
 ) -> click.Command:
-    """Return the command of a script: it measures, prints targets and tables, and writes JSON.
+    """Return the command of a script, which measures, prints targets and tables, and writes JSON.
 
-    ``measure`` is given workers and the options by name, of those for ``--quick`` or ``--full``
-    where these are given. A default is a value, or a parameter of click.
+    ``measure`` receives the workers, and the options as keyword arguments; its docstring is the
+    help. ``quick`` and ``full`` are the values of options with ``--quick`` and ``--full``. An
+    option is its default value, or a parameter of click. ``beside`` is the heading of the column
+    of reference values.
     """
     defaults = {n: value for n, value in options.items() if not isinstance(value, click.Parameter)}
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults beside an error of a sensor: gain, offset or delay of current, speed or position.
+"""Estimates under a sensor error: gain, offset or delay of current, speed or position.
 
     python benchmarks/sensor_errors.py [--json FILE] [--quick | --full] [--step PERCENT] [--seed N]
 
-Each error goes from -30 to 30 % in steps of 4 %, with ``--full`` of 1 %: of the column for a gain,
-of its largest value for an offset, of 10 ms for a delay (a column with a negative delay is early).
-There are four fault vectors: those for development with seed 0, and drawn ones with any other seed.
-Windows are identified as by the library, without earlier tests.
+Each error varies from -30 to 30 % in steps of 4 %, or 1 % with ``--full``. The percentage refers to
+the column for a gain, to its largest value for an offset, and to 10 ms for a delay (a negative
+delay makes the column early). Seed 0 has the four fault vectors of development, any other seed has
+four random ones. Windows are identified by the library, without earlier tests.
 """
 
 from collections.abc import Iterator, Mapping
@@ -32,9 +32,9 @@ ERRORS: Final = ("gain", "offset", "delay")
 LARGEST_PERCENT: Final = 30
 """Largest error of a sensor [%]."""
 DELAY_S: Final = 0.01
-"""What delays are in percent of [s]."""
+"""Delay that corresponds to 100 % [s]."""
 WRONG_SIGMA: Final = 5.0
-"""From this error on, an estimate is wrong [standard deviations]."""
+"""Error above which an estimate is wrong [standard deviations]."""
 
 _DEVELOPMENT: Final[tuple[Mapping[str, float], ...]] = (
     {"friction": 0.22},
@@ -43,7 +43,7 @@ _DEVELOPMENT: Final[tuple[Mapping[str, float], ...]] = (
     {"eccentricity": 0.4, "eccentricity_phase": 0.3, "friction": 0.05},
 )
 _ROOT: Final = 31_207
-# A fault that is beyond a limit by less than this share is not due yet.
+# A level is due when a fault exceeds its limit by this share.
 _MARGIN: Final = 0.1
 
 
@@ -58,18 +58,18 @@ class Case(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """Which error of which sensor."""
+        """Sensor and kind of its error."""
         return f"{self.column} {self.error}"
 
     def windows(self) -> list[Window]:
-        """Record the window; there is none if the wrong column hides the start of the test."""
+        """Return the simulated window; empty if the wrong column hides the start of the test."""
         telemetry = simulate(
             self.faults, current_noise=CURRENT_NOISE, resolutions=RESOLUTIONS, seed=self.seed
         )
         return find_windows(self.misread(telemetry))
 
     def misread(self, telemetry: Telemetry) -> Telemetry:
-        """Return telemetry with the error."""
+        """Return telemetry with the sensor error applied."""
         column, share = getattr(telemetry, self.column), self.percent / 100.0
         if self.error == "gain":
             column = (1.0 + share) * column
@@ -82,7 +82,7 @@ class Case(NamedTuple):
 
 
 def cases(step: int, seed: int) -> list[Case]:
-    """Return the cases with errors so many percent apart."""
+    """Return the cases, with errors in steps of ``step`` percent."""
     sizes = [size for size in range(-LARGEST_PERCENT, LARGEST_PERCENT + 1, step) if size]
     return [
         Case(faults, 10 * seed + number, column, error, size)
@@ -93,7 +93,7 @@ def cases(step: int, seed: int) -> list[Case]:
 
 
 def fault_vectors(seed: int) -> list[tuple[float, ...]]:
-    """Return four fault vectors."""
+    """Return four fault vectors, ``(8,)``: fixed for seed 0, else random."""
     if seed == 0:
         return [tuple(fault_vector(faults).tolist()) for faults in _DEVELOPMENT]
     rng = np.random.default_rng([_ROOT, seed])
@@ -107,7 +107,7 @@ def fault_vectors(seed: int) -> list[tuple[float, ...]]:
 
 
 def work(case: Case) -> Figures:
-    """Return what the library makes of a case."""
+    """Return verdict, error and level that the library reports for a case."""
     windows = case.windows()
     estimate = identify(windows[0]) if windows else None
     result: Figures = {
@@ -139,14 +139,14 @@ def work(case: Case) -> Figures:
 
 
 def due_level(faults: tuple[float, ...]) -> int:
-    """Return the level that faults, ``(8,)``, ask for, were they known."""
+    """Return the level that the true faults, ``(8,)``, require."""
     limits, away = HealthLimits(), np.abs(np.array(faults) - healthy_faults())
     share = max(float(away[n]) / limits.of(FAULT_NAMES[n]) for n in INDICES) / (1.0 + _MARGIN)
     return ERROR if share > 1.0 else WARN if share > limits.warn_share else OK
 
 
 def measure(pool: Workers, step: int, seed: int) -> Figures:
-    """Print how right estimates are beside an error of a sensor."""
+    """Measure the accuracy of estimates under an error of a sensor."""
     results = pool.map("windows", work, cases(step, seed))
     kinds = [f"{column} {error}" for column, error in product(COLUMNS, ERRORS)]
     return {
@@ -160,7 +160,7 @@ def measure(pool: Workers, step: int, seed: int) -> Figures:
 
 
 def summary(results: list[Figures]) -> Figures:
-    """Return the figures of the windows of a kind."""
+    """Return counts, and the worst error, of the windows with a kind of sensor error."""
     verdicts = [result["verdict"] for result in results]
     wrong = [result for result in results if result["sigmas"] > WRONG_SIGMA]
     worst = max(results, key=lambda entry: entry["sigmas"])
@@ -193,7 +193,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     yield grid(
         "faults beside an error of a sensor",
         (

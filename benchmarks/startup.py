@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Start-up: processor and wall time of short commands, run again and again with warm caches.
+"""Start-up: processor and wall time of short commands, run repeatedly with warm caches.
 
 python startup.py [--runs 9] [--json FILE]
 """
@@ -18,13 +18,13 @@ from targets import Row, at_most
 
 SAMPLE: Final = Path(__file__).parents[1] / "bags" / "faulty_flap.mcap"
 TARGETS_S: Final = {"--help": 0.3, "info": 0.3, "estimate": 0.8}
-"""Commands, and how long each may take on an idle machine [s]."""
+"""Largest wall time of each command on an idle machine [s]."""
 
 
 def run_once(name: str) -> tuple[float, float]:
-    """Return the processor time and the wall time of a command in a process of its own [s]."""
+    """Return the processor time and the wall time of a command in a new process [s]."""
     arguments = [name] if name == "--help" else [name, str(SAMPLE)]
-    # As a user's shell has it: compiled modules are kept.
+    # As in a user's shell: Python keeps compiled modules.
     unset = ("PYTHONDONTWRITEBYTECODE", "PYTHONUNBUFFERED")
     before_s, begin_s = children_s(), time.perf_counter()
     subprocess.run(
@@ -37,13 +37,13 @@ def run_once(name: str) -> tuple[float, float]:
 
 
 def children_s() -> float:
-    """Return the processor time of the processes that have ended [s]."""
+    """Return the processor time of all ended child processes [s]."""
     times = os.times()
     return times.children_user + times.children_system
 
 
 def measure(_: Workers, runs: int) -> Figures:
-    """Print how long short commands take, the median of so many runs."""
+    """Measure the median time of short commands."""
     figures = {}
     for name in TARGETS_S:
         run_once(name)  # fills the caches
@@ -54,7 +54,7 @@ def measure(_: Workers, runs: int) -> Figures:
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return the rows of the targets: what counts is the wall time, of an idle machine."""
+    """Return the rows of the targets, which are for the wall time on an idle machine."""
     for name, limit_s in TARGETS_S.items():
         wall_s, processor_s = figures[name]["wall_s"], figures[name]["processor_s"]
         what = f"ema {name}, median of wall (processor) time [s]"

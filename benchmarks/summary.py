@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All targets in one table, from what the other benchmarks wrote.
+"""All targets in one table, from the files of the other benchmarks.
 
     python benchmarks/summary.py
 
-Reads the JSON files that `make bench` writes beside this file, prints the table, writes it to
-summary.json, adds it to history.csv with the commit, and fails when a target is missed.
+Reads the JSON files that `make bench` writes to this folder. Prints the table, writes it to
+summary.json and appends it to history.csv with the commit. Fails if a target is missed.
 """
 
 import csv
@@ -34,11 +34,11 @@ SCRIPTS: Final = (
     ),
     *("prognosis.own_laws", "prognosis.foreign_laws", "advisory"),
 )
-"""Modules that have rows of targets; each writes a file of its name."""
+"""Modules with targets; each writes a JSON file with its name."""
 
 
 def main() -> None:
-    """Print the table, write it, and fail when a target is missed."""
+    """Print and write the table of all targets; SystemExit if a target is missed."""
     rows: list[Row] = []
     for name in SCRIPTS:
         file = HERE / f"{name.rpartition('.')[2]}.json"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Windows of cases identified, and the estimates beside the truth."""
+"""Identification of the windows of cases, and comparison of the estimates with the truth."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -29,19 +29,19 @@ from ema_monitor.identification.search_settings import SearchSettings
 from ema_monitor.windows.window import Window
 
 ACTUATOR: Final = ActuatorDescription()
-"""Description given to the monitor for every actuator, whatever the plant really is."""
+"""Description that the monitor receives for every actuator, for any true plant."""
 
 LEVEL: Final = 0.9
-"""Probability that an interval is meant to cover the truth with [-]."""
+"""Nominal coverage of an interval [-]."""
 
 Z: Final = NormalDist().inv_cdf((1.0 + LEVEL) / 2.0)
-"""Half-width of that interval [standard deviations]."""
+"""Half-width of an interval with the coverage ``LEVEL`` [standard deviations]."""
 
 HEALTHY_WINDOWS: Final = 20
-"""Healthy windows that the nominal unit is calibrated on when its sensors are noisy."""
+"""Number of healthy windows for the calibration of the nominal unit with noisy sensors."""
 
 WRONG: Final = 0.02
-"""Error beyond which a component is wrong [-]; beyond 3 sigma as well it is too confident."""
+"""Error above which a component is wrong [-]; it is also too confident above 3 sigma."""
 
 _CONFIDENT_SIGMA: Final = 3.0
 _SMALLEST_ZETA: Final = 0.05
@@ -50,7 +50,7 @@ _GROWTH: Final = 1.015
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """One way to look at a window: by a calibration, by ideal or noisy sensors, and how."""
+    """A variant of the identification: calibration, ideal or noisy sensors, and settings."""
 
     calibration: Calibration
     noisy: bool = False
@@ -59,7 +59,7 @@ class Variant:
 
 
 class Job(NamedTuple):
-    """A case and the ways to look at its window."""
+    """A case, and the variants of its identification."""
 
     case: Case
     variants: Sequence[Variant]
@@ -80,30 +80,30 @@ class Job(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """True fault vectors, ``(n, 8)``, and what was found."""
+    """True fault vectors, ``(n, 8)``, and their estimates."""
 
     truth: NDArray[np.float64]
     estimates: Sequence[Estimate]
 
     @classmethod
     def of(cls, truth: Iterable[ArrayLike], estimates: Sequence[Estimate]) -> "Trial":
-        """Return the trial of fault vectors."""
+        """Return the trial of true fault vectors, ``(8,)`` each, and estimates."""
         return cls(np.array([*truth], dtype=float).reshape(-1, N_FAULTS), estimates)
 
     @property
     def used(self) -> "Trial":
-        """Those that are not refused, nor failed."""
+        """Trial of the estimates that are valid or degraded."""
         kept = [estimate.verdict in (VALID, DEGRADED) for estimate in self.estimates]
         return self.of_those(np.array(kept, dtype=bool))
 
     def of_those(self, chosen: Any) -> "Trial":
-        """Return those with some numbers, or flags."""
+        """Return the trial of the estimates that an index or a mask selects."""
         numbers = np.arange(len(self.estimates))[chosen]
         return Trial(self.truth[numbers], [self.estimates[n] for n in numbers])
 
     @property
     def errors_percent(self) -> NDArray[np.float64]:
-        """Errors in percent of the range; inf where there is no estimate."""
+        """Errors in percent of the range, ``(n,)``; inf without an estimate."""
         return np.array(
             [
                 estimation_error(estimate.faults, k)
@@ -115,38 +115,41 @@ class Trial:
 
     @property
     def faults(self) -> NDArray[np.float64]:
-        """Fault vectors that were found, ``(n, 8)``."""
+        """Estimated fault vectors, ``(n, 8)``."""
         return np.array([estimate.faults for estimate in self.estimates]).reshape(-1, N_FAULTS)
 
     @property
     def sigma(self) -> NDArray[np.float64]:
-        """Standard deviations, ``(n, 8)``; NaN where unobservable."""
+        """Standard deviations of the estimates, ``(n, 8)``; NaN where unobservable."""
         return np.array([estimate.sigma for estimate in self.estimates], dtype=float).reshape(
             -1, N_FAULTS
         )
 
     @property
     def away(self) -> NDArray[np.float64]:
-        """Distance of estimate and truth by component, the phase wrapped to half a turn."""
+        """Distance from estimate to truth, ``(n, 8)``, with the phase wrapped to half a turn."""
         result = self.faults - self.truth
         result[:, ECCENTRICITY_PHASE] -= np.round(result[:, ECCENTRICITY_PHASE])
         return np.abs(result)
 
     @property
     def judged(self) -> NDArray[np.bool_]:
-        """Components that have a value: the phase only of an eccentricity of more than 0.05."""
+        """Mask of components to judge, ``(n, 8)``.
+
+        The phase is judged only for an eccentricity above 0.05.
+        """
         result = np.ones(self.truth.shape, dtype=bool)
         result[:, ECCENTRICITY_PHASE] = self.truth[:, ECCENTRICITY] > _SMALLEST_ZETA
         return result
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Judged components with an interval."""
+        """Mask of judged components that have an interval, ``(n, 8)``."""
         return self.judged & np.isfinite(self.sigma)
 
     @property
     def quantiles(self) -> NDArray[np.float64]:
-        """Quantiles less the truth, ``(5, n, 8)``, those of the phase as near to it as it wraps."""
+        """Quantiles minus the truth, ``(5, n, 8)``; the phase is wrapped to the nearest turn."""
         stated = np.array([estimate.quantiles for estimate in self.estimates]).reshape(
             -1, 5, N_FAULTS
         )
@@ -156,25 +159,31 @@ class Trial:
         return np.moveaxis(result, 1, 0)
 
     def coverage(self, columns: Any = slice(None), level: float = LEVEL) -> float:
-        """Return how often intervals of 90 or 50 % cover the truth."""
+        """Return the share of known components whose interval covers the truth [-].
+
+        ``level`` is ``LEVEL`` for the 90 % interval, any other value for the 50 % interval.
+        """
         low, _, high = self.quantiles[[0, 2, 4] if level == LEVEL else [1, 2, 3]][..., columns]
         return mean(((low <= 0.0) & (high >= 0.0))[self.known[:, columns]])
 
     def coverage_by_component(self, level: float = LEVEL) -> dict[str, float]:
-        """Return the coverage of each component."""
+        """Return the coverage by component [-]."""
         return {name: self.coverage(n, level) for n, name in enumerate(FAULT_NAMES)}
 
     def crps_percent(self) -> float:
-        """Return the mean CRPS of known components by their quantiles, in % of the range."""
+        """Return the mean CRPS of known components, from their quantiles [% of the range]."""
         levels = np.array(LEVELS)
         away, known = self.quantiles, self.known
-        # Each level stands for the probabilities that are nearest to it.
+        # Each level represents the probabilities that are nearest to it.
         edges = np.concatenate([[0.0], (levels[1:] + levels[:-1]) / 2.0, [1.0]])
         shares = levels[:, None] - (away[:, known] > 0.0)
         return 100.0 * mean(-2.0 * np.diff(edges) @ (shares * away[:, known]))
 
     def log_score(self) -> float:
-        """Return the mean of -ln density by quantiles, with exponential tails [nat]."""
+        """Return the mean of -ln(density) at the truth [nat].
+
+        The density follows from the quantiles, with exponential tails.
+        """
         at = np.sort(self.quantiles[:, self.known], axis=0)
         widths = np.maximum(np.diff(at, axis=0)[[0, 0, 1, 2, 3, 3]], 1e-3)
         part = np.sum(at <= 0.0, axis=0)
@@ -183,7 +192,7 @@ class Trial:
         return mean(beyond - np.log(np.diff([0.0, *LEVELS, 1.0])[part] / width))
 
     def wrong_and_confident(self) -> int:
-        """Return in how many of those in use a component is off by more than 3 sigma and 2 %."""
+        """Return the number of used estimates with an error above both 3 sigma and 2 %."""
         used = self.used
         size = used.away
         beyond = size > _CONFIDENT_SIGMA * used.sigma
@@ -191,13 +200,13 @@ class Trial:
         return int(np.sum(np.any(beyond & (size > WRONG), axis=1)))
 
     def verdicts(self) -> dict[str, int]:
-        """Return how many have each verdict; failures count as refused."""
+        """Return the number of estimates by verdict; failures count as refused."""
         verdicts = [estimate.verdict for estimate in self.estimates]
         used = {name: verdicts.count(name) for name in (VALID, DEGRADED)}
         return used | {REFUSED: len(verdicts) - sum(used.values())}
 
     def summary(self) -> dict[str, Any]:
-        """Return the figures of the errors, of the evaluations, and of verdicts."""
+        """Return the statistics of errors, scores, verdicts and evaluations."""
         return {
             **quantiles(self.errors_percent),
             "crps": self.crps_percent(),
@@ -211,14 +220,14 @@ class Trial:
 def trials(
     pool: Workers, what: str, cases: Sequence[Case], variants: Sequence[Variant]
 ) -> list[Trial]:
-    """Identify cases in some ways; return the trial of each way."""
+    """Identify the cases with each variant. Return one trial per variant."""
     results = pool.map(what, Job.estimates, [Job(case, variants) for case in cases])
     truth = [case.faults for case in cases]
     return [Trial.of(truth, some) for some in zip(*results, strict=True)]
 
 
 def quantiles(values: Sequence[float] | NDArray[Any]) -> dict[str, float]:
-    """Return mean, median, 90th percentile and largest; NaN of none."""
+    """Return mean, median, 90th percentile and maximum; NaN without values."""
     if not np.size(values):
         return dict.fromkeys(("mean", "median", "p90", "max"), float("nan"))
     return {
@@ -230,17 +239,17 @@ def quantiles(values: Sequence[float] | NDArray[Any]) -> dict[str, float]:
 
 
 def mean(values: Sequence[float] | NDArray[Any]) -> float:
-    """Return the mean; NaN of none."""
+    """Return the mean; NaN without values."""
     return float(np.mean(values)) if np.size(values) else float("nan")
 
 
 def median(values: Sequence[float] | NDArray[Any]) -> float:
-    """Return the median; NaN of none."""
+    """Return the median; NaN without values."""
     return float(np.median(values)) if np.size(values) else float("nan")
 
 
 def before(faults: ArrayLike) -> NDArray[np.float64]:
-    """Return the faults of the window before, for a warm start: a little less of everything."""
+    """Return the faults of the previous window for a warm start: slightly smaller faults."""
     k, healthy = np.array(faults, dtype=float), healthy_faults()
     result = healthy + (k - healthy) / _GROWTH
     result[ECCENTRICITY_PHASE] = k[ECCENTRICITY_PHASE]
@@ -248,10 +257,10 @@ def before(faults: ArrayLike) -> NDArray[np.float64]:
 
 
 def noisy_window(case: Case) -> Window:
-    """Return the window of a case by noisy sensors."""
+    """Return the window of a case with noisy sensors."""
     return case.window(case.telemetry(), noisy=True)
 
 
 def calibration_on(cases: Sequence[Case]) -> Calibration:
-    """Return the calibration of a unit on its healthy cases, by noisy sensors."""
+    """Return the calibration of a unit on its healthy cases, with noisy sensors."""
     return calibrate_model([noisy_window(case) for case in cases], ACTUATOR)

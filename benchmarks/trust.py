@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the monitor can be trusted on an actuator that nothing of it was tuned on.
+"""Errors and false claims of the monitor on actuators that it was not tuned on.
 
     python benchmarks/trust.py [--json FILE] [--quick | --full] [--held-out]
 
-Estimates faults of foreign actuators (`foreign`), each calibrated on its own twelve healthy
-windows, without and with hidden causes; then shows hidden causes alone. With ``--held-out`` the
-plants have effects of other forms, which are for one run at the end: nothing may be tuned on it.
+Estimates faults of foreign actuators (`foreign`), each calibrated on twelve healthy windows of the
+same actuator, without and with hidden causes. Then it estimates healthy actuators with hidden
+causes. With ``--held-out`` the plants have effects of other forms. They are reserved for a single
+run at the end, which must not be used for tuning.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,7 +41,7 @@ NAMED: Final = 0.95
 def conditions(
     kinds: Mapping[str, Kind], plants: int, faulty: int, varied: int
 ) -> dict[str, list[Task]]:
-    """Return the conditions in which faults are estimated."""
+    """Return the tasks with faults by condition."""
     mixed, load = recorded.mixed_causes, recorded.load
     foreign = kinds["foreign"]
     chosen: list[tuple[str, Kind, int, Mapping[str, Any]]] = [
@@ -75,7 +76,7 @@ def conditions(
 
 
 def identified(work: tuple[Task, Calibration], *, warm: bool) -> list[Estimate]:
-    """Record a task's window; return a cold estimate, and a warm one if wanted."""
+    """Return the cold estimate of a task's window and, with ``warm``, a warm estimate."""
     task, calibration = work
     window = task.window()
     starts = (None, before(task.faults)) if warm else (None,)
@@ -85,7 +86,7 @@ def identified(work: tuple[Task, Calibration], *, warm: bool) -> list[Estimate]:
 def measure(
     pool: Workers, plants: int, faulty: int, varied: int, hidden: int, *, held_out: bool
 ) -> Figures:
-    """Print how far estimates on foreign plants can be trusted; --held-out: for one run, last."""
+    """Measure errors and false claims on foreign plants. Use --held-out for one final run only."""
     kinds: dict[str, Kind] = {"foreign": "held out" if held_out else "foreign", "own": "own"}
     faults = conditions(kinds, plants, faulty, varied)
     alone = {
@@ -107,7 +108,7 @@ def measure(
 
 
 def accuracy(tasks: Sequence[Task], estimates: Sequence[Estimate]) -> Figures:
-    """Return the figures of windows with faults."""
+    """Return errors, verdicts and coverage of windows with faults."""
     trial = Trial.of((task.faults for task in tasks), estimates)
     errors, used = trial.errors_percent, trial.used
     right = trial.of_those(errors <= 100.0 * WRONG)
@@ -128,7 +129,7 @@ def accuracy(tasks: Sequence[Task], estimates: Sequence[Estimate]) -> Figures:
 
 
 def named_causes(estimate: Estimate) -> set[str]:
-    """Return the names of the hidden causes that an estimate gives, in its causes or its reason."""
+    """Return the names of hidden causes that an estimate mentions in its causes or its reason."""
     names, text = {cause.name for cause in estimate.causes}, estimate.reason
     # Longer labels first: some contain others.
     for cause in sorted(CAUSES, key=lambda cause: -len(cause.label)):
@@ -139,9 +140,10 @@ def named_causes(estimate: Estimate) -> set[str]:
 
 
 def claimed_faults(task: Task, estimate: Estimate) -> dict[str, float]:
-    """Return the faults that an estimate in use claims and that are healthy in truth.
+    """Return the healthy components that a valid estimate claims as faults.
 
-    They are significant, and beyond healthy by their 95 % bound; each with its distance from it.
+    A claim is significant and differs from healthy by more than ``Z`` sigma. The values are the
+    distances from healthy [-], by component.
     """
     if not estimate.valid:
         return {}
@@ -153,7 +155,7 @@ def claimed_faults(task: Task, estimate: Estimate) -> dict[str, float]:
 
 
 def of_hidden(tasks: Sequence[Task], results: Sequence[list[Estimate]]) -> Figures:
-    """Return the figures of healthy windows with hidden causes, of one estimate each."""
+    """Return verdicts and claims of healthy windows with hidden causes, with one estimate each."""
     estimates = [estimate for [estimate] in results]
     claimed = [claimed_faults(*pair) for pair in zip(tasks, estimates, strict=True)]
     pairs = [(set(t.causes), named_causes(e)) for t, e in zip(tasks, estimates, strict=True)]
@@ -214,7 +216,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     if figures["held_out"]:
         yield "HELD-OUT EFFECTS: for one run at the end, not to be tuned on"
     headings = ("condition", "win-\ndows", "median\n%", "90 %\n%", "worst\n%", "valid")
@@ -277,7 +279,7 @@ main = command(
     rows,
     tables,
     quick={"plants": 5, "faulty": 30, "varied": 10, "hidden": 5},
-    # 10,000 windows with faults, as the targets ask.
+    # 10,000 windows with faults, as the targets require.
     full={"plants": 12, "faulty": 1200, "varied": 400, "hidden": 100},
     plants=10,
     faulty=120,

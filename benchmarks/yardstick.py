@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The unit of computing time: a window of the yardstick, hand-written SIMD in C++, on one core.
+"""Unit of computing time: a window of the yardstick, hand-written SIMD in C++, on one core.
 
-Times in this unit mean the same on every processor. Needs g++.
+Times in this unit are comparable between processors. Needs g++.
 """
 
 import re
@@ -15,7 +15,7 @@ HERE: Final = Path(__file__).parent
 
 
 def build(source: Path, *flags: str) -> Path:
-    """Compile a C++ file; the program is there until the process ends."""
+    """Compile a C++ file. Return the path of the program, which is deleted with this process."""
     program = Path(_folder().name) / "_".join([source.stem, *flags])
     if not program.exists():
         subprocess.run(
@@ -26,7 +26,7 @@ def build(source: Path, *flags: str) -> Path:
 
 
 def seconds_per_window() -> float:
-    """Run the yardstick (20 repetitions, 50 ms) and return its best time of a window [s]."""
+    """Run the yardstick (20 repetitions, 50 ms). Return its shortest time per window [s]."""
     program = build(HERE / "yardstick" / "monitor_simd.cpp", "-ffast-math")
     printed = subprocess.run(
         [program], check=True, capture_output=True, text=True, encoding="utf-8"

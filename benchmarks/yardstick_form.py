@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The yardstick's form of the model through the lanes of our kernels, step by step the same.
+"""The yardstick's form of the model in the lanes of the monitor's kernels, with the same steps.
 
-It separates the speed of the lanes from what the shipped pair form does beyond it: two more
-constants a pair, the idle phase's lift, end stops and the speed.
+It separates the speed of the lanes from the additional work of the released pair form: two more
+constants per pair, the lift of the idle phase, end stops and the speed.
 """
 
 import math
@@ -21,7 +21,7 @@ _ZETA: Final = 0.3
 
 
 class Individuals(NamedTuple):
-    """What the yardstick lets differ between individuals, ``(n,)`` each."""
+    """Parameters that differ between the individuals of the yardstick, ``(n,)`` each."""
 
     F_s: NDArray[np.float64]
     N_a: NDArray[np.float64]
@@ -40,14 +40,17 @@ def individuals() -> Individuals:
 
 
 def command() -> NDArray[np.float64]:
-    """Return the yardstick's chirp, one value a step, ``(50000,)`` [rad]."""
+    """Return the yardstick's chirp, one value per step, ``(50000,)`` [rad]."""
     t = STEP_S * np.arange(50_000)
     return 0.005 * np.sin(2.0 * math.pi * 15.0 / (2.0 * 0.5) * t * t)
 
 
 @kernel()
 def run(lanes: Individuals, com, dt, current):
-    """Fill the current of all individuals, ``(LANES, n / DECIMATION)`` [A]."""
+    """Simulate all individuals and fill their ``current``, ``(LANES, n / DECIMATION)`` [A].
+
+    ``com`` is the command, ``(n,)`` [rad], ``dt`` the step [s].
+    """
     q = load(lanes, 0)
     k_e, R_s, V, G_M = 0.0752, 2.13, 48.0, 0.07322
     C = 30.0 / math.pi * 1e-6 + 4.5e-7

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A second actuator, written independently of ``ema_sim``: nothing of the monitor is tuned on it.
+"""A second actuator model, independent of ``ema_sim``. The monitor is not tuned on it.
 
-It shares with the simulator the definitions of parameters, telemetry, faults and hidden causes, and
-no equation solver: another integrator, another inverter, another friction, other sensors.
+It shares the definitions of parameters, telemetry, faults and hidden causes with the simulator.
+Its integrator, inverter, friction and sensors are different.
 """

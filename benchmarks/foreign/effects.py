@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects that the monitor model does not have, in two sets, and plants drawn with them.
+"""Effects that the monitor model does not have, in two sets, and random plants with them.
 
-``DEVELOPMENT`` may be looked at while the monitor is made. ``HELD_OUT`` has other functional forms
-and other ranges: it is run once, at the end, and nothing is changed after a look at its results.
+``DEVELOPMENT`` may be used while the monitor is developed. ``HELD_OUT`` has other functional forms
+and ranges. It is run once, at the end, and the monitor is not changed after that run.
 """
 
 from enum import StrEnum
@@ -17,7 +17,7 @@ from foreign.plant import POINTS, ForeignPlant, SensorSet
 
 
 class Effect(StrEnum):
-    """What a foreign plant can have beside the equations of docs/model.md."""
+    """Effects of a foreign plant in addition to the equations of docs/model.md."""
 
     DRIVE_OFF = "gains and limits of the drive 2 to 5 % off"
     DEAD_TIME = "dead time, 0.5 to 1.5 us"
@@ -50,24 +50,24 @@ DEVELOPMENT: Final = frozenset(_ALL[: _ALL.index(Effect.LONG_DEAD_TIME)])
 HELD_OUT: Final = frozenset({Effect.DRIVE_OFF, *_ALL[_ALL.index(Effect.LONG_DEAD_TIME) :]})
 
 OFF: Final = (0.02, 0.05)
-"""How far each parameter of a plant is off, in either direction [-]."""
+"""Range of the relative deviation of each parameter of a plant, of either sign [-]."""
 
 _DRIVE: Final = ("G_prop", "GAP", "I_max", "T_max", "k_t")
 _OFF_NAMES: Final = (
     *_DRIVE,
     *("V_max", "k_e", "R_s", "L_s", "h_b", "J_m", "J_u", "C_m", "C_u", "f_sm", "f_su", "f_ratio"),
 )
-# Not BLK: the fault is in multiples of it, and a healthy play of 5 mrad of the motor, 10 urad of
-# the flap, is too small to be known to 5 %: the error would only measure that definition.
+# BLK does not deviate. The fault of play is in multiples of BLK, and a healthy play of 5 mrad at
+# the motor, 10 urad at the flap, cannot be known to 5 %. The error would measure this definition.
 _SCREW: Final = ((0.01, 0.04), (0.0, 1.0), (-4.0, 4.0))
 _TURN: Final = np.arange(POINTS + 1) / POINTS
 
 
 def draw_plant(seed: int, effects: frozenset[Effect]) -> ForeignPlant:
-    """Return a plant drawn at random: all effects at once, motor and mechanics 2 to 5 % off.
+    """Return a random plant with all given effects, motor and mechanics deviating by 2 to 5 %.
 
-    Each parameter is off by a share of its own. A figure does not depend on which other effects
-    there are.
+    Each parameter has its own deviation. The values of an effect do not depend on which other
+    effects are given.
     """
 
     def draw(effect: Effect, *bounds: tuple[float, float]) -> NDArray[np.float64]:
@@ -181,9 +181,9 @@ def _emf(draw, effects: frozenset[Effect]) -> NDArray[np.float64]:
     if Effect.HARMONIC_EMF in effects:
         wave = np.sin(angle) + third * np.sin(3 * angle) + fifth * np.sin(5 * angle)
         wave += seventh * np.sin(7 * angle)
-        # As a maker states it: by the mean over the stretch in which the phase is driven.
+        # Normalised as in data sheets: by the mean over the angles at which the phase is driven.
         return wave / np.mean(wave[(_TURN > 1 / 12) & (_TURN < 5 / 12)])
-    # A triangle that would reach three times the plateau: 1 at 30 degrees.
+    # A triangle wave with three times the height of the plateau: it reaches 1 at 30 degrees.
     x = 3.0 * (2.0 / np.pi) * np.arcsin(np.sin(angle))
     if Effect.ROUNDED_EMF in effects:
         wave = (_soft(sharpness * (x + 1.0)) - _soft(sharpness * (x - 1.0))) / (2.0 * sharpness)
@@ -229,5 +229,5 @@ def _off_nominal(seed: int, effects: frozenset[Effect]) -> ActuatorParameters:
 
 
 def _known(values, otherwise: float) -> NDArray[np.float64]:
-    """Return values with those of absent effects replaced."""
+    """Return the values with each NaN, the value of an absent effect, replaced."""
     return np.where(np.isnan(values), otherwise, values)

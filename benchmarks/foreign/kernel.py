@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kernel of the foreign actuator: currents by backward Euler, mechanics at a longer step.
 
-Electrics at ``ELECTRIC_STEP`` with the resistive drop implicit; mechanics at ``MECHANIC_STEP``
-with the mean torque of the steps in between and dry friction linearly implicit; the drive's loops
-at a period of their own. What depends on an angle or on time enters as a table over one turn or
-period, so that the forms are chosen elsewhere.
+The electrical equations have the step ``ELECTRIC_STEP``, with the resistive drop implicit. The
+mechanical equations have the step ``MECHANIC_STEP``, with the mean torque of the electrical steps
+and linearly implicit dry friction. The loops of the drive have a separate period. Quantities that
+depend on an angle or on time are tables over one turn or period, which the caller chooses.
 """
 
 import math
@@ -14,30 +14,31 @@ from ema_core._jit import kernel
 from ema_core.parameters import ControlConstants, MechanicalConstants, MotorConstants
 
 ELECTRIC_STEP: Final = 5e-7
-"""Step of the currents [s]."""
+"""Time step of the currents [s]."""
 
 SUBSTEPS: Final = 4
-"""Steps of the currents in one of the mechanics [-]."""
+"""Steps of the currents in one step of the mechanics [-]."""
 
 MECHANIC_STEP: Final = SUBSTEPS * ELECTRIC_STEP
-"""Step of the mechanics [s]."""
+"""Time step of the mechanics [s]."""
 
 _ZERO_CURRENT = 0.05
 _THIRD_OF_A_TURN = 1.0 / 3.0
 
 
 class Inverter(NamedTuple):
-    """Inverter and digital drive.
+    """Parameters of the inverter and the digital drive.
 
-    ``period`` is that of the loops, and of the carrier where ``carrier`` is 1, in steps of the
-    mechanics; hysteresis control where it is 0. ``gain`` [V/A] and ``integral_gain`` [V/(A.s)]
-    belong to the current loops with a carrier. ``dead_steps`` is the dead time in steps of the
-    currents, ``drop`` [V] and ``drop_resistance`` [ohm] the voltage lost in a leg.
-    ``source_resistance`` [ohm] loads the supply, ``link_lag`` [s] smooths its current.
-    ``angle_resolution`` [rad, user shaft] and ``speed_resolution`` [rad/s] quantise the feedback;
-    ``hall_a`` to ``hall_c`` displace the commutation [electrical turns]. With ``open_a`` to
-    ``open_c`` a phase has that resistance in series [ohm]; ``dead_switch`` 1 keeps the upper
-    switch of leg A open.
+    ``carrier`` 1 selects PWM with a carrier, 0 selects hysteresis control of the currents.
+    ``period`` is the period of the loops, and of the carrier if there is one, in steps of the
+    mechanics. ``gain`` [V/A] and ``integral_gain`` [V/(A.s)] belong to the current loops with a
+    carrier. ``dead_steps`` is the dead time in steps of the currents. ``drop`` [V] and
+    ``drop_resistance`` [ohm] give the voltage lost in a leg. ``source_resistance`` [ohm] is the
+    resistance of the supply, ``link_lag`` [s] the time constant of the supply current.
+    ``angle_resolution`` [rad, user shaft] and ``speed_resolution`` [rad/s] quantise the feedback.
+    ``hall_a`` to ``hall_c`` displace the commutation [electrical turns]. ``open_a`` to ``open_c``
+    are resistances in series with each phase [ohm]. ``dead_switch`` 1 keeps the upper switch of
+    leg A open.
     """
 
     period: int
@@ -61,7 +62,12 @@ class Inverter(NamedTuple):
 
 
 class Iron(NamedTuple):
-    """Saturation: what inductance and torque lose at ``knee`` [A]; by the square, or beyond it."""
+    """Saturation of the iron.
+
+    ``inductance_loss`` and ``torque_loss`` [-] are the relative losses per unit of
+    ``saturation``. ``knee`` [A] is its reference current. With ``beyond`` 1 the losses begin
+    at the knee; with 0 they grow with the square of the current.
+    """
 
     inductance_loss: float
     torque_loss: float
@@ -72,8 +78,8 @@ class Iron(NamedTuple):
 class Friction(NamedTuple):
     """Dry friction: ``bristle`` 0 for tanh(omega / ``omega_0``), 1 for LuGre.
 
-    ``omega_s`` [rad/s] is the Stribeck speed, ``deflection`` [rad] that of the bristles at the
-    dynamic friction, ``damping`` [-] that of the bristles.
+    ``omega_s`` [rad/s] is the Stribeck speed. ``deflection`` [rad] is the deflection of the
+    bristles at the dynamic friction, ``damping`` [-] their damping ratio.
     """
 
     bristle: float
@@ -84,14 +90,14 @@ class Friction(NamedTuple):
 
 
 class Load(NamedTuple):
-    """External load: ``stiffness`` [N.m/rad of the user shaft]; ``jam`` 1 blocks the shaft."""
+    """External load: ``stiffness`` [N.m/rad, user shaft]; ``jam`` 1 blocks the shaft."""
 
     stiffness: float
     jam: float
 
 
 class Filter(NamedTuple):
-    """Current sensor: time constants of two poles [s]; 0 for none."""
+    """Low-pass of the current sensor: time constants of two poles [s]; 0 for no pole."""
 
     first: float
     second: float
@@ -99,7 +105,10 @@ class Filter(NamedTuple):
 
 @kernel()
 def looked_up(table, turn):
-    """Return a value of a table over one turn that ends with its first value again."""
+    """Return the value of a periodic table at an angle [turns], by linear interpolation.
+
+    The last value of the table equals the first.
+    """
     n = len(table) - 1
     x = (turn - math.floor(turn)) * n
     i = int(x)
@@ -110,10 +119,11 @@ def looked_up(table, turn):
 
 @kernel()
 def hall(turn):
-    """Return what a Hall sensor says at its electrical angle [turns]: +1 over half a turn, or -1.
+    """Return the output of a Hall sensor at its electrical angle [turns]: +1 or -1 for half a turn.
 
-    Half the difference of two neighbours is the sign of the current in a phase, on from 30 to 150
-    and from 210 to 330 degrees of its own angle: two phases are driven, however they are mounted.
+    Half the difference of two neighbouring sensors is the sign of the current in a phase. A phase
+    is driven from 30 to 150 and from 210 to 330 degrees of its electrical angle. Two phases are
+    driven at a time, for any displacement of the sensors.
     """
     turn -= 1.0 / 12.0
     return 1.0 if turn - math.floor(turn) < 0.5 else -1.0
@@ -121,29 +131,29 @@ def hall(turn):
 
 @kernel()
 def leg_voltage(v, half, i, dead, width, stays_open):
-    """Return what a leg switched to ``v`` (+1, -1) puts out against mid-supply [V]."""
+    """Return the output voltage of a leg switched to ``v`` (+1, -1), against mid-supply [V]."""
     if dead > 0 or (stays_open and v > 0.0):
-        # Both switches are open: the current goes on through a diode against itself.
+        # Both switches are open: the current flows through a diode, which opposes it.
         return -half * min(max(i / width, -1.0), 1.0)
     return v * half
 
 
 @kernel()
 def lost(inverter: Inverter, i):
-    """Return the voltage lost in the switch or diode that conducts [V]."""
+    """Return the voltage lost in the conducting switch or diode at a current ``i`` [A], in V."""
     return inverter.drop * min(max(i / _ZERO_CURRENT, -1.0), 1.0) + inverter.drop_resistance * i
 
 
 @kernel()
 def saturation(iron: Iron, i):
-    """Return how far a phase is in saturation [-]: 1 at the knee, or one knee beyond it."""
+    """Return the saturation of a phase [-]: 1 at the knee, or with ``beyond`` at twice the knee."""
     x = abs(i) / iron.knee
     return max(x - 1.0, 0.0) if iron.beyond > 0.0 else x * x
 
 
 @kernel()
 def rounded_to(x, resolution):
-    """Return a value to a resolution; 0 for an exact one."""
+    """Return a value rounded to a resolution; a resolution of 0 does not round."""
     return resolution * math.floor(x / resolution + 0.5) if resolution > 0.0 else x
 
 
@@ -175,11 +185,12 @@ def simulate(
 ):
     """Simulate the samples of a command from rest, and fill the columns of telemetry, ``(n,)``.
 
-    ``emf`` is the shape of the back-EMF over an electrical turn, ``cogging`` [N.m] and
-    ``friction_by_turn`` [-] are over a turn of the motor, ``supply`` [-] over a period of
-    1/``supply_hz``; ``friction_slope`` [1/rad] is by the user shaft. ``start`` is the angle of the
-    user shaft at rest [rad]; ``disturbances`` [rad] are added to the position that the loops see,
-    one a tick; ``steps`` of the mechanics make a sample.
+    ``emf`` is a table of the shape of the back-EMF over an electrical turn. The tables ``cogging``
+    [N.m] and ``friction_by_turn`` [-] cover a turn of the motor, ``supply`` [-] a period of
+    1/``supply_hz``. ``friction_slope`` [1/rad] is the relative change of friction with the position
+    of the user shaft. ``start`` is the angle of the user shaft at rest [rad]. ``disturbances``
+    [rad] are added to the position feedback, one per tick of the loops. A sample consists of
+    ``steps`` steps of the mechanics.
     """
     h, H = ELECTRIC_STEP, MECHANIC_STEP
     R, L = 0.5 * motor.R_s, 0.5 * motor.L_s
@@ -248,7 +259,7 @@ def simulate(
                 tick += 1
                 wait = inverter.period
                 if inverter.carrier > 0.0:
-                    # The drive knows the motor without faults and feeds its back-EMF forward.
+                    # The drive feeds the back-EMF of a motor without faults forward.
                     miss_a, miss_b, miss_c = I_ref * s_a - i_a, I_ref * s_b - i_b, I_ref * s_c - i_c
                     held_a += inverter.integral_gain * tick_s * miss_a
                     held_b += inverter.integral_gain * tick_s * miss_b
@@ -297,7 +308,7 @@ def simulate(
                 now_a = L_a / h * (1.0 - iron.inductance_loss * min(sat_a, 2.0))
                 now_b = L_b / h * (1.0 - iron.inductance_loss * min(sat_b, 2.0))
                 now_c = L_c / h * (1.0 - iron.inductance_loss * min(sat_c, 2.0))
-                # A diode must not turn a small current round within a step.
+                # A diode must not reverse a small current within a step.
                 width_a = max(_ZERO_CURRENT, 1.5 * half / now_a)
                 width_b = max(_ZERO_CURRENT, 1.5 * half / now_b)
                 width_c = max(_ZERO_CURRENT, 1.5 * half / now_c)

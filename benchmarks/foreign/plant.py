@@ -27,7 +27,7 @@ FOREIGN_CAUSES: Final = (
     *("position_offset", "position_gain", "current_delay", "speed_delay", "command_delay"),
     *("open_phase_a", "open_phase_b", "open_phase_c", "dead_switch", "jam"),
 )
-"""Hidden causes that a foreign plant can have; others of the registry are effects of its own."""
+"""Hidden causes that a foreign plant can have; its effects cover the rest of the registry."""
 
 
 @dataclass(frozen=True)
@@ -35,20 +35,20 @@ class SensorSet:
     """Sensors of a plant."""
 
     current_filter: Filter
-    cubic: float  # relative error of the current at 22.5 A, with the cube of the current [-]
+    cubic: float  # relative error of the current at 22.5 A; grows with the square [-]
     runout: float  # relative error of the speed once a turn [-]
-    runout_phase: float  # and where [turns]
+    runout_phase: float  # phase of that error [turns]
     current_noise: float  # standard deviation of a sample of the current [A]
     resolutions: tuple[float, float, float]  # of current, position and speed [A, rad, rad/s]
 
 
 @dataclass(frozen=True, eq=False)
 class ForeignPlant:
-    """One foreign actuator, healthy; tables are as of ``foreign.kernel.simulate``."""
+    """A healthy foreign actuator; ``foreign.kernel.simulate`` describes the tables."""
 
     seed: int
-    effects: tuple[str, ...]  # in words
-    parameters: ActuatorParameters  # what it really is; the monitor knows the nominal ones only
+    effects: tuple[str, ...]  # descriptions of the effects
+    parameters: ActuatorParameters  # true values; the monitor knows the nominal ones only
     inverter: Inverter
     iron: Iron
     friction: Friction
@@ -59,7 +59,7 @@ class ForeignPlant:
     friction_slope: float
     supply: NDArray[np.float64]
     supply_hz: float
-    feedback_noise: float  # standard deviation on the position that the loops see [rad, user shaft]
+    feedback_noise: float  # standard deviation of the position feedback [rad, user shaft]
 
     def telemetry(
         self,
@@ -69,12 +69,15 @@ class ForeignPlant:
         rng: np.random.Generator,
         sample_period: float = 1e-4,
     ) -> Telemetry:
-        """Simulate from rest at the first command, and return what the sensors say.
+        """Return the simulated telemetry of a command, from rest at the first command.
+
+        The sensors add their errors. ``commands`` are in rad of the user shaft, ``sample_period``
+        in s.
 
         Raises
         ------
         ValueError
-            When a cause is unknown, or the period is not a whole multiple of the step.
+            If a cause is unknown, or the period is not a whole multiple of the step.
         """
         if unknown := sorted(set(causes) - set(FOREIGN_CAUSES)):
             known = "" if unknown[0] in CAUSE_BY_NAME else "unknown "
@@ -141,7 +144,7 @@ class ForeignPlant:
 def changed(parameters: ActuatorParameters, causes: Mapping[str, float]) -> ActuatorParameters:
     """Return the parameters of a plant with hidden causes."""
     factors = {
-        # The drive goes on reckoning with k_t.
+        # The drive still computes with the nominal k_t.
         "k_e": 1.0 + causes.get("torque_constant", 0.0),
         "R_s": 1.0 + COPPER * causes.get("winding_temperature", 0.0),
         "V_max": 1.0 + causes.get("supply_voltage", 0.0),
@@ -154,7 +157,7 @@ def changed(parameters: ActuatorParameters, causes: Mapping[str, float]) -> Actu
 
 
 def published(telemetry: Telemetry, causes: Mapping[str, float]) -> Telemetry:
-    """Return what sensors with gains, offsets and delays publish of ideal telemetry."""
+    """Return ideal telemetry with the gains, offsets and delays of hidden causes applied."""
     columns = {}
     for name in ("command", "current", "position", "speed"):
         values = getattr(telemetry, name)
@@ -166,6 +169,6 @@ def published(telemetry: Telemetry, causes: Mapping[str, float]) -> Telemetry:
 
 
 def _late(values: NDArray[np.float64], samples: float) -> NDArray[np.float64]:
-    """Return a column that is late by so many samples; before its start it has its first value."""
+    """Return a column delayed by ``samples``; the first value fills the start."""
     at = np.arange(len(values), dtype=float)
     return np.interp(at - samples, at, values)

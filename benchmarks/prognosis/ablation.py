@@ -1,19 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each mechanism of growth pays: the prognosis without it, on the same lives.
+"""Benefit of each mechanism of growth: the prognosis without it, on the same lives.
 
     python -m prognosis.ablation [--own N] [--developed N] [--held-out N] [--unseen N] [--thin N]
 
-Lives to failure are by laws that the tracker has ("own"), by laws that it was developed with, among
-them waves and growth along an S ("developed"), and by laws that nothing was developed with ("held
-out", "unseen"), N of each law; no law is known to the tracker. Of every --thin tests one is used.
-Each mechanism is switched off alone, by an argument of the tracker's constructor. The fleet prior
-is switched on: its fleet is of units of the own lives, and so of another kind than those of the
-other sets. Damage is judged on lives whose duty changes (``duty.py``).
+Lives to failure follow laws that the tracker has ("own"), laws that it was developed with, among
+them waves and S-shaped growth ("developed"), and laws that were not used in development ("held
+out", "unseen"). There are N lives of each law; the tracker does not know which law applies. One of
+every --thin tests is used. Each mechanism is switched off separately, by an argument of the
+tracker's constructor. The fleet prior is switched on instead. Its fleet consists of units of the
+own lives, so it differs in kind from the units of the other sets. Damage is judged on lives whose
+duty changes (``duty.py``).
 
-A change is a mean over lives of the difference to the full model on the same estimates, with its
-standard error by bootstrap over lives. What pays makes the figure without it worse by more than
-that. "Too long" is the share of predictions in the second half of life whose 5 % quantile is beyond
-the truth; constant lives, every other one with a wave, are to have no predicted life at all.
+A change is the mean over lives of the difference from the full model on the same estimates, with a
+standard error by bootstrap over lives. A mechanism is beneficial if the result without it is worse
+by more than the standard error. "Too long" is the share of predictions in the second half of life
+whose 5 % quantile exceeds the truth. Constant lives, half of them with a wave, should have no
+predicted life at all.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -45,7 +47,7 @@ from prognosis.metrics import cumulative_relative_accuracy
 FULL: Final = "full"
 FLEET: Final = "with a fleet of the own lives"
 EVERY: Final = 3
-"""Tests from one scored prediction to the next."""
+"""Number of tests from one scored prediction to the next."""
 _DUTY_EVERY: Final = 4
 SAMPLES: Final = 500
 """Samples of a scored prediction."""
@@ -56,7 +58,7 @@ Array = NDArray[np.float64]
 
 
 class UsesAll(OutlierDetector):
-    """Holds no test back once a life has begun."""
+    """An outlier detector that withholds no test."""
 
     def judge(self, measurement: Measurement, mean: Array, variance: Array, tests: Any) -> Any:
         nothing = np.zeros(len(mean), dtype=bool)
@@ -64,14 +66,14 @@ class UsesAll(OutlierDetector):
 
 
 class WidensNothing(PredictionCheck):
-    """Leaves the intervals as predicted."""
+    """A prediction check that does not widen the intervals."""
 
     def widening(self) -> Array:
         return np.ones_like(super().widening())
 
 
 def tracker(settings: TrackerSettings, mechanisms: Mechanisms = MECHANISMS) -> Tracker:
-    """Return a tracker with mechanisms."""
+    """Return a tracker with the default limits and the given settings and mechanisms."""
     return Tracker(HealthLimits(), settings, mechanisms)
 
 
@@ -92,24 +94,24 @@ VARIANTS: Final[Mapping[str, Callable[[TrackerSettings], Tracker]]] = {
         HealthLimits(), settings, check=WidensNothing(settings)
     ),
 }
-"""Trackers without a mechanism, by its name."""
+"""Constructors of trackers, by the name of the mechanism that is switched off."""
 
 
 class Score(NamedTuple):
-    """Figures of a life."""
+    """Scores of a life."""
 
     accuracy: float  # cumulative relative accuracy over the second half of life [-]
-    inside: int  # 90 % intervals that hold the truth, of how many
-    intervals: int
-    too_long: int  # those wholly beyond it in the second half of life, of how many
-    late: int
+    inside: int  # number of 90 % intervals that contain the truth
+    intervals: int  # number of 90 % intervals
+    too_long: int  # number of intervals above the truth in the second half of life
+    late: int  # number of intervals in the second half of life
 
 
 Scored = lives.ScoredLife | foreign_lives.ForeignCase
 
 
 def _life(case: Scored) -> tuple[list[Measurement], float, float]:
-    """Return the estimates of a life, the hour from which it is scored, and its end [h]."""
+    """Return the estimates of a life, the hour at which its scoring starts, and its end [h]."""
     if isinstance(case, foreign_lives.ForeignCase):
         foreign = case.life()
         return case.measurements(foreign), foreign.start_hours, foreign.end_hours
@@ -118,7 +120,7 @@ def _life(case: Scored) -> tuple[list[Measurement], float, float]:
 
 
 def scores_of(case: Scored, fleet: FleetPrior | None, thin: int) -> dict[str, Score]:
-    """Score a life by each variant of the tracker."""
+    """Return the scores of a life by variant of the tracker."""
     measurements, start, end = _life(case)
     measurements = measurements[::thin]
     settings = TrackerSettings(samples=SAMPLES)
@@ -149,7 +151,7 @@ def _score(
 
 
 def reported(case: foreign_lives.ForeignCase, thin: int) -> dict[str, bool]:
-    """Return whether each variant predicts a life for a unit whose faults are constant."""
+    """Return by variant whether it predicts a remaining life for a unit with constant faults."""
     life = case.life()
     measurements = case.measurements(life)[::thin]
     settings = TrackerSettings(samples=100)
@@ -165,7 +167,7 @@ def _reports(tracker: Tracker, measurements: Sequence[Measurement]) -> bool:
 
 
 def by_damage(seed: int) -> dict[str, tuple[list[float], list[bool]]]:
-    """Return accuracies and coverage of lives of every kind of duty, by damage and by hours."""
+    """Return accuracies and coverage flags over all kinds of duty, by damage and by hours."""
     result = {}
     for growth_per in ("damage", "hours"):
         each = [duty.scores((kind, growth_per, seed), every=_DUTY_EVERY) for kind in duty.KINDS]
@@ -185,7 +187,7 @@ def measure(
     duties: int,
     thin: int,
 ) -> Figures:
-    """Score lives with each mechanism switched off."""
+    """Score lives with each mechanism of growth switched off."""
     limits = HealthLimits()
     units = pool.map("fleet", unit_of, lives.lives_of("fleet", fleet))
     evidence = {str(number): unit for number, unit in enumerate(units)}
@@ -211,7 +213,7 @@ def measure(
 
 
 def _figures(scores: Array) -> Array:
-    """Return accuracy, coverage and the share too long of lives, ``(..., n, 5)``."""
+    """Return accuracy, coverage and share too long, ``(..., 3)``, of scores, ``(..., n, 5)``."""
     accuracy = np.nanmean(scores[..., 0], axis=-1)
     sums = scores[..., 1:].sum(axis=-2)
     inside, intervals, too_long, late = np.moveaxis(sums, -1, 0)
@@ -220,7 +222,7 @@ def _figures(scores: Array) -> Array:
 
 
 def _changes(full: Array, without: Array) -> tuple[Array, Array]:
-    """Return the change of the figures without a mechanism, and its standard error."""
+    """Return the change of ``_figures`` without a mechanism, and its standard error."""
     rng = np.random.default_rng(0)
     drawn_lives = rng.integers(len(full), size=(DRAWS, len(full)))
     changes = _figures(without[drawn_lives]) - _figures(full[drawn_lives])
@@ -228,7 +230,7 @@ def _changes(full: Array, without: Array) -> tuple[Array, Array]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return what is printed."""
+    """Return the tables to print."""
     sets = {
         name: {key: np.array([score[key] for score in some], float) for key in some[0]}
         for name, some in figures["scores"].items()

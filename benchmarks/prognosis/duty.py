@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Remaining life by damage and by hours, of friction that wears by a duty that may change.
+"""Accuracy of the remaining life by damage and by hours, for friction under changing duty.
 
     python -m prognosis.duty [--lives N] [--every N] [--json FILE]
 
-Friction is in proportion to the wear, with a process noise of 0.3 as of ``ema_sim.lives``; tests
-are ten hours apart, their telemetry covers all hours, and no law is known.
+Friction is proportional to the wear, with the process noise of 0.3 of ``ema_sim.lives``. Tests are
+ten hours apart and their telemetry covers all hours. The tracker does not know the growth law.
 """
 
 from collections.abc import Callable, Iterator
@@ -54,22 +54,26 @@ KINDS: Final[dict[str, Callable[[np.random.Generator, NDArray[np.intp]], NDArray
         rng.choice([0.4, 1.0, 2.0], n.size // 20 + 1), 20
     )[: n.size],
 }
-"""Duty of each test relative to the usual one."""
+"""Duty of each test relative to the usual duty, by kind: functions of a generator and numbers."""
 
 
 def estimate_of(number: int, friction: float, rng: np.random.Generator) -> Estimate:
-    """Return the estimate of a test that errs."""
+    """Return the estimate of a test, with a random error in friction."""
     measured = float(np.clip(friction + SIGMA * rng.standard_normal(), 0, 0.99))
     hidden = np.array([name == "eccentricity_phase" for name in FAULT_NAMES])
     covariance = np.where(np.outer(hidden, hidden), np.nan, SIGMA**2 * np.eye(N_FAULTS))
-    # The stamp of an estimate is an hour later.
+    # ``estimate_of_measurement`` adds an hour to the stamp.
     hours = (number + 1) * INTERVAL_H - 1.0
     measurement = Measurement(hours, fault_vector({"friction": measured}), covariance, hidden)
     return estimate_of_measurement(measurement, Calibration.builtin())
 
 
 def scores(task: tuple[str, str, int], every: int) -> tuple[list[float], list[bool]]:
-    """Return accuracy and coverage at the tests from two after the change on."""
+    """Return relative accuracies and coverage flags, from two tests after the change on.
+
+    ``task`` is kind of duty, quantity of growth ("damage" or "hours") and seed. Every ``every``-th
+    test is scored.
+    """
     kind, growth_per, seed = task
     rng = np.random.default_rng([SEED, seed])
     duty = KINDS[kind](rng, np.arange(4 * LIFE_TESTS))
@@ -97,7 +101,7 @@ def scores(task: tuple[str, str, int], every: int) -> tuple[list[float], list[bo
 
 
 def measure(pool: Workers, lives: int, every: int) -> Figures:
-    """Print the scores of so many lives of each kind of duty, at every so many-th test."""
+    """Score lives of each kind of duty, by hours and by damage."""
     figures: Figures = {kind: {} for kind in KINDS}
     for kind, by in product(KINDS, ("hours", "damage")):
         tasks = [(kind, by, seed) for seed in range(lives)]
@@ -108,7 +112,7 @@ def measure(pool: Workers, lives: int, every: int) -> Figures:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return what is printed."""
+    """Return the tables to print."""
     columns = [f"{what} by {by}" for what in ("accuracy", "coverage") for by in ("hours", "damage")]
     cells = ((kind, *(entry[name] for name in columns)) for kind, entry in figures.items())
     yield grid("friction that wears by duty", ("duty", *columns), cells, digits=3)

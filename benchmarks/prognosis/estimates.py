@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates drawn with the errors that the real estimator was measured to make.
+"""Estimates drawn with the measured errors of the real estimator.
 
-A test takes sigmas and correlations from one of the measured windows whose faults are nearest to
-its own, and errors, in units of sigma, from any: with their tails, and correlated as they were.
-Errors are pooled from windows that show the component clearly; where they do not, an estimate is
-healthy and says nothing of the error. Afterwards what differs from healthy by less than the
-estimator's own test asks for is put back to healthy, as it does.
+A test takes its sigmas and correlations from one of the measured windows with the nearest faults.
+Its errors, in units of sigma, are the errors of a random window, which preserves their tails and
+correlations. Errors of a component are pooled from windows that show it clearly; in other windows
+the estimate is healthy and carries no information on the error. Finally, insignificant components
+are reset to healthy, as by the estimator.
 """
 
 import json
@@ -27,27 +27,27 @@ FILE: Final = Path(__file__).with_name("estimator_errors.jsonl")
 _UPPER: Final = np.triu_indices(N_FAULTS, 1)
 _CLEAR_SIGMAS: Final = 4.0
 _NEIGHBOURS: Final = 5
-# The direction says little of how the others are seen.
+# The direction of eccentricity hardly affects the errors of the other components.
 _WEIGHTS: Final = np.where(np.arange(N_FAULTS) == ECCENTRICITY_PHASE, 0.1, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
-    """The measured windows."""
+    """Errors of the estimator in the measured windows."""
 
     truth: NDArray[np.float64]  # true faults, (n, 8)
     sigma: NDArray[np.float64]  # standard deviations, (n, 8); NaN where unobservable
     correlation: NDArray[np.float64]  # of the errors, (n, 8, 8)
-    standardised: NDArray[np.float64]  # errors in sigma, NaN where they do not show, (n, 8)
+    standardised: NDArray[np.float64]  # errors in sigma, NaN for hidden components, (n, 8)
 
     @classmethod
     def of(cls, path: Path = FILE) -> "ErrorModel":
-        """Read what ``estimator_errors.py`` wrote.
+        """Read a file of ``estimator_errors.py``.
 
         Raises
         ------
         ValueError
-            When windows with much noise have valid estimates: those would have to be drawn too.
+            If windows with high noise have valid estimates, which this model cannot draw.
         """
         records = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
         spoiled = [record["valid"] for record in records if record["spoiled"]]
@@ -78,7 +78,10 @@ class ErrorModel:
         correlation: float,
         rng: np.random.Generator,
     ) -> list[Measurement]:
-        """Return estimates whose errors, in units of sigma, follow an AR(1) process."""
+        """Return estimates of tests, with errors that follow an AR(1) process in units of sigma.
+
+        ``faults`` are ``(n, 8)`` at ``hours``, ``(n,)``.
+        """
         fresh = np.sqrt(1.0 - correlation**2)
         z, estimates = self._errors(rng), []
         for hour, vector in zip(hours, faults, strict=True):
@@ -93,7 +96,10 @@ class ErrorModel:
         rng: np.random.Generator,
         standardised: NDArray[np.float64] | None = None,
     ) -> Measurement:
-        """Return what the estimator could say of a test; errors are drawn where none are given."""
+        """Return a random estimate of a test with true ``faults``, ``(8,)``, at a service hour.
+
+        ``standardised`` are its errors in units of sigma, ``(8,)``; drawn if None.
+        """
         gap = np.sqrt(np.abs(self.truth - healthy_faults()))
         own = np.sqrt(np.abs(faults - healthy_faults()))
         distance = np.sum(_WEIGHTS * (gap - own) ** 2, axis=1)
@@ -101,7 +107,7 @@ class ErrorModel:
         sigma = self.sigma[like].copy()
         hidden = ~np.isfinite(sigma)
         if hidden[ECCENTRICITY_PHASE]:
-            # It may be seen all the same, if the eccentricity is: about as those that are.
+            # The direction shows if the eccentricity does: use the median of its known sigmas.
             sigma[ECCENTRICITY_PHASE] = np.nanmedian(self.sigma[:, ECCENTRICITY_PHASE])
         error = (self._errors(rng) if standardised is None else standardised) * sigma
         estimate = faults + error
@@ -117,7 +123,10 @@ class ErrorModel:
         return Measurement(hours, estimate, covariance, hidden)
 
     def _errors(self, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Return the errors of a window in units of sigma; what it does not show, of others."""
+        """Return the errors of a random window in units of sigma, ``(8,)``.
+
+        The error of a hidden component is taken from another window.
+        """
         z = self.standardised[rng.integers(len(self.standardised))].copy()
         for number in np.flatnonzero(np.isnan(z)):
             pool = self.standardised[:, number]
@@ -127,12 +136,12 @@ class ErrorModel:
 
 @cache
 def error_model() -> ErrorModel:
-    """Return the measured error model, read once a process."""
+    """Return the measured error model, which is read once per process."""
     return ErrorModel.of()
 
 
 def drawn(scored: ScoredLife, life: SimulatedLife) -> list[Measurement]:
-    """Return the estimates of a life's tests with a usable window, always the same."""
+    """Return the estimates of a life's tests with a usable window. They are reproducible."""
     rng = scored.rng(1)
     return [
         error_model().draw(float(hours), faults, rng)

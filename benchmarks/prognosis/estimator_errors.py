@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the real estimator errs along lives, measured once for the benchmark of prognosis.
+"""Measure the errors of the real estimator along lives, for the benchmarks of prognosis.
 
     python -m prognosis.estimator_errors [--windows N] [--spoiled N]
 
-Simulates tests drawn from lives other than those that are scored, identifies the faults in their
-noisy windows with the shipped settings, and writes truth, estimate and uncertainty of each to
-estimator_errors.jsonl beside this file, one window a line. A share has 1 A of noise on the current.
+Simulates tests of lives that are not scored, and identifies the faults in their noisy windows with
+the default settings. Writes truth, estimate and uncertainty to estimator_errors.jsonl in this
+folder, one line per window. --spoiled windows have a noise of 1 A on the current.
 """
 
 import json
@@ -29,20 +29,20 @@ from prognosis.lives import LIMITS, estimate_of
 
 FILE: Final = Path(__file__).with_name("estimator_errors.jsonl")
 SEED: Final = 20_185
-"""Root of the seeds; lives of other roots are scored."""
+"""Root of the seeds; scored lives have other roots."""
 
 _UPPER: Final = np.triu_indices(N_FAULTS, 1)
 
 
 class Sample(NamedTuple):
-    """A test to look at."""
+    """A test to simulate and identify."""
 
     case: Case
     spoiled: bool
     calibration: Calibration
 
     def record(self) -> dict[str, Any]:
-        """Simulate and identify; return the line of the file."""
+        """Simulate the test and identify its faults. Return its line of the file."""
         window = "noisy" if self.spoiled else "good"
         estimate = estimate_of(self.case, window, self.calibration)
         if estimate is None:
@@ -55,32 +55,32 @@ class Sample(NamedTuple):
             "valid": estimate.valid,
             "faults": rounded(estimate.faults),
             "sigma": rounded(np.where(estimate.unobservable, np.nan, sigma), 3),
-            # Of the upper triangle.
+            # Upper triangle.
             "correlation": [round(float(entry), 2) for entry in correlation[_UPPER]],
         }
 
 
 def rounded(values: Iterable[float], digits: int = 5) -> list[float | None]:
-    """Return numbers with so many digits, None for those that are not finite."""
+    """Return values rounded to ``digits`` significant digits; None for values not finite."""
     return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in values]
 
 
 def drawn_tests(count: int) -> list[Case]:
-    """Return tests of lives, as many of each kind of fault, at any age."""
+    """Return random tests of lives, equally many of each kind of fault."""
     kinds = [*TYPICAL, None]
     drawn = []
     for number in range(count):
         rng = np.random.default_rng([SEED, number])
         kind = kinds[number % len(kinds)]
         life = run_to_failure(LIMITS, rng, kind) if kind else constant_life(LIMITS, rng)
-        # The last third of a life sees as many levels as the rest.
+        # Late tests are more frequent, because faults grow fastest then.
         at = int((1.0 - rng.random() ** 2) * len(life.hours))
         drawn.append(Case(tuple(life.faults[at].tolist()), (SEED, number)))
     return drawn
 
 
 def measure(pool: Workers, windows: int, spoiled: int) -> Figures:
-    """Measure and write the file."""
+    """Measure the errors of the estimator and write them to the file."""
     tests = drawn_tests(windows + spoiled)
     healthy = cases.healthy(HEALTHY_WINDOWS, "calibration")
     calibration = calibrate_model(pool.map("healthy windows", noisy_window, healthy), ACTUATOR)
@@ -93,7 +93,7 @@ def measure(pool: Workers, windows: int, spoiled: int) -> Figures:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return what is printed."""
+    """Return the tables to print."""
     yield grid(FILE.name, figures, [figures.values()])
 
 

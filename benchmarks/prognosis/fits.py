@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simple fits and an oracle, for lives by foreign laws.
+"""Simple fits and an oracle as references, for lives by foreign laws.
 
-The fits know which component ends life, and the time of a repair, before which they use no tests. A
-fit predicts once a line through its tests rises by three standard errors.
+The fits know which component ends life, and the time of a repair; they use no tests before it. A
+fit predicts as soon as a line through its tests rises by three standard errors.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +21,7 @@ from prognosis.predictors import Predictions, predicted
 
 SAMPLES: Final = 200
 LATEST: Final = 60
-"""Tests of the line through the latest ones."""
+"""Number of latest tests that the fit ``_latest_line`` uses."""
 
 _LEAST_TESTS: Final = 5
 _SIGNIFICANT: Final = 3.0
@@ -30,8 +30,11 @@ _ORACLE_HOURS: Final = 4000.0
 
 Array = NDArray[np.float64]
 Fit = Callable[[Array, Array, np.random.Generator], Array | None]
-"""Samples of the hours to the limit from hours up to now, ``(n,)`` [h], and shares of the limit,
-``(n,)``."""
+"""Function that returns samples of the hours to the limit [h], or None without a prediction.
+
+Its arguments are the hours of tests relative to the latest test, ``(n,)`` [h], shares of the limit,
+``(n,)``, and a random generator.
+"""
 
 
 def followed(fit: Fit, life: ForeignLife, measurements: Sequence[Measurement]) -> Predictions:
@@ -56,7 +59,7 @@ def followed(fit: Fit, life: ForeignLife, measurements: Sequence[Measurement]) -
 
 
 def _polynomial(t: Array, y: Array, degree: int, rng: np.random.Generator) -> Array | None:
-    """Return samples of coefficients, constant first, ``(n, k)``, where a line rises."""
+    """Return samples of coefficients, constant first, ``(n, k)``, or None if no line rises."""
     if t.size < degree + 3 or not _rises(t, y):
         return None
     scale = max(-t[0], 1.0)
@@ -70,7 +73,7 @@ def _polynomial(t: Array, y: Array, degree: int, rng: np.random.Generator) -> Ar
 
 
 def _rises(t: Array, y: Array) -> bool:
-    """Return whether a line rises by three standard errors."""
+    """Return whether the slope of a line through the points exceeds three standard errors."""
     line: Any = linregress(t, y)
     return line.slope > max(_SIGNIFICANT * line.stderr, 0.0)
 
@@ -95,13 +98,13 @@ def _quadratic(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
     c, b, a = drawn.T
     c = np.minimum(c - 1.0, 0.0)
     under = b**2 - 4.0 * a * c
-    # The first crossing; the form that is exact when a is 0.
+    # The first crossing, in the form that is exact for a = 0.
     root = -2.0 * c / (b + np.sqrt(np.maximum(under, 0.0)))
     return np.where((under >= 0.0) & (root >= 0.0), root, np.inf)
 
 
 def _exponential(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
-    """Fit log y by a line with weights y^2, and resample its residuals."""
+    """Fit a line to log y with weights y^2, and resample its residuals."""
     if not _rises(t, y):
         return None
     used = y > 0.01
@@ -126,14 +129,14 @@ FITS: Final[Mapping[str, Callable[..., Predictions]]] = {
     "quadratic": partial(followed, _quadratic),
     "exponential": partial(followed, _exponential),
 }
-"""Fits that the tracker has to be better than in every kind of life."""
+"""Fits by name, which the tracker should outperform in every kind of life."""
 
 
 def oracle(life: ForeignLife, measurements: Sequence[Measurement]) -> Predictions:
-    """Return the lives of futures by the law, from the true state on.
+    """Return the predictions of an oracle, which continues the law from the true state.
 
-    It knows the law, its figures and the state; the noise of growth, and missions and shocks to
-    come, it does not know.
+    It knows the law, its parameters and its state, but not the future noise of growth, missions
+    and shocks.
     """
     rng = np.random.default_rng(0)
 

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much the prognosis of a unit gains by the growth of others, and that it does not lose.
+"""Gain of a unit's prognosis from the growth of other units, and loss from an unsuitable fleet.
 
     python -m prognosis.fleet_prior [--fleet N] [--lives N] [--json FILE]
 
-The law is not known. Lives by drawn estimates, as of prognosis.py, on seeds of their own, are
-scored without a fleet, with that of N earlier units of the same kind, which lived to their ends,
-and with one of N units whose faults grow by other laws. The difference of a life to the same life
-without a fleet has a standard error over the lives.
+The tracker does not know the growth law. Lives with drawn estimates are scored without a fleet,
+with a fleet of N earlier units of the same kind that ran to failure, and with a fleet of N units
+whose faults grow by other laws. Each life is compared with the same life without a fleet; the gain
+has a standard error over the lives.
 
-Prints a table; writes JSON.
+Prints a table and writes JSON.
 """
 
 from collections.abc import Iterator, Sequence
@@ -34,7 +34,7 @@ WITHOUT, SAME, OTHER = "no fleet", "fleet", "fleet of another kind"
 
 
 def unit_of(scored: ScoredLife) -> UnitGrowth:
-    """Return what a life says of growth."""
+    """Return the growth of the faults in a life, as evidence for a fleet."""
     measurements = drawn(scored, scored.life())
     tracker = Tracker(HealthLimits(), TrackerSettings())
     for measurement in measurements:
@@ -43,7 +43,7 @@ def unit_of(scored: ScoredLife) -> UnitGrowth:
 
 
 def scores_of(priors: dict[str, FleetPrior | None], scored: ScoredLife) -> dict[str, LifeScore]:
-    """Return the scores of a life with each prior."""
+    """Return the scores of a life by name of the prior."""
     life = scored.life()
     measurements = drawn(scored, life)
     made = {
@@ -53,7 +53,7 @@ def scores_of(priors: dict[str, FleetPrior | None], scored: ScoredLife) -> dict[
 
 
 def measure(pool: Workers, fleet: int, lives: int) -> Figures:
-    """Compare the prognosis of lives without a fleet, with that of N units, and with another."""
+    """Compare the prognosis of lives without, with a suitable, and with an unsuitable fleet."""
     limits = HealthLimits()
     known: dict[str, FleetPrior | None] = {WITHOUT: None}
     for name, stream in ((SAME, "fleet"), (OTHER, "fleet_otherwise")):
@@ -66,13 +66,13 @@ def measure(pool: Workers, fleet: int, lives: int) -> Figures:
 
 
 def _rows(kind: str, scores: Sequence[dict[str, LifeScore]]) -> list[Figures]:
-    """Return the figures of a kind of dominant fault, or of all, with each prior."""
+    """Return the scores of a kind of dominant fault, or of "all", with each prior."""
     chosen = [score for score in scores if kind in (score[WITHOUT].kind, "all")]
     rows = []
     for name in (WITHOUT, SAME, OTHER) if chosen else ():
         figures = summary([score[name] for score in chosen])
         gain = np.array([score[name].cra - score[WITHOUT].cra for score in chosen])
-        # Of a single life there is no standard error.
+        # A single life has no standard error.
         error = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.nan
         rows.append(
             {
@@ -90,7 +90,7 @@ def _rows(kind: str, scores: Sequence[dict[str, LifeScore]]) -> list[Figures]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return what is printed."""
+    """Return the tables to print."""
     every = figures["rows"]
     yield grid(
         f"law unknown, fleets of {figures['units']}, {figures['lives']} lives",

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy and honesty of the remaining life over lives by laws that the tracker does not have.
+"""Accuracy and coverage of the remaining life, on lives by laws that the tracker does not have.
 
     python -m prognosis.foreign_laws [--lives N] [--constant N] [--laws SET] [--json FILE]
 
-Lives (foreign_lives.py) are by a set of laws of laws.py: six that the tracker was developed with,
-"held out", or, most with jumps, "seen" and "unseen". No law is known. On the same estimates:
-straight lines through all and through the last 60 tests, a quadratic, an exponential with
-bootstrap, and an oracle that knows the law, its figures and the state.
+Lives (foreign_lives.py) follow a set of laws of laws.py: six that the tracker was developed with,
+"held out", or "seen" and "unseen", most with jumps. The tracker does not know the law. It is
+compared on the same estimates with straight lines through all and through the last 60 tests, a
+quadratic, an exponential with bootstrap, and an oracle that knows the law, its parameters and its
+state.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -35,7 +36,7 @@ LONGEST_MS: Final = 20.0
 
 
 def scored(case: ForeignCase) -> dict[str, LifeScore]:
-    """Score a life by all methods."""
+    """Return the scores of a life by method."""
     life = case.life()
     measurements = case.measurements(life)
     left = life.end_hours - life.start_hours
@@ -54,7 +55,7 @@ def reported(case: ForeignCase) -> int:
 
 
 def figures_of(cases: Sequence[ForeignCase], scores: Sequence[LifeScore]) -> Figures:
-    """Return the figures of a method: of all lives, by law and by variation."""
+    """Return the scores of a method for all lives, by law and by variation."""
     pairs = list(zip(cases, scores, strict=True))
     parts = {"all": list(scores)}
     for name_of in (lambda case: case.kind, lambda case: f"with {case.variation}"):
@@ -64,7 +65,7 @@ def figures_of(cases: Sequence[ForeignCase], scores: Sequence[LifeScore]) -> Fig
 
 
 def measure(pool: Workers, lives: int, constant: int, *, laws: str) -> Figures:
-    """Score lives of each law of a set, and constant lives; "held out" is for one last run."""
+    """Score lives of each law of a set, and constant lives. Run the set "held out" only once."""
     cases = lives_of(SETS[laws], lives)
     scores = pool.map("lives by foreign laws", scored, cases)
     constant_reports = pool.map("constant lives", reported, constant_lives(constant))
@@ -107,7 +108,7 @@ def rows(figures: Figures) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     methods = figures["methods"]
     yield grid(
         f"accuracy over the second half of life, {TRACKER}",

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lives by laws that the tracker does not have, with estimates whose errors last.
+"""Lives by laws that the tracker does not have, with estimates whose errors are correlated.
 
-Tests are 5 to 20 h apart, one in ten is missing, and the errors of successive estimates are
-correlated by 0.5. In every six lives of a law three have nothing else; one has a gap of months
-without tests, one a repair, and in one a second fault grows by another law under the same load.
-Lives of constant faults have the same tests, and every other one a wave in a fault.
+Tests are 5 to 20 h apart, one in ten is missing, and the errors of successive estimates have a
+correlation of 0.5. Of every six lives of a law, three follow the law alone. One has a gap of 200 to
+400 h without tests, one a repair, and one a second fault that grows by another law under the same
+load. Lives with constant faults have the same tests; every second one has a wave in a fault.
 """
 
 import math
@@ -28,7 +28,7 @@ SEED: Final = 18_018
 STEP_HOURS: Final = 2.5
 VARIATIONS: Final = ("plain", "plain", "plain", "gap", "repair", "two faults")
 CORRELATION: Final = 0.5
-"""Of the errors of successive estimates [-]."""
+"""Correlation of the errors of successive estimates [-]."""
 
 _LIVES_HOURS: Final = (900.0, 2300.0)
 _LONGEST: Final = 4.0
@@ -42,54 +42,54 @@ class Grown:
     """A component that grows by a foreign law."""
 
     name: str
-    side: float  # of its healthy value, on which it grows
+    side: float  # sign of the growth from its healthy value, 1 or -1
     law: Law
     hours: NDArray[np.float64]  # steps of the whole life [h], (n,)
-    share: NDArray[np.float64]  # of the limit at each, without its wave [-], (n,)
-    states: NDArray[np.float64]  # of the law, (n, k)
-    since: float  # service hour from which the law counts, that of a repair or 0 [h]
+    share: NDArray[np.float64]  # share of the limit at each step, without its wave [-], (n,)
+    states: NDArray[np.float64]  # states of the law, (n, k)
+    since: float  # service hour at which the law starts: the last repair, or 0 [h]
 
     @property
     def away(self) -> NDArray[np.float64]:
-        """Distance from healthy at each step, its wave included [-], ``(n,)``."""
+        """Distance from healthy at each step, including its wave [-], ``(n,)``."""
         return np.maximum(self.share + self.law.wave(self.hours), 0.0) * LIMITS[self.name]
 
 
 @dataclass(frozen=True, eq=False)
 class ForeignLife:
-    """What happens in a life."""
+    """Faults and tests of a simulated life."""
 
-    grown: tuple[Grown, ...]  # components that grow to a limit, that which ends life first
+    grown: tuple[Grown, ...]  # components that grow; the first one ends life
     hours: NDArray[np.float64]  # service hours of the tests with an estimate [h], (n,)
     faults: NDArray[np.float64]  # true faults, (n, 8)
-    end_hours: float  # at which a fault first reaches its limit [h]; infinite when none grows
-    start_hours: float  # from which predictions are scored: that of the repair, or 0 [h]
+    end_hours: float  # service hour at which a fault reaches its limit [h]; infinite without growth
+    start_hours: float  # service hour from which predictions are scored: the repair, or 0 [h]
     noise: float  # standard deviation of the logarithm of the growth of ten hours [-]
 
     @property
     def dominant(self) -> str:
-        """Component that ends life."""
+        """Name of the component that ends life."""
         return self.grown[0].name
 
 
 @dataclass(frozen=True)
 class ForeignCase:
-    """A life by the name of its law, empty where nothing grows, and its number."""
+    """A life, identified by the name of its law ("" for constant faults) and its number."""
 
     kind: str
     number: int
 
     @property
     def variation(self) -> str:
-        """What the life has beside its law."""
+        """Variation of the life, one of ``VARIATIONS``; "" for constant faults."""
         return VARIATIONS[self.number % len(VARIATIONS)] if self.kind else ""
 
     def rng(self, purpose: int) -> np.random.Generator:
-        """Return the random numbers for a purpose."""
+        """Return the random generator for a purpose."""
         return np.random.default_rng([SEED, *self.kind.encode(), self.number, purpose])
 
     def life(self) -> ForeignLife:
-        """Return what happens in it."""
+        """Return the simulated life."""
         rng = self.rng(0)
         if not self.kind:
             return _constant(rng, with_wave=self.number % 2 == 1)
@@ -98,18 +98,18 @@ class ForeignCase:
         return life
 
     def measurements(self, life: ForeignLife) -> list[Measurement]:
-        """Return the estimates of its tests, always the same."""
+        """Return the estimates of the tests of its life. They are reproducible."""
         rng = self.rng(1)
         return error_model().draw_correlated(life.hours, life.faults, CORRELATION, rng)
 
 
 def lives_of(kinds: Mapping[str, Kind], count: int) -> list[ForeignCase]:
-    """Return a number of lives of each law."""
+    """Return ``count`` lives of each law."""
     return [ForeignCase(kind, number) for kind in kinds for number in range(count)]
 
 
 def constant_lives(count: int) -> list[ForeignCase]:
-    """Return lives without growth, every other one with a wave."""
+    """Return lives without growth; every second one has a wave."""
     return [ForeignCase("", number) for number in range(count)]
 
 
@@ -121,10 +121,11 @@ def continued(
     noise: float,
     rngs: tuple[np.random.Generator, np.random.Generator],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return shares of the limit and states of a law at hours of its own [h].
+    """Continue a law. Return shares of the limit, ``(m, n)``, and states, ``(m, k, n)``.
 
-    It begins with shares and states at the first of the hours, ``(n,)`` and ``(k, n)``; the random
-    numbers are those of the law, and of the noise. Returns ``(m, n)`` and ``(m, k, n)``.
+    ``hours``, ``(m,)``, are counted from the start of the law [h]. ``share``, ``(n,)``, and
+    ``states``, ``(k, n)``, are the values of n samples at the first of the hours. ``rngs`` are the
+    generators of the law and of the noise.
     """
     own, common = rngs
     shares, kept = [share], [states.copy()]
@@ -147,7 +148,7 @@ def _grown(
     noise: float,
     stream: int,
 ) -> Grown:
-    """Return a component's growth until a service hour [h]."""
+    """Return the growth of a component until a service hour [h]; ``repair`` 0 is no repair."""
     rng = case.rng(stream)
     name = str(rng.choice([component.name for component in KINDS[fault]]))
     is_two_sided = KINDS[fault][0].is_two_sided
@@ -165,10 +166,10 @@ def _grown(
 
 
 def _drawn(case: ForeignCase, rng: np.random.Generator) -> ForeignLife | None:
-    """Return a life; None when another fault than that of its law would end it."""
+    """Return a random life, or None if it is too short or too long or another fault ends it."""
     kinds = next(laws for laws in SETS.values() if case.kind in laws)
     faults = kinds[case.kind].faults
-    # Each variation meets each fault.
+    # Combine each variation with each fault.
     fault = faults[(case.number + case.number // len(VARIATIONS)) % len(faults)]
     span = rng.uniform(*_LIVES_HOURS)
     noise = rng.uniform(*_NOISES)
@@ -206,7 +207,7 @@ def _drawn(case: ForeignCase, rng: np.random.Generator) -> ForeignLife | None:
     vectors[:, ECCENTRICITY_PHASE] = rng.random()
     growing = {growth.name for growth in grown}
     for members in KINDS.values():
-        # The others grow a little.
+        # The other faults grow a little.
         slope = rng.uniform(0.0, _OTHERS_MOST) * LIMITS[members[0].name] / end
         if not growing & {member.name for member in members}:
             vectors[:, FAULT_NAMES.index(members[0].name)] += slope * tests
@@ -218,7 +219,7 @@ def _drawn(case: ForeignCase, rng: np.random.Generator) -> ForeignLife | None:
 
 
 def _end(grown: Grown, after: float) -> float:
-    """Return the hour of the first passage of the limit [h]; infinite when there is none."""
+    """Return the service hour at which the limit is first reached [h]; infinite if never."""
     limit, away = LIMITS[grown.name], grown.away
     over = np.flatnonzero(away >= limit)
     if not over.size:
@@ -231,7 +232,7 @@ def _end(grown: Grown, after: float) -> float:
 
 
 def _constant(rng: np.random.Generator, *, with_wave: bool) -> ForeignLife:
-    """Return a life of constant faults, one of them under a wave if asked for."""
+    """Return a life of constant faults; ``with_wave`` adds a wave to one of them."""
     still = constant_life(LIMITS, rng)
     tests = np.cumsum(rng.uniform(5.0, 20.0, still.hours.size))
     tests = tests[rng.random(tests.size) >= _MISSING]

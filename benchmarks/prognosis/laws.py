@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of growth that are not in the bank of the tracker, drawn for one life each.
+"""Laws of growth that the tracker does not have. The parameters of a law are drawn for each life.
 
-Everything is in shares of the limit, y = x / limit, and in hours u of growth, and stepped for many
-samples at once, so that an oracle can continue a life with the same code that made it. The laws of
-``HELD_OUT`` are kept out of development: the tracker is run on them once, at the end.
+Faults are in shares of the limit, y = x / limit, and u is the time of growth in hours. Laws step
+many samples simultaneously, so that an oracle can continue a life with the code that made it. The
+laws of ``HELD_OUT`` are not used in development: the tracker is run on them once, at the end.
 """
 
 from collections.abc import Mapping
@@ -16,32 +16,32 @@ Array = NDArray[np.float64]
 
 
 class Law:
-    """A law with the figures of one life.
+    """A law of growth with the parameters of one life.
 
-    Most have nothing random but the noise of growth, and no wave. A new, or repaired, component
-    begins at ``start``.
+    Most laws have no random states and no wave. A new or repaired component begins at ``start``
+    [-].
     """
 
     start = 0.0
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
-        """Draw the figures of a life of some hours [h]."""
+        """Draw the parameters of a life of ``life`` hours."""
 
     def states(self, n: int, rng: np.random.Generator) -> Array:
-        """Return what is random and lasts from step to step, of n samples, ``(k, n)``."""
+        """Return the initial random states of n samples, ``(k, n)``."""
         return np.empty((0, n))
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
-        """Return the growth over h hours from the hour u since new on [-]; states change."""
+        """Return the growth over h hours from hour u on [-], ``(n,)``. Updates ``states``."""
         raise NotImplementedError
 
     def wave(self, u: Array | float) -> Array | float:
-        """Return the reversible part at an hour, as a share of the limit [-]."""
+        """Return the reversible part of the fault at an hour, as a share of the limit [-]."""
         return 0.0 * u
 
 
 class Logistic(Law):
-    """dy/du = k y (1 - y / K): it accelerates, then slows down towards K beyond the limit."""
+    """dy/du = k y (1 - y / K): growth accelerates, then slows down towards K above the limit."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.start, self.top = rng.uniform(0.02, 0.06), rng.uniform(1.05, 1.6)
@@ -53,7 +53,7 @@ class Logistic(Law):
 
 
 class Missions(Law):
-    """Linear wear whose rate is that of the mission, which changes every few hundred hours."""
+    """Linear wear whose rate depends on the mission, which changes every few hundred hours."""
 
     factors = np.array([0.5, 1.0, 2.0])
 
@@ -72,7 +72,7 @@ class Missions(Law):
 
 
 class Avalanche(Law):
-    """Insulation: hardly any growth until an onset late in life, then dy/du = g (y + c)^m."""
+    """Failing insulation: slow growth until an onset late in life, then dy/du = g (y + c)^m."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.onset, self.slow = rng.uniform(0.35, 0.6) * life, rng.uniform(0.08, 0.2)
@@ -88,9 +88,9 @@ class Avalanche(Law):
 
 
 class Seasonal(Law):
-    """Linear growth under a wave of 3 to 6 % of the limit, of some hundred hours.
+    """Linear growth with a wave of 3 to 6 % of the limit and a period of 300 to 1000 h.
 
-    Of a limit of half the range, that is up to 3 % of the range.
+    For a limit of half the range, the wave has up to 3 % of the range.
     """
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
@@ -105,7 +105,7 @@ class Seasonal(Law):
 
 
 class Paris(Law):
-    """dy/du = C (y + y0)^m from a small crack on, as Paris' law with the length of the crack."""
+    """dy/du = C y^m from a small initial crack on: Paris' law, with y the length of the crack."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.start, self.m = rng.uniform(0.1, 0.25), rng.uniform(1.2, 1.7)
@@ -117,7 +117,7 @@ class Paris(Law):
 
 
 class LostLubrication(Law):
-    """Linear wear whose rate becomes another once and for all."""
+    """Linear wear whose rate changes once, permanently."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.at = rng.uniform(0.35, 0.65) * life
@@ -129,7 +129,7 @@ class LostLubrication(Law):
 
 
 class Weibull(Law):
-    """y follows the distribution of Weibull: an S whose steepest part is before the limit."""
+    """y follows a Weibull distribution function, an S whose steepest part is before the limit."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.shape, self.reached = rng.uniform(1.8, 3.5), rng.uniform(0.6, 0.95)
@@ -143,7 +143,7 @@ class Weibull(Law):
 
 
 class Staged(Law):
-    """Creep: a first part that saturates, a steady one, and one that accelerates."""
+    """Creep in three stages: saturating, steady and accelerating growth."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         shares = rng.dirichlet([4.0, 5.0, 6.0])
@@ -157,7 +157,7 @@ class Staged(Law):
 
 
 class Shocks(Law):
-    """Damage in steps: a compound Poisson process over a little steady wear."""
+    """Damage in steps: a compound Poisson process in addition to slow steady wear."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.life, self.shocks = life, rng.uniform(40.0, 100.0)
@@ -168,7 +168,7 @@ class Shocks(Law):
 
 
 class Thermal(Law):
-    """Wear at a rate that a season modulates."""
+    """Wear at a rate with seasonal modulation."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.life, self.depth = life, rng.uniform(0.4, 0.8)
@@ -180,7 +180,7 @@ class Thermal(Law):
 
 
 class RunningIn(Law):
-    """y = (u / T)^p with p below 1: wear that slows down for good."""
+    """y = (u / T)^p with p < 1: wear that keeps slowing down."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.life, self.p = life, rng.uniform(0.5, 0.8)
@@ -191,7 +191,7 @@ class RunningIn(Law):
 
 
 class Wandering(Law):
-    """Linear wear the logarithm of whose rate wanders (Ornstein and Uhlenbeck)."""
+    """Linear wear whose logarithmic rate is an Ornstein-Uhlenbeck process."""
 
     sigma = 0.6
 
@@ -209,7 +209,7 @@ class Wandering(Law):
 
 
 class Gamma(Law):
-    """Gamma process whose variance at the limit is that of 20 to 100 exponential jumps."""
+    """Gamma process with the variance of 20 to 100 exponential jumps at the limit."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.life, self.jumps = life, rng.uniform(20.0, 100.0)
@@ -219,7 +219,7 @@ class Gamma(Law):
 
 
 class Breakaway(Law):
-    """Slow wear, then exponential growth from an hour late in life on."""
+    """Slow wear, followed by exponential growth late in life."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.at, self.slow = rng.uniform(0.55, 0.8) * life, rng.uniform(0.1, 0.4)
@@ -230,7 +230,7 @@ class Breakaway(Law):
 
 
 class GrowingShocks(Law):
-    """Shocks that come more often the larger the damage is."""
+    """Shocks whose frequency increases with the damage."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.size, self.factor = 1.0 / rng.uniform(25.0, 80.0), rng.uniform(1.0, 4.0)
@@ -242,7 +242,7 @@ class GrowingShocks(Law):
 
 
 class Idle(Law):
-    """Linear wear in hours of work, which pauses take turns with."""
+    """Linear wear during work, which alternates with pauses."""
 
     def __init__(self, life: float, rng: np.random.Generator) -> None:
         self.rate, self.hours = 1.0 / (0.6 * life), rng.uniform(30.0, 100.0)
@@ -257,7 +257,7 @@ class Idle(Law):
 
 
 class Kind(NamedTuple):
-    """A law, and the kinds of fault that it is drawn for."""
+    """A law, and the kinds of fault that it applies to."""
 
     law: type[Law]
     faults: tuple[str, ...]
@@ -284,7 +284,7 @@ HELD_OUT: Final[Mapping[str, Kind]] = {
     "running in": Kind(RunningIn, _ALL),
     "wandering": Kind(Wandering, _ALL),
 }
-"""Laws that nothing was developed with."""
+"""Laws that were not used in development."""
 
 SETS: Final[Mapping[str, Mapping[str, Kind]]] = {
     "development": DEVELOPMENT,
@@ -292,4 +292,4 @@ SETS: Final[Mapping[str, Mapping[str, Kind]]] = {
     "seen": {"gamma": Kind(Gamma, _ALL), "breakaway": Kind(Breakaway, _ALL)},
     "unseen": {"growing shocks": Kind(GrowingShocks, _ALL), "idle": Kind(Idle, _ALL)},
 }
-"""All sets by name. "seen" is that of the development of growth by jumps, "unseen" its test."""
+"""Sets of laws by name. Growth by jumps was developed with "seen" and tested with "unseen"."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lives that prognosis is scored on, and what the real estimator finds in their tests."""
+"""Lives that prognosis is scored on, and estimates of the real estimator in their tests."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,7 +24,8 @@ from ema_sim.sensors import Sensors
 SEED: Final = 20_231
 """Root of the seeds of scored lives.
 
-Nothing was tuned on them, but that designs of version 0.2 were compared on numbers 200 to 229.
+They were not used for tuning, except that designs of version 0.2 were compared on numbers 200 to
+229.
 """
 
 LIMITS: Final[Mapping[str, float]] = {
@@ -38,31 +39,31 @@ OTHER_LAWS: Final[Mapping[str, TypicalGrowth]] = {
     "eccentricity": TypicalGrowth("exponential", 1.8e-3, 0.1),
     "gain": TypicalGrowth("archard", 1.7e-4, 4.0),
 }
-"""Growth by laws that are not those of the type, in lives of about the same length."""
+"""Growth by other laws than the typical ones, with lives of about the same length."""
 
 STREAMS: Final = {
     "growing": 0,
     "constant": 1,
     "real": 2,  # simulated and identified test by test
-    "advised": 5,  # on which the advice is judged
-    "advised_others": 6,  # which fixed intervals are fitted to
+    "advised": 5,  # to judge the advice
+    "advised_others": 6,  # to fit fixed intervals
     "fleet": 7,
-    "fleet_otherwise": 8,  # of another kind of unit, whose faults grow by other laws
-    "next": 9,  # of units that come after the fleet
+    "fleet_otherwise": 8,  # units of another kind, whose faults grow by other laws
+    "next": 9,  # units that follow the fleet
 }
-"""Kinds of lives, to failure but for the constant ones, with the numbers of their seeds."""
+"""Numbers in the seeds of lives, by kind. All but the constant lives end by failure."""
 
 
 @dataclass(frozen=True)
 class ScoredLife:
-    """A life by its number; ``rng`` gives a stream for everything else that is random in it."""
+    """A life, identified by its stream and number."""
 
     number: int
     stream: str
 
     @property
     def kind(self) -> str:
-        """Dominant fault; empty in a constant life."""
+        """Dominant fault; "" for a constant life."""
         return "" if self.stream == "constant" else list(TYPICAL)[self.number % len(TYPICAL)]
 
     @property
@@ -70,11 +71,11 @@ class ScoredLife:
         return SEED, STREAMS[self.stream], self.number
 
     def rng(self, purpose: int) -> np.random.Generator:
-        """Return the random numbers for a purpose."""
+        """Return the random generator for a purpose."""
         return np.random.default_rng([*self._seed, purpose])
 
     def life(self) -> SimulatedLife:
-        """Return what happens in it."""
+        """Return the simulated life."""
         rng = self.rng(0)
         if self.stream == "constant":
             return constant_life(LIMITS, rng)
@@ -82,21 +83,22 @@ class ScoredLife:
         return run_to_failure(LIMITS, rng, self.kind, typical=typical)
 
     def case(self, life: SimulatedLife, test: int) -> Case:
-        """Return a test of it to simulate."""
+        """Return the case that simulates a test of the life."""
         return Case(tuple(life.faults[test].tolist()), (*self._seed, test))
 
 
 def lives_of(stream: str, count: int) -> list[ScoredLife]:
-    """Return lives of one of ``STREAMS``, each kind of fault in turn."""
+    """Return lives of one of ``STREAMS``, with the kinds of fault in turn."""
     return [ScoredLife(number, stream) for number in range(count)]
 
 
 def estimate_of(
     case: Case, window: str, calibration: Calibration, previous: NDArray[np.float64] | None = None
 ) -> Estimate | None:
-    """Simulate a test and identify its faults; None where the monitor has no window to use.
+    """Simulate a test and return the estimate of its faults, or None without a usable window.
 
-    The search begins at the faults of the last valid estimate, ``(8,)``; cold when None.
+    ``window`` is the kind of window in ``SimulatedLife``. ``previous`` has the faults of the last
+    valid estimate, ``(8,)``, at which the search begins; None for a cold start.
     """
     if window in ("missing", "gap"):
         return None

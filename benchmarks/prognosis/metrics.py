@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Standard metrics of prognosis, on the remaining useful life.
+"""Standard metrics of prognosis for the remaining useful life.
 
 Definitions of A. Saxena, J. Celaya, B. Saha, S. Saha and K. Goebel, Metrics for Offline Evaluation
 of Prognostic Performance, International Journal of Prognostics and Health Management 1 (2010). r is
 the predicted remaining useful life, r* the true one, EoL the service hour at which life ends and
-t_P that of the first prediction, all [h]. Hours of predictions ascend. A test without prediction
-has r = NaN; its probability of anything is 0 and its relative accuracy is 0.
+t_P the service hour of the first prediction, all in h. Hours of predictions ascend. A test without
+a prediction has r = NaN; its probability of any range is 0 and its relative accuracy is 0.
 
-A relative accuracy on the *time of the event*, as some packages have it, divides the same error by
-the whole life instead of by what is left of it: late in life almost any prediction scores near 1.
+The relative accuracy of the *time of the event*, which some packages use, divides the same error by
+the whole life instead of the remaining life. Late in life almost any prediction scores near 1.
 """
 
 import math
@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 ALPHA: Final = 0.2
-"""Accuracy that is asked for [-]."""
+"""Required relative accuracy [-]."""
 
 BETA: Final = 0.5
-"""Probability with which it is asked for [-]."""
+"""Probability with which ``ALPHA`` is required [-]."""
 
 
 def probability_within(
@@ -29,7 +29,7 @@ def probability_within(
 ) -> NDArray[np.float64]:
     """Return the probability pi[r] that a predicted life lies in a range, ``(n,)``.
 
-    Both bounds are in it; samples, ``(n, m)``, that are infinite or NaN are in no range.
+    Both bounds are inclusive. Samples, ``(n, m)``, that are infinite or NaN lie in no range.
     """
     hours = np.asarray(samples, dtype=np.float64)
     low, high = (np.asarray(bound, dtype=np.float64)[..., None] for bound in (lowest, highest))
@@ -54,10 +54,10 @@ def cone_probability(
 
 
 def prognostic_horizon(hours: ArrayLike, probability: ArrayLike, end_hours: float) -> float:
-    """Return the prognostic horizon [h]: how long before the end predictions are good for good.
+    """Return the prognostic horizon [h]: the time before the end from which predictions stay good.
 
-    EoL less the first time from which on the probability (``horizon_probability``) never is below
-    beta: a prediction that was good once and is bad later does not count. 0 when the last is bad.
+    It is EoL less the first hour from which on ``probability`` (``horizon_probability``) never
+    falls below ``BETA``. 0 if the last prediction is below ``BETA``.
     """
     times = np.asarray(hours, dtype=np.float64)
     failing = np.flatnonzero(np.asarray(probability) < BETA)
@@ -72,10 +72,10 @@ def at_lambda(
     share: float,
     first_hours: float = 0.0,
 ) -> float:
-    """Return the probability within the cone at a share of the life; the test asks for beta.
+    """Return the probability within the cone at a share lambda of the life [-].
 
-    The latest prediction up to t_P + lambda (EoL - t_P) is judged, by the life that remained when
-    it was made; 0 without one.
+    This is the ``probability`` (``cone_probability``) of the latest prediction up to
+    t_P + lambda (EoL - t_P); 0 without a prediction. The alpha-lambda test requires ``BETA``.
     """
     until = first_hours + share * (end_hours - first_hours)
     at = int(np.searchsorted(np.asarray(hours, dtype=np.float64), until, "right")) - 1
@@ -83,7 +83,7 @@ def at_lambda(
 
 
 def relative_accuracy(rul: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
-    """Return 1 - |r* - r| / r* of each prediction [-], ``(n,)``; a missing one counts 0.
+    """Return 1 - |r* - r| / r* of each prediction [-], ``(n,)``; 0 for a missing prediction.
 
     1 is perfect; there is no lower bound.
     """
@@ -94,7 +94,7 @@ def relative_accuracy(rul: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
 def cumulative_relative_accuracy(
     hours: ArrayLike, rul: ArrayLike, end_hours: float, first_share: float = 0.5
 ) -> float:
-    """Return the mean relative accuracy from a share of life on; NaN when no test lies there."""
+    """Return the mean relative accuracy [-] from a share of life on; NaN without a test there."""
     times, r = np.asarray(hours, dtype=np.float64), np.asarray(rul, dtype=np.float64)
     part = (times >= first_share * end_hours) & (times < end_hours)
     if not np.any(part):
@@ -103,11 +103,11 @@ def cumulative_relative_accuracy(
 
 
 def convergence(hours: ArrayLike, error: ArrayLike, first_hours: float) -> float:
-    """Return the convergence: how far the area under an error is from its beginning.
+    """Return the convergence, in the common unit of hours and error.
 
-    The distance from (t_P, 0) to the centroid of the area, in the common unit of hours and error,
-    each error held until the next prediction; the smaller, the sooner the error has gone. NaN when
-    there is no area.
+    This is the distance from (t_P, 0) to the centroid of the area under the error; each error lasts
+    until the next prediction. A smaller value means that the error decreases sooner. NaN if the
+    area is 0.
     """
     t, m = np.asarray(hours, dtype=np.float64), np.asarray(error, dtype=np.float64)[:-1]
     steps = np.diff(t)
@@ -122,8 +122,8 @@ def convergence(hours: ArrayLike, error: ArrayLike, first_hours: float) -> float
 def accuracy_on_event_time(hours: ArrayLike, rul: ArrayLike, end_hours: float) -> float:
     """Return the mean relative accuracy of the *hour of failure* [-], for comparison only.
 
-    1 - |r* - r| / EoL: with nothing known but the hour of the test itself, r = 0, it would still
-    be 1 - r* / EoL.
+    This is 1 - |r* - r| / EoL. A prediction without any knowledge, r = 0, still scores
+    1 - r* / EoL.
     """
     times, r = np.asarray(hours, dtype=np.float64), np.asarray(rul, dtype=np.float64)
     return float(np.mean(relative_accuracy(times + r, np.full(times.shape, end_hours))))

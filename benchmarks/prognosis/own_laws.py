@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy and honesty of the remaining useful life over lives by laws that the tracker has.
+"""Accuracy and coverage of the remaining useful life, on lives by laws that the tracker has.
 
     python -m prognosis.own_laws [--lives N] [--constant N] [--whole N] [--real N] [--json FILE]
 
-Lives have estimates drawn with the measured errors of the estimator (estimator_errors.jsonl); those
-of --real are simulated and identified test by test. Their seeds are fixed, and nothing was tuned on
-them. The tracker knows the laws and typical rates, or no law at all. It is compared, on the same
-estimates, with an oracle to which only the noise of the future is unknown: more than that nobody
-can predict. Lives of --whole are scored by their health messages, by fault limit or requirement,
-whichever is first.
+Lives have estimates drawn with the measured errors of the estimator (estimator_errors.jsonl). The
+tests of --real lives are simulated and identified one by one. The seeds are fixed and were not used
+for tuning. The tracker knows the laws and typical rates, or no law. It is compared on the same
+estimates with an oracle, which knows everything but the future noise. This is the limit of
+predictability. Lives of --whole are scored by the remaining life in their health messages, by fault
+limit or requirement, whichever is reached first.
 """
 
 from collections.abc import Iterator, Mapping
@@ -39,25 +39,25 @@ METHODS: Final[Mapping[str, Predictor]] = {
 }
 
 TARGETS: Final = {"law known": (0.90, 0.95), "law unknown": (0.80, 0.85)}
-"""Least cumulative relative accuracy and least pass rate of alpha-lambda [-]."""
+"""Least cumulative relative accuracy and least pass rate of the alpha-lambda test [-]."""
 COVERAGE: Final = (0.85, 0.95)
 LONGEST_S: Final = 0.02
 BY_MESSAGE: Final = ("lives", "cra", "coverage", "seconds")
 BESIDE: Final = "oracle"
-"""Whose figures stand beside ours: an accuracy that the oracle misses nobody can reach."""
+"""Method for comparison: no tracker can reach an accuracy that the oracle misses."""
 
 _TITLES: Final = {"drawn": "drawn estimates", "real": "estimator in the loop"}
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A life to be scored; with a calibration it is simulated and identified test by test."""
+    """A life to score; with a calibration its tests are simulated and identified one by one."""
 
     scored: ScoredLife
     calibration: Calibration | None = None
 
     def scores(self) -> dict[str, LifeScore]:
-        """Score what each method predicts."""
+        """Return the scores of each method's predictions, by method."""
         life, scored = self.scored.life(), self.scored
         calibration = self.calibration
         measurements = self.identified(calibration) if calibration else drawn(scored, life)
@@ -67,7 +67,7 @@ class Job:
         }
 
     def identified(self, calibration: Calibration) -> list[Measurement]:
-        """Return the valid estimates of its tests, each from the one before on."""
+        """Return the valid estimates of the tests, each with a warm start from the previous one."""
         life = self.scored.life()
         measurements, last = [], None
         for test, (hours, window) in enumerate(zip(life.hours, life.windows, strict=True)):
@@ -79,7 +79,7 @@ class Job:
 
 
 def measure(pool: Workers, lives: int, constant: int, whole: int, real: int) -> Figures:
-    """Score lives of each kind, so many of each."""
+    """Score lives of each kind."""
     healthy = cases.healthy(HEALTHY_WINDOWS, "calibration") if real else []
     windows = pool.map("healthy windows", noisy_window, healthy)
     calibration = calibrate_model(windows, ACTUATOR) if real else None
@@ -97,7 +97,7 @@ def measure(pool: Workers, lives: int, constant: int, whole: int, real: int) -> 
             for case, scores in by_source.items()
             if scores
         },
-        # A message has quantiles alone.
+        # A message has quantiles only.
         "whole": {
             name: {key: summary([entry[name] for entry in by_message])[key] for key in BY_MESSAGE}
             for name in SETTINGS
@@ -119,7 +119,7 @@ def measure(pool: Workers, lives: int, constant: int, whole: int, real: int) -> 
 
 
 def rows(figures: Figures) -> Iterator[Row]:
-    """Return what was measured with its targets."""
+    """Return the rows of the targets."""
     for case, name in product(("drawn", "real"), TARGETS):
         if case in figures:
             yield from _accuracy_rows(figures[case], case, name)
@@ -163,7 +163,7 @@ def _accuracy_rows(by_method: Figures, case: str, name: str) -> Iterator[Row]:
 
 
 def tables(figures: Figures) -> Iterator[Table | str]:
-    """Return what is printed below the targets."""
+    """Return the tables to print below the targets."""
     shares = ("coverage", "horizon_share", "convergence_share", "first_share")
     for case, title in _TITLES.items():
         by_method = figures.get(case, {})

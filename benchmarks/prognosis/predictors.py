@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is scored: the tracker with laws known and unknown, and an oracle."""
+"""Predictors to score: the tracker with known and unknown laws, and an oracle."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -23,21 +23,21 @@ SETTINGS: Final[Mapping[str, TrackerSettings]] = {
     "law known": TrackerSettings(laws=NOMINAL_LAWS),
     "law unknown": TrackerSettings(),
 }
-"""What the tracker assumes in the two cases that are judged: laws and typical rates, or nothing."""
+"""Settings of the tracker: with known laws and typical rates, or with no assumption."""
 
 _ORACLE_SAMPLES: Final = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """Predictions of the remaining useful life after each test [h], NaN where none is given."""
+    """Predictions of the remaining useful life after each test [h]; NaN without a prediction."""
 
     hours: NDArray[np.float64]  # service hours of the tests, (n,)
-    low: NDArray[np.float64]  # 5, 50 and 95 % quantiles, (n,) each
-    median: NDArray[np.float64]
-    high: NDArray[np.float64]
-    samples: NDArray[np.float64]  # of the distribution, (n, m)
-    seconds: NDArray[np.float64]  # processor time from estimate to prediction; NaN without, (n,)
+    low: NDArray[np.float64]  # 5 % quantile, (n,)
+    median: NDArray[np.float64]  # (n,)
+    high: NDArray[np.float64]  # 95 % quantile, (n,)
+    samples: NDArray[np.float64]  # samples of the distribution, (n, m)
+    seconds: NDArray[np.float64]  # processor time from estimate to prediction [s], (n,)
 
     @classmethod
     def of(
@@ -46,7 +46,7 @@ class Predictions:
         samples: Sequence[NDArray[np.float64] | None],
         seconds: Sequence[float],
     ) -> "Predictions":
-        """Return the predictions of samples, ``(m,)`` each, None where there is none."""
+        """Return predictions from samples of the remaining life [h], ``(m,)`` per test or None."""
         size = next((len(drawn) for drawn in samples if drawn is not None), 1)
         rows = np.full((len(samples), size), np.nan)
         for number, drawn in enumerate(samples):
@@ -57,7 +57,7 @@ class Predictions:
         return cls(hours, low, median, high, rows, np.array(seconds))
 
     def since(self, start_hours: float) -> "Predictions":
-        """Return those from a service hour [h] on, their hours counted from it."""
+        """Return the predictions from a service hour [h] on, with hours counted from it."""
         later = self.hours >= start_hours
         made = {item.name: getattr(self, item.name)[later] for item in fields(self)}
         return Predictions(**{**made, "hours": made["hours"] - start_hours})
@@ -66,7 +66,10 @@ class Predictions:
 def predicted(
     measurements: Sequence[Measurement], after: Callable[[int], NDArray[np.float64] | None]
 ) -> Predictions:
-    """Return the predictions of samples after each test, by its number, with their times."""
+    """Return the timed predictions after each test.
+
+    ``after`` maps the number of a test to samples of the remaining life [h], ``(m,)``, or None.
+    """
     samples, seconds = [], []
     for number in range(len(measurements)):
         start = time.process_time()
@@ -79,7 +82,7 @@ Predictor = Callable[[SimulatedLife, Sequence[Measurement]], Predictions]
 
 
 def tracked(measurements: Sequence[Measurement], settings: TrackerSettings) -> Predictions:
-    """Return what a tracker with settings predicts after each test."""
+    """Return the predictions of a tracker after each test."""
     tracker = Tracker(HealthLimits(), settings)
 
     def after(number: int) -> NDArray[np.float64] | None:
@@ -91,20 +94,20 @@ def tracked(measurements: Sequence[Measurement], settings: TrackerSettings) -> P
 
 
 def law_known(_: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
-    """Return what a tracker with known laws and typical rates predicts."""
+    """Return the predictions of a tracker that knows laws and typical rates."""
     return tracked(measurements, SETTINGS["law known"])
 
 
 def law_unknown(_: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
-    """Return what the tracker predicts as shipped."""
+    """Return the predictions of a tracker with default settings."""
     return tracked(measurements, SETTINGS["law unknown"])
 
 
 def oracle(life: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
-    """Return what could be predicted at best: only the process noise of the future is unknown.
+    """Return the best possible predictions, with only the future process noise unknown.
 
-    It knows the true faults, laws, rates and hours of onset. To first order in the noise of the
-    increments, the hours until a limit are inverse Gaussian; with drift they are exactly.
+    The oracle knows the true faults, laws, rates and hours of onset. To first order in the noise of
+    the increments, the hours until a limit are inverse Gaussian; for the law "drift" this is exact.
     """
     rng = np.random.default_rng(0)
 
@@ -125,7 +128,7 @@ def oracle(life: SimulatedLife, measurements: Sequence[Measurement]) -> Predicti
 def _passage(
     growth: Growth, away: float, limit: float, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Return samples of the hours of growth until a limit."""
+    """Return samples of the hours of growth until a limit [h]."""
     if growth.law == "drift":
         left = limit - np.sign(growth.rate) * away
         rate = abs(growth.rate)

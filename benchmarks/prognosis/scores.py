@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scores of the predictions of a life, and of many lives together."""
+"""Scores of the predictions of one life, and of many lives."""
 
 import math
 from collections.abc import Sequence
@@ -13,34 +13,34 @@ from prognosis import metrics
 from prognosis.predictors import Predictions
 
 LAMBDAS: Final = (0.25, 0.5, 0.75, 0.9)
-"""Shares of the time from first prediction to end at which the cone is tested [-]."""
+"""Shares of the time from first prediction to end at which the alpha-lambda test is made [-]."""
 
 WITHOUT_DIFFUSION: Final = "without gain"
-"""Lives whose dominant fault is not a random walk."""
+"""Name of the lives whose dominant fault is not a random walk."""
 
 
 @dataclass(frozen=True)
 class LifeScore:
-    """Scores of one life, in shares [-]; NaN where nothing was predicted."""
+    """Scores of one life, NaN without predictions; shares are in [-], hours in h."""
 
     kind: str  # dominant fault
     end_hours: float
-    first_hours: float  # of the first prediction
+    first_hours: float  # service hour of the first prediction
     cra: float  # cumulative relative accuracy over the second half of life
-    cra_event_time: float  # that of the hour of failure, for comparison
-    unknown_share: float  # of the tests in the second half of life: nothing is predicted
+    cra_event_time: float  # accuracy of the hour of failure, for comparison
+    unknown_share: float  # share of tests in the second half of life without a prediction
     cone: tuple[float, ...]  # probability within the cone of alpha at each lambda
     horizon_share: float  # prognostic horizon over the life
-    convergence_share: float  # over the time from first prediction to end
-    inside: int  # 90 % intervals that hold the truth, of how many
-    intervals: int
-    beyond_late: int  # those wholly beyond it in the second half of life, of how many
-    intervals_late: int
-    seconds: float  # median processor time from estimate to prediction
+    convergence_share: float  # convergence over the time from first prediction to end
+    inside: int  # number of 90 % intervals that contain the truth
+    intervals: int  # number of 90 % intervals
+    beyond_late: int  # number of intervals above the truth in the second half of life
+    intervals_late: int  # number of intervals in the second half of life
+    seconds: float  # median processor time from estimate to prediction [s]
 
     @classmethod
     def of(cls, kind: str, end_hours: float, made: Predictions) -> "LifeScore":
-        """Score the predictions made in a life that ends at a service hour [h]."""
+        """Return the scores of the predictions of a life that ends at a service hour [h]."""
         hours, rul = made.hours, made.median
         known = np.isfinite(rul)
         late, truth = hours >= 0.5 * end_hours, end_hours - hours
@@ -70,7 +70,7 @@ class LifeScore:
 
 
 def summary(scores: Sequence[LifeScore]) -> dict[str, Any]:
-    """Return the figures of many lives: means or medians over them, intervals pooled."""
+    """Return the scores of many lives: means or medians over lives, and pooled coverage."""
 
     def column(name: str) -> list[float]:
         return [getattr(score, name) for score in scores]
@@ -99,7 +99,7 @@ def summary(scores: Sequence[LifeScore]) -> dict[str, Any]:
 
 
 def by_kind(scores: Sequence[LifeScore]) -> dict[str, dict[str, Any]]:
-    """Return the figures of each kind of fault, then of all, without the one that diffuses too."""
+    """Return the summary of each kind of fault, of ``WITHOUT_DIFFUSION``, and of all lives."""
     kinds = dict.fromkeys(score.kind for score in scores)
     parts = {kind: summary([s for s in scores if s.kind == kind]) for kind in kinds}
     smooth = [s for s in scores if not TYPICAL[s.kind].diffusion]

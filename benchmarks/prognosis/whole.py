@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole prognosis of a unit as a monitor makes it: fault limits, requirements and health."""
+"""Complete prognosis of a unit, as in a monitor: fault limits, requirements and health."""
 
 import time
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ _SIGMA = 0.004
 
 
 class Reports(NamedTuple):
-    """Reports on a life without growth."""
+    """Truth and reports of a life without growth."""
 
     meets: bool  # whether all requirements are met: constant faults may be too large
     has_life: bool  # whether a remaining life is reported, by fault limits or requirements
@@ -42,7 +42,7 @@ class Reports(NamedTuple):
 
 
 def score_whole(scored: ScoredLife) -> dict[str, LifeScore]:
-    """Score the remaining life in the health messages of a life with drawn estimates."""
+    """Return the scores of the remaining life in health messages, by settings of the tracker."""
     life = scored.life()
     measurements = drawn(scored, life)
     end = min(life.end_hours, _failure_hours(life))
@@ -63,7 +63,7 @@ def score_whole(scored: ScoredLife) -> dict[str, LifeScore]:
 
 
 def reports(scored: ScoredLife) -> dict[str, Reports]:
-    """Return what is reported of a constant life, by what the tracker assumes."""
+    """Return the reports of a constant life, by settings of the tracker."""
     life = scored.life()
     measurements = drawn(scored, life)
     reserves = _requirements().exact_reserves(REQUIREMENTS, life.faults[:1])
@@ -104,7 +104,7 @@ def followed(
 
 
 def _failure_hours(life: SimulatedLife) -> float:
-    """Return when the first requirement fails, by the true faults at the tests [h]."""
+    """Return the service hour at which the true faults first violate a requirement [h]."""
     reserve = _requirements().exact_reserves(REQUIREMENTS, life.faults).min(axis=1)
     failed = np.flatnonzero(reserve < 0.0)
     if not failed.size:
@@ -124,7 +124,10 @@ def _requirements() -> Requirements:
 
 
 def worn(hours: float, share: float, rng: np.random.Generator) -> Estimate:
-    """Return a drawn estimate of a unit whose friction and backlash have grown by a share [-]."""
+    """Return a random estimate of a unit at a share of its life [-].
+
+    Friction grows to 0.4 and backlash to 0.3 over the life.
+    """
     shown = fault_vector({"friction": 1.0, "backlash": 1.0}) > 0.0
     truth = fault_vector({"friction": 0.4 * share**2, "backlash": 0.3 * share})
     faults = np.clip(truth + shown * _SIGMA * rng.standard_normal(N_FAULTS), 0.0, 0.99)
@@ -134,8 +137,8 @@ def worn(hours: float, share: float, rng: np.random.Generator) -> Estimate:
 
 
 def estimate_of_measurement(measurement: Measurement, calibration: Calibration) -> Estimate:
-    """Return a valid estimate that makes a measurement; its stamp is the service hour."""
-    # Stamps begin after 0, which would be no time.
+    """Return a valid estimate with the faults of a measurement; its stamp is service hour + 1."""
+    # A stamp of 0 would mean "no time".
     end_ns = round((measurement.hours + 1.0) * _NS_PER_HOUR)
     return Estimate(
         start_ns=end_ns - 500_000_000,
