@@ -42,7 +42,7 @@ def _identified(
     previous: ArrayLike | None,
     memory: Memory = NOTHING,
 ) -> Generator[Generation, None, Estimate]:
-    """Identify a window of any drive: yield each generation, return the estimate."""
+    """Identify the faults in a window, for any drive: yield generations, return the estimate."""
     if isinstance(calibration, JointCalibration):
         return identify_record(window, description, calibration, force=force)
     faults = None if previous is None else fault_vector(previous)

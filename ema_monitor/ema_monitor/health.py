@@ -77,7 +77,7 @@ class HealthLimits(Checked, settings_by_kind("_LimitByKind", float, _limit_of)):
 
     @property
     def friction_warning(self) -> float:
-        """Relative change of Coulomb friction that gives a warning [-]: twice the fault value."""
+        """Relative change of Coulomb friction at the warning limit of the friction fault [-]."""
         return 2.0 * self.warn_share * self.of("friction")
 
 

@@ -170,7 +170,7 @@ class Intake:
         return Use(counted, flown)
 
     def pieces(self, end_ns: int) -> dict[UnitKey, "list[tuple[int, FlownDuty]]"]:
-        """Return each unit's duty in pieces, which end with each window and at ``end_ns``.
+        """Return each unit's duty in pieces: one up to each window, and the last up to ``end_ns``.
 
         Returns
         -------

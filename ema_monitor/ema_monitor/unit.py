@@ -281,7 +281,8 @@ class Unit:
         settings
             Settings to use.
         flown
-            Pairs of a window's stamp [ns] and the duty up to its end, in order of time.
+            Pairs of a window's end stamp [ns] and the duty since the previous window, in order of
+            time.
         """
         # The log is bounded: at each test, it contains only the counts that precede the test.
         waiting, log, pieces = deque(counts), CountLog(), deque(flown)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 class Kind(StrEnum):
-    """Kind of a change."""
+    """Kind of a baseline change."""
 
     ACCEPT = "accept"
     AUTOMATIC = "automatic"

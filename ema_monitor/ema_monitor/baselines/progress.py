@@ -26,7 +26,7 @@ _BLIND: Final = 1.0
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a baseline."""
+    """Progress in collecting the records of a baseline."""
 
     records: int = 0
     """Number of records in the accepted baseline, or collected so far while learning."""

@@ -80,7 +80,7 @@ class RecordFiles:
         return record
 
     def remove(self, records: Sequence[StoredRecord]) -> None:
-        """Delete records."""
+        """Delete the files of records."""
         gone = set(records)
         for record in gone:
             record.path.unlink(missing_ok=True)
@@ -120,7 +120,10 @@ def thinned(records: Sequence[StoredRecord], most: int) -> list[StoredRecord]:
 
 
 def _most_crowded(day: Sequence[StoredRecord]) -> StoredRecord:
-    """Return the record between the first and the last whose neighbours are closest in time."""
+    """Return the record whose neighbours are closest in time; never the first or the last.
+
+    If there are fewer than three records, the last is returned.
+    """
     if len(day) < 3:
         return day[-1]
     spans = [after.stamp_ns - before.stamp_ns for before, after in zip(day, day[2:], strict=False)]

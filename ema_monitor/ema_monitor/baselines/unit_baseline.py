@@ -235,7 +235,7 @@ class UnitBaseline:
         self._fitted, self._added = len(self.candidates), 0
 
     def progress(self, records_needed: int = 0) -> Progress:
-        """Return the progress: of the accepted baseline, or of the candidates while learning."""
+        """Return the progress of the accepted baseline, or of the candidates while learning."""
         if self.calibration is not None:
             days = len(set(self.calibration.baseline.days))
             count = self.calibration.windows
@@ -291,7 +291,7 @@ class UnitBaseline:
         return self._install(calibration, records, kind, author, note)
 
     def extend(self, author: str, note: str = "", *, force: bool = False) -> Change:
-        """Add the candidates to the accepted baseline; parameters and errors as ``accept``."""
+        """Add the candidates to the accepted baseline; see ``accept`` for parameters and errors."""
         self._require_sound()
         if self.calibration is None:
             raise ValueError("the unit has no accepted baseline: accept one first")

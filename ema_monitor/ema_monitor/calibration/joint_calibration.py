@@ -52,7 +52,7 @@ class OutlyingRecord(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """Warning, to be preceded by the name of the record."""
+        """Warning without its subject, which is the name of the record."""
         return (
             f"differs from the other healthy records: {self.finding}. Leave it out, or confirm "
             "that the unit was healthy"
@@ -114,7 +114,7 @@ class JointCalibration(StoredCalibration):
 
     @property
     def torque_scale(self) -> float:
-        """Motor torque for a load of 1 in the unit of ``effort_shown`` [N.m]."""
+        """Motor torque for an effort of 1 in the unit of ``effort_shown`` [N.m]."""
         return self.parameters.k_t / self.effort_shown.scale
 
     @property

@@ -107,7 +107,7 @@ class _UnitProblem:
         return Linearisation(x, residuals, jacobian)
 
     def _noise_at(self, x: Array) -> float:
-        """Return the standard deviation of an effective residual [A]."""
+        """Return the noise of a residual at ``x`` [A], increased for correlated neighbours."""
         return math.sqrt(BAND_CORRELATION) * max(rms(self.model_residuals(x)), _LEAST_NOISE)
 
     def model_residuals(self, x: Array) -> Array:

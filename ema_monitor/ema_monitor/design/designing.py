@@ -296,7 +296,11 @@ class _Search:
         return np.array([[self._cost(point)] for point in points])
 
     def _cost(self, point: Array) -> float:
-        """Return the share of the longest duration; above 1, a measure of the missing accuracy."""
+        """Return the cost of a point of the unit box, ``(5,)`` [-].
+
+        Up to 1, the cost is the share of the longest duration. Above 1, it measures by how far the
+        swing misses the wanted accuracy or exceeds the limits.
+        """
         command = self.command(point)
         windows = self._information.windows(command)
         demands = self._information.demands(windows)

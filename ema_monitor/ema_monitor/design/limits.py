@@ -71,7 +71,7 @@ class MotionLimits(Demands):
         speed: float | None = None,
         longest: float = 0.5,
     ) -> Self:
-        """Return the limits of a test; None stands for 90 % of the actuator's own limit.
+        """Return the limits of a test; for None, the limit is 90 % of the actuator's limit.
 
         Raises
         ------

@@ -73,7 +73,7 @@ class ActuatorRig(Protocol):
 
 
 def single_faults() -> dict[str, Array]:
-    """Return a fault vector for each fault alone, half-way to its limit, by name of the fault."""
+    """Return a fault vector for each fault alone, half-way to its limit, keyed by fault name."""
     result = {}
     for i, fault in enumerate(FAULTS):
         if fault.limit is not None:
@@ -131,7 +131,7 @@ class Prospect(NamedTuple):
         return np.all([_claims(estimate) for estimate in self.estimates], axis=0)
 
     def error(self, number: int) -> float:
-        """Return the RMS error of the estimates of a component, except a phase [-]."""
+        """Return the RMS error of the estimates of a component other than the phase [-]."""
         errors = [estimate.faults[number] - self.faults[number] for estimate in self.estimates]
         return float(np.sqrt(np.mean(np.square(errors))))
 
@@ -221,7 +221,7 @@ def rehearse(
     description: ActuatorDescription,
     calibration: Calibration | None = None,
 ) -> Rehearsed:
-    """Rehearse a test; parameters and errors are as in `certify`."""
+    """Rehearse a test; see `certify` for parameters and errors."""
     healthy = rig(command, healthy_faults(), _HEALTHY, {})
     used = calibration or calibrate_model(healthy, description)
 

@@ -61,7 +61,7 @@ class Files(Checked):
 
     @property
     def baselines(self) -> Path | None:
-        """Folder of the learned baselines; None if none is learned."""
+        """Folder of the learned baselines; None if no baselines are learned."""
         return folder_of(self.baseline_folder) if self.baseline_folder else None
 
     def histories(self, *, is_simulated: bool) -> Path | None:

@@ -53,7 +53,10 @@ def last_level(outlook: Outlook, history: History) -> int:
 
 
 def failed_since(outlook: Outlook, history: History) -> float:
-    """Return the service hour at which the current run of tests with ERROR began [h]."""
+    """Return the service hour at which the current run of tests with ERROR began [h].
+
+    The result is NaN if the level is not ERROR.
+    """
     if outlook.health.level != ERROR:
         return math.nan
     since = outlook.hours

@@ -187,7 +187,7 @@ def outlook_of(
 
 
 def warned_if_due(health: Health, removal: Removal) -> Health:
-    """Return health whose OK is raised to a warning if the unit should be removed now."""
+    """Return the health, with OK raised to a warning if the unit should be removed now."""
     if health.level != OK or not removal.hours < SOON_HOURS:
         return health
     text = f"removal is due: {100.0 * removal.risk:.3g} % risk of failure in {removal.hours:.2g} h"

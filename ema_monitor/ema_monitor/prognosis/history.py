@@ -121,7 +121,7 @@ class History:
 
     @property
     def unused_duty(self) -> FlownDuty:
-        """Duty in the unused cycles."""
+        """Duty in the ``unused`` test cycles after the latest entry."""
         return sum((test.flown for test in self.unused), FlownDuty())
 
     def holds(self, stamp_ns: int) -> bool:

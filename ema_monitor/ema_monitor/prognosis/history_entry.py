@@ -174,7 +174,7 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class UnitEvent:
-    """Something that happened to a unit or to its monitoring."""
+    """An event in the life or the monitoring of a unit."""
 
     stamp_ns: int
     """Stamp of the test that showed the event [ns]."""

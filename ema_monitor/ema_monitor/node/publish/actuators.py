@@ -163,7 +163,7 @@ class Actuators(dict[str, ActuatorStatus]):
         self._log.warn(actuator_id, reason, is_first=is_first)
 
     def add_events(self, actuator_id: str, events: tuple[UnitEvent, ...]) -> None:
-        """Publish the unchanged health of an actuator with events."""
+        """Publish the unchanged health of an actuator again, with new events."""
         with self.lock:
             status = self.get(actuator_id)
             if status is not None and self.is_active:
@@ -212,7 +212,7 @@ class Actuators(dict[str, ActuatorStatus]):
             return any(status.finder.blocks and not status.is_silent for status in self.values())
 
     def telemetry(self, dropped: dict[str, int]) -> list[TelemetryStatus]:
-        """Return the message counts of each actuator; ``dropped`` has its dropped windows."""
+        """Return the message counts of each actuator; ``dropped`` counts its dropped windows."""
         with self.lock:
             return [telemetry_status(status, dropped.get(name, 0)) for name, status in self.items()]
 

@@ -50,7 +50,7 @@ class Log:
         self._logger.error(text)
 
     def warn(self, actuator_id: str, text: str, *, is_first: bool = False) -> None:
-        """Log a rate-limited warning; if it is the first, also publish the status."""
+        """Log a rate-limited warning; if ``is_first``, also publish the status."""
         passed = self._throttle.passed(f"{actuator_id or 'input'}: {text}", time.monotonic())
         if passed is not None:
             self.warning(passed)

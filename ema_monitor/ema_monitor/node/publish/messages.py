@@ -278,7 +278,7 @@ def baseline_to_message(
 def curve_to_message(
     curve: FrictionCurve, diagnosed: Diagnosed, calibration: JointCalibration
 ) -> FrictionCurveMessage:
-    """Return the friction of a record over speed in the recorded units."""
+    """Return the friction curve of a record as a message, in the recorded units."""
     unit, scale = calibration.effort_shown
     lead = calibration.parameters.lead
     way = lead / (2.0 * math.pi) if lead else 1.0

@@ -193,7 +193,7 @@ class ShownHealth:
         return change
 
     def _is_mounted(self, description: ActuatorDescription) -> bool:
-        """Return whether a unit is the unit of the latest description."""
+        """Return whether a description has the serial number of the latest description."""
         latest = self._described()
         return latest is not None and latest.serial_number == description.serial_number
 

@@ -36,7 +36,7 @@ class Baselines:
     Parameters
     ----------
     folder
-        Folder of the baselines; None if none is learned.
+        Folder of the baselines; None if no baselines are learned.
     alarm
         Returns the cause of a unit's WARN or ERROR; empty at other levels.
     announce
@@ -95,7 +95,7 @@ class Baselines:
     def learn(self, segment: Segment) -> Estimate | None:
         """Add a record to the baseline of its unit, if the unit is learning.
 
-        Returns the estimate, which gives no level; None if the record is to be compared with a
+        Returns the estimate, which gives no level; None if the record must be compared with a
         calibration instead.
         """
         description, window = segment.description, segment.window

@@ -208,7 +208,7 @@ class DutyCourse:
         return FutureDuty(factor, present, later, lasting, since_hours, repeated)
 
     def _drawn_since(self, since: int, rng: np.random.Generator) -> Array:
-        """Return mean growth hours per service hour of each path, ``(7, p)``: block bootstrap."""
+        """Return mean growth hours per service hour of paths from a block bootstrap, ``(7, p)``."""
         intervals = since + np.flatnonzero(self.elapsed[since:] > 0.0)
         # Successive intervals are correlated: draw blocks of them.
         n = intervals.size

@@ -20,7 +20,8 @@ OUTLIER: Final = "outlier"
 _AGREEMENT: Final = 4.0
 _JUMP_SHARE: Final = 0.1
 PATIENCE: Final = 4
-"""Number of consecutive odd tests after which the level of a component is considered changed."""
+"""Number of consecutive tests with an unexpected value of a component after which its level is
+considered changed."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +46,13 @@ class OutlierDetector(Kept):
     """Detects and classifies values that growth does not explain.
 
     Tracking starts with the first two tests that agree: of two disagreeing tests, either may be
-    wrong. Later, a test with an odd value is held back as a whole, because a wrong estimate of one
-    component corrupts the others.
+    wrong. Later, a test with an unexpected value is held back as a whole, because a wrong estimate
+    of one component corrupts the others.
 
-    If the next test agrees in all odd components and no other component is odd, their levels have
-    changed. If the next test is as expected, the held test is discarded. A jump small enough to be
-    caused by two occasional errors must appear in three tests and raises no event before that. A
-    component that is odd in four consecutive tests has changed as well.
+    If the next test agrees in all unexpected components, and no other component is unexpected,
+    their levels have changed. If the next test is as expected, the held test is discarded. A jump
+    small enough to be caused by two occasional errors must appear in three tests and raises no
+    event before that. A component that is unexpected in four consecutive tests has changed as well.
     """
 
     kept = ("_held", "_odd", "_agreed", "_patience")
@@ -109,7 +110,8 @@ class OutlierDetector(Kept):
         large = np.abs(measurement.value - mean) > _AGREEMENT * reach
         for held in map(Measurement.of_row, self._held):
             since = held.hours
-            # Prediction uncertainty grows with time, so an odd value may fall within bounds later.
+            # Prediction uncertainty grows with time, so an unexpected value may fall within bounds
+            # later.
             agrees = self._agrees(measurement, held, mean)[self._odd].all()
             self._agreed = self._agreed + 1 if agrees and not (odd & ~self._odd).any() else 0
             is_long = self._patience >= PATIENCE - 1
@@ -124,7 +126,7 @@ class OutlierDetector(Kept):
             self._patience += 1
         else:
             self._held, self._patience, self._agreed = self._held[:0], 0, 0
-        # A test that confirms a change is used, except for its other odd values.
+        # A test that confirms a change is used, except for its other unexpected values.
         held_back = left if changed.any() else np.full_like(odd, left.any())
         return events, changed, held_back
 

@@ -275,7 +275,7 @@ class Tracker(Kept):
         return beyond_horizon(float(np.median(own_hours)), observed, tests, self._settings)
 
     def _observed(self) -> Array:
-        """Return the observed hours of each growing component, else 0, ``(7,)`` [h]."""
+        """Return the observed hours of each component, ``(7,)`` [h]; 0 if it does not grow."""
         return np.where(self._growing, self._own_hours - self._first_hours, 0.0)
 
     def futures(self, hours: ArrayLike, n: int = 500, duty: FutureDuty = STEADY) -> Array:

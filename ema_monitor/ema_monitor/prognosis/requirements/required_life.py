@@ -149,7 +149,7 @@ def required_life(
 def lives_by_requirements(
     failures: Mapping[str, Array], required: Requirements | RequirementLimits, horizon_hours: float
 ) -> tuple[dict[str, RemainingLife], RemainingLife, str]:
-    """Return the life by each requirement, the life until the first fails, and its name.
+    """Return the life under each requirement, the life until the first fails, and its name.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def _modelled_crossings(requirements: Requirements, name: str, paths: Array) -> 
 
 
 def _doubtful(crossing: Array, coarse: Array, nodes: NDArray[np.intp], paths: Array) -> Array:
-    """Return fault vectors to check with the model: at crossings, or at a small least reserve."""
+    """Return fault vectors to check with the model: at crossings, or where reserves are small."""
     lowest = nodes[coarse.argmin(axis=1)].astype(float)
     place = np.where(np.isinf(crossing), lowest, crossing)
     order = np.lexsort((place, np.isinf(crossing)))

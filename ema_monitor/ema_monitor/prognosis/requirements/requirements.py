@@ -81,7 +81,7 @@ class Compliance:
 
 
 class Requirements:
-    """The requirements of an actuator.
+    """Performance requirements of an actuator, with a model that judges them.
 
     Parameters
     ----------

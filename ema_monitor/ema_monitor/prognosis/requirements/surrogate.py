@@ -34,9 +34,9 @@ _RIDGE = 1e-3
 def coordinates(faults: Array) -> Array:
     """Return coordinates of fault vectors, ``(n, 8)``, in which performance is smooth.
 
-    Eccentricity becomes ``zeta cos(phi)`` and ``zeta sin(phi)``. Backlash becomes its root, because
-    the torque needed to cross a play grows with the root. A short circuit counts up to half the
-    turns.
+    Eccentricity becomes ``zeta cos(phi)`` and ``zeta sin(phi)``. Backlash becomes its square root,
+    because the torque needed to cross a play grows with the square root. A short circuit counts up
+    to half the turns.
     """
     x = np.clip(faults, 0.0, HIGHEST)
     x[:, ECCENTRICITY], x[:, ECCENTRICITY_PHASE] = eccentricity_vector(x)

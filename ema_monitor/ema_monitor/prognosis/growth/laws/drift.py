@@ -14,7 +14,7 @@ _DIFFUSIONS: Final = (0.05, 0.1, 0.2)
 
 
 class Drift(Law):
-    """Wiener process with drift, as probable a priori as a law with all its shapes (`BENDS`)."""
+    """Wiener process with drift; its prior equals the prior of a law with all bends (`BENDS`)."""
 
     name = "drift"
     is_random = True
