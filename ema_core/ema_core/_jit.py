@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compilation options of all kernels, and their cache on disk.
+"""Compilation of kernels with numba, and their cache on disk.
 
 numba's file cache of a function becomes stale if a called function changes in another file.
 Therefore the name of the cache folder contains a digest of all ``ema_*`` modules that the module of
@@ -28,16 +28,16 @@ _log = logging.getLogger(__name__)
 
 
 def kernel(*, nogil: bool = True) -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator that compiles a function to a kernel.
+    """Return a decorator that compiles a function with numba.
 
     Kernels divide by zero according to IEEE 754, release the interpreter lock, never raise and are
-    cached on disk if possible. Kernels that take only microseconds should keep the lock
-    (``nogil=False``), because reacquiring it may take milliseconds.
+    cached on disk if the cache folder is writable. Kernels that take only microseconds should keep
+    the lock (``nogil=False``), because reacquiring it may take milliseconds.
     """
 
     def compile_kernel(function: Callable[..., Any]) -> Any:
         folder = _cache_folder(function.__module__)
-        # numba sets these options from the environment, which pyright cannot know.
+        # numba defines this option at run time, from the environment: pyright does not see it.
         shared_folder = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
         config.CACHE_DIR = folder  # pyright: ignore[reportAttributeAccessIssue]
         compiled = numba.njit(error_model="numpy", nogil=nogil)(function)
@@ -111,7 +111,7 @@ class _CheckedFiles(IndexDataCacheFile):
 
 
 class _KernelCache(FunctionCache):
-    """Cache of one kernel. If it is not writable, the kernel is compiled for this process only."""
+    """Disk cache of a kernel. If it is not writable, the kernel is recompiled in each process."""
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Acquisition of telemetry: meaning of current samples, and measured columns."""
+"""Acquisition of telemetry: which columns are measured, and what a current sample means."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -60,7 +60,10 @@ class Acquisition(Checked):
         return tuple(name for name, is_absent in absent.items() if is_absent)
 
     def contradicting(self, missing: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Return the empty columns and the filled columns that contradict the acquisition.
+        """Return the columns that contradict the acquisition, as two tuples of names.
+
+        The first tuple has the columns that are empty although they are measured, the second the
+        columns that have values although they are not measured.
 
         Parameters
         ----------
@@ -73,4 +76,4 @@ class Acquisition(Checked):
 
 
 USUAL: Final = Acquisition()
-"""Default acquisition: all columns are measured, the current is the mean over a sample."""
+"""Default acquisition: all columns are measured, the current is the mean over a sample period."""

@@ -22,7 +22,7 @@ _TEXT: Final = re.compile(r"\s*([^=]+?)\s*=\s*([^@=\s]+?)(?:@([^@=\s]+?)(?:\.\.(
 
 @dataclass(frozen=True)
 class Profile:
-    """Time profile of a cause: 0, then from ``start_s`` a ramp to ``value`` at ``end_s``."""
+    """Time profile of a cause: 0 until ``start_s``, then a ramp to ``value`` at ``end_s``."""
 
     value: float
     """Final value, in the unit of the cause."""
@@ -45,16 +45,17 @@ class Profile:
 
 
 Causes = Mapping[str, Profile | float] | Iterable[str]
-"""Hidden causes by name, or as strings in the notation `GRAMMAR`."""
+"""Values or profiles keyed by the name of the cause, or strings in the notation `GRAMMAR`."""
 
 
 def cause_profiles(causes: Causes) -> dict[str, Profile]:
-    """Return hidden causes as profiles by name.
+    """Convert hidden causes to profiles, keyed by name, and validate them.
 
     Parameters
     ----------
     causes
-        Values or profiles by name, or strings such as ``"current_offset=0.1@3.0"`` (`GRAMMAR`).
+        Values or profiles keyed by name, or strings such as ``"current_offset=0.1@3.0"``
+        (`GRAMMAR`). A value is constant from time 0.
 
     Raises
     ------

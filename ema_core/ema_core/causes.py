@@ -26,7 +26,7 @@ class Place(StrEnum):
 
 @dataclass(frozen=True)
 class Cause:
-    """One hidden cause."""
+    """Definition of a hidden cause."""
 
     name: str
     """Name in code, messages and on the command line."""
@@ -123,7 +123,10 @@ CAUSE_BY_NAME: Final = {cause.name: cause for cause in CAUSES}
 
 
 class CauseEstimate(NamedTuple):
-    """Estimated or measured hidden cause: name, value and standard deviation in its unit."""
+    """Estimated or measured hidden cause.
+
+    ``value`` and its standard deviation ``sigma`` are in the unit of the cause.
+    """
 
     name: str
     value: float

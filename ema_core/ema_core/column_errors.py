@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of telemetry columns: wrong factors, and the common mistakes that explain them.
 
-The table of mistakes is common. Three modules decide, because each sees what the others cannot:
+Three modules share the table of mistakes. Each detects errors from different data:
 
-- `ema_bags.inputs.factors` sees the mapping: units, shafts and signs as stated. It judges any
-  motion, finds several wrong entries at once, and names the entry to change. Without a model of the
-  drive, it compares position, command and speed with each other and with the described limits.
-- `ema_monitor.identification.column_scale` sees a window in SI units, of a unit that may be faulty.
-  It uses only relations that no fault scales, and trusts the calibrated parameters.
-- `ema_monitor.calibration.description_misfit` sees healthy windows and compares them with the
-  response of the described actuator. It can judge the current in all motions, but cannot separate a
-  wrong column from a wrong parameter, so its tolerance is wider.
+- `ema_bags.inputs.factors` uses the mapping with its units, shafts and signs. It works for any
+  motion, finds several wrong entries in one run, and names the entry to change. Without a model of
+  the drive, it compares position, command and speed with each other and with the described limits.
+- `ema_monitor.identification.column_scale` uses a window in SI units, of a unit that may be faulty.
+  It checks only relations that no fault scales, and trusts the calibrated parameters.
+- `ema_monitor.calibration.description_misfit` compares healthy windows with the response of the
+  described actuator. It can check the current in all motions, but cannot separate a wrong column
+  from a wrong parameter, so its tolerance is wider.
 
 `column_wording` formats errors as text.
 """
@@ -26,7 +26,7 @@ from ema_core.units import ANGLES, LENGTHS, SPEEDS
 NEAR: Final = 0.1
 """Relative tolerance for matching a factor to a mistake [-]. Sensors and faults change a relation
 between columns by a few per cent, and the factors of most mistakes differ by more than twice this
-share."""
+tolerance."""
 
 NEAR_MODEL: Final = 0.4
 """Tolerance for matching a factor relative to the modelled response of the described actuator [-].
@@ -74,7 +74,7 @@ class Mistake(NamedTuple):
 
     @property
     def is_of_si(self) -> bool:
-        """Whether the values are interpreted as SI units, or the unit does not matter."""
+        """Whether the values are interpreted in SI units. True if the mistake is not a unit."""
         return self.kind is not Kind.UNIT or self.stated in ("rad", "rad/s")
 
 
@@ -91,7 +91,7 @@ class ColumnError:
     reference
         Reference that the columns contradict.
     mistakes
-        Common mistakes that together explain the factor; empty if no mistakes do.
+        Common mistakes that together explain the factor; empty if none do.
     """
 
     columns: tuple[str, ...]
@@ -103,9 +103,9 @@ class ColumnError:
     def of(cls, columns: tuple[str, ...], factor: float, reference: Reference, tau: float) -> Self:
         """Return the column error, with the common mistakes that explain its factor.
 
-        Against the model of the described actuator, columns are compared in SI units. Confusion of
-        peak and RMS is then ignored: its factor is close to 1 and might also result from a wrong
-        parameter.
+        ``tau`` is the gear ratio, user over motor speed. With ``Reference.MODEL``, columns are
+        compared in SI units, and confusion of peak and RMS is ignored: its factor is close to 1 and
+        might also result from a wrong parameter.
         """
         usual, within = [*usual_mistakes(columns[0], tau)], NEAR
         if reference is Reference.MODEL:
@@ -116,7 +116,7 @@ class ColumnError:
 
 @dataclass(frozen=True)
 class UnrelatedColumn:
-    """A column that does not follow its reference, and the correlation of both [-]."""
+    """A column that does not follow its reference, and the correlation between them [-]."""
 
     column: str
     correlation: float
@@ -126,7 +126,7 @@ class UnrelatedColumn:
 def mistaken_unit(sizes: dict[str, float], unit: str, stated: str) -> Mistake:
     """Return the mistake of interpreting values in ``unit`` as values in ``stated``.
 
-    ``sizes`` gives the size of both units in SI units, by name.
+    ``sizes`` maps the name of each unit to its size in SI units.
     """
     return Mistake(Kind.UNIT, sizes[stated] / sizes[unit], unit, stated)
 

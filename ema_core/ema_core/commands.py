@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Position commands as sampled arrays, and test cycles built around them.
 
-A command of ``n`` samples at period ``h`` holds the user-shaft angle [rad] at h, 2 h, ... n h; the
-angle at time 0 is zero. Models interpolate linearly between samples.
+A command of ``n`` samples with period ``h`` contains the user-shaft angle [rad] at the times h,
+2 h, ... n h; the angle at time 0 is zero. Models interpolate linearly between samples.
 """
 
 import math
@@ -91,7 +91,9 @@ class Command(Checked):
         )
 
     def sample(self, sample_period: float) -> NDArray[np.float64]:
-        """Return the samples of the command at a sample period [s]: angles, ``(n,)`` [rad].
+        """Return the angles of the command [rad], ``(n,)``, sampled with a period [s].
+
+        For a custom command, the result is a copy of its samples at any period.
 
         Raises
         ------
@@ -160,7 +162,7 @@ class Cycle(NamedTuple):
 def _smooth_move(
     start: float, stop: float, duration: float, h: float, most: float = math.inf
 ) -> NDArray[np.float64]:
-    """Return at most ``most`` samples of a move with zero speed at both ends."""
+    """Return the first ``most`` samples of a move that starts and ends at rest, ``(n,)``."""
     n = max(1.0, round(duration / h) if duration / h < most else duration / h)
     u = np.arange(1, int(min(n, most)) + 1) / n
     return start + (stop - start) * (1.0 - np.cos(math.pi * u)) / 2.0
@@ -192,8 +194,8 @@ def approach_depth(parameters: ActuatorParameters) -> float:
 def build_cycle(command: Command, sample_period: float, depth: float = APPROACH_DEPTH) -> Cycle:
     """Return a test cycle: hold, approach from below, command, return, rest.
 
-    The position of the user shaft does not show the position of the motor within its play. After
-    the slow approach from ``depth`` [rad] below, the contact is always on the same side.
+    The position of the user shaft does not show where the motor is within the backlash. After the
+    slow approach from ``depth`` [rad] below, the gear is always in contact on the same side.
 
     Raises
     ------

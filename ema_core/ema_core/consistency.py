@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Consistency checks for coupled parameters of an actuator description.
 
-A change of one parameter of the built-in example without its dependent parameters describes an
-actuator that cannot exist. Each coupling is a ratio with its usual range. A ratio outside its range
-gives a remark with the parameters to check, not an error, because an actuator may be unusual.
+If a user changes one parameter of the built-in example but not the parameters that depend on it,
+the description fits no real actuator. Each coupling is a ratio with its usual range. A ratio
+outside its range causes a remark with the parameters to check, not an error, because an actuator
+may be unusual.
 
-The checks need no telemetry, and cover parameters that have no effect on a motion.
+The checks need no telemetry, and include parameters that do not affect the motion.
 `ema_monitor.calibration.description_misfit` needs healthy telemetry, and finds parameters that
 agree with each other but not with the motion.
 """
@@ -19,9 +20,9 @@ from ema_core.parameters import ActuatorParameters
 TORQUE_PER_EMF: Final = {"six_step": 1.0, "field_oriented": math.sqrt(3.0) / 2.0}
 """Ratio of torque constant to back-EMF constant by drive [-].
 
-Both constants are between two terminals. Six-step commutation drives two phases in series. The
-current of field-oriented control is the amplitude i_q of the phase currents: the torque constant is
-3/2 P lambda, the back-EMF constant sqrt(3) P lambda (M33)."""
+Both constants are defined between two terminals. Six-step commutation drives two phases in series.
+The current of field-oriented control is the amplitude i_q of the phase currents: the torque
+constant is 3/2 P lambda, the back-EMF constant sqrt(3) P lambda (M33)."""
 
 
 class _Coupling(NamedTuple):
@@ -36,7 +37,7 @@ class _Coupling(NamedTuple):
 
 
 def _over(numerator: float, denominator: float) -> float:
-    """Return a quotient; NaN (no coupling) if the denominator is not positive."""
+    """Return a quotient, or NaN (no coupling) if the denominator is not positive."""
     return numerator / denominator if denominator > 0.0 else math.nan
 
 
@@ -139,12 +140,15 @@ def _with_unit(value: float, unit: str = "") -> str:
 
 
 def torque_per_current(parameters: ActuatorParameters, drive: str) -> float:
-    """Return the torque constant [N.m/A] that follows from a healthy motor's back-EMF constant."""
+    """Return the torque constant [N.m/A] of a healthy motor, computed from its back-EMF constant.
+
+    ``drive`` is a key of `TORQUE_PER_EMF`.
+    """
     return TORQUE_PER_EMF[drive] * parameters.k_e
 
 
 def standstill(parameters: ActuatorParameters, drive: str) -> str:
-    """Return why the described actuator can never move; empty if it can move."""
+    """Return why the described actuator can never move, or "" if it can move."""
     p = parameters
     if drive not in TORQUE_PER_EMF:
         return ""

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from ema_core.parameters import ActuatorParameters
 
 LINEAR_RANGE: Final = 1.0 / math.sqrt(3.0)
-"""Largest ratio of phase voltage amplitude to supply with space-vector modulation [-]."""
+"""Largest ratio of phase voltage amplitude to supply voltage with space-vector modulation [-]."""
 
 
 class CurrentLoop(NamedTuple):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Timestamps with a date, or since a clock started, and their texts."""
+"""Distinction between dates and clock readings in timestamps, and formatting of both."""
 
 from datetime import UTC, datetime, timedelta
 from typing import Final
@@ -9,12 +9,12 @@ FIRST_DATE_NS: Final = 10 * 365 * 86_400_000_000_000
 
 
 def has_date(stamp_ns: int) -> bool:
-    """Return whether a timestamp [ns] is a date counted from 1970."""
+    """Return whether a timestamp [ns] is a date, counted from 1970, and not a time since boot."""
     return stamp_ns >= FIRST_DATE_NS
 
 
 def moment(stamp_ns: int) -> str:
-    """Format a stamp as date and time, or as seconds if it is not a date."""
+    """Format a timestamp [ns] as date and time in UTC, or as elapsed time if it is not a date."""
     if stamp_ns < 86_400 * 10**9:
         return f"{stamp_ns * 1e-9:,.2f} s"
     if not has_date(stamp_ns):

@@ -15,7 +15,7 @@ DRIVES: Final = ("six_step", "field_oriented", "unknown")
 sinusoidal motor, or an unknown controller."""
 
 LONGEST_NAME: Final = 100
-"""Largest number of characters in an id or a serial number."""
+"""Largest number of characters in an id, a serial number or a model."""
 
 SAMPLE_PERIOD = 1e-4
 """Default period of the telemetry [s]."""
@@ -31,7 +31,7 @@ class ActuatorDescription:
     Raises
     ------
     ValueError
-        If the id or serial number is not a valid name, the period is outside
+        If the id, serial number or model is not a valid name, the period is outside
         ``ema_core.telemetry.PERIODS``, the drive is not one of ``DRIVES`` or needs a command that
         is missing, or the motor is too weak for its friction.
     """
@@ -79,9 +79,10 @@ class ActuatorDescription:
 
 
 def check_name(what: str, name: object) -> None:
-    """Raise ``ValueError`` unless ``name`` is a valid actuator or unit name.
+    """Raise ``ValueError`` unless ``name`` is a valid id, serial number or model.
 
-    A valid name has 1 to 100 printable characters and no leading or trailing blanks.
+    A valid name has 1 to 100 printable characters and no leading or trailing blanks. ``what`` names
+    the value in the error message.
     """
     if not isinstance(name, str) or not name:
         raise ValueError(f"{what} = {name!r}: expected a name (string)")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reservation of ROS domains, each by one process of the machine at a time."""
+"""Reservation of ROS domains, so that no two processes on a machine use the same domain."""
 
 import fcntl
 import itertools
@@ -11,15 +11,20 @@ from pathlib import Path
 # Domains above 101 use ephemeral ports of Linux.
 _DOMAINS = range(1, 102)
 _FOLDER = Path(tempfile.gettempdir(), "ros_domain_locks")
-# Each search starts after the previous domain: a released domain is not reused at once.
+# Each search starts after the previous domain: a released domain is not reused immediately.
 _order = itertools.cycle(_DOMAINS)
 
 
 class Domain:
     """A ROS domain reserved for this process until released.
 
-    The reservation ends with the process, except that a child which inherits the lock descriptor
-    (``pass_fds``) keeps it while it runs, even if this process was killed.
+    The reservation ends with the process. A child that inherits the lock descriptor (``pass_fds``)
+    keeps the reservation while it runs, even if this process was killed.
+
+    Raises
+    ------
+    RuntimeError
+        If all domains are reserved.
     """
 
     def __init__(self) -> None:
@@ -37,7 +42,7 @@ class Domain:
 
 
 def _locked(number: int) -> int | None:
-    """Lock a domain. Return the lock descriptor; None if another process holds the lock."""
+    """Lock a domain and return the lock descriptor, or None if another process holds the lock."""
     _FOLDER.mkdir(exist_ok=True)
     with suppress(PermissionError):  # another user's folder, which is open to all
         _FOLDER.chmod(0o1777)

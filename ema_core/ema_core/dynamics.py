@@ -40,9 +40,9 @@ class CurrentSampling(NamedTuple):
 
 
 def current_sampling(acquisition: Acquisition, steps: int, dt: float) -> CurrentSampling:
-    """Return the constants for samples of ``steps`` steps of ``dt`` [s].
+    """Return the constants for samples of ``steps`` steps of ``dt`` [s] each.
 
-    A current that is not measured is averaged.
+    If the current is not measured, the constants are those for averaging.
     """
     if acquisition.current == "instantaneous":
         return CurrentSampling(0.0, 0.0, 1.0, 1.0)
@@ -54,13 +54,13 @@ def current_sampling(acquisition: Acquisition, steps: int, dt: float) -> Current
 
 @kernel()
 def clip(x, limit):
-    """Return ``x``, limited to plus or minus ``limit``."""
+    """Return ``x`` limited to the range from ``-limit`` to ``limit``."""
     return min(max(x, -limit), limit)
 
 
 @kernel()
 def speed_error(c: ControlConstants, command, theta_user, omega):
-    """Return the error of the motor speed [rad/s], from the position loop (equation M1)."""
+    """Return the speed error [rad/s]: reference from the position loop minus ``omega`` (M1)."""
     return clip(c.G_prop * (command - theta_user), c.omega_max) - omega
 
 
@@ -68,7 +68,8 @@ def speed_error(c: ControlConstants, command, theta_user, omega):
 def reference_current(c: ControlConstants, error, integral, last_error, disturbance, dt):
     """Return the reference current [A] of the speed loop for a speed error [rad/s] (M1).
 
-    ``integral`` is the integral of the error [rad]; ``disturbance`` [A] is added before the limit.
+    ``integral`` is the integral of the error [rad], ``last_error`` the error one step before
+    [rad/s]; ``disturbance`` [A] is added before the limit.
     """
     torque = c.GAP * error + c.GAI * integral + c.GAD * (error - last_error) / dt
     return clip(torque / c.k_t + disturbance, c.I_max)
@@ -76,11 +77,11 @@ def reference_current(c: ControlConstants, error, integral, last_error, disturba
 
 @kernel()
 def next_speed(m: MechanicalConstants, omega, torque, breakaway, dt):
-    """Return the motor speed after a step with net ``torque`` (motor minus load) and friction (M7).
+    """Return the motor speed [rad/s] after a step with friction (M7).
 
-    Borello's model: at rest, friction balances any torque up to ``breakaway``, at least ``f_d``; in
-    motion it opposes the motion with ``f_d``; a step that would cross zero speed ends at zero.
-    For single floats only.
+    ``torque`` is the motor torque minus the load [N.m]. Friction follows Borello's model: at rest
+    it balances any torque up to ``breakaway`` (at least ``f_d``), in motion it opposes the motion
+    with ``f_d``, and a step that would cross zero speed ends at zero. For single floats only.
     """
     net = torque - m.C * omega
     if omega == 0.0:
@@ -93,11 +94,11 @@ def next_speed(m: MechanicalConstants, omega, torque, breakaway, dt):
 
 @kernel()
 def next_speed_of_lanes(m: MechanicalConstants, omega, torque, load, breakaway, friction, dt):
-    """Return the motor speed after a step, for lanes: a branch-free `next_speed` (M7).
+    """Return the motor speed [rad/s] after a step, as `next_speed` but without branches (M7).
 
-    ``friction`` is the dynamic friction, ``load`` opposes the ``torque`` of the motor [N.m]. Lanes
-    cannot branch; the reference actuator, a single float, is 6 % faster with branches. The
-    expressions are ordered for the torque, which is computed last.
+    ``friction`` is the dynamic friction, and ``load`` opposes the motor's ``torque`` [N.m]. Lanes
+    cannot branch; the reference actuator uses single floats and is 6 % faster with branches. The
+    expressions that do not need the torque come first, because the torque is computed last.
     """
     drag = load + m.C * omega + math.copysign(friction, omega)
     moved = omega + dt / m.J * (torque - drag)
@@ -109,5 +110,8 @@ def next_speed_of_lanes(m: MechanicalConstants, omega, torque, load, breakaway, 
 
 @kernel()
 def follow_in_play(theta_out, theta_motor, half_backlash):
-    """Return the fast-shaft angle [rad] behind the backlash, for a motor angle (M8)."""
+    """Return the fast-shaft angle [rad] after the backlash, for a motor angle (M8).
+
+    ``theta_out`` is the fast-shaft angle before the step.
+    """
     return min(max(theta_out, theta_motor - half_backlash), theta_motor + half_backlash)

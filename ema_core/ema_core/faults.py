@@ -45,7 +45,7 @@ class Fault:
     label: str
     """Displayed name."""
     kind: str
-    """Kind of fault, which determines limit and law; short circuits of all phases are one kind."""
+    """Kind of fault, which determines limit and law; the short circuits of all phases share one."""
     healthy: float
     """Healthy value of the normalised k [-]."""
     highest: float
@@ -210,9 +210,9 @@ FAULT_BY_NAME: Final = {fault.name: fault for fault in FAULTS}
 
 
 class FaultVector(NamedTuple):
-    """Values of the components by name, in the order of ``FAULTS`` [-].
+    """Normalised values of the fault components [-], in the order of ``FAULTS``.
 
-    It converts to an array of shape ``(8,)``.
+    ``numpy.asarray`` converts it to an array of shape ``(8,)``.
     """
 
     friction: float
@@ -273,7 +273,10 @@ def kind_of(component: str) -> str:
 
 
 def settings_by_kind(name: str, annotation: type, make: Callable[[str], Any]) -> Any:
-    """Return a frozen dataclass with one field per kind of fault, as a base class of settings."""
+    """Return a frozen dataclass with one field per kind of fault, as a base class of settings.
+
+    ``make`` returns the dataclass field for a kind, ``annotation`` is the type of all fields.
+    """
     rows = [(kind, annotation, make(kind)) for kind in KINDS]
     return make_dataclass(name, rows, frozen=True)
 
@@ -289,7 +292,8 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
     Parameters
     ----------
     values
-        Values by name (missing names are healthy), or complete vectors, ``(8,)`` or ``(..., 8)``.
+        Values keyed by name (missing names are healthy), or complete vectors, ``(8,)`` or
+        ``(..., 8)``.
 
     Returns
     -------
@@ -333,7 +337,7 @@ def eccentricity_angle(phase: Any) -> Any:
 
 
 def eccentricity_vector(faults: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``zeta cos(phi)`` and ``zeta sin(phi)`` of fault vectors.
+    """Return the eccentricity as Cartesian components, ``zeta cos(phi)`` and ``zeta sin(phi)``.
 
     Parameters
     ----------
@@ -352,14 +356,14 @@ def eccentricity_vector(faults: NDArray[np.float64]) -> NDArray[np.float64]:
 def with_eccentricity(
     faults: NDArray[np.float64], vector: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return fault vectors, ``(m, 8)``, with their eccentricity replaced and limited to 1.
+    """Return a copy of fault vectors with another eccentricity, limited to 1, ``(m, 8)``.
 
     Parameters
     ----------
     faults
         The fault vectors, ``(m, 8)``.
     vector
-        ``zeta cos(phi)`` and ``zeta sin(phi)`` of each, ``(2, m)``.
+        New ``zeta cos(phi)`` and ``zeta sin(phi)`` for each fault vector, ``(2, m)``.
     """
     x, y = vector
     result = faults.copy()
@@ -369,10 +373,12 @@ def with_eccentricity(
 
 
 def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
-    """Return plant constants with faults applied; they are unchanged for a healthy vector.
+    """Return plant constants with faults applied. A healthy vector changes nothing.
 
     Parameters
     ----------
+    plant
+        Constants of the healthy plant.
     faults
         One fault vector, ``(8,)``, or several, ``(n, 8)``. With several, the changed constants have
         shape ``(n,)``.

@@ -52,7 +52,7 @@ def _synchronise(path: Path) -> None:
 
 @contextmanager
 def open_regular_file(path: Path) -> Iterator[BinaryIO]:
-    """Yield a regular file opened for reading; refuse pipes and devices without blocking.
+    """Open a regular file for reading and yield it; refuse pipes and devices without blocking.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def open_regular_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def require_regular_file(path: Path) -> None:
-    """Raise ``ValueError`` unless a path is a regular file; pipes and devices may block."""
+    """Raise ``ValueError`` if a path is a pipe, a device or a folder, and OSError if unreadable."""
     with open_regular_file(path):
         pass
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exact solutions of the laws by which faults grow in service, for arrays of any shape.
 
-u is service hours, x >= 0 the distance of a component from its healthy value. ``rate`` is a [1/h],
-for the power law its time scale c [h]; ``shape`` is the second parameter b, x_0 or p [-] (P3).
+u is the service time [h], x >= 0 the distance of a component from its healthy value. ``rate`` is
+the rate a [1/h], or the time scale c [h] of the power law; ``shape`` is the second parameter b, x_0
+or p [-] (P3).
 """
 
 from dataclasses import dataclass
@@ -115,7 +116,8 @@ def hours_until(
     Returns
     -------
     numpy.ndarray
-        Hours [h], in the common shape; 0 above the limit, infinite if it is never reached.
+        Hours [h], in the common shape: 0 if x is at the limit or above, infinite if x never reaches
+        the limit.
 
     Raises
     ------

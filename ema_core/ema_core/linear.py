@@ -36,7 +36,7 @@ class DisplayUnit(NamedTuple):
 
 
 def travel_shown(parameters: ActuatorParameters) -> DisplayUnit:
-    """Return the displayed unit of an angle of the user shaft: mrad, or mm with a lead."""
+    """Return the unit for small angles of the user shaft: mrad, or mm for a linear actuator."""
     return (
         DisplayUnit("mm", 1e3 * _travel(parameters.lead))
         if parameters.lead
@@ -45,7 +45,7 @@ def travel_shown(parameters: ActuatorParameters) -> DisplayUnit:
 
 
 def angle_shown(parameters: ActuatorParameters) -> DisplayUnit:
-    """Return the displayed unit of a large angle of the user shaft: rad, or mm with a lead."""
+    """Return the unit for large angles of the user shaft: rad, or mm for a linear actuator."""
     return (
         DisplayUnit("mm", 1e3 * _travel(parameters.lead))
         if parameters.lead
@@ -54,7 +54,7 @@ def angle_shown(parameters: ActuatorParameters) -> DisplayUnit:
 
 
 def motor_shown(parameters: ActuatorParameters) -> DisplayUnit:
-    """Return the displayed unit of an angle of the motor: rad, or mm at the rod with a lead."""
+    """Return the unit for angles of the motor: rad, or mm at the rod for a linear actuator."""
     if not parameters.lead:
         return DisplayUnit("rad", 1.0)
     return DisplayUnit("mm", 1e3 * _travel(parameters.lead) * parameters.tau)
@@ -63,8 +63,9 @@ def motor_shown(parameters: ActuatorParameters) -> DisplayUnit:
 def physical(name: str, k: float, description: ActuatorDescription) -> str:
     """Return a fault's physical value as a string; for a linear actuator, also in N or mm.
 
-    The increase of friction is stated as a force at the rod, relative to the nominal friction,
-    which an unknown drive does not have. The string is empty if ``name`` is not a fault.
+    For friction, the string also contains the increase over the nominal friction as a force at the
+    rod, except for an unknown drive, which has no nominal friction. The string is empty if ``name``
+    is not a fault.
     """
     fault, p = FAULT_BY_NAME.get(name), description.parameters
     if fault is None:
@@ -78,12 +79,14 @@ def physical(name: str, k: float, description: ActuatorDescription) -> str:
 
 
 def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters of a file in SI units; strings like "60 mm" need ``lead`` and ``tau``.
+    """Convert the parameters of an actuator file to SI units.
+
+    A string with a unit, such as "60 mm", needs the parameters ``lead`` and ``tau``.
 
     Raises
     ------
     ValueError
-        If a unit does not fit its parameter, or lead or gear ratio is missing.
+        If a unit does not fit its parameter, or ``lead`` or ``tau`` is missing.
     """
     converted = dict(values)
     texts = {

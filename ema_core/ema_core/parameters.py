@@ -2,7 +2,7 @@
 """Parameters of an actuator: definitions, validation and flat tuples for kernels.
 
 The default values are from table 2 of the thesis (Politecnico di Torino, 2018). The gear ratio is
-not printed there; it is chosen to reproduce the figures of the thesis.
+not printed there; it is chosen to reproduce the results of the thesis.
 """
 
 import dataclasses
@@ -19,7 +19,10 @@ RPM = 2.0 * math.pi / 60.0
 
 
 class ControlConstants(NamedTuple):
-    """Constants of the position and speed loops, for kernels (equation M1)."""
+    """Constants of the position and speed loops, for kernels (equation M1).
+
+    Symbols and units are as in `ActuatorParameters`.
+    """
 
     G_prop: float
     GAP: float
@@ -34,7 +37,8 @@ class MotorConstants(NamedTuple):
     """Constants of motor and drive, for kernels (equations M2 to M6).
 
     ``N_a``, ``N_b``, ``N_c`` are the healthy fractions of the turns [-], ``zeta`` the static
-    eccentricity [-] and ``phi`` its direction [rad].
+    eccentricity [-] and ``phi`` its direction [rad]. The other symbols and units are as in
+    `ActuatorParameters`.
     """
 
     V_max: float
@@ -53,7 +57,12 @@ class MotorConstants(NamedTuple):
 
 
 class MechanicalConstants(NamedTuple):
-    """Constants of the mechanics on the motor shaft, for kernels (equations M7, M8)."""
+    """Constants of the mechanics, referred to the motor shaft, for kernels (equations M7, M8).
+
+    ``J`` is the inertia [kg.m^2], ``C`` the viscous damping [N.m.s/rad], ``f_s`` and ``f_d`` the
+    static and dynamic friction [N.m], ``half_backlash`` half the play [rad], ``tau`` the gear ratio
+    [-] and ``theta_stop`` the end stop [rad].
+    """
 
     J: float
     C: float
@@ -210,7 +219,7 @@ class ActuatorParameters(Checked):
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a parameter; empty for an unknown name."""
+    """Return the unit of an actuator parameter, or "" for an unknown name."""
     units = {item.name: item.metadata["unit"] for item in fields(ActuatorParameters)}
     return units.get(name, "")
 
@@ -218,15 +227,15 @@ def unit_of(name: str) -> str:
 NEUTRAL: Mapping[str, float] = MappingProxyType(
     {"tau": 1.0, "k_t": 1.0, "k_e": 1.0, "BLK": 0.0, "theta_stop": 1e6, "omega_max": 5e3}
 )
-"""Neutral parameters of a machine without a description: no conversion, no limits."""
+"""Parameters for a machine without a description: they convert nothing and limit nothing."""
 
 
 class FieldOrientedParameters(ActuatorParameters):
-    """Parameters of a field-oriented drive, for functions without a description."""
+    """Parameters of a field-oriented drive, for functions that get no ``ActuatorDescription``."""
 
 
 class PlantConstants(NamedTuple):
-    """Constants of a plant, for kernels."""
+    """Constants of controller, motor and mechanics, for kernels."""
 
     control: ControlConstants
     motor: MotorConstants

@@ -80,7 +80,7 @@ def texts(description: str, default: tuple[str, ...] = ()) -> Any:
 
 
 class Checked:
-    """Base of frozen dataclasses that validates fields and converts numbers to their type.
+    """Base class of frozen dataclasses: validates fields, and converts numbers to int or float.
 
     Only fields created by ``quantity``, ``text``, ``texts`` or ``flag`` are checked.
 
@@ -102,7 +102,7 @@ class Checked:
 
 
 def check_value(name: str, value: Any, item: Field[Any]) -> None:
-    """Raise ``ValueError`` unless a value suits a dataclass field of this module.
+    """Raise ``ValueError`` if a value is invalid for a dataclass field created by this module.
 
     The message states ``name``, value, unit and range. Other fields are not checked.
     """
@@ -148,7 +148,7 @@ MOST_BYTES: Final = 1 << 28
 def check_length(count: float, what: str, columns: int = 1) -> None:
     """Raise ``ValueError`` if ``columns`` columns of ``count`` samples exceed ``MOST_BYTES``.
 
-    ``count`` may be fractional or infinite; ``what`` is its origin in the error message.
+    ``count`` may be fractional or infinite; ``what`` states its origin in the error message.
     """
     size = 8.0 * columns * count
     if not size <= MOST_BYTES:

@@ -4,10 +4,11 @@
 from typing import Final
 
 FEWEST_STROKES: Final = 3
-"""Minimum number of strokes per direction; a long stroke counts once per ``LONGEST_STROKE_S``."""
+"""Minimum number of strokes per direction, with long strokes counted repeatedly."""
 
 FEWEST_REVERSING: Final = 2
-"""Minimum number of strokes of any length. Repetition separates effects of position and time."""
+"""Minimum number of strokes per direction, with each stroke counted once. Repetition separates
+effects of position from effects of time."""
 
 LONGEST_STROKE_S: Final = 2.0
-"""Duration for which a stroke counts once [s]."""
+"""Length up to which a stroke counts once [s]; each further piece of this length counts again."""

@@ -13,20 +13,20 @@ _LOOSE_FROM: Final = 5
 _REGULAR: Final = 0.9
 _USUAL: Final = 0.5
 _ONE_COUNT: Final = 1.5
-# A coarse encoder may take steps of fewer counts.
+# Steps of a coarse encoder may be up to two counts.
 _COUNTS: Final = 2.5
-# Largest ratio of the speeds by two successive updates in steady motion.
+# Largest ratio of the speeds computed from two successive updates in steady motion.
 _STEADY: Final = 2.0
 _REPEATED: Final = 0.05
 _LONGEST: Final = 99.5
 
 
 def held_samples(values: Array) -> int:
-    """Return for how many samples a column, ``(n,)``, holds each value; 1 for no repetition.
+    """Return the number of samples for which a column, ``(n,)``, repeats each value.
 
-    A coarse encoder also repeats its value, but changes by one count at a time, less often at lower
-    speed. A slowly updated column changes at multiples of a fixed period, by any amount. Returns 0
-    if there are too few changes to decide.
+    Returns 1 if the column does not repeat values, and 0 if it has too few changes to decide. A
+    coarse encoder also repeats its value, but changes by one count at a time, less often at lower
+    speed. A slowly updated column changes at multiples of a fixed period, by any amount.
     """
     finite = values[np.isfinite(values)]
     steps = np.diff(finite)
@@ -53,14 +53,15 @@ class IrregularUpdates(NamedTuple):
     mean: float
     """Mean number of samples per update during motion."""
     longest: int
-    """Largest usual number of samples per update during motion."""
+    """Number of samples per update that 99.5 % of the updates during motion do not exceed."""
 
 
 def irregular_updates(values: Array) -> IrregularUpdates | None:
-    """Return how a column, ``(n,)``, repeats values irregularly; None if it does not.
+    """Return the update statistics of a column, ``(n,)``, that repeats values irregularly.
 
-    After repeated values, the next update catches up with a motion of unchanged speed. A coarse
-    encoder does so by a single count, and a motion that pauses does not catch up.
+    Returns None if it does not. After repeated values, the next update catches up with a motion of
+    unchanged speed. A coarse encoder instead changes by a single count, and after a pause in the
+    motion there is nothing to catch up.
     """
     finite = values[np.isfinite(values)]
     steps = np.diff(finite)
@@ -92,9 +93,9 @@ def between_renewals(values: Array, held: int) -> Array:
     Parameters
     ----------
     values
-        The column, all finite.
+        The column, without NaN.
     held
-        Number of samples for which each value is held, from `held_samples`, or the longest of
+        Number of samples per update: the result of `held_samples`, or ``longest`` of
         `irregular_updates`.
     """
     renewed = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs of telemetry blocks by the index of their samples: losses, and several publishers."""
+"""Detection of lost telemetry, and of several publishers, by the sample indices of the blocks."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -9,21 +9,21 @@ _ENDED_S: Final = 5.0
 """Time without a block after which a run has ended, if another run has begun [s]."""
 
 _MOST_RUNS: Final = 100
-"""Largest number of runs; the oldest are forgotten."""
+"""Largest number of runs; the oldest are discarded."""
 
 _MOST_NAMED: Final = 5
 
 
 @dataclass(eq=False)
 class _Run:
-    """Blocks of telemetry without a gap, which are of one publisher."""
+    """Contiguous blocks of telemetry, which come from a single publisher."""
 
     next_index: int
     """Index of the sample after the last block."""
     latest_s: float
     """Monotonic time of the last block [s]."""
     before: "_Run | None" = None
-    """Run that this run continues after a gap, unless that run continues itself."""
+    """Earlier run that this run continues after a gap; None if the earlier run itself continues."""
     missing: int = 0
     """Number of samples in the gap."""
     length: int = 1
@@ -33,18 +33,19 @@ class _Run:
 
 
 class SampleRuns:
-    """Counts the losses of one actuator's telemetry for each publisher, and detects several.
+    """Counts lost samples in the telemetry of an actuator, and detects several publishers.
 
     Subscriptions do not name the publisher of a message, but the blocks of one publisher form runs
     without a gap. A run that begins after a gap continues an earlier run, and the samples between
-    them are lost. If the earlier run continues, the later one is of another publisher, and no
-    sample is lost. An index that goes back indicates a restart of the actuator, not a loss. A gap
-    therefore counts only when the earlier run has had no block for 5 s.
+    them are lost. But if the earlier run continues, the later run comes from another publisher, and
+    no sample is lost. A gap is therefore counted only after the earlier run has had no block for
+    5 s. An index that decreases indicates a restart of the actuator, not a loss.
 
     Attributes
     ----------
     lost_samples, lost_blocks
-        Number of missing samples, and of missing blocks of the length after the gap.
+        Number of missing samples, and of missing blocks, which are assumed to be as long as the
+        block after the gap.
     """
 
     def __init__(self) -> None:
@@ -53,7 +54,7 @@ class SampleRuns:
 
     @property
     def are_several(self) -> bool:
-        """Whether several publishers send the telemetry: runs that continue in turn."""
+        """Whether several publishers send the telemetry, so that runs continue alternately."""
         return sum(run.has_returned for run in self._runs) > 1
 
     def add(self, first_index: int, length: int, now_s: float) -> None:
@@ -78,7 +79,7 @@ class SampleRuns:
         run.next_index, run.latest_s = first_index + length, now_s
 
     def settle(self, now_s: float) -> None:
-        """Count the gaps after runs that have ended, and forget these; call it regularly."""
+        """Count the gaps after runs that have ended, and discard these runs. Call it regularly."""
         ended = {id(run) for run in self._runs[:-1] if now_s - run.latest_s > _ENDED_S}
         for run in self._runs:
             if run.before is not None and id(run.before) in ended:
@@ -88,13 +89,13 @@ class SampleRuns:
         self._runs[:] = [run for run in self._runs if id(run) not in ended]
 
     def ignore(self) -> None:
-        """Count no gap so far."""
+        """Discard all gaps so far without counting them."""
         del self._runs[:-1]
         for run in self._runs:
             run.before = None
 
     def pause(self) -> None:
-        """Ignore the gap after a pause, whose blocks are not received."""
+        """Ignore the next gap, because blocks are not received during a pause."""
         self._runs.clear()
 
 
@@ -104,7 +105,7 @@ def several_publishers(actuators: Iterable[str], nodes: Collection[str]) -> str:
     Parameters
     ----------
     actuators
-        Names of such actuators.
+        Names of the affected actuators.
     nodes
         Full names of the publishing nodes.
     """

@@ -21,16 +21,16 @@ def load_settings(
     prepare: Mapping[str, Callable[[dict[str, Any]], dict[str, Any]]] | None = None,
     complete: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
 ) -> _Settings:
-    """Return a dataclass read from a YAML file.
+    """Read a YAML file and return its content as an instance of a dataclass.
 
     Parameters
     ----------
     path
         The file.
     what
-        Kind of file, for errors.
+        Kind of file, for error messages.
     kind
-        The dataclass.
+        Class of the result.
     prepare
         Functions that convert sections of the content, by section name.
     complete
@@ -60,10 +60,10 @@ def load_settings(
 
 
 def settings_from(kind: type[_Settings], content: Any, section: str = "") -> _Settings:
-    """Return a dataclass built from plain values, as parsed from a YAML file.
+    """Return an instance of a dataclass built from plain values, as parsed from a YAML file.
 
-    A field that is a dataclass is a section, which may be empty. A string instead of a section is
-    used as its ``source``.
+    A field that is itself a dataclass is a section of the file, which may be empty. A string in
+    place of a section is used as its field ``source``.
 
     Raises
     ------

@@ -10,15 +10,15 @@ from ema_core.quantity import check_value, is_finite_number
 
 
 class SettingsParameter:
-    """Parameter for a dataclass field that ``quantity``, ``text``, ``texts`` or ``flag`` created.
+    """Node parameter of a dataclass field created by ``quantity``, ``text``, ``texts`` or ``flag``.
 
     Attributes
     ----------
     name, unit, description
-        Name with its prefix, unit, and description with the symbol, if there is one.
+        Name with its prefix, unit, and description, which includes the symbol if there is one.
     old_name
-        Name of the field with the prefix: its symbol, or its name in another unit. It equals
-        ``name`` for most fields, and is refused otherwise.
+        Name of the field with the prefix. It equals ``name`` for most fields. Where it differs,
+        because it is a symbol or the parameter has another unit, it is refused.
     scale
         Number of parameter units per field unit; None if the units are equal.
     """
@@ -65,7 +65,7 @@ class SettingsParameter:
 
 
 def parameters_of(definition: Any, prefix: str = "") -> list[SettingsParameter]:
-    """Return the parameters for the described fields of a dataclass or an instance of it."""
+    """Return a parameter for each field with a description, of a dataclass or its instance."""
     return [
         SettingsParameter(item, prefix)
         for item in fields(definition)
@@ -74,7 +74,9 @@ def parameters_of(definition: Any, prefix: str = "") -> list[SettingsParameter]:
 
 
 def field_values(definition: Any, values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return values by field from values by prefixed parameter name; others are ignored.
+    """Convert values keyed by prefixed parameter name to values keyed by field name.
+
+    Names that are not parameters of the dataclass are ignored.
 
     Raises
     ------
@@ -89,7 +91,7 @@ def field_values(definition: Any, values: Mapping[str, Any], prefix: str = "") -
 
 
 def refuse_old_names(parameters: Iterable[SettingsParameter], names: Collection[str]) -> None:
-    """Raise ``ValueError`` if ``names`` has an old name; the message states the present name."""
+    """Raise ``ValueError`` if ``names`` contains an old name; the message states the valid name."""
     for item in parameters:
         if item.old_name != item.name and item.old_name in names:
             raise ValueError(f"parameter {item.old_name} is named {item.name}: use this name")

@@ -2,10 +2,10 @@
 """SIMD vectors in kernels: scalar code processes several lanes at once.
 
 A kernel loads a `Vector` from an array and uses it like a float; `select` replaces branches. LLVM
-maps the vectors to the registers of the processor. ``+ - * /``, unary
-minus, ``abs``, ``min``, ``max``, ``math.floor``, ``math.copysign``, the comparisons and (slowly)
-``math.cos`` and ``math.sin`` act lane by lane; a number has the same value in all lanes.
-Comparisons return a `Mask`, which supports ``& | ~``. Lanes are independent of each other.
+maps the vectors to the registers of the processor. ``+ - * /``, unary minus, ``abs``, ``min``,
+``max``, ``math.floor``, ``math.copysign``, the comparisons and (slowly) ``math.cos`` and
+``math.sin`` act lane by lane; a number has the same value in all lanes. Comparisons return a
+`Mask`, which supports ``& | ~``. Lanes are independent of each other.
 
 numba documents neither the conversion of a number to another type (``Conversion``) nor the contexts
 that generate code. Only this module uses them; tests/core/test_simd.py fails if a version of numba
@@ -35,7 +35,7 @@ _kernel_function: Final[Any] = intrinsic
 _TUPLE: Final[Any] = types.BaseTuple
 
 LANES: Final = 16 if get_host_cpu_features().get("avx512f") else 8
-"""Number of lanes per vector. Since the operations of a step depend on each other, 16 lanes take
+"""Number of lanes per vector. Because the operations of a step depend on each other, 16 lanes take
 only 1.3 times as long as 8 lanes in 512-bit registers, and 1.7 times as long in 256-bit registers.
 """
 
@@ -54,7 +54,7 @@ class Vector(types.Type):
         super().__init__(name=f"Vector({LANES})")
 
     def can_convert_from(self, typingctx, other):
-        """Convert any number to a vector."""
+        """Allow conversion of any number to a vector."""
         return Conversion.safe if isinstance(other, types.Number) else None
 
 
@@ -126,7 +126,7 @@ def _arithmetic(name: str) -> Callable[..., Any]:
 
 
 def _compare(symbol: str) -> Callable[..., Any]:
-    # Like floats: for NaN only "not equal" is true.
+    # As for floats, only "not equal" is true for NaN.
     unordered = symbol == "!="
     return lambda builder, a, b: (
         builder.fcmp_unordered(symbol, a, b) if unordered else builder.fcmp_ordered(symbol, a, b)
@@ -134,7 +134,7 @@ def _compare(symbol: str) -> Callable[..., Any]:
 
 
 def _extreme(symbol: str) -> Callable[..., Any]:
-    # Like floats: if an operand is NaN, the result is the first operand.
+    # As for floats, the result is the first operand if either operand is NaN.
     return lambda builder, a, b: builder.select(builder.fcmp_ordered(symbol, b, a), b, a)
 
 
@@ -175,7 +175,7 @@ _register(max, 2, VECTOR, VECTOR, _extreme(">"))
 def select(typingctx, condition, a, b):
     """Return ``a`` in the lanes where ``condition`` is true, else ``b``.
 
-    A single condition selects between single floats.
+    A scalar condition selects between two floats.
     """
     kind = VECTOR if condition == MASK else types.float64
 
@@ -187,7 +187,7 @@ def select(typingctx, condition, a, b):
 
 @_kernel_function
 def any_lane(typingctx, condition):
-    """Return whether a condition is true in any lane, for a branch common to all lanes."""
+    """Return whether a mask is true in any lane, for a branch that all lanes take together."""
 
     def lower(context, builder, sig, args):
         bits = builder.bitcast(args[0], ir.IntType(LANES))
@@ -198,7 +198,7 @@ def any_lane(typingctx, condition):
 
 @_kernel_function
 def broadcast(typingctx, number):
-    """Return a vector with the number in all lanes."""
+    """Return a vector with a number in all lanes."""
 
     def lower(context, builder, sig, args):
         return args[0]
@@ -208,10 +208,11 @@ def broadcast(typingctx, number):
 
 @_kernel_function
 def load(typingctx, values, start):
-    """Load `LANES` values of each array from ``start`` as vectors.
+    """Load `LANES` values of an array as a vector, beginning at index ``start``.
 
-    Arrays must be contiguous, ``(n,)``, with at least ``start + LANES`` values; this is not
-    checked. In a tuple, named or nested, arrays become vectors and numbers remain numbers.
+    ``values`` may be a tuple, named or nested: its arrays become vectors and its numbers remain
+    numbers. Arrays must be contiguous, ``(n,)``, with at least ``start + LANES`` values; this is
+    not checked.
     """
 
     def lower(context, builder, sig, args):
@@ -253,7 +254,10 @@ def _load(context: Any, builder: Any, kind: Any, value: Any, start: Any) -> Any:
 
 @_kernel_function
 def store(typingctx, array, row, column, vector):
-    """Write the lanes to ``array[row, column]``, ``array[row + 1, column]`` and so on."""
+    """Write the lanes of a vector to ``array[row, column]``, ``array[row + 1, column]`` and so on.
+
+    Bounds are not checked.
+    """
 
     def lower(context, builder, sig, args):
         array_value, row, column, lanes = args

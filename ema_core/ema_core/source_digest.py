@@ -15,7 +15,10 @@ _IMPORT = re.compile(r"^ *(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?
 
 
 def source_digest(names: Iterable[str]) -> str:
-    """Return a digest of modules, of the ``ema_*`` modules they import, and of numpy and numba."""
+    """Return a digest of the source code of modules and of the ``ema_*`` modules they import.
+
+    Imports are followed recursively. The digest includes the versions of numpy and numba.
+    """
     waiting, sources = list(names), dict[str, str]()
     while waiting:
         name = waiting.pop()
@@ -32,7 +35,7 @@ def source_digest(names: Iterable[str]) -> str:
 
 @cache
 def _source(module: str) -> str:
-    """Return the source of an ``ema_*`` module; empty for other modules."""
+    """Return the source code of an ``ema_*`` module, or "" for other modules."""
     package, *path = module.split(".")
     if not package.startswith("ema_"):
         return ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Program start: silent interruption during imports, single-threaded linear algebra."""
+"""Start of a program: no traceback on Ctrl-C during imports, single-threaded linear algebra."""
 
 import io
 import os
@@ -16,7 +16,7 @@ from ema_core.array_environment import array_environment
 
 @contextmanager
 def quiet_imports() -> Iterator[None]:
-    """Return a context in which SIGINT ends the process at once, without KeyboardInterrupt."""
+    """Return a context in which SIGINT ends the process immediately, without KeyboardInterrupt."""
     before = signal.getsignal(signal.SIGINT)
     is_main = threading.current_thread() is threading.main_thread()
     if is_default := is_main and before is signal.default_int_handler:
@@ -41,7 +41,7 @@ def write_any_text() -> None:
 
 
 def program(module: str) -> Callable[[], Any]:
-    """Return a function that imports a module (which may be slow) and calls its ``main``."""
+    """Return an entry point that imports a module (which may be slow) and calls its ``main``."""
 
     def main() -> Any:
         os.environ.update(array_environment())  # before numpy is imported

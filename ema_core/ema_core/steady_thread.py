@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Thread that is restarted, with a report, if its work ends unexpectedly."""
+"""Thread that reports an unexpected end of its work and restarts it."""
 
 import threading
 import time
@@ -15,11 +15,11 @@ _SETTLED_S: Final = 10.0
 
 
 class SteadyThread:
-    """Runs work in a thread until ``end`` is called; restarts it if it ends earlier.
+    """Runs ``work`` in a thread until ``end`` is called; restarts it if it returns or raises.
 
     The delay before a restart is 1 s, doubling up to 60 s. It resets to 1 s if the work ran for
-    longer than the last delay. After each unexpected end, ``on_failure`` is called in the thread
-    with the reason, one line, and the traceback.
+    longer than the last delay. After each unexpected end, the thread calls ``on_failure`` with the
+    reason in one line, and the traceback.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class SteadyThread:
 
     @property
     def failure(self) -> str:
-        """Reason and number of unexpected ends; empty without one, or 10 s after a restart."""
+        """Reason of the last unexpected end and number of ends; "" from 10 s after a restart."""
         if self._is_working and time.monotonic() - self._begun_s >= _SETTLED_S:
             return ""
         return self._failure
@@ -59,7 +59,7 @@ class SteadyThread:
         self._thread.start()
 
     def end(self, join_s: float | None = None) -> None:
-        """End the thread and wait for up to ``join_s`` [s]."""
+        """Set ``ending`` and wait for the thread for up to ``join_s`` [s], None for no limit."""
         self.ending.set()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(join_s)
@@ -68,7 +68,7 @@ class SteadyThread:
         wait_s = _FIRST_WAIT_S
         while not self.ending.is_set():
             self._begun_s, self._is_working = time.monotonic(), True
-            # SystemExit included: nothing else would report it.
+            # Also catch SystemExit: nothing else would report it.
             try:
                 self._work()
                 reason, trace = "it returned", ""

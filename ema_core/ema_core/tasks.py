@@ -68,15 +68,15 @@ class Workers(AbstractContextManager["Workers", None]):
     kind
         One of ``EXECUTORS``.
     number
-        Number of parallel tasks on this machine; a scheduler has a fixed number of workers.
+        Number of workers on this machine; ignored with a scheduler, which has its own workers.
     scheduler
         Address of a Dask scheduler; empty for a local cluster.
 
     Raises
     ------
     ValueError
-        If the kind is unknown, there are no workers, a scheduler is given for another kind than
-        ``dask``, or ``distributed`` is not installed.
+        If the kind is unknown, ``number`` is below 1, a scheduler is given but ``kind`` is not
+        ``dask``, or the package ``distributed`` is not installed.
     ClusterLostError
         If the scheduler does not answer.
     """
@@ -134,12 +134,12 @@ class Workers(AbstractContextManager["Workers", None]):
                     except CancelledError as cancelled:
                         # The scheduler has ended; a new scheduler would not know the task.
                         raise self._lost() from cancelled
-                    # By class name, because `distributed` is an optional dependency.
+                    # KilledWorker is matched by name: `distributed` is an optional dependency.
                     is_death = isinstance(error, BrokenProcessPool)
                     if not is_death and type(error).__name__ != "KilledWorker":
                         yield Outcome(item, None if error else future.result(), error)
                     elif deaths + 1 < _MOST_DEATHS:
-                        # One dead worker fails all tasks of the pool: repeat each of them alone.
+                        # A dead worker fails all tasks of the pool: repeat each task alone.
                         suspects.append((item, deaths + 1))
                     else:
                         text = f"{deaths + 1} worker processes ended while they worked on it"
@@ -150,7 +150,7 @@ class Workers(AbstractContextManager["Workers", None]):
 
     def __exit__(self, kind: object, *_: object) -> None:
         is_failed = kind is not None
-        # A pool whose workers end fails its remaining tasks: remove the cancelled tasks first.
+        # If the workers of a pool end, its remaining tasks fail: cancel them first.
         drop: Any = {"cancel_futures": is_failed} if self._client is None else {}
         with suppress(OSError, RuntimeError, TimeoutError):
             self._executor.shutdown(wait=not is_failed, **drop)
@@ -167,7 +167,7 @@ class Workers(AbstractContextManager["Workers", None]):
             return self._client.get_executor(pure=False)
         if self._kind == "threads":
             return ThreadPoolExecutor(self._number, thread_name_prefix="task")
-        # Forked children would inherit locks of threads that they do not have.
+        # Forked children would inherit locks held by threads that do not exist in the child.
         context = multiprocessing.get_context("spawn")
         reader, self._alive = context.Pipe(duplex=False)
         return ProcessPoolExecutor(self._number, context, _begin_worker, (reader,))
@@ -181,7 +181,7 @@ class Workers(AbstractContextManager["Workers", None]):
             future = self._executor.submit(function, item)
         except (OSError, RuntimeError) as error:
             raise (self._lost() if self._client is not None else error) from error
-        # A pool that is garbage-collected before its futures does not drop its waiting tasks.
+        # If a pool is garbage-collected before its futures, it does not drop its waiting tasks.
         vars(future)["pool"] = self._executor
         return future
 

@@ -62,8 +62,8 @@ class Telemetry:
     """Whether each sample was lost and interpolated (`bridged`), ``(n,)``, or ``(0,)`` if all
     samples were measured."""
     payload: NDArray[np.float64] = field(default_factory=_NO_NUMBERS.copy)
-    """Payload that the machine carries, ``(n,)`` [kg]; without a measured mass any positive number,
-    such as 1, and 0 while it carries nothing. ``(0,)`` if it is not known."""
+    """Mass of the payload that the machine carries, ``(n,)`` [kg]; 0 while it carries none. If the
+    mass is not measured, any positive number stands for a payload. ``(0,)`` if unknown."""
 
     def __post_init__(self) -> None:
         check_period(self.sample_period)
@@ -92,7 +92,7 @@ class Telemetry:
 
     @property
     def has_payload(self) -> bool:
-        """Whether it is known when the machine carries a payload."""
+        """Whether the column ``payload`` is present."""
         return len(self.payload) > 0
 
     @property
@@ -140,7 +140,7 @@ def elapsed_ns(sample_period: float, first_index: int, samples: Any) -> Any:
     """Return the times from the end of a sample to the ends of later samples [ns].
 
     The sample with running index i ends i periods after a common origin, rounded to the nearest
-    nanosecond. Integers throughout give a sample the same stamp in every part of the telemetry.
+    nanosecond. Integer arithmetic gives a sample the same timestamp in every part of the telemetry.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def _period_ns(sample_period: float) -> tuple[int, int, int]:
 
 
 def join(blocks: list[Telemetry]) -> Telemetry:
-    """Return contiguous blocks as one block."""
+    """Concatenate contiguous blocks, at least one, into one block."""
     first = blocks[0]
     interpolated = _NO_SAMPLES
     if any(len(block.interpolated) for block in blocks):
@@ -190,11 +190,11 @@ def join(blocks: list[Telemetry]) -> Telemetry:
 
 
 def lost_between(last: Telemetry, block: Telemetry) -> Telemetry | None:
-    """Return the samples lost between two blocks, interpolated linearly.
+    """Return the samples lost between two blocks, interpolated linearly, or None.
 
-    The payload before the gap is kept. Returns None if nothing is missing or interpolation is
-    impossible: the gap exceeds ``PAUSE_S``, the period or measured columns differ, or the stamps
-    contradict the number of samples.
+    The payload is constant, as before the gap. The result is None if no sample is missing, or
+    interpolation is impossible: the gap exceeds ``PAUSE_S``, the blocks differ in period or
+    measured columns, or the timestamps contradict the number of samples.
     """
     h, begin = last.sample_period, last.first_index + len(last)
     count = block.first_index - begin
@@ -221,7 +221,10 @@ def lost_between(last: Telemetry, block: Telemetry) -> Telemetry | None:
 
 
 def bridged(blocks: Iterable[Telemetry]) -> Iterator[Telemetry]:
-    """Yield blocks in which the lost samples between blocks are interpolated (`lost_between`)."""
+    """Yield the blocks, and between them blocks with the interpolated lost samples.
+
+    `lost_between` interpolates the samples.
+    """
     last: Telemetry | None = None
     for block in blocks:
         lost = None if last is None else lost_between(last, block)
@@ -239,12 +242,12 @@ def excerpt(
     Parameters
     ----------
     blocks
-        Telemetry in ascending order; blocks outside the result may be missing.
+        Telemetry in ascending order; blocks outside the range may be missing.
     start, stop
-        Running indices.
+        Running indices of the range.
     omitted
-        Ranges of running indices between them that are left out, in ascending order. The
-        timestamps of the result ignore them.
+        Ranges of running indices within it to leave out, in ascending order. The result is
+        timestamped as if its samples were contiguous.
     """
     begins = [start, *(item.stop for item in omitted)]
     ends = [*(item.start for item in omitted), stop]

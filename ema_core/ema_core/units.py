@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Size of each unit in SI units, by its name in telemetry mappings."""
+"""Units of telemetry mappings: size in SI units, keyed by the name of the unit."""
 
 import math
 from typing import Final
@@ -25,4 +25,4 @@ CURRENTS: Final = {"A": 1.0, "mA": 1e-3}
 TORQUES: Final = {"N.m": 1.0, "mN.m": 1e-3, "N.cm": 1e-2}
 FORCES: Final = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
 UNITS: Final = ANGLES | SPEEDS | LINEAR | CURRENTS | TORQUES | FORCES
-"""Size of each unit in SI units."""
+"""Size of all units in SI units, keyed by name."""

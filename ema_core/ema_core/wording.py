@@ -12,7 +12,7 @@ def counted(number: int, noun: str) -> str:
 
 
 def beside_limit(value: float, limit: float, digits: int = 3) -> tuple[str, str]:
-    """Return a value and its limit as strings, with enough digits to differ."""
+    """Return a value and its limit as strings, with enough digits to show their difference."""
     texts = f"{value:.{digits}g}", f"{limit:.{digits}g}"
     if texts[0] == texts[1] and value != limit and digits < 17:
         return beside_limit(value, limit, digits + 1)
@@ -20,7 +20,13 @@ def beside_limit(value: float, limit: float, digits: int = 3) -> tuple[str, str]
 
 
 def one_line(name: str, text: str, most: int) -> str:
-    """Return a string as one line; raise ValueError unless it has 1 to ``most`` characters."""
+    """Return a string as one line, with white space collapsed.
+
+    Raises
+    ------
+    ValueError
+        If it does not have 1 to ``most`` printable characters; the message begins with ``name``.
+    """
     line = " ".join(text.split())
     if not 0 < len(line) <= most or not line.isprintable():
         raise ValueError(f"{name}: expected 1 to {most} printable characters, not {len(line)}")
@@ -28,7 +34,7 @@ def one_line(name: str, text: str, most: int) -> str:
 
 
 def time_in_words(seconds: float) -> str:
-    """Return a duration [s] as a string in a suitable unit: s, min, h or d."""
+    """Return a duration [s] as a string in s, min, h or d, or "-" if it is not finite."""
     if not math.isfinite(seconds):
         return "-"
     for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
@@ -38,7 +44,7 @@ def time_in_words(seconds: float) -> str:
 
 
 def unknown_name(kind: str, name: object, names: Iterable[str]) -> str:
-    """Return an error message for an unknown name, with the closest and all valid names."""
+    """Return an error message for an unknown name that suggests the closest and lists all names."""
     by_lower_case = {item.lower(): item for item in names}
     close = get_close_matches(as_identifier(str(name)), by_lower_case, n=1)
     hint = f"did you mean {by_lower_case[close[0]]!r}? " if close else ""

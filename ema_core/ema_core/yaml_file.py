@@ -54,13 +54,17 @@ def load_yaml(path: Path, most_bytes: int | None = None) -> Any:
 
     Parameters
     ----------
+    path
+        The file.
     most_bytes
-        Largest size of the file [bytes], which is read at about 1 MB/s; None for ``MOST_BYTES``.
+        Largest permitted size of the file [bytes]; None for ``MOST_BYTES``. Parsing takes about
+        1 s per MB.
 
     Raises
     ------
     ValueError
-        If the file is not regular, too large or not YAML; the message names file and defect.
+        If the file is not regular, too large or not YAML; the message names the file and the
+        reason.
     OSError
         If the file cannot be read.
     """
@@ -71,7 +75,7 @@ def load_yaml(path: Path, most_bytes: int | None = None) -> Any:
 
 
 class YamlError(ValueError):
-    """The content is not YAML, or uses features of YAML that are not accepted."""
+    """The content is not YAML, or uses features of YAML that are refused."""
 
 
 def parse_yaml(content: bytes) -> Any:
@@ -96,7 +100,7 @@ def parse_yaml(content: bytes) -> Any:
 
 
 def _is_nested_deeply(content: bytes) -> bool:
-    """Return whether the recursive loader might exhaust the stack, which would kill the process."""
+    """Return whether deep nesting might overflow the loader's stack and kill the process."""
     depth = deepest = 0
     for bracket in re.finditer(rb"[\[\]{}]", content):
         depth += 1 if bracket[0] in b"[{" else -1
@@ -107,7 +111,7 @@ def _is_nested_deeply(content: bytes) -> bool:
 
 
 def _holds_too_much(content: Any) -> bool:
-    """Return whether there are too many values, where each reference to a value counts."""
+    """Return whether there are too many values; each reference to a value counts as a value."""
     count, level = 0, [content]
     while level:
         parts = [
