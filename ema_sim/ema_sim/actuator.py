@@ -34,9 +34,9 @@ SIMULATED_DRIVES: Final = ("six_step", "field_oriented")
 
 
 class SimulatedActuator:
-    """High-fidelity actuator model that converts commands to telemetry.
+    """High-fidelity model of an actuator that converts commands to telemetry.
 
-    The samples do not depend on the block length.
+    The samples do not depend on how a command is divided into calls of ``advance``.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class SimulatedActuator:
         self._causes: dict[str, Profile] = {}
         self.faults = healthy_faults()
         self._loop = current_loop(self.parameters)
-        # A `State` or a `FieldOrientedState`, by the drive.
+        # A `State` or a `FieldOrientedState`, depending on the drive.
         self.state: Any = at_rest() if drive == "six_step" else field_oriented_at_rest()
         self.causes = {}
 
@@ -119,8 +119,8 @@ class SimulatedActuator:
         Raises
         ------
         ValueError
-            If it is not a fault vector, or leaves a phase with too little inductance for the step
-            of 1 us.
+            If the value is not a fault vector, or the inductance of a phase becomes too small for
+            the step of 1 us.
         """
         return self._faults.copy()
 
@@ -135,15 +135,15 @@ class SimulatedActuator:
 
     @property
     def causes(self) -> dict[str, Profile]:
-        """Hidden causes by name; assignments take effect at the next sample.
+        """Hidden causes, keyed by name; assignments take effect at the next sample.
 
-        Times count from the assignment. Causes of sensors have no effect on the actuator.
+        Times count from the assignment. Sensor causes have no effect on the actuator.
 
         Raises
         ------
         ValueError
-            If `ema_core.cause_profiles.cause_profiles` rejects them, or the winding is too hot for
-            the step of 1 us.
+            If `ema_core.cause_profiles.cause_profiles` rejects the causes, or the winding is too
+            hot for the step of 1 us.
         """
         return dict(self._causes)
 
@@ -155,7 +155,7 @@ class SimulatedActuator:
         self._pauses = NO_PAUSES
 
     def advance(self, command: ArrayLike, load: ArrayLike | float = 0.0) -> Telemetry:
-        """Simulate the samples of a command.
+        """Simulate the response to a command and return its telemetry.
 
         Parameters
         ----------

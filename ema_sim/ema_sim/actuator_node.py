@@ -51,7 +51,7 @@ class ActuatorNode(SimulationNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("actuator", **kwargs)
-        # Fixed: the defaults of the plant are the values of the file.
+        # Fixed, because the values in the file are the defaults of the plant parameters.
         declare(self, FileSettings, is_fixed=True)
         file = read(self, FileSettings).actuator_file
         self._described = (

@@ -47,7 +47,7 @@ def simulate(
     Parameters
     ----------
     faults
-        Normalised faults by name, or all eight, ``(8,)`` [-].
+        Normalised faults keyed by name, or all eight, ``(8,)`` [-].
     cycles
         Number of test cycles, each with approach, command and return.
     description
@@ -59,7 +59,8 @@ def simulate(
     current_noise
         Standard deviation of Gaussian noise on each sample of the current [A].
     resolutions
-        Resolution of the sensors by column of the telemetry [rad, A, rad/s].
+        Resolution of the sensors, keyed by telemetry column [rad, A, rad/s]; columns without an
+        entry are exact.
     causes
         Hidden causes, such as ``{"load_torque": 0.01}`` or ``["current_offset=0.1@3.0"]``
         (docs/faults.md). Times count from the start of the telemetry [s].

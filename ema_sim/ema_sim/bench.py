@@ -41,12 +41,12 @@ class BenchSettings(Checked):
 
 
 class MeasuredBlock(NamedTuple):
-    """Block of telemetry of a test bench."""
+    """Block of telemetry as measured on a test bench."""
 
     telemetry: Telemetry
     """Measured samples."""
     torque: float
-    """Motor torque at the end [N.m]."""
+    """Motor torque at the end of the block [N.m]."""
 
     @property
     def duration_s(self) -> float:
@@ -83,10 +83,10 @@ class ActuatorBench:
     parameters
         True parameters of the plant; None for the parameters of the description.
     resolutions
-        Resolution of the sensors by telemetry column [rad, A, rad/s]; columns without an entry are
-        exact.
+        Resolution of the sensors, keyed by telemetry column [rad, A, rad/s]; columns without an
+        entry are exact.
     causes
-        Hidden causes by name, in any form that ``ema_core.cause_profiles.cause_profiles`` accepts.
+        Hidden causes, in any form that ``ema_core.cause_profiles.cause_profiles`` accepts.
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ class ActuatorBench:
         self.set_causes(causes)
 
     def set_command(self, command: Command) -> None:
-        """Set the test command, from the next cycle on.
+        """Set the test command for all cycles that start after the call.
 
         Raises
         ------
@@ -165,15 +165,15 @@ class ActuatorBench:
         faults
             Fault vector, in any form that ``ema_core.faults.fault_vector`` accepts.
         growths
-            Growth by component; components without an entry stay constant.
+            Growth, keyed by component; components without an entry stay constant.
         hours_per_cycle
             Service hours per test cycle [h]; None for the value of the settings.
 
         Raises
         ------
         ValueError
-            If a value is out of range or the motor cannot be simulated; current faults and growth
-            remain.
+            If a value is out of range or the motor cannot be simulated; the previous faults and
+            growth remain in effect.
         """
         k = fault_vector(faults)
         growths = check_growths(growths or {})
@@ -186,12 +186,12 @@ class ActuatorBench:
             self._hours = 0.0
 
     def set_causes(self, causes: Causes) -> None:
-        """Set the hidden causes from the next cycle on; times count from its start.
+        """Set the hidden causes; they take effect, and their times count, from the next cycle.
 
         Raises
         ------
         ValueError
-            If a cause is invalid; the current causes remain.
+            If a cause is invalid; the previous causes remain in effect.
         """
         profiles = self.check_causes(causes)
         with self._lock:
@@ -199,7 +199,7 @@ class ActuatorBench:
             self._causes_are_new = True
 
     def check_causes(self, causes: Causes) -> dict[str, Profile]:
-        """Return hidden causes as profiles by name, without setting them.
+        """Validate hidden causes and return them as profiles, keyed by name, without setting them.
 
         Raises
         ------
@@ -214,7 +214,7 @@ class ActuatorBench:
 
     @property
     def causes(self) -> dict[str, Profile]:
-        """Hidden causes of the next cycle by name."""
+        """Hidden causes of the next cycle, keyed by name."""
         return dict(self._causes)
 
     @property
@@ -236,9 +236,9 @@ class ActuatorBench:
         return trial
 
     def begin_cycle(self, start_ns: int | None = None) -> RunningCycle:
-        """Start the next test cycle at ``start_ns``, by default at the end of the last sample.
+        """Start the next test cycle at ``start_ns`` [ns], by default at the end of the last sample.
 
-        Remaining blocks of the previous cycle are not computed.
+        Blocks of the previous cycle that were not yet consumed are not computed.
         """
         with self._lock:
             faults, samples = self._faults, self._samples

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of hidden causes in a step of the reference actuator.
 
-The kernels come in pairs, without and with causes. numba selects a kernel by the type of
-``effects`` at compilation, so that causes do not slow down an actuator without causes. The numbers
-(M20) to (M25) refer to equations in ``docs/model.md``.
+The kernels come in pairs, without and with causes. numba selects a kernel at compilation by the
+type of ``effects``, so that an actuator without causes is as fast as before. The numbers (M20) to
+(M25) refer to equations in ``docs/model.md``.
 """
 
 import math
@@ -34,11 +34,11 @@ OPEN: Final = 1e7
 
 
 class NoEffects(NamedTuple):
-    """No hidden causes."""
+    """Type of ``effects`` if there are no hidden causes."""
 
 
 class Effects(NamedTuple):
-    """Hidden causes of a sample, with the names and units of their registry.
+    """Values of the hidden causes during a sample; names and units as in `ema_core.causes`.
 
     ``time`` is the start of the sample [s].
     """
@@ -79,14 +79,14 @@ _FIELDS: Final = len(Effects._fields)
 def courses(
     profiles: Mapping[str, Profile], sample_period: float, first: int, origin: int, n: int
 ) -> Courses | NoEffects:
-    """Return the hidden causes over a block, except sensor causes.
+    """Return the values of the hidden causes over a block, except sensor causes.
 
     Each cause is constant over a sample, with its value at mid-sample.
 
     Parameters
     ----------
     profiles
-        Hidden causes by name.
+        Hidden causes, keyed by name.
     sample_period
         Sample period [s].
     first
@@ -129,7 +129,7 @@ def _still_none(effects: NoEffects, k):
 
 @kernel()
 def effects_of_sample(effects: Courses, k):
-    """Hidden causes of a sample."""
+    """Return the hidden causes during sample ``k`` of the block."""
     # pyright requires the first argument, which numba adds.
     return Effects(*to_fixed_tuple(effects.rows[k], _FIELDS))  # pyright: ignore[reportCallIssue]
 
@@ -143,7 +143,7 @@ def _same_plant(effects: NoEffects, motor, mech, phases):
 def changed_plant(
     effects: Effects, motor: MotorConstants, mech: MechanicalConstants, phases: Windings
 ):
-    """Motor, mechanics and windings of a sample, changed by hidden causes (M20)."""
+    """Return motor, mechanics and windings as changed by hidden causes during a sample (M20)."""
     V_max = motor.V_max * (1.0 + effects.supply_voltage)
     k_e = motor.k_e * (1.0 + effects.torque_constant)
     R_s = motor.R_s * (1.0 + COPPER * effects.winding_temperature)
@@ -160,7 +160,7 @@ def _same_voltage(effects: NoEffects, half_V, time):
 
 @kernel()
 def rippled_voltage(effects: Effects, half_V, time):
-    """Half of the supply voltage [V], ``time`` [s] after the start of the sample (M21)."""
+    """Return half of the supply voltage [V], ``time`` [s] after the start of the sample (M21)."""
     if effects.supply_ripple == 0.0:
         return half_V
     angle = 2.0 * math.pi * RIPPLE_FREQUENCY * (effects.time + time)
@@ -176,7 +176,10 @@ def _plain_speed(effects: NoEffects, mech, P, omega, torque, theta_m, theta_b, d
 def disturbed_speed(
     effects: Effects, mech: MechanicalConstants, P, omega, torque, theta_m, theta_b, dt
 ):
-    """Motor speed after one step with load, cogging and dry friction from causes (M22, M23)."""
+    """Return the motor speed [rad/s] after a step with load, cogging and friction (M22, M23).
+
+    ``torque`` is the motor torque minus the external load [N.m].
+    """
     if effects.jam != 0.0:
         return 0.0
     torque -= effects.load_torque + effects.load_stiffness * mech.tau * theta_b
@@ -200,7 +203,7 @@ def _same_resistances(effects: NoEffects, R_a, R_b, R_c):
 
 @kernel()
 def opened_resistances(effects: Effects, R_a, R_b, R_c):
-    """Resistances of the phases [ohm]; an open phase carries almost no current (M25)."""
+    """Return the phase resistances [ohm]; an open phase carries almost no current (M25)."""
     return (
         R_a + (OPEN if effects.open_phase_a != 0.0 else 0.0),
         R_b + (OPEN if effects.open_phase_b != 0.0 else 0.0),
@@ -215,8 +218,8 @@ def _no_pauses(effects: NoEffects, pauses, switches, dt):
 
 @kernel()
 def pauses_after(effects: Effects, pauses, switches, dt):
-    """Remaining dead times of the legs after switching commands [steps] (M24)."""
-    # Rounding to a thousandth makes whole steps integers.
+    """Return the remaining dead times of the legs [steps] after some legs have switched (M24)."""
+    # Rounding to a thousandth of a step removes the rounding error of the quotient.
     pause = round(1e3 * effects.dead_time / dt) / 1e3
     return (
         pause if switches[0] else pauses[0],
@@ -227,9 +230,10 @@ def pauses_after(effects: Effects, pauses, switches, dt):
 
 @kernel()
 def leg_voltage(q, i, half_V, off):
-    """Voltage of a leg whose switches are both open for the share ``off`` of the step (M24) [V].
+    """Return the voltage [V] of a leg whose switches are both open for a share of the step (M24).
 
-    During this share the current flows through a diode, which its sign determines.
+    During the share ``off`` of the step, the current flows through a diode; the sign of the current
+    determines which.
     """
     diode = (half_V if i < 0.0 else 0.0) - (half_V if i > 0.0 else 0.0)
     return off * diode + (1.0 - off) * half_V * q
@@ -237,7 +241,11 @@ def leg_voltage(q, i, half_V, off):
 
 @kernel()
 def undisturbed_currents(effects: Effects | NoEffects, phases, pauses, half_V, omega, dt, q, i, k):
-    """Phase currents [A] and remaining dead times [steps] after a step without causes (M4)."""
+    """Return phase currents [A] and remaining dead times [steps] after a step without causes (M4).
+
+    ``q``, ``i`` and ``k`` are the switching states, currents [A] and back-EMF constants [V.s/rad]
+    of the phases.
+    """
     v_a = half_V * q[0] - phases.R_a * i[0] - k[0] * omega
     v_b = half_V * q[1] - phases.R_b * i[1] - k[1] * omega
     v_c = half_V * q[2] - phases.R_c * i[2] - k[2] * omega
@@ -246,9 +254,10 @@ def undisturbed_currents(effects: Effects | NoEffects, phases, pauses, half_V, o
 
 @kernel()
 def disturbed_currents(effects: Effects, phases, pauses, half_V, omega, dt, q, i, k):
-    """Phase currents [A] and remaining dead times [steps] after a step with causes (M24, M25).
+    """Return phase currents [A] and remaining dead times [steps] after a step (M24, M25).
 
-    Rare cases have a separate function, so that this function is short enough to be inlined.
+    The arguments are as in `undisturbed_currents`. Rare cases have a separate function, so that
+    this function is short enough to be inlined.
     """
     opens = effects.open_phase_a + effects.open_phase_b + effects.open_phase_c
     if opens + effects.dead_switch + pauses[0] + pauses[1] + pauses[2] == 0.0:
@@ -263,9 +272,9 @@ def disturbed_currents(effects: Effects, phases, pauses, half_V, omega, dt, q, i
 
 @kernel()
 def interrupted_currents(opens, offs, phases: Windings, half_V, dt, q, i, emf):
-    """Phase currents [A] after a step in which legs or phases are interrupted (M24, M25).
+    """Return phase currents [A] after a step in which legs or phases are interrupted (M24, M25).
 
-    ``opens`` is not 0 for an open phase, ``offs`` is the share of the step in which both switches
+    ``opens`` is nonzero for open phases, ``offs`` is the share of the step in which both switches
     of a leg are open; ``q``, ``i`` and ``emf`` are switching states, currents [A] and induced
     voltages of the phases [V].
     """
@@ -312,7 +321,7 @@ def interrupted_currents(opens, offs, phases: Windings, half_V, dt, q, i, emf):
 
 @kernel()
 def _star_voltage(g_a, g_b, g_c, v_a, v_b, v_c):
-    """Voltage of the star point, averaged over the phases with weight ``g`` above 0 (M24)."""
+    """Return the star-point voltage [V]: the mean of the phases, weighted with ``g`` (M24)."""
     total = g_a + g_b + g_c
     return (g_a * v_a + g_b * v_b + g_c * v_c) / total if total > 0.0 else 0.0
 

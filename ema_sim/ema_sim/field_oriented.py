@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kernel of the reference actuator with a sinusoidal motor under field-oriented control.
 
-The three phases are as in the six-step motor, with sinusoidal back-EMF; the inverter is averaged
-over its modulation. Two stationary axes describe the three phases of a star without neutral
-conductor exactly, for any numbers of turns. One step is an Euler step of 1 us, implicit in the
-current, because few turns make a phase fast. The numbers (M33) and (M34) refer to
-``docs/model.md``.
+The three phases are as in the six-step motor, but with sinusoidal back-EMF; the inverter is
+averaged over its modulation. Two stationary axes describe three star-connected phases without a
+neutral conductor exactly, for any numbers of turns. A step is an Euler step of 1 us, implicit in
+the current, because a phase with few turns has a short time constant. The numbers (M33) and (M34)
+refer to equations in ``docs/model.md``.
 """
 
 import math
@@ -57,13 +57,13 @@ class Symmetric(NamedTuple):
 
 @kernel()
 def on_axes(a, b, c):
-    """Stationary-axes matrix from the values of three star-connected phases (M34)."""
+    """Return the stationary-axes matrix of a quantity of three star-connected phases (M34)."""
     return Symmetric((4.0 * a + b + c) / 6.0, (c - b) / (4.0 * _HALF_ROOT), 0.5 * (b + c))
 
 
 @kernel()
 def step_matrix(M: Symmetric, R: Symmetric, gain, dt):
-    """Inverse of ``M + dt (R + gain)``, the matrix of an implicit step."""
+    """Return the inverse of ``M + dt (R + gain)``, the matrix of an implicit step."""
     aa, ab, bb = M.aa + dt * (R.aa + gain), M.ab + dt * R.ab, M.bb + dt * (R.bb + gain)
     scale = 1.0 / (aa * bb - ab * ab)
     return Symmetric(scale * bb, -scale * ab, scale * aa)
@@ -71,13 +71,16 @@ def step_matrix(M: Symmetric, R: Symmetric, gain, dt):
 
 @kernel()
 def times(m: Symmetric, a, b):
-    """Product of a matrix with a vector."""
+    """Return the product of a symmetric matrix and the vector ``(a, b)``."""
     return m.aa * a + m.ab * b, m.ab * a + m.bb * b
 
 
 @kernel()
 def turned(cosine, sine, angle):
-    """Cosine and sine of an angle increased by up to 0.01 rad, by series accurate to 1e-14."""
+    """Return cosine and sine of an angle after a rotation by ``angle``.
+
+    The series is accurate to 1e-14 for rotations of up to 0.01 rad.
+    """
     square = angle * angle
     c = 1.0 - square * (0.5 - square * (1.0 / 24.0))
     s = angle * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)))
@@ -255,7 +258,7 @@ def field_oriented_at_rest(theta_m: float = 0.0, theta_b: float = 0.0) -> FieldO
 
 
 def unlike_causes(names: Container[str]) -> str:
-    """Return why some of these causes cannot be simulated; empty if all can be."""
+    """Return why hidden causes cannot be simulated with this drive, or "" if all can be."""
     wrong = [name for name in _NOT_AVERAGED if name in names]
     if not wrong:
         return ""

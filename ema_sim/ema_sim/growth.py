@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Growth of simulated faults with service hours: one law with its parameters per component.
 
-u is service hours, x the distance of a component from its healthy value. Laws are evaluated by
-their exact solution, so that the result does not depend on the number of steps.
+u is the service time [h], x the distance of a component from its healthy value. Laws are evaluated
+by their exact solution, so that the result does not depend on the number of steps.
 """
 
 import math
@@ -19,7 +19,7 @@ from ema_core.quantity import Checked, quantity, text
 
 @dataclass(frozen=True)
 class Growth(Checked):
-    """Growth of one component.
+    """Growth law of a fault component, with its parameters.
 
     ``linear`` is dx/du = a, ``exponential`` dx/du = a (x + x_0), ``archard`` dx/du = a (1 + b x),
     ``self_heating`` dx/du = a exp(b x), ``power`` x = (u / c)^p and ``drift`` dk = a du + s dW; a
@@ -58,7 +58,7 @@ class Growth(Checked):
 
 
 def check_growths(growths: Mapping[str, Growth]) -> dict[str, Growth]:
-    """Return validated growths by component.
+    """Validate the growths of components and return them as a dict.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def grow(
     faults
         Fault vector before, in any form that ``ema_core.faults.fault_vector`` accepts.
     growths
-        Growth by component; components without an entry stay constant.
+        Growth, keyed by component; components without an entry stay constant.
     hours_before
         Service hours since the growths were set [h].
     hours_step
@@ -110,7 +110,7 @@ def grow(
         raise ValueError(f"hours_step = {hours_step:g} h: expected a number of at least 0")
     k = fault_vector(faults)
     growths = check_growths(growths)
-    # The order of the components makes the result of a seed independent of the order of growths.
+    # The fixed order makes the result for a seed independent of the order of `growths`.
     for i, fault in enumerate(FAULTS):
         growth = growths.get(fault.name)
         if growth is None or growth.is_constant:

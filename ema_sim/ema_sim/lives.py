@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated lives: faults grow in a new actuator until one of them reaches its limit.
+"""Simulated lives: faults grow in a new actuator until a fault reaches its limit.
 
-One fault dominates: it follows its law at a rate drawn around the typical rate. The remaining
-faults grow at a fifth of their rates. Tests have a fixed interval; some are missing, and some
-windows are disturbed by noise of the current sensor or by a gap.
+One fault dominates: its rate is drawn from a distribution around the typical rate. By default, the
+remaining faults grow at a fifth of their rates. Tests have a fixed interval; some are missing, and
+some windows are disturbed by noise of the current sensor or by a gap.
 """
 
 import math
@@ -39,10 +39,10 @@ _MOST_DRAWS: Final = 1000
 
 @dataclass(frozen=True)
 class LifeSettings(Checked):
-    """Settings of drawn lives.
+    """Settings for random lives.
 
-    Lives outside the permitted length are redrawn. The length of a repaired actuator's life counts
-    from the repair.
+    Lives outside the permitted length are redrawn. The life of a repaired actuator counts from the
+    repair.
 
     Raises
     ------
@@ -70,7 +70,7 @@ class LifeSettings(Checked):
 
 @dataclass(frozen=True, eq=False)
 class SimulatedLife:
-    """A life, test by test."""
+    """Simulated life of an actuator, as a series of tests."""
 
     dominant: str
     """Component that reaches its limit first; empty in a life without growth."""
@@ -100,14 +100,14 @@ def run_to_failure(
     Parameters
     ----------
     limits
-        Distance from healthy at which life ends, by component [-].
+        Distance from healthy at which life ends, keyed by component [-].
     kind
         Dominant fault, a key of ``typical``; None to draw it.
     with_repair
         Whether the dominant fault is reset to healthy once, after 20 to 50 % of the largest number
         of tests.
     typical
-        Typical growth by kind of fault.
+        Typical growth, keyed by kind of fault.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def constant_life(
     Parameters
     ----------
     limits
-        Distance from healthy at which life ends, by component [-].
+        Distance from healthy at which life ends, keyed by component [-].
 
     Raises
     ------
@@ -222,7 +222,7 @@ def _draw_life(
     *,
     with_repair: bool,
 ) -> SimulatedLife | None:
-    """Draw a life; None if it is too short or too long."""
+    """Draw a life and return it, or None if it is too short or too long."""
     names = {
         kind: KINDS[kind][int(rng.integers(len(KINDS[kind]))) if len(KINDS[kind]) > 1 else 0].name
         for kind in typical
@@ -266,7 +266,10 @@ def _draw_life(
 def _first_passage(
     before: NDArray[np.float64], after: NDArray[np.float64], reach: NDArray[np.float64]
 ) -> tuple[int, float]:
-    """Return the first component that reaches its limit, and the share of the step until then."""
+    """Return the index of the first component to reach its limit, and the share of the step before.
+
+    The share is infinite if no component reaches its limit.
+    """
     was, distance = np.abs(before - healthy_faults()), np.abs(after - healthy_faults())
     share = np.full(reach.shape, np.inf)
     passing = distance >= reach

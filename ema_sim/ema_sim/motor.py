@@ -65,7 +65,10 @@ class AirGap(NamedTuple):
 
 @kernel()
 def trapezoid(theta_e):
-    """Unclipped back-EMF shape of a phase at its electrical angle; driven outside +-1 (M2)."""
+    """Return the unclipped back-EMF shape of a phase at its electrical angle [rad] (M2).
+
+    The phase is driven where the shape is outside +-1.
+    """
     turn = theta_e / (2.0 * math.pi) + 0.25
     turn -= math.floor(turn)
     return 12.0 * (0.25 - abs(turn - 0.5))
@@ -73,13 +76,17 @@ def trapezoid(theta_e):
 
 @kernel()
 def commutation(shape):
-    """Sign of the current in a phase: +1, 0 or -1 (M2)."""
+    """Return the sign of the current in a phase, +1, 0 or -1, for its back-EMF shape (M2)."""
     return (1.0 if shape > 1.0 else 0.0) - (1.0 if shape < -1.0 else 0.0)
 
 
 @kernel()
 def phase_in_sector(motor: MotorConstants, N, middle, half, shift):
-    """Sign, back-EMF constant and its slope for a phase of ``N`` turns, ``shift`` rad after A."""
+    """Return sign, back-EMF constant and slope of a phase in a sector.
+
+    ``N`` is the healthy fraction of the turns [-], ``middle`` and ``half`` are the middle and half
+    width of the sector [rad], and ``shift`` is the electrical angle after phase A [rad].
+    """
     sign = commutation(trapezoid(motor.P * middle - shift))
     before = clip(trapezoid(motor.P * (middle - half) - shift), 1.0)
     after = clip(trapezoid(motor.P * (middle + half) - shift), 1.0)
@@ -89,7 +96,7 @@ def phase_in_sector(motor: MotorConstants, N, middle, half, shift):
 
 @kernel()
 def sector_at(motor: MotorConstants, mech: MechanicalConstants, theta_m):
-    """Commutation sector at a motor angle."""
+    """Return the commutation sector at a motor angle [rad]."""
     half = math.pi / 6.0 / motor.P
     middle = 2.0 * half * round(theta_m / (2.0 * half))
     s_a, k_a, dk_a = phase_in_sector(motor, motor.N_a, middle, half, 0.0)
@@ -101,7 +108,7 @@ def sector_at(motor: MotorConstants, mech: MechanicalConstants, theta_m):
 
 @kernel()
 def windings(motor: MotorConstants):
-    """Windings of a motor; a phase has half the value measured between two terminals."""
+    """Return the windings of a motor; phase values are half the values between two terminals."""
     R, L = 0.5 * motor.R_s, 0.5 * motor.L_s
     L_a, L_b, L_c = L * motor.N_a**2, L * motor.N_b**2, L * motor.N_c**2
     parallel = 1.0 / (1.0 / L_a + 1.0 / L_b + 1.0 / L_c)
@@ -111,16 +118,17 @@ def windings(motor: MotorConstants):
 
 @kernel()
 def gap_at(motor: MotorConstants, theta_m):
-    """Air gap at a motor angle."""
+    """Return the air gap at a motor angle [rad]."""
     angle = theta_m + motor.phi
     return AirGap(theta_m, motor.zeta * math.cos(angle), motor.zeta * math.sin(angle))
 
 
 @kernel()
 def modulation(gap: AirGap, delta):
-    """Relative change of the back-EMF constants at ``delta`` rad from the angle of a gap (M5).
+    """Return the relative change of the three back-EMF constants by eccentricity (M5).
 
-    The three phases are a third of a turn apart. The Taylor series omit delta^5 / 120.
+    The motor angle is the angle of ``gap`` plus ``delta`` [rad]. The phases are a third of a turn
+    apart. The Taylor series omit delta^5 / 120.
     """
     square = delta * delta
     cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0))
@@ -132,13 +140,13 @@ def modulation(gap: AirGap, delta):
 
 @kernel()
 def overshoot(switch, current, target):
-    """Excess of a current over its target in the direction driven by its leg [A] (M3)."""
+    """Return the excess [A] of a current over its target, in the direction driven by its leg (M3)."""
     return switch * (current - target)
 
 
 @kernel()
 def star_currents(phases: Windings, dt, v, i):
-    """Phase currents after a step [A], under the voltages ``v`` across the inductances (M4).
+    """Return the phase currents [A] after a step with voltages ``v`` across the inductances (M4).
 
     The voltage of the floating star point keeps the sum of the currents constant.
     """

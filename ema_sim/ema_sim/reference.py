@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kernels of the reference actuator: three-phase BLDC motor, inverter, control and mechanics.
 
-One step is an explicit Euler step of 1 us, section 3.1 of the thesis; the numbers (M1) to (M8)
-refer to ``docs/model.md``. Branches for rare events are cheap, as the processor predicts them well.
+A step is an explicit Euler step of 1 us (section 3.1 of the thesis). The numbers (M1) to (M8) refer
+to equations in ``docs/model.md``. Branches for rare events are cheap, because the processor
+predicts them well.
 """
 
 import math
@@ -178,8 +179,9 @@ def advance(
 ):
     """Advance the state by ``n`` samples and fill the telemetry columns.
 
-    Command and load are interpolated linearly from the sample before (``last_command``,
-    ``last_load``). ``columns`` are current, position and speed, all ``(n,)``. ``effects`` are the
+    Command and load are interpolated linearly from their values before the block
+    (``last_command``, ``last_load``). ``columns`` are current, position and speed, all ``(n,)``;
+    further arguments are as in `advance_sample`. ``effects`` are the
     ``Courses`` of hidden causes, or ``NoEffects``. Returns the new state, as a plain tuple,
     ``pauses`` and the final state of the last sample of the current.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS node of a simulated robot arm: publishes what a real one would."""
+"""ROS node of a simulated robot arm, with the topics of a real arm."""
 
 import math
 from array import array
@@ -91,7 +91,7 @@ class RobotNode(SimulationNode):
 
 
 def _row(values: Vector) -> "array[float]":
-    # Without this type, rclpy checks and copies each number.
+    # rclpy checks and copies each number of a list, but not of a typed array.
     return array("d", values.tobytes())
 
 

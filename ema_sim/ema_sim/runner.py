@@ -36,7 +36,7 @@ class _Mark(NamedTuple):
 
 
 class Pacer:
-    """Waits until a block is due.
+    """Delays each block until it is due, at a rate relative to the wall clock.
 
     Delays up to ``TOLERANCE_S`` are caught up. After a longer delay the schedule continues from the
     current time, so that a suspended process does not publish missed blocks in a burst.
@@ -145,7 +145,7 @@ class Bench(Protocol[CycleOut]):
         """Compile the kernels of the simulation, or load them from the cache."""
 
     def begin_cycle(self, start_ns: int | None = None) -> CycleOut:
-        """Start the next cycle at ``start_ns``, by default at the end of the last sample."""
+        """Start the next cycle at ``start_ns`` [ns], by default at the end of the last sample."""
         ...
 
 
@@ -165,8 +165,8 @@ class BenchRunner(Generic[AnyCycle, AnyBlock]):
     on_block
         Called with each block when its last sample is due.
     on_failure
-        Called with reason and traceback when the run has ended unexpectedly; it is restarted with
-        a new cycle.
+        Called with reason and traceback when the run has ended unexpectedly; the run is restarted
+        with a new cycle.
 
     Attributes
     ----------
@@ -207,12 +207,12 @@ class BenchRunner(Generic[AnyCycle, AnyBlock]):
 
     def stop(self) -> None:
         """Stop before the next call of ``on_block``."""
-        # A compilation cannot be interrupted; its thread ends afterwards.
+        # A compilation cannot be interrupted; the thread ends after it.
         self.thread.end(_JOIN_TIMEOUT_S)
         self.activity = "idle"
 
     def _prepare(self) -> None:
-        # The previous thread may still be in a compilation.
+        # The previous thread may still be compiling.
         self.thread = thread = SteadyThread(
             "simulation", lambda: self._run(thread.ending), self._on_failure
         )

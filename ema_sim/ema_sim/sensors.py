@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensors: hidden causes, noise on the current, and finite resolution."""
+"""Sensor models: errors from hidden causes, noise on the current, and finite resolution."""
 
 import math
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ class Sensors:
     current_noise
         Standard deviation of Gaussian noise on each sample of the current [A].
     resolutions
-        Resolution by column: rad for command and position, A for current, rad/s for speed.
+        Resolution, keyed by column: rad for command and position, A for current, rad/s for speed.
 
     Raises
     ------
@@ -45,7 +45,7 @@ class Sensors:
         self._misreading: Misreading | None = None
 
     def set_causes(self, causes: Mapping[str, Profile]) -> None:
-        """Set the sensor causes by name; their times count from the next block."""
+        """Set the sensor causes, keyed by name; their times count from the next block."""
         self._misreading = Misreading(causes) if causes else None
 
     def measure(self, block: Telemetry) -> Telemetry:
@@ -63,7 +63,9 @@ class Sensors:
 
 
 class Misreading:
-    """Gain, offset and delay of the columns (M26); times of causes count from the first block.
+    """Sensor errors: gain, offset and delay of the columns (M26).
+
+    Times of the causes count from the first block.
 
     Samples do not depend on the length of the blocks: past samples are kept for the delays.
     """

@@ -11,7 +11,7 @@ from ema_core.quantity import Checked, quantity, text, texts
 
 @dataclass(frozen=True)
 class FileSettings(Checked):
-    """File of the simulated actuator."""
+    """Description file of the simulated actuator."""
 
     actuator_file: str = text("", "actuator file (YAML); empty: the built-in actuator")
 
@@ -35,7 +35,7 @@ class ResolutionSettings(Checked):
     speed: float = quantity(0.0, "rad/s", 0.0, 1e4, "resolution of the speed; 0: perfect")
 
     def resolutions(self) -> dict[str, float]:
-        """Return the resolution by column, omitting perfect sensors."""
+        """Return the resolution, keyed by column, without perfect sensors."""
         return {name: value for name, value in asdict(self).items() if value > 0.0}
 
 

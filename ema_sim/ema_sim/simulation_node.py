@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Base of the nodes that simulate a machine in real time or at another rate."""
+"""Base class of nodes that simulate a machine in real time or at another rate."""
 
 from typing import Any, Final
 
@@ -17,7 +17,7 @@ _CLOCK_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFOR
 
 
 class SimulationNode(ManagedNode):
-    """Lifecycle node that publishes a simulation, and how far it is behind its schedule.
+    """Lifecycle node that publishes a simulation and reports its lag behind the schedule.
 
     Subclasses implement ``publish_cycle`` and ``publish_block``.
     """
@@ -25,7 +25,7 @@ class SimulationNode(ManagedNode):
     def run_bench(
         self, bench: Bench[Any], rate: float, offers: dict[str, tuple[Any, QoSProfile]]
     ) -> None:
-        """Create the publishers, and the thread that runs the simulation in cycles.
+        """Create the publishers, and the runner of the simulation, which ``activate`` starts.
 
         Parameters
         ----------
@@ -34,7 +34,7 @@ class SimulationNode(ManagedNode):
         rate
             Ratio of simulated to wall time [-]; ``/clock`` is published unless it is 1.
         offers
-            Message class and quality of service of the topics by name.
+            Message class and quality of service, keyed by topic.
         """
         self._rate = rate
         self._reported_behind = False
@@ -63,7 +63,7 @@ class SimulationNode(ManagedNode):
         self._runner.start()
 
     def deactivate(self) -> None:
-        """Stop the simulation at the next block."""
+        """Stop the simulation before its next block."""
         self._runner.stop()
 
     def tasks(self) -> list[Task]:

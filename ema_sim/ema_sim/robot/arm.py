@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated six-joint arm: its joints, their gravity, and the inertia of a part in its hand."""
+"""Simulated six-joint arm: joints, gravity loads, and the inertia of a part in the hand."""
 
 from dataclasses import replace
 from math import pi
@@ -77,7 +77,7 @@ _LEVERS: Final = np.array([0.36, 0.42, 0.2, 0.026, 0.01, 0.002])
 
 
 def arm_unit(seed: int) -> dict[str, SimulatedJoint]:
-    """Return the joints of one unit of the arm by name; friction differs between units."""
+    """Return the joints of a unit of the arm, keyed by name; friction depends on the seed."""
     rng = np.random.default_rng((seed, 0))
     unit: dict[str, SimulatedJoint] = {}
     for name, joint in _ARM.items():

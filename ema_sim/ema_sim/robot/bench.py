@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated arm as a source of dated samples, one at a time, for its node."""
+"""Test bench of the simulated arm, which yields timestamped samples for its node."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ from ema_core.quantity import Checked, quantity
 from ema_sim.robot.joint import Vector
 from ema_sim.robot.work import ArmTelemetry, RobotArm, WorkSettings
 
-_BLOCK_S = 0.02  # computed at once
+_BLOCK_S = 0.02  # samples in this time are computed in one call
 
 
 @dataclass(frozen=True)
 class RobotSettings(Checked):
-    """Unit of the arm, and its telemetry; ValueError if a value is out of range."""
+    """Settings of a simulated arm and its telemetry; ValueError if a value is out of range."""
 
     rate: int = quantity(500, "Hz", 1, 1000, "samples of all joints a second; divides 1000")
     speedup: float = quantity(1.0, "-", 0.01, 100.0, "simulated time over wall time")
@@ -39,7 +39,7 @@ class ArmSample(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ArmWork:
-    """A cycle in progress."""
+    """A timestamped cycle in progress."""
 
     number: int
     """Running number, from 0."""
@@ -52,7 +52,9 @@ class ArmWork:
 
 
 class ArmBench:
-    """Runs an arm through dated cycles; ``work`` and ``wear`` hold from the next cycle on.
+    """Runs an arm through timestamped cycles.
+
+    Assignments to ``work`` and ``wear`` take effect with the next cycle.
 
     Parameters
     ----------
@@ -84,7 +86,7 @@ class ArmBench:
         next(iter(RobotArm(block_s=_BLOCK_S).begin_cycle().blocks))
 
     def begin_cycle(self, start_ns: int | None = None) -> ArmWork:
-        """Start the next cycle at ``start_ns``, by default at the end of the last sample."""
+        """Start the next cycle at ``start_ns`` [ns], by default at the end of the last sample."""
         if start_ns is not None:
             self.end_ns = start_ns
         cycle = self._arm.begin_cycle(self.work, self.wear)

@@ -53,7 +53,10 @@ class CyclePlan:
     """Time in motion [s]."""
 
     def reference(self, start: int, stop: int) -> Vector:
-        """Return position, speed and acceleration in a range of control periods, ``(6, n, 3)``."""
+        """Return planned position, speed and acceleration of the joints, ``(6, n, 3)``.
+
+        The units are rad, rad/s and rad/s^2; ``start`` to ``stop`` (exclusive) are control periods.
+        """
         t = CONTROL_S * np.arange(start, stop)
         at = np.minimum(np.searchsorted(self.starts, t, side="right"), len(self.starts) - 1) - 1
         length = np.diff(self.starts)[at]
@@ -71,7 +74,10 @@ class CyclePlan:
         return reference
 
     def weight(self, start: int, stop: int) -> Vector:
-        """Return the share of the part's weight held by the hand, ``(n,)`` [-]."""
+        """Return the share of the part's weight held by the hand, ``(n,)`` [-].
+
+        ``start`` to ``stop`` (exclusive) are control periods.
+        """
         t = CONTROL_S * np.arange(start, stop)
         before = np.searchsorted(self.starts, t, side="right") - 1
         before = np.minimum(before, len(self.held) - 2)
@@ -80,7 +86,7 @@ class CyclePlan:
 
 
 def plan_cycle(pause_s: float, rng: np.random.Generator) -> CyclePlan:
-    """Return the motion of a cycle; goals vary between cycles, as for real parts.
+    """Plan the motion of a cycle, with goals that vary at random, as with real parts.
 
     Parameters
     ----------

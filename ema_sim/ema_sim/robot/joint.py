@@ -117,12 +117,15 @@ class Controller(NamedTuple):
 def simulate_joint(
     reference: Vector, conditions: Vector, plant: Plant, drive: Controller, state: Vector
 ) -> Vector:
-    """Return output and motor position, motor speed and effort, ``(n, 4)``, every ``CONTROL_S``.
+    """Simulate a joint over ``n`` control periods.
+
+    Returns output position, motor position, motor speed and effort at the end of each period,
+    ``(n, 4)``.
 
     Parameters
     ----------
     reference
-        Position, speed and acceleration, ``(n, 3)``.
+        Planned position, speed and acceleration, ``(n, 3)``.
     conditions
         Factors of dry and viscous friction, additional load, and additional load
         inertia, ``(n, 4)``; see ``constant_conditions``.
@@ -189,7 +192,10 @@ def simulate_joint(
 
 
 def constant_conditions(n: int, dry: float = 1.0, thick: float = 1.0) -> Vector:
-    """Return conditions for ``simulate_joint``, ``(n, 4)``, without added load and inertia."""
+    """Return conditions for ``simulate_joint``, ``(n, 4)``, without additional load or inertia.
+
+    ``dry`` and ``thick`` are the factors of dry and viscous friction [-].
+    """
     return np.tile([dry, thick, 0.0, 0.0], (n, 1))
 
 

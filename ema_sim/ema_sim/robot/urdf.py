@@ -8,7 +8,7 @@ from typing import Final
 
 from ema_sim.robot.joint import SimulatedJoint, controller_of
 
-# Origin of each joint in the link before it [m], and its axis.
+# Origin of each joint in its parent link [m], and its axis.
 _GEOMETRY: Final = (
     ("0 0 0.10", "0 0 1"),
     ("0 0 0.08", "0 1 0"),
@@ -22,7 +22,7 @@ _GEOMETRY: Final = (
 def robot_description(joints: Mapping[str, SimulatedJoint], name: str = "arm") -> str:
     """Return the URDF of the arm: a chain of links with limits of position, speed and effort."""
     root = ElementTree.Element("robot", name=name)
-    parent = "stand"  # base_link is what the joint base turns
+    parent = "stand"  # base_link is the link that the joint "base" turns
     ElementTree.SubElement(root, "link", name=parent)
     for (joint_name, joint), (origin, axis) in zip(joints.items(), _GEOMETRY, strict=True):
         child = f"{joint_name}_link"

@@ -49,7 +49,7 @@ class ArmTelemetry:
     """Consecutive samples of all joints of an arm; columns are in the order of ``JOINT_NAMES``."""
 
     elapsed_ns: int
-    """Time of the first sample since the start of the work, the end of its period [ns]."""
+    """End of the first sample, counted from the start of the work [ns]."""
     rate: int
     """Sample rate [Hz]."""
     position: Vector
@@ -83,7 +83,8 @@ class ArmCycle:
     number: int
     """Running number, from 0."""
     friction_ratio: Vector
-    """Ratio of dry friction to its healthy value at the same temperature by joint, ``(6,)`` [-]."""
+    """Ratio of each joint's dry friction to its healthy value at the same temperature, ``(6,)``
+    [-]."""
     plan: CyclePlan
     """The motion."""
     samples: int
@@ -109,7 +110,7 @@ class RobotArm:
     Attributes
     ----------
     joints
-        Joints of this unit by name.
+        Joints of this unit, keyed by name.
     elapsed_ns
         Simulated time so far [ns].
 
@@ -155,8 +156,8 @@ class RobotArm:
         work
             Settings of the cycle; None for the defaults.
         wear
-            Increase of dry friction per cycle by joint, relative to its healthy value [-]; joints
-            without an entry do not wear.
+            Increase of dry friction per cycle relative to its healthy value [-], keyed by joint;
+            joints without an entry do not wear.
         """
         work, wear = work or WorkSettings(), wear or {}
         number, self._next_cycle = self._next_cycle, self._next_cycle + 1
@@ -205,7 +206,7 @@ class RobotArm:
         temperature: Vector,
         states: list[Vector],
     ) -> ArmTelemetry:
-        """Simulate control periods of all joints; return the measured samples."""
+        """Simulate all joints for a range of control periods and return the measured samples."""
         reference = plan.reference(steps.start, steps.stop)
         part = payload * plan.weight(steps.start, steps.stop)
         kelvin = temperature - _NOMINAL_DEG_C
@@ -255,7 +256,7 @@ class RobotArm:
 
 
 def work_of_day(hour: float) -> WorkSettings:
-    """Return the settings at an hour of the day; the air is warmest at 15 h.
+    """Return settings for an hour of the day, with the highest ambient temperature at 15 h.
 
     The mass of the parts changes every 2 h.
     """
@@ -272,7 +273,7 @@ def simulate_work(
     work: Callable[[float], WorkSettings] = work_of_day,
     wear: Mapping[str, float] | None = None,
 ) -> Iterator[tuple[ArmCycle, ArmTelemetry]]:
-    """Simulate the work of an arm. Yield each cycle with its telemetry.
+    """Simulate the work of an arm and yield each cycle with its telemetry.
 
     Parameters
     ----------
