@@ -29,7 +29,10 @@ unreadable."""
 
 @dataclass(frozen=True)
 class BagTask:
-    """Task of a worker: a bag's address and mark, and the calibration in its folder."""
+    """Task of a worker: estimates of a bag.
+
+    ``url``, ``mark`` and ``beside`` are as in `ema_archive.sources.Listed`.
+    """
 
     url: str
     mark: str
@@ -59,7 +62,7 @@ class UnitRows:
 
     @property
     def stamps_ns(self) -> list[int]:
-        """Stamps of the rows [ns]."""
+        """Timestamps of all rows [ns]."""
         tables = ((name, getattr(self, name)) for name in STAMPS)
         return [row[STAMPS[name]] for name, rows in tables for row in rows]
 
@@ -68,8 +71,8 @@ class UnitRows:
 class BagResult:
     """Result for a bag: its state and, unless the state is ``DONE``, the reason.
 
-    A bag without a window also has a reason; remarks list further defects. ``end_ns`` is the log
-    time of the last readable message [ns]; 0 if no message is readable.
+    A bag that is ``DONE`` but has no window also has a reason; remarks list further defects.
+    ``end_ns`` is the log time of the last readable message [ns]; 0 if no message is readable.
     """
 
     task: BagTask
@@ -83,14 +86,14 @@ class BagResult:
 
 
 def unit_name(actuator_id: str, serial_number: str) -> str:
-    """Return the name of a unit in the tables, from its actuator and serial number."""
+    """Return the name of a unit in the tables: actuator id and serial number, percent-encoded."""
     return f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}"
 
 
 def diagnose_bag(task: BagTask) -> BagResult:
-    """Return the estimates of a bag; they equal the output of ``ema estimate -p warm_start=false``.
+    """Read a bag and return its estimates, as ``ema estimate -p warm_start=false`` prints them.
 
-    For an unusable bag, the result states the reason.
+    If the bag cannot be used, the result states the reason.
     """
     # Bags are processed in parallel.
     limit_threads(1)
@@ -128,7 +131,7 @@ def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
         except ValueError as error:
             reasons.append(str(error))
             continue
-        # Each window belongs to the unit that was described at its time.
+        # A window belongs to the unit in the description that was valid at its time.
         of_units: dict[UnitKey, list[RecordedWindow]] = {bag_windows.description.unit_key: []}
         for window in bag_windows.windows:
             of_units.setdefault(window.description.unit_key, []).append(window)
@@ -157,7 +160,7 @@ def _rows_of_unit(
     flown: list[tuple[int, FlownDuty]],
     sha256: str,
 ) -> tuple[UnitRows, list[str]]:
-    """Return the rows of a unit in a bag and the defects of its counts."""
+    """Return the rows of a unit in a bag, and messages about invalid counts."""
     calibration = calibration_of(task.settings.calibration or task.beside, unit.unit_key)
     shared = {
         "actuator_id": unit.actuator_id,

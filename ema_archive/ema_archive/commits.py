@@ -67,7 +67,7 @@ def _note_bags(
     for result in results:
         row = {"bag": result.task.url, "state": result.state, "reason": result.reason}
         if result.state != FAILED:
-            # The mark of the read content: a bag that could not be read is due again.
+            # Without a new mark, a bag that could not be read stays due.
             row |= {"seen": result.task.mark, "software": result.software}
             row |= {"settings": settings.estimation_id}
         if result.state == DAMAGED:
@@ -174,7 +174,7 @@ def commit_units(store: Store, results: Sequence[tuple[UnitEntry, UnitResult]]) 
             "WHERE unit.unit = _rows.unit"
         )
         db.unregister("_rows")
-        # A unit is unknown if all its bags belong to other units.
+        # Delete units that are in no bag.
         query = "SELECT unit FROM manifest.unit ANTI JOIN manifest.part USING (unit)"
         if unknown := [unit for (unit,) in db.execute(query).fetchall()]:
             for table in ("manifest.unit", *UNIT_TABLES, *HISTORY_TABLES):

@@ -32,15 +32,16 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class FleetSummary:
-    """State of a fleet; rows are mappings of plain values, None if unknown.
+    """State of a fleet. Rows are mappings with plain values; unknown values are None.
 
     Attributes
     ----------
     bags
-        Number of bags in total, unreadable, incomplete, temporarily unreadable and unprocessed;
-        addresses of up to three unread bags.
+        Numbers of all bags, and of unreadable, incomplete, temporarily unreadable and unprocessed
+        bags; addresses of up to three unread bags.
     levels
-        Number of units in total and by level, median health index, and latest test.
+        Numbers of units in total and at each level, median health index, and time of the latest
+        test.
     worst
         Units from the view ``worst_first``, worst first.
     models
@@ -57,7 +58,8 @@ class FleetSummary:
     recent
         Number of units tested in recent days.
     months
-        By month of the last three years: tested and known units, windows, and valid windows.
+        Numbers of tested units, known units, windows and valid windows, for each month of the last
+        three years.
     """
 
     bags: Row
@@ -116,7 +118,7 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
     lives = summary.pop("lives")
     columns = ([life[name] for life in lives] for name in ("from_age", "to_age", "has_failed"))
     steps = [_plain(step._asdict()) for step in survival(*columns)]
-    # No more steps than a figure can show, including the last step.
+    # Thin out the steps to the number that a figure can show, and keep the last step.
     every = max(1, math.ceil(len(steps) / _MOST_STEPS))
     summary["months"].reverse()
     return FleetSummary(
@@ -129,7 +131,7 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
 
 
 def state_of_archive(archive: Path) -> tuple[int, ...]:
-    """Return a token that changes whenever the summary of an archive may change.
+    """Return a token that changes when the content of an archive, and so its summary, may change.
 
     Raises
     ------
@@ -157,7 +159,7 @@ def _plain(row: Row) -> Row:
 
 
 class SurvivalStep(NamedTuple):
-    """Share of units [-] that survive an age [h] with failures, and its 90 % interval.
+    """Step of a survival curve: share of units [-] that survive an age [h], and its 90 % interval.
 
     The share is constant until the next step. ``at_risk`` units were observed just before the age,
     and ``failed`` of them failed.

@@ -1,4 +1,4 @@
--- What a fleet's summary asks, each part by its name. Levels: 0 OK, 1 WARN, 2 ERROR, 3 STALE.
+-- Queries of a fleet summary, each under its name. Levels: 0 OK, 1 WARN, 2 ERROR, 3 STALE.
 
 -- name: bags
 SELECT
@@ -6,7 +6,7 @@ SELECT
     count(*) FILTER (WHERE state = 'incomplete' AND is_there) AS incomplete,
     count(*) FILTER (WHERE state = 'failed' AND is_there) AS failed,
     count(*) FILTER (WHERE state IN ('new', 'lost')) AS unread,
-    -- Those that no unit names before the others.
+    -- Bags that cannot be assigned to a unit come first.
     (SELECT coalesce(list(bag), []) FROM (
         SELECT bag FROM manifest.unread LEFT JOIN (
             SELECT DISTINCT bag, true AS is_suspect FROM manifest.suspect
@@ -37,7 +37,7 @@ SELECT
 FROM units GROUP BY model ORDER BY error DESC, warn DESC, model LIMIT $most;
 
 -- name: ages
--- Classes of service hours of equal width, 1, 2 or 5 times a power of ten: twelve at most.
+-- At most twelve classes of service hours of equal width, which is 1, 2 or 5 times a power of ten.
 WITH known AS (SELECT * FROM units WHERE isfinite(flight_hours) AND flight_hours >= 0),
 longest AS (SELECT greatest(max(flight_hours), 1) / 10 AS least FROM known),
 power AS (SELECT least, pow(10, floor(log10(least))) AS ten FROM longest),
@@ -59,7 +59,7 @@ FROM known, classes GROUP BY ALL ORDER BY from_hours;
 SELECT from_age, to_age, has_failed FROM lives;
 
 -- name: calibrations
--- Time from the change of a calibration's file to the latest test of its unit.
+-- Age of a calibration: time from its last modification to the latest test of the unit.
 WITH aged AS (
     SELECT CASE WHEN calibrated IS NOT NULL THEN greatest(epoch(tested - calibrated), 0) / 86400 END
         AS days
@@ -74,13 +74,13 @@ SELECT
 FROM aged GROUP BY age ORDER BY longest_days NULLS LAST;
 
 -- name: recent
--- Units tested in the last days before the latest test of the fleet.
+-- Number of units tested within some days before the latest test of the fleet.
 SELECT days, count(*) FILTER (WHERE tested >= latest - to_days(days)) AS tested, count(*) AS units
 FROM units, (SELECT max(tested) AS latest FROM units), (SELECT unnest([1, 7, 30, 90]) AS days)
 GROUP BY days ORDER BY days;
 
 -- name: months
--- A unit is known from its first month on.
+-- A unit counts as known from the month of its first test.
 WITH firsts AS (SELECT model, unit, min(month) AS month FROM months GROUP BY ALL),
 begun AS (SELECT month, count(*) AS begun FROM firsts GROUP BY month),
 tested AS (

@@ -92,7 +92,7 @@ class KeptHistory:
     windows
         Number of windows in the history.
     tables
-        Rows by the names of ``HISTORY_TABLES``.
+        Rows, keyed by the names in ``HISTORY_TABLES``.
     """
 
     made_by: str
@@ -104,7 +104,10 @@ class KeptHistory:
 def kept_history(
     history: History, growth: bytes, made_by: str, digest: str, windows: int
 ) -> KeptHistory:
-    """Return a history and its growth state as rows, without loss."""
+    """Convert a history and its growth state to rows, without loss.
+
+    ``made_by``, ``digest`` and ``windows`` are as in `KeptHistory`.
+    """
     tests = [_test_row(number, test) for number, test in enumerate(history.tests)]
     assessments = [_assessment_row(assessment) for assessment in history.assessments.values()]
     pieces = [growth[begin : begin + _CHUNK] for begin in range(0, len(growth), _CHUNK)]
@@ -115,10 +118,14 @@ def kept_history(
 
 
 def history_from(kept: KeptHistory, unit: UnitKey, windows: Iterable[Row]) -> History:
-    """Return the history, bit-identical and in memory, rebuilt from its rows.
+    """Rebuild a history from its rows, identical to the last bit.
 
     Parameters
     ----------
+    kept
+        The rows.
+    unit
+        Actuator id and serial number.
     windows
         Rows of the estimates of its tests.
     """

@@ -1,4 +1,4 @@
--- The manifest of an archive: its settings, bags and units. The other tables have the columns of
+-- Manifest of an archive: settings, bags and units. The columns of the other tables are defined in
 -- tables.py and history_rows.py.
 CREATE SCHEMA manifest;
 
@@ -7,7 +7,8 @@ CREATE TABLE manifest.archive (
     scan BIGINT NOT NULL
 );
 
--- seen: the mark with which a bag was read. end_ns: log time of its last message.
+-- mark: change mark at the last scan. seen: change mark of the content that was read. beside: address
+-- of the calibration in the same folder. end_ns: log time of the last message.
 CREATE TABLE manifest.bag (
     bag VARCHAR NOT NULL, bytes BIGINT NOT NULL, mark VARCHAR NOT NULL, beside VARCHAR NOT NULL,
     scan BIGINT NOT NULL, is_there BOOLEAN NOT NULL, state VARCHAR NOT NULL DEFAULT 'new',
@@ -18,15 +19,15 @@ CREATE TABLE manifest.bag (
     end_ns BIGINT NOT NULL DEFAULT 0
 );
 
--- A unit in a bag, with its numbers of rows. last_ns: stamp of the last of them.
+-- Units in each bag, with the number of rows in each table. last_ns: timestamp of the last row.
 CREATE TABLE manifest.part (
     bag VARCHAR NOT NULL, unit VARCHAR NOT NULL, model VARCHAR NOT NULL,
     calibration_id VARCHAR NOT NULL, last_ns BIGINT NOT NULL, estimates INTEGER NOT NULL,
     usage INTEGER NOT NULL, duty INTEGER NOT NULL
 );
 
--- made_by, lost: what its health and life follow from, and why its newest test may be lost. windows and digest belong to its history: the
--- windows that it rests on, and their identity; none without windows.
+-- made_by: identity of the inputs to health and life. lost: why the newest test may be lost.
+-- windows, digest: number and digest of the windows in the stored history; 0 and '' without one.
 CREATE TABLE manifest.unit (
     unit VARCHAR NOT NULL, actuator_id VARCHAR NOT NULL, serial_number VARCHAR NOT NULL,
     model VARCHAR NOT NULL, is_due BOOLEAN NOT NULL DEFAULT true, made_by VARCHAR NOT NULL DEFAULT '',
@@ -38,12 +39,13 @@ SELECT
     bag, bytes, is_there, state, bag_sha256, software, settings, reason, remarks, windows, valid
 FROM manifest.bag;
 
--- Bags that are not read as a whole. One that cannot be read counts until it is removed.
+-- Bags that were not read completely. An unreadable bag counts until it is removed from its source.
 CREATE VIEW manifest.unread AS
 SELECT * FROM manifest.bag
 WHERE state = 'incomplete' OR (is_there AND state IN ('damaged', 'failed'));
 
--- Units whose tests these bags may hold: those read of the bag, or else those of its folder.
+-- Units whose tests may be in an unread bag: the units read from the bag, or else the units of other
+-- bags in its folder.
 CREATE VIEW manifest.suspect AS
 WITH nameless AS (
     SELECT bag, parse_dirpath(bag, 'forward_slash') AS folder

@@ -22,8 +22,8 @@ whole AS (
     WHERE estimates > 0 AND state = 'done' GROUP BY unit
 )
 """
-"""Query for the units of unread bags, also by calibrations in the bags' folders, and for the last
-complete bag of each unit."""
+"""Subqueries: the units that each unread bag may contain, also from the calibration in its folder,
+and the end of the last complete bag of each unit."""
 
 _LOST: Final = """
 SELECT unit, bag, state, reason
@@ -36,11 +36,12 @@ _OF_NO_UNIT: Final = "SELECT bag FROM manifest.unread ANTI JOIN suspect USING (b
 
 
 def losses_by_unit(store: Store) -> dict[str, str]:
-    """Return the units whose newest test may be lost, with the reason by unit.
+    """Return why the newest test of a unit may be lost, keyed by the name of the unit.
 
     A test may be lost in a bag that was not read completely, unless a later complete bag has a
     window of the unit. A bag without any readable message may be the newest bag. A bag that was
-    never read may belong to the units in its folder, or to the unit of the calibration in it.
+    never read may belong to the units in its folder, or to the unit of the calibration in its
+    folder.
 
     Raises
     ------
@@ -51,7 +52,7 @@ def losses_by_unit(store: Store) -> dict[str, str]:
 
 
 def unread_of_no_unit(store: Store) -> list[str]:
-    """Return the unreadable bags without a known unit; errors are as in `losses_by_unit`."""
+    """Return the unread bags that cannot be assigned to a unit; errors as in `losses_by_unit`."""
     return [bag for (bag,) in _rows(store, _OF_NO_UNIT)]
 
 

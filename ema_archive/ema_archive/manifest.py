@@ -19,7 +19,7 @@ from ema_archive.tables import BAG_TABLES
 from ema_archive.unit_task import UnitEntry, UnitTask, made_by
 
 Criteria = tuple[dict[str, str], pa.Table]
-"""Query parameters for due bags, and current calibration of each unit by source."""
+"""Query parameters for due bags, and table of the current calibrations: source, unit, identity."""
 
 _DUE: Final = """
 WITH recalibrated AS (
@@ -56,7 +56,7 @@ class Status:
         Number of bags in total, missing and due, and number of existing bags that are unreadable,
         incomplete or temporarily unreadable.
     reasons
-        Number of due bags by reason.
+        Number of due bags, keyed by reason.
     units, units_due
         Number of units, and of units with outdated health and life.
     windows, valid, unordered
@@ -65,7 +65,7 @@ class Status:
     damaged_tables
         Tables with unreadable rows.
     of_no_unit
-        Unread bags without a known unit.
+        Unread bags that cannot be assigned to a unit.
     """
 
     bags: int
@@ -111,7 +111,7 @@ class Manifest(Store):
 
     @property
     def sources(self) -> list[str]:
-        """Folders and addresses of the bags in the archive."""
+        """Folders, and addresses in object stores, that are scanned for bags."""
         [(sources,)] = self._rows("SELECT sources FROM manifest.archive")
         return sources
 
@@ -122,12 +122,12 @@ class Manifest(Store):
         return number
 
     def note(self, bags: Iterable[Listed], scan: int) -> None:
-        """Record listed bags."""
+        """Record bags listed in the scan with the number ``scan``."""
         with self.changing() as db:
             _note_bags(db, bags, scan)
 
     def end_scan(self, number: int, sources: Sequence[str], bags: Iterable[Listed] = ()) -> None:
-        """Record the last bags and end a scan; unlisted bags of these sources are missing."""
+        """Record the last bags and end a scan. Bags that were not listed in it become missing."""
         with self.changing() as db:
             _note_bags(db, bags, number)
             db.execute("UPDATE manifest.archive SET sources = ?, scan = ?", [sources, number])
@@ -135,7 +135,7 @@ class Manifest(Store):
             db.execute(f"UPDATE manifest.bag SET is_there = false WHERE {gone}", [number])
 
     def status(self, settings: ArchiveSettings) -> Status:
-        """Return the status of the archive for the current calibrations and software.
+        """Return the status of the archive relative to the current calibrations and software.
 
         Raises
         ------
@@ -215,9 +215,9 @@ class Manifest(Store):
         return number
 
     def due(self, settings: ArchiveSettings) -> Iterator[tuple[str, str, str]]:
-        """Yield address, mark, and calibration address of each due bag.
+        """Yield address, change mark, and calibration address of each due bag.
 
-        Later commits do not affect the iteration.
+        Commits during the iteration do not affect it.
         """
         criteria, last = self.criteria(settings), ""
         rest = f"AND bag > $last ORDER BY bag LIMIT {_PAGE}"

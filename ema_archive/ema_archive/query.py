@@ -42,7 +42,7 @@ def opened(archive: Path) -> Iterator[duckdb.DuckDBPyConnection]:
 
 
 def columns_of(archive: Path) -> dict[str, list[tuple[str, str]]]:
-    """Return the name and type of each column by table and view."""
+    """Return the names and types of the columns, keyed by the name of the table or view."""
     columns: dict[str, list[tuple[str, str]]] = {}
     with opened(archive) as db:
         for table, column, kind in db.execute(
@@ -54,7 +54,7 @@ def columns_of(archive: Path) -> dict[str, list[tuple[str, str]]]:
 
 
 def answer(archive: Path, question: str) -> tuple[list[str], list[tuple[Any, ...]]]:
-    """Run an SQL query. Return the column names and the rows.
+    """Run an SQL query and return the column names and the rows.
 
     Raises
     ------
@@ -67,7 +67,9 @@ def answer(archive: Path, question: str) -> tuple[list[str], list[tuple[Any, ...
 
 
 def export(archive: Path, question: str, path: Path) -> int:
-    """Write a query result, table or view to a file. Return the number of rows.
+    """Write a query result, table or view to a file and return the number of rows.
+
+    ``question`` is an SQL query, or the name of a table or view.
 
     Raises
     ------

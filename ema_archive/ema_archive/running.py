@@ -82,7 +82,7 @@ class _Batch(Generic[Result]):
 def scan(
     manifest: Manifest, sources: Sequence[str], follow: Callable[[int], None] = lambda _: None
 ) -> int:
-    """Record the bags of all old and new sources in an archive. Return their number.
+    """List and record the bags of an archive's sources and of new sources; return their number.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def scan(
                 manifest.note(listed, number)
                 listed = []
             follow(count)
-    # Only after all listings: bags of an unreachable store are not missing.
+    # Only after all listings have succeeded: bags of an unreachable store do not become missing.
     manifest.end_scan(number, every, listed)
     return count
 
@@ -113,8 +113,8 @@ def run(
 ) -> RunTally:
     """Process the due bags and units of an archive.
 
-    Results are in the tables within five seconds, even if the run ends with an exception. Damaged
-    rows are recomputed.
+    Results are committed within five seconds, or when the run ends with an exception. Damaged rows
+    are recomputed.
 
     Raises
     ------

@@ -72,7 +72,13 @@ class ArchiveSettings:
         return _digest(self.as_mapping()["prognosis"])
 
     def as_mapping(self) -> dict[str, Any]:
-        """Return plain values that `of_mapping` can read."""
+        """Return the settings as plain values for `of_mapping`.
+
+        Raises
+        ------
+        ValueError
+            If a growth law is not a known law with a name.
+        """
         for component, prior in self.prognosis.tracker.laws.items():
             if not isinstance(prior.law, str):
                 raise ValueError(

@@ -29,20 +29,21 @@ _CHANGE_MARKS: Final = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "las
 
 @dataclass(frozen=True)
 class Listed:
-    """A bag as listed by its folder."""
+    """A bag in the listing of a folder or object store."""
 
     url: str
     """Path, or address in an object store."""
     size: int
     """Size [bytes]."""
     mark: str
-    """Token that changes with the content: size, and checksum of the store or modification time."""
+    """Token that changes with the content: size, and either the store's checksum or modification
+    time."""
     beside: str
     """Address of the calibration in the same folder; empty if there is none."""
 
 
 def list_bags(source: str, without: Path) -> Iterator[list[Listed]]:
-    """Yield the bags of each folder of a source, folder by folder.
+    """Yield a list of the bags in each folder of a source, sorted by address.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def _bags_in(files: Any, folders: dict[str, Any], entries: dict[str, Any]) -> li
 
 @contextmanager
 def local_copy(url: str) -> Iterator[Path]:
-    """Yield a local path of a file or folder; a temporary copy is removed afterwards.
+    """Yield the local path of a file or folder; download it to a temporary copy if it is remote.
 
     Raises
     ------
@@ -168,9 +169,11 @@ def calibration_of(source: str, unit: UnitKey) -> AnyCalibration | str:
     Parameters
     ----------
     source
-        Path from the settings of the archive, with placeholders ``{actuator_id}`` and
-        ``{serial_number}``, or else the calibration in the folder of the bag; empty for the shipped
-        calibration.
+        Address of the calibration: from the settings of the archive, with the placeholders
+        ``{actuator_id}`` and ``{serial_number}``, or the calibration in the folder of the bag.
+        Empty for the shipped calibration.
+    unit
+        Actuator id and serial number.
 
     Raises
     ------
@@ -210,7 +213,7 @@ def changed_ns(source: str, unit: UnitKey) -> int | None:
 
 
 def identity_of(calibration: AnyCalibration | str) -> str:
-    """Return the identity of a calibration; empty without a calibration."""
+    """Return the identity of a calibration, or "" for the reason why there is none."""
     return "" if isinstance(calibration, str) else calibration.calibration_id
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Store of an archive: one DuckDB file, safe against process kills."""
+"""Store of an archive: one DuckDB file, which stays consistent if a process is killed."""
 
 import fcntl
 import re
@@ -46,10 +46,19 @@ _IS_HELD: Final = ("Could not set lock", "Unique file handle conflict")
 
 
 class Store(AbstractContextManager[Any, None]):
-    """Store of an archive; only one process at a time may change it (``writes``).
+    """Store of an archive; only one process at a time may change it. Thread-safe.
 
     The file is open only during a ``reading`` or ``changing`` block, so that other processes can
-    read it between the changes of a run. Thread-safe.
+    read it between the changes of a run.
+
+    Parameters
+    ----------
+    archive
+        Folder of the archive.
+    is_new
+        Whether to create the archive if there is none.
+    writes
+        Whether this process changes the archive; it then locks the archive.
 
     Raises
     ------
@@ -90,7 +99,7 @@ class Store(AbstractContextManager[Any, None]):
             self._lock.close()
 
     def _check(self, is_new: bool) -> None:
-        """Raise an error unless there is an archive, or a new archive can be created."""
+        """Raise an error if there is no archive and none can be created."""
         archive, path = self.archive, self.path
         for name in (FILE, f"{FILE}.wal", _LOCK):
             _require_file(archive / name)
@@ -202,7 +211,7 @@ class Store(AbstractContextManager[Any, None]):
                 db.execute("BEGIN")
                 yield db
                 db.execute("COMMIT")
-                # The note must describe the file as stored on disk.
+                # The recorded size and time must be those on disk.
                 db.execute("CHECKPOINT")
                 self._note()
             except duckdb.Error as error:
@@ -280,7 +289,7 @@ class Store(AbstractContextManager[Any, None]):
             return [name for name in TABLES if damage_of(db, name)]
 
     def rows_of_unit(self, table: str, unit: str) -> pa.Table:
-        """Return all rows of a unit in a table, in order of time.
+        """Return all rows of a unit in a table, in chronological order.
 
         Raises
         ------
@@ -317,7 +326,10 @@ def first_line(error: Exception) -> str:
 
 
 def damage_of(db: duckdb.DuckDBPyConnection, rows: str) -> str:
-    """Return why rows (a table, optionally with a condition) cannot be read; "" if they can."""
+    """Return why rows cannot be read, or "" if they can.
+
+    ``rows`` is the name of a table, optionally with a condition (``WHERE ...``).
+    """
     try:
         db.execute(f"SELECT bit_xor(hash(COLUMNS(*))) FROM {rows}").fetchall()
     except duckdb.Error as error:

@@ -61,15 +61,16 @@ _OF_HEALTH_ELSEWHERE: Final = (
     *("faults", "requirements"),
     *("duty", "assumption", "cause", "removal"),
 )
-"""Fields of a health that are no columns: the unit, the claim of a node, faults and requirements
-(table ``growth``), and sentences with the assumption, which follow from the settings."""
+"""Fields of a health report that are not columns of ``health``: the unit, the fields that concern a
+node, faults and requirements (table ``growth``), and texts that follow from the settings."""
 
 _OF_ITEM_ELSEWHERE: Final = ("unit",)
-"""Fields of a fault or requirement that are no columns: ``unit`` is the actuator's unit there."""
+"""Fields of a fault or requirement that are not columns: in the tables, ``unit`` is the name of the
+actuator's unit."""
 
 
 def _columns_of(report: type, without: Iterable[str] = ()) -> dict[str, pa.DataType]:
-    """Return the columns of a report by the names of its fields; a stamp ends in ``_ns``."""
+    """Return column types keyed by the names of a report's fields; ``_ns`` is added to stamps."""
     columns: dict[str, pa.DataType] = {}
     for item in fields(report):
         kind: Any = item.type
@@ -127,7 +128,7 @@ _DUTY_LISTS: Final = {
     "winding": ("winding_hours", "winding_rise_hours"),
 }
 DUTY_LISTS: Final = tuple(chain.from_iterable(_DUTY_LISTS.values()))
-"""Duty columns with one number per class."""
+"""Names of the duty columns that are lists, with one number per class."""
 
 _DUTY: Final = pa.schema(
     {
@@ -156,7 +157,7 @@ BAG_TABLES: Final = {"estimates": _ESTIMATES, "usage": _USAGE, "duty": _DUTY}
 of service hours, and per duty up to the end of a window or bag."""
 
 STAMPS: Final = {"estimates": "end_ns", "usage": "stamp_ns", "duty": "stamp_ns"}
-"""Column with the time of a row [ns], by bag table."""
+"""Name of the column with the timestamp of a row [ns], keyed by bag table."""
 
 UNIT_TABLES: Final = {
     "health": HEALTH,
@@ -178,11 +179,14 @@ UNIT_TABLES: Final = {
 }
 """Columns of the tables with results of units.
 
-The tables have one row per test; per unit, with the health after its newest test and the
-modification time of its calibration; per fault and requirement of a unit after its latest valid
-test; per life of a unit, from a repair to the first test with ERROR, with start hours, age at the
-first test, and age at the failure or last test; per month with tests of a unit; and per valid
-window that is refused because the order of tests is unknown.
+- ``health``: one row per test.
+- ``units``: one row per unit, with the health after its newest test and the modification time of
+  its calibration.
+- ``growth``: one row per fault and requirement of a unit, after its latest valid test.
+- ``lives``: one row per life of a unit, from a repair to the first test with ERROR: service hours
+  at its start, age at the first test, and age at the failure or the last test.
+- ``months``: one row per month in which a unit was tested.
+- ``unordered``: one row per valid window that is refused because the order of tests is unknown.
 """
 
 PLACE: Final = ("model", "unit")
@@ -197,7 +201,7 @@ def placed(rows: pa.Table, model: str, unit: str) -> pa.Table:
 
 
 def estimate_row(estimate: Estimate, number: int) -> dict[str, Any]:
-    """Return an estimate as a row, without loss. The caller adds provenance and unit."""
+    """Convert an estimate to a row, without loss. The caller adds provenance and unit."""
     row = estimate_values(estimate)
     row |= row.pop("faults")
     row["reasons"] = reason_rows(estimate.reasons)
@@ -211,7 +215,7 @@ def estimate_row(estimate: Estimate, number: int) -> dict[str, Any]:
 
 
 def estimate_from(row: Mapping[str, Any]) -> Estimate:
-    """Return the bit-identical estimate from a row of `estimate_row`."""
+    """Convert a row of `estimate_row` back to the estimate, identical to the last bit."""
     matrices = {name: np.reshape(row[name], (-1, N_FAULTS)) for name in ("covariance", "quantiles")}
     compared = row["comparison"]
     if compared is not None and compared["states"] is not None:
@@ -222,7 +226,7 @@ def estimate_from(row: Mapping[str, Any]) -> Estimate:
 
 
 def reason_rows(reasons: Iterable[Reason]) -> list[dict[str, str]]:
-    """Return reasons as rows."""
+    """Convert reasons to rows of type `REASON`."""
     rows = []
     for reason in reasons:
         figures = reason.as_record()
@@ -232,20 +236,20 @@ def reason_rows(reasons: Iterable[Reason]) -> list[dict[str, str]]:
 
 
 def reasons_from(rows: Iterable[Mapping[str, str]]) -> tuple[Reason, ...]:
-    """Return the reasons from rows of `reason_rows`."""
+    """Convert rows of `reason_rows` back to reasons."""
     return tuple(
         Reason.of_record({"code": row["code"], **json.loads(row["figures"])}) for row in rows
     )
 
 
 def count_row(count: Count, number: int) -> dict[str, Any]:
-    """Return a service-life count as a row. The caller adds bag and unit."""
+    """Convert a count of service hours and cycles to a row. The caller adds bag and unit."""
     hours = float(count.hours)
     return asdict(count) | {"counted": count.stamp_ns // 1000, "hours": hours, "number": number}
 
 
 def duty_row(stamp_ns: int, flown: FlownDuty, number: int) -> dict[str, Any]:
-    """Return the duty up to ``stamp_ns`` as a row, without loss. The caller adds bag and unit.
+    """Convert the duty up to ``stamp_ns`` to a row, without loss. The caller adds bag and unit.
 
     Lists have one item per class of load or winding temperature, as in `FlownDuty`.
     """
@@ -254,7 +258,7 @@ def duty_row(stamp_ns: int, flown: FlownDuty, number: int) -> dict[str, Any]:
 
 
 def duty_lists(flown: FlownDuty) -> dict[str, list[float]]:
-    """Return the duty columns with one number per class."""
+    """Return the values of the columns `DUTY_LISTS`."""
     return {
         column: values
         for name, columns in _DUTY_LISTS.items()
@@ -263,7 +267,7 @@ def duty_lists(flown: FlownDuty) -> dict[str, list[float]]:
 
 
 def duty_from(row: Mapping[str, Any]) -> FlownDuty:
-    """Return the bit-identical duty from a row of `duty_row`."""
+    """Convert a row of `duty_row` back to the duty, identical to the last bit."""
     classes = {
         name: np.array([row[column] for column in columns]) for name, columns in _DUTY_LISTS.items()
     }
@@ -271,7 +275,7 @@ def duty_from(row: Mapping[str, Any]) -> FlownDuty:
 
 
 def health_row(report: HealthReport, calibration_id: str) -> dict[str, Any]:
-    """Return health and life after a test as a row. The caller adds provenance and unit."""
+    """Convert health and life after a test to a row. The caller adds provenance and unit."""
     row = _row_of(report, _OF_HEALTH_ELSEWHERE)
     measured_ns = row["measured_ns"]
     tested = measured_ns // 1000 if measured_ns else None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Unit task: conversion of rows of estimates and use to rows of health and life."""
+"""Unit task: computation of health and life of a unit from its estimates, counts and duty."""
 
 import hashlib
 import math
@@ -37,7 +37,7 @@ from ema_monitor.unit import Unit
 Row = Mapping[str, Any]
 
 _SAME: Final = ("end_ns", "verdict", "fitness", *FAULT_NAMES)
-"""Columns in which copies of a test are equal."""
+"""Columns that are equal in all copies of a test."""
 
 _DUTY: Final = ("stamp_ns", "hours", "travel", "travel_load", "winding_hours", "winding_rise_hours")
 _MADE_BY: Final = ("software", "settings")
@@ -48,7 +48,8 @@ _IDENTITY: Final = ("end_ns", "verdict", "bag_sha256", "number", "calibration_id
 class UnitEntry:
     """A unit of an archive, the source of its calibration, and why later tests may be lost.
 
-    ``lost`` is empty if no later test can be lost.
+    ``source`` is as in `ema_archive.sources.calibration_of`; ``lost`` is "" if no later test can be
+    lost.
     """
 
     unit: str
@@ -60,15 +61,16 @@ class UnitEntry:
 
     @property
     def key(self) -> UnitKey:
-        """Actuator and serial number."""
+        """Actuator id and serial number."""
         return self.actuator_id, self.serial_number
 
 
 @dataclass(frozen=True)
 class UnitTask:
-    """Task of a worker: the rows of a unit in each table, in order of time.
+    """Task of a worker: the rows of a unit in each table, in chronological order.
 
-    Without a stored history of an earlier task, processing starts from the first test.
+    ``kept`` is the history stored by an earlier task. If it is None, processing starts from the
+    first test.
     """
 
     entry: UnitEntry
@@ -86,8 +88,14 @@ class UnitResult:
 
     Attributes
     ----------
+    made_by
+        Identity of the inputs, from the function `made_by`.
+    software
+        Digest of the source code of the worker.
     tables
-        Rows by name of the unit table.
+        Rows, keyed by the names in ``UNIT_TABLES``.
+    kept
+        History for the next task; None if it cannot be extended.
     followed
         Number of newly processed windows.
     """
@@ -105,7 +113,7 @@ def made_by(settings: ArchiveSettings, calibration_id: str) -> str:
 
 
 def follow_unit(task: UnitTask) -> UnitResult:
-    """Return health and life of a unit after each test; they equal the results of ``ema predict``.
+    """Compute health and life of a unit after each test, as ``ema predict`` prints them.
 
     If tests were only appended, earlier tests are not recomputed.
     """
@@ -122,7 +130,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
     usage = [Count(*values) for values in dict.fromkeys(zip(*columns, strict=True))]
     duty = _pieces(task.duty)
     processed, history = _history_of(task, maker, estimates, usage, duty)
-    # Stamps are read from a table as dates.
+    # Timestamp columns are read as dates: convert them back to integers.
     before = task.health.to_pylist() if processed else []
     rows = [row | {"tested": row["measured_ns"] // 1000} for row in before]
     unit, last = Unit(history, settings), None
@@ -175,7 +183,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
 
 
 def _unconfirmed(row: Row, lost: str) -> Row:
-    """Return a health row adapted to possibly lost tests: alarms are kept, OK becomes STALE."""
+    """Return a health row that allows for lost tests: alarms remain, OK becomes STALE."""
     doubt = {"reason": "; ".join(filter(None, [lost, row["reason"]]))}
     if row["level"] != OK:
         return {**row, **doubt}
@@ -189,7 +197,7 @@ def _history_of(
     usage: Sequence[Count],
     duty: Sequence[Row],
 ) -> tuple[int, History]:
-    """Return the number of windows already processed, and the resulting history."""
+    """Return the number of windows already processed, and the history after them."""
     key, kept = task.entry.key, task.kept
     if kept is not None and kept.made_by == maker:
         windows = estimates[: kept.windows]
@@ -199,14 +207,15 @@ def _history_of(
 
 
 def month_of(stamp_ns: int) -> str:
-    """Return the UTC month of a stamp, such as 2031-05."""
+    """Return the UTC month of a timestamp [ns], such as "2031-05"."""
     return datetime.fromtimestamp(stamp_ns // 1_000_000_000, UTC).strftime("%Y-%m")
 
 
 def _pieces(table: pa.Table) -> list[Row]:
-    """Return duty rows in order of time; of equal stamps, the row with the most telemetry.
+    """Return duty rows in chronological order, without duplicates.
 
-    A window may be in several bags that started at different times.
+    A window may be in several bags that started at different times. If several bags have rows with
+    the same timestamp, only the rows of the bag with the most telemetry are returned.
     """
     by_stamp: dict[int, dict[str, list[Row]]] = {}
     for row in table.to_pylist():
@@ -229,10 +238,10 @@ def _digest_of(estimates: Sequence[Row], usage: Sequence[Count], duty: Sequence[
 
 
 def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
-    """Return the estimate rows without duplicates: the most informative copy of each window.
+    """Return the estimate rows without duplicates, and the rows of the table ``unordered``.
 
-    Valid tests whose order is unknown are refused, and listed as rows in the second result.
-    Failures and departures are kept.
+    The first result has the most informative copy of each window. Valid tests whose order is
+    unknown are refused and listed in the second result; failures and departures are kept.
     """
     windows_by_end: dict[int, Row] = {}
     rows = table.to_pylist()
@@ -267,12 +276,12 @@ def _windows(table: pa.Table) -> tuple[list[Row], list[dict[str, Any]]]:
 
 
 def _informativeness(row: Row) -> int:
-    """Return how informative a row is: failures are highest, refused windows lowest."""
+    """Return the rank of a copy of a window: failures are highest, refused windows lowest."""
     return {FAILED: 3, DEPARTED: 1}.get(row["verdict"], 2 if row["valid"] else 0)
 
 
 def lives_of(health: Iterable[Row]) -> list[dict[str, Any]]:
-    """Return one row per life of a unit."""
+    """Return one row per life of a unit, from its health rows in chronological order."""
     lives: list[dict[str, Any]] = []
     repairs = 0
     for row in health:

@@ -1,7 +1,8 @@
 -- Views over the tables of an archive. Levels: 0 OK, 1 WARN, 2 ERROR, 3 STALE.
 CREATE VIEW latest_health AS SELECT * FROM units;
 
--- The worst first: by level, what is unknown before what is OK, then by the median of the remaining life, then by health.
+-- Units sorted from worst to best: by level (ERROR, WARN, STALE, OK), then by the median of the
+-- remaining life, then by health index.
 CREATE VIEW worst_first AS
 SELECT
     model, actuator_id, serial_number, ['OK', 'WARN', 'ERROR', 'STALE'][level + 1] AS health,
@@ -14,8 +15,8 @@ ORDER BY
     health_index, model, unit;
 
 
--- An alarm is a run of tests in WARN or ERROR. False is one that later tests took back, though
--- nothing was done to the unit meanwhile: no repair, and no step of a fault.
+-- An alarm is a run of consecutive tests in WARN or ERROR. An alarm is false if it ended without a
+-- repair of the unit and without a step of a fault.
 CREATE VIEW alarms AS
 WITH marked AS (
     SELECT
@@ -42,13 +43,13 @@ FROM ends WHERE is_alarm GROUP BY model, unit, quiet_before;
 CREATE VIEW false_alarms AS
 SELECT * FROM alarms WHERE is_over AND NOT was_repaired ORDER BY began, model, unit;
 
--- Windows that are in several bags, as of copies: health and life follow from the first that is valid.
+-- Windows that are in several bags, for example in copies of a bag. Health and life use one copy.
 CREATE VIEW copies AS
 SELECT model, unit, end_ns, any_value(tested) AS tested, list(bag ORDER BY bag) AS bags
 FROM estimates GROUP BY model, unit, end_ns
 HAVING count(*) > 1 AND count(DISTINCT fitness) <= 1 ORDER BY model, unit, end_ns;
 
--- What gave no estimate or is not used: bags that cannot be read or have no window, and refused windows.
+-- Bags that cannot be read or have no window, and windows that are refused.
 CREATE VIEW refused AS
 SELECT bag, NULL::INTEGER AS number, NULL::TIMESTAMP AS tested, state AS what, reason
 FROM bags WHERE state <> 'new' AND reason <> ''
@@ -57,16 +58,16 @@ SELECT bag, number, tested, verdict AS what, reason FROM estimates WHERE NOT val
 UNION ALL
 SELECT bag, number, tested, 'refused' AS what, reason FROM unordered;
 
--- The same reasons, whatever figures are in them, counted.
+-- Number of refusals by reason; reasons that differ only in numbers or the bag count as equal.
 CREATE VIEW refused_why AS
 SELECT
     what, regexp_replace(replace(reason, bag, 'BAG'), '-?\b[0-9]+([.][0-9]+)?(e[-+]?[0-9]+)?', '#', 'g') AS reason,
     count(*) AS count, min(bag) AS for_instance
 FROM refused GROUP BY ALL ORDER BY count DESC, 1, 2;
 
--- Runs to failure, for other methods of prognosis: a repair begins another life of a unit, and a
--- life ends with its first test in ERROR, by the limits of the archive. Of a life that has not
--- ended nothing is known of what is left of it.
+-- Runs to failure, as training data for other methods of prognosis. A repair starts a new life of a
+-- unit, and a life ends with its first test in ERROR, by the limits of the archive. hours_left is
+-- NULL for a life that has not ended.
 CREATE VIEW runs_to_failure AS
 WITH lives AS (
     SELECT

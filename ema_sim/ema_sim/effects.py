@@ -2,8 +2,8 @@
 """Effects of hidden causes in a step of the reference actuator.
 
 The kernels come in pairs, without and with causes. numba selects a kernel at compilation by the
-type of ``effects``, so that an actuator without causes is as fast as before. The numbers (M20) to
-(M25) refer to equations in ``docs/model.md``.
+type of ``effects``, so that the code for causes does not slow down an actuator without causes. The
+numbers (M20) to (M25) refer to equations in ``docs/model.md``.
 """
 
 import math

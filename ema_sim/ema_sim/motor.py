@@ -140,7 +140,7 @@ def modulation(gap: AirGap, delta):
 
 @kernel()
 def overshoot(switch, current, target):
-    """Return the excess [A] of a current over its target, in the direction driven by its leg (M3)."""
+    """Return the excess of a current over its target [A], in the direction its leg drives (M3)."""
     return switch * (current - target)
 
 
