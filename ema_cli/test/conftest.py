@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``colcon test`` runs the quick tests of this package in ``tests`` of the repository."""
+"""Make ``colcon test`` run the quick tests of this package from the folder ``tests``."""
 
 from pathlib import Path
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the workers of the tests do with a bag; other processes import it."""
+"""Task functions that worker processes of the tests import by module name."""
 
 import os
 import signal
@@ -8,6 +8,6 @@ from ema_archive.bag_task import BagResult, BagTask
 
 
 def end_the_worker(task: BagTask) -> BagResult:
-    """End this process by a signal, as a machine out of memory does."""
+    """Kill this process with SIGKILL, as the kernel does when memory runs out."""
     os.kill(os.getpid(), signal.SIGKILL)
     raise AssertionError(task.url)

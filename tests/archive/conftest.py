@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of a small fleet: two units with calibrations of their own, over three months."""
+"""Fixtures: bags and archives of two units with separate calibrations, over three months."""
 
 import math
 import os
@@ -28,7 +28,10 @@ WINDOWS: tuple[WindowKind, ...] = ("good", "good", "gap", "good", "good")
 
 @pytest.fixture(scope="session")
 def made_fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder a unit, with a bag a test; friction grows in one, backlash in the other."""
+    """Return a folder per unit with a bag per test.
+
+    Friction grows in unit 0, backlash in unit 1.
+    """
     from ema_cli.simulated_lives import (
         calibration_of_life,
         simulated_tests,
@@ -47,14 +50,14 @@ def made_fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
         calibration.save(folder / "calibration.yaml")
         rng = np.random.default_rng(number)
         for test in simulated_tests(life, description, rng):
-            # Names whose order is not that of the tests.
+            # The order of the names differs from the order of the tests.
             write_test(folder / f"{9 - test.number}.mcap", test, description)
     return root
 
 
 @pytest.fixture(scope="session")
 def whole(made_fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An archive of the fleet that no test changes."""
+    """Return an archive of the fleet that tests only read."""
     folder = tmp_path_factory.mktemp("whole") / "archive"
     with Manifest(folder, is_new=True) as manifest, Workers("processes", 2) as pool:
         scan(manifest, [str(made_fleet)])
@@ -66,7 +69,7 @@ def whole(made_fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def made_archive(made_fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a copy of the bags and an archive of them; beside it is all of it, as made."""
+    """Return a folder with bags and their archive; its copy ``as made`` stays unchanged."""
     root = tmp_path_factory.mktemp("changed") / "now"
     shutil.copytree(made_fleet, root / "bags")
     with Manifest(root / "archive", is_new=True) as manifest, Workers("threads", 2) as pool:
@@ -79,7 +82,7 @@ def made_archive(made_fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> 
 
 @pytest.fixture
 def fleet(made_archive: Path) -> Path:
-    """Bags that a test may change."""
+    """Return bags that a test may change."""
     shutil.rmtree(made_archive)
     shutil.copytree(made_archive.with_name("as made"), made_archive)
     return made_archive / "bags"
@@ -87,7 +90,7 @@ def fleet(made_archive: Path) -> Path:
 
 @pytest.fixture
 def archive(fleet: Path) -> Path:
-    """An archive of these bags that a test may change."""
+    """Return the archive of ``fleet``, which a test may change."""
     return fleet.parent / "archive"
 
 
@@ -98,7 +101,7 @@ def _threads_as_before() -> Iterator[None]:
 
 
 def table_of(archive: Path, name: str) -> pa.Table:
-    """Return a table of an archive in a fixed order, without what differs from run to run."""
+    """Return a table of an archive sorted by all columns, without the computing time."""
     with Store(archive, writes=False) as store, store.reading() as db:
         table = db.execute(f"SELECT * FROM {name} ORDER BY ALL").to_arrow_table()
     times = [name for name in table.column_names if name == "computing_time"]
@@ -106,7 +109,7 @@ def table_of(archive: Path, name: str) -> pa.Table:
 
 
 def rows_of_unit(archive: Path, name: str, unit: str) -> pa.Table:
-    """Return the rows of a unit in a table, in order of time."""
+    """Return the rows of one unit in a table, ordered by time."""
     with Store(archive, writes=False) as store:
         return store.rows_of_unit(name, unit)
 
@@ -114,13 +117,13 @@ def rows_of_unit(archive: Path, name: str, unit: str) -> pa.Table:
 def write_rows(
     archive: Path, name: str, rows: list[dict[str, Any]], unit: str = "unit", model: str = "model"
 ) -> None:
-    """Add rows to a table of an archive, which is made if there is none."""
+    """Add rows to a table of an archive; create the archive if it does not exist."""
     with Store(archive, is_new=True) as store, store.changing() as db:
         insert(db, name, placed(pa.Table.from_pylist(rows, TABLES[name]), model, unit))
 
 
 def damage_rows(archive: Path, table: str) -> None:
-    """Flip a byte of the rows of a table."""
+    """Flip one bit in the stored rows of a table."""
     with Store(archive, writes=False) as store, store.reading() as db:
         [(size,)] = db.execute(
             "SELECT block_size FROM pragma_database_size() WHERE database_name = 'archive'"
@@ -130,7 +133,7 @@ def damage_rows(archive: Path, table: str) -> None:
             "WHERE persistent AND block_id >= 0 AND count > 0 ORDER BY ALL LIMIT 1"
         ).fetchall()
     with (archive / FILE).open("r+b") as file:
-        # Three headers of 4096 bytes are before the first block, its checksum before its rows.
+        # Three headers of 4096 bytes precede the first block, and a checksum of 8 bytes each block.
         file.seek(3 * 4096 + block * size + 8 + offset)
         [byte] = file.read(1)
         file.seek(-1, os.SEEK_CUR)
@@ -138,5 +141,5 @@ def damage_rows(archive: Path, table: str) -> None:
 
 
 def exactly(archive: Path, name: str) -> list[str]:
-    """Return the rows of a table as texts that show every bit, and in which NaN equals itself."""
+    """Return the rows of a table as texts, which show every bit and in which NaN equals NaN."""
     return [repr(row) for row in table_of(archive, name).to_pylist()]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An archive of drawn tests, each committed by itself; a test runs this as a program and kills it.
+"""Process an archive of randomly drawn tests, one commit per bag; a test kills this program.
 
 python -m tests.archive.drawn_archive ARCHIVE
 """
@@ -19,14 +19,14 @@ from ema_monitor.prognosis.history_entry import Count
 
 
 def make_stubs(folder: Path, tests: int) -> None:
-    """Make a small file a test."""
+    """Write one small file per test, which contains the number of the test."""
     folder.mkdir()
     for number in range(tests):
         (folder / f"{number:04d}.mcap").write_text(str(number), encoding="utf-8")
 
 
 def draw(task: BagTask) -> BagResult:
-    """Return a test that is drawn, in the place of one that is identified."""
+    """Return a randomly drawn test instead of identifying a bag."""
     number = int(Path(task.url).read_text(encoding="utf-8"))
     estimate = made_test(number, seed=1, friction=0.01 + 0.005 * number)
     names = dict(zip(("actuator_id", "serial_number"), UNIT, strict=True))
@@ -45,7 +45,7 @@ def draw(task: BagTask) -> BagResult:
 
 
 def main(archive: Path) -> None:
-    """Bring an archive up to date."""
+    """Process all bags and units of an archive that are due."""
     running._BATCH_S = 0.0
     print("begun", flush=True)
     with Manifest(archive) as manifest, Workers("threads", 1) as pool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The comparison of a record is kept in the table of estimates, and can be asked by SQL."""
+"""Comparisons of records are stored in the table of estimates and can be queried with SQL."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Damaged tables and bags: no answer and no OK rests on what is missing."""
+"""Damaged tables and bags: missing data never lead to an answer or to the level OK."""
 
 import contextlib
 import json
@@ -46,7 +46,7 @@ def empty(path: Path) -> None:
 
 
 def commands(archive: Path) -> list[tuple[Any, ...]]:
-    """Commands that answer from an archive."""
+    """Return the commands that read results from an archive."""
     return [
         ("archive", "query", archive, "select * from worst_first"),
         ("archive", "export", archive, "units", "-o", archive.parent / "units.csv"),
@@ -59,7 +59,7 @@ def test_damaged_table_is_named_and_made_again_whichever_it_is(ema, archive: Pat
     before = {name: exactly(archive, name) for name in ("estimates", "health")}
     levels = answer(archive, LEVELS)
     with Manifest(archive, writes=False) as manifest, manifest.reading() as db:
-        # A table without rows has none that could be damaged.
+        # An empty table has no rows to damage.
         names = [name for name in TABLES if db.execute(f"SELECT * FROM {name} LIMIT 1").fetchall()]
     assert len(names) == len(TABLES) - 1
     for name in names:
@@ -81,7 +81,7 @@ def test_damaged_table_is_named_and_made_again_whichever_it_is(ema, archive: Pat
 
 
 def test_only_rows_that_cannot_be_read_are_made_again(tmp_path: Path):
-    """A damaged group of rows takes only its bags with it."""
+    """Only the bags of the damaged row group are due again; the other groups keep their rows."""
     archive, groups = tmp_path / "archive", 3
     bags = [f"/bags/{number:06d}.mcap" for number in range(groups * 122_880)]
     with Manifest(archive, is_new=True) as manifest:
@@ -155,7 +155,7 @@ def test_store_of_another_kind_is_refused_at_once(ema, tmp_path: Path, damage):
 
 
 def test_store_of_another_archive_is_refused(ema, tmp_path: Path):
-    """It would answer for the units of other bags, or with no rows at all."""
+    """The foreign store would answer for the units of other bags, or return no rows."""
     archive, foreign, copy = (tmp_path / name for name in ("archive", "foreign", "copy"))
     bring_up_to_date(archive)
     bring_up_to_date(foreign)
@@ -166,7 +166,7 @@ def test_store_of_another_archive_is_refused(ema, tmp_path: Path):
         assert result.exit_code == 1, result.output
         assert f"{archive / FILE} belongs to another archive" in result.stderr
         assert "restore its own file" in result.stderr
-    # Its own file, and a copy of the folder, may be used.
+    # The archive accepts its own file, and so does a copy of the folder.
     shutil.copy(copy / FILE, archive / FILE)
     for folder in (archive, copy):
         assert ema("archive", "status", folder).exit_code == 0
@@ -209,7 +209,7 @@ def bring_up_to_date(archive: Path, *sources: Path) -> None:
 
 @pytest.fixture
 def two_tests(made_fleet: Path, tmp_path: Path) -> Path:
-    """A folder with the bags of the first and the last test of a unit, which fails in the last."""
+    """Return a folder with the first and the last bag of a unit, which fails in the last test."""
     folder = tmp_path / "bags"
     folder.mkdir()
     for name in ("calibration.yaml", "9.mcap", "5.mcap"):
@@ -241,7 +241,7 @@ def test_unit_whose_newest_bag_is_cut_is_not_ok(ema, two_tests: Path, tmp_path: 
     page = tmp_path / "fleet.html"
     assert ema("report", "--fleet", archive, "-o", page).exit_code == 0
     assert "Of 2 bags: 1 can be read only in part" in page.read_text()
-    # Nothing more is done until the bag changes; then its test counts.
+    # The bag is processed again only after it has changed; then its test counts.
     assert "everything is up to date" in ema("archive", "run", archive, *HERE).stdout
     cut.write_bytes(content)
     bring_up_to_date(archive)
@@ -278,7 +278,7 @@ def test_later_test_of_a_whole_bag_follows_a_cut_one(two_tests: Path, tmp_path: 
 
 @contextlib.contextmanager
 def made_read_only(folder: Path) -> Iterator[Path]:
-    """Let no file and no folder be written, as on a medium that is read-only."""
+    """Make a folder and its content read-only, as on a read-only medium."""
     modes = [(path, path.stat().st_mode) for path in (folder, *folder.rglob("*"))]
     for path, mode in modes:
         path.chmod(mode & ~0o222)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An archive holds what the commands for one bag and one unit say, to the bit."""
+"""An archive holds, bit for bit, the results of the commands for single bags and units."""
 
 import json
 import subprocess
@@ -24,7 +24,7 @@ RECORD = (
     *("rul_faults", "rul_requirements", "rul"),
 )
 EVENTS = {"events"}
-"""The newest message of the command has the events since the message before it."""
+"""Not compared for the newest message: its events are those after the previous message."""
 
 
 def units(archive):
@@ -32,7 +32,9 @@ def units(archive):
 
 
 def in_columns(value):
-    """Return a value of a record as an archive holds it: a stamp is whole nanoseconds."""
+    """Return a value of a record in the layout of an archive, where a stamp is in whole
+    nanoseconds.
+    """
     if isinstance(value, list):
         return [in_columns(item) for item in value]
     return columns_of(value) if isinstance(value, dict) else value
@@ -94,7 +96,7 @@ def test_health_and_life_are_those_of_the_command(ema, whole, made_fleet):
 
 
 def the_other_way_round(made_fleet, tmp_path):
-    """Return an archive of the units in another order, nothing of it done."""
+    """Return an archive of the units in reverse order, scanned but not run."""
     other = tmp_path / "other"
     with Manifest(other, is_new=True) as manifest:
         scan(manifest, [str(made_fleet / "unit_1"), str(made_fleet / "unit_0")])
@@ -120,7 +122,7 @@ def test_executor_and_workers_change_nothing(ema, whole, made_fleet, tmp_path):
 @pytest.mark.long
 def test_workers_of_dask_change_nothing(whole, made_fleet, tmp_path):
     other = the_other_way_round(made_fleet, tmp_path)
-    # A process of its own: the threads of Dask's client stay until its end.
+    # In a separate process: the threads of Dask's client run until the process ends.
     command = ["ema", "archive", "run", other, "--executor", "dask", "--workers", "2"]
     done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 0, done.stderr

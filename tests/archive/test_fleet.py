@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The summary of a fleet has the figures of the tables."""
+"""The summary of a fleet agrees with the tables of its archive."""
 
 import json
 import math
@@ -19,7 +19,7 @@ from ..pages import Page
 from .conftest import write_rows
 
 LATEST = datetime(2031, 5, 20, tzinfo=UTC)
-# Weeks of remission under 6-MP, and whether it ended (Freireich et al., 1963): the textbook case.
+# Remission under 6-MP [weeks], and whether it ended (Freireich et al., 1963): a textbook case.
 WEEKS = (6, 6, 6, 6, 7, 9, 10, 10, 11, 13, 16, 17, 19, 20, 22, 23, 25, 32, 32, 34, 35)
 ENDED = (1, 1, 1, 0, 1, 0, 1, 0, 0, 1, 1, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0)
 SHARES = {6: 0.857, 7: 0.807, 10: 0.753, 13: 0.690, 16: 0.627, 22: 0.538, 23: 0.448}
@@ -27,7 +27,7 @@ SHARES = {6: 0.857, 7: 0.807, 10: 0.753, 13: 0.690, 16: 0.627, 22: 0.538, 23: 0.
 
 def test_survival_is_that_of_the_textbook():
     steps = survival([0.0] * len(WEEKS), WEEKS, [bool(ended) for ended in ENDED])
-    # Published with three decimals.
+    # The reference is published with three decimals.
     assert {step.age: round(step.share, 3) for step in steps} == SHARES
     assert [step.at_risk for step in steps] == [21, 17, 15, 12, 11, 7, 6]
     assert all(0.0 < step.lower < step.share < step.upper < 1.0 for step in steps)
@@ -56,7 +56,8 @@ def test_a_repair_begins_another_life_which_ends_at_its_first_error():
     assert (first["has_failed"], second["has_failed"]) == (True, False)
 
 
-# Level, hours, median life, health index, days since the last test, days since the calibration
+# Level, service hours, median life [h], health index, days since the last test, days since the
+# calibration
 UNITS = (
     (0, 120.0, 900.0, 0.9, 0, None),
     (1, 180.0, 50.0, 0.4, 2, 10),
@@ -77,7 +78,7 @@ def test_departure_gives_way_to_an_estimate_and_a_failure_and_stays_in_no_order(
     for tells_more in range(1, 5):
         (found,), _ = _windows(pa.Table.from_pylist(copies[:tells_more]))
         assert found["verdict"] == copies[tells_more - 1]["verdict"]
-    # Both at the same time, and different.
+    # Two different tests at the same time.
     rows = [row("a", 10, "departed", valid=True), row("b", 12, "valid", valid=True)]
     found, refused = _windows(pa.Table.from_pylist(rows))
     assert [one["verdict"] for one in found] == ["departed", "refused"]
@@ -119,7 +120,7 @@ def test_figures_of_a_fleet(archive):
         **{"ok": 1, "warn": 1, "error": 2, "stale": 1, "health_index": 0.25},
     }
     assert [row["serial_number"] for row in found.worst] == ["2", "3", "1"]
-    # An endless life is none that JSON can say.
+    # JSON has no infinity: the median of a life without an end is None.
     assert [row["rul"]["hours_50"] for row in found.worst] == [0.0, None, 50.0]
     first, second = found.models
     assert (first["model"], first["units"], first["error"], first["rul_50"]) == ("F", 4, 2, 50.0)

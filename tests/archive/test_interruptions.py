@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Killed workers, a killed run and a full disk: nothing is lost, and nothing is there twice."""
+"""Killed workers, a killed run and a full disk neither lose nor duplicate results."""
 
 import contextlib
 import importlib
@@ -33,7 +33,7 @@ from ema_core.tasks import Workers
 from .conftest import exactly, rows_of_unit, table_of
 from .drawn_archive import UNIT, make_stubs
 
-# Workers import it by this name from the path of this process; they do not know pytest's names.
+# Workers import the module by this name from ``sys.path``; they do not know the names of pytest.
 sys.path.append(str(Path(__file__).parent))
 archive_work = importlib.import_module("archive_work")
 
@@ -82,7 +82,7 @@ def test_bag_that_lost_three_workers_keeps_its_rows_and_is_done_again(ema, archi
 @pytest.mark.long
 @pytest.mark.parametrize(("when", "left"), [("before", 7), ("after", 4)])
 def test_killed_run_continues_where_it_was(scanned, whole, when, left):
-    """It is killed at the worst moments: as rows are written, and after they are committed."""
+    """The process is killed while it writes rows, or after it has committed them."""
     script = """
 import os, signal, sys
 from pathlib import Path
@@ -124,7 +124,7 @@ KILLS = 6
 
 @pytest.mark.long
 def test_archive_that_is_killed_at_any_time_ends_as_one_that_is_not(tmp_path):
-    """Drawn tests, of which commits take most of the time."""
+    """The tests are drawn and not identified, so that commits take most of the time."""
     root = Path(__file__).parents[2]
     command = [sys.executable, "-m", "tests.archive.drawn_archive"]
     bags, rng = tmp_path / "bags", random.Random(7)
@@ -144,7 +144,7 @@ def test_archive_that_is_killed_at_any_time_ends_as_one_that_is_not(tmp_path):
         with Manifest(killed, writes=False) as manifest:
             status = manifest.status(manifest.settings)
             rows = manifest.rows_of_unit("estimates", unit_name(*UNIT)).num_rows
-        # Nothing that was committed is lost, and rows and state of a bag belong together.
+        # No committed bag is lost, and the rows of each bag agree with its state.
         assert status.bags - status.due == status.windows == rows >= done
         assert status.damaged_tables == []
         done = rows
@@ -156,7 +156,7 @@ def test_archive_that_is_killed_at_any_time_ends_as_one_that_is_not(tmp_path):
 
 @contextlib.contextmanager
 def largest_file(size: int) -> Iterator[None]:
-    """Let no file become larger, as on a disk that is full."""
+    """Limit the size of files to ``size`` bytes; larger writes fail as on a full disk."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
@@ -168,7 +168,7 @@ def largest_file(size: int) -> Iterator[None]:
 @pytest.mark.slow
 @pytest.mark.parametrize(("size", "left"), [(8192, 7), ("file", 4)], ids=["log", "file"])
 def test_full_disk_leaves_what_was_written(scanned, whole, monkeypatch, size, left):
-    """It is full as the log of a commit is written, or as its changes are put into the file."""
+    """The disk is full while the log of a commit, or the file of the store, is written."""
     sizes = []
 
     def commit(store, results, settings):
@@ -182,7 +182,7 @@ def test_full_disk_leaves_what_was_written(scanned, whole, monkeypatch, size, le
     with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
         with pytest.raises(OSError, match=r"cannot be written: .*File too large"):
             run(manifest, pool)
-        # Those in work were done as well.
+        # Bags that workers had begun were finished.
         assert manifest.find_due(manifest.settings) <= left
         assert manifest.damaged_tables() == []
         run(manifest, pool)
@@ -203,7 +203,7 @@ def test_unit_that_cannot_be_followed_does_not_keep_the_others(ema, scanned):
 
 
 class DeathError(Exception):
-    """The end of a process, at a moment that a test chooses."""
+    """Raised at a moment chosen by a test, in place of the end of the process."""
 
 
 def die(*_):
@@ -219,7 +219,7 @@ def done_bag(friction):
 
 @pytest.mark.parametrize("found", [done_bag(0.9), BagResult(TASK, DONE, "nothing in it")])
 def test_bag_whose_rows_are_those_of_other_settings_is_done_again(tmp_path, monkeypatch, found):
-    """A run dies with other settings, which are then taken back: no row of these stays."""
+    """A run with other settings dies. After the settings are restored, none of its rows remain."""
     archive = tmp_path / "archive"
     with Manifest(archive, is_new=True) as manifest:
         manifest.note([Listed(TASK.url, 1, TASK.mark, "")], 1)
@@ -271,7 +271,7 @@ def test_unit_whose_health_is_that_of_other_settings_is_followed_again(archive, 
 
 @pytest.fixture
 def held(scanned):
-    """Hold the store in another process, as a command does in the middle of a change."""
+    """Hold the store open in another process, as a command does during a change."""
     script = f"import duckdb; db = duckdb.connect({str(scanned / FILE)!r}); print(1); input()"
     command = [sys.executable, "-u", "-c", script]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
@@ -289,7 +289,7 @@ def test_only_one_command_changes_an_archive(ema, scanned):
 
 
 def test_status_and_query_do_not_wait_for_a_run(ema, scanned):
-    """Between two of its changes, which are short."""
+    """A run releases the store between its changes, which are short."""
     script = f"""
 from pathlib import Path
 from ema_archive.manifest import Manifest

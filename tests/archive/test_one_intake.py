@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One recording gives the same through a monitor, `ema predict` and an archive, to the bit.
+"""A recording gives bit-identical results through a monitor, `ema predict` and an archive.
 
-Its duty counts in growth, each window has measured causes, and each test a count of service hours.
+The duty affects the growth, each window has measured causes, and each test a count of service
+hours.
 """
 
 from collections.abc import Iterator
@@ -46,7 +47,7 @@ CYCLES = 14
 HOURS = 100.0
 START_NS = 1_700_000_000_000_000_000
 COLD = SearchSettings(warm_start=False)
-# Telemetry covers a test of 1.7 s in 100 h, and stands for all of them.
+# Telemetry covers a test of 1.7 s every 100 h, and represents the whole interval.
 BY_DAMAGE = PrognosisSettings(damage=DamageSettings(least_coverage=1e-6))
 PROVENANCE = {
     *("actuator_id", "serial_number"),
@@ -56,7 +57,7 @@ PROVENANCE = {
 
 @dataclass(frozen=True)
 class Received:
-    """What is received in a test cycle: blocks, the count before it and causes at its window."""
+    """Inputs of a test cycle: blocks, the count before them, and causes measured for the window."""
 
     number: int
     blocks: list[Telemetry]
@@ -67,7 +68,7 @@ class Received:
 
 @pytest.fixture(scope="module")
 def cycles() -> list[Received]:
-    """Test cycles under a load, of a friction that grows; the winding is warmer in each."""
+    """Return test cycles under load, in which friction grows and the winding becomes warmer."""
     actuator, received = SimulatedActuator(stamp_ns=START_NS), []
     for number in range(CYCLES):
         actuator.faults = fault_vector({"friction": 0.02 * number})
@@ -113,7 +114,7 @@ def message_of(cycle: Received) -> MeasuredCauses:
 
 
 def monitored(cycles: list[Received]) -> Iterator[tuple[Estimate, Outlook]]:
-    """Estimates of a monitor that receives the cycles, with the outlooks after them."""
+    """Yield each estimate of a monitor that receives the cycles, with the outlook after it."""
     monitor = Monitor(UNIT, settings=MonitorSettings(search=COLD, prognosis=BY_DAMAGE))
     for cycle in cycles:
         monitor.count(cycle.count)
@@ -133,7 +134,7 @@ def predicted(path: Path, prognosis: PrognosisSettings):
 
 
 def rows_of(steps) -> dict[str, list[str]]:
-    """Estimates and health as the texts of rows, which show every bit."""
+    """Return estimates, health and growth as texts of rows, which show every bit."""
     estimates = [estimate_row(estimate, number) for number, (estimate, _) in enumerate(steps)]
     reports = [health_report(outlook, UNIT.unit_key) for _, outlook in steps]
     health = [
@@ -152,7 +153,7 @@ def as_texts(rows: list[dict], schema: pa.Schema) -> list[str]:
 
 
 def plain(row: dict) -> dict:
-    """A row without its provenance and place, its columns sorted by name."""
+    """Return a row without its provenance, with the columns sorted by name."""
     return {name: value for name, value in sorted(row.items()) if name not in PROVENANCE}
 
 
@@ -162,7 +163,7 @@ def course(bag: Path):
 
 
 def test_duty_and_measured_causes_decide(course, bag):
-    """The recording shows what the test is about: without its duty, lives differ."""
+    """Check the recording itself: the remaining life differs if duty is ignored."""
     assert all(estimate.valid and len(estimate.measured) == 2 for estimate in course.estimates)
     assert [step.outlook.hours for step in course.steps] == [HOURS * n for n in range(CYCLES)]
     duty = course.growth.duty
@@ -178,7 +179,7 @@ def test_monitor_gives_what_the_command_gives(course, cycles):
 
 
 def archived(archive: Path, folder: Path) -> dict[str, list[str]]:
-    """Rows of an archive after a scan of a folder, and a run."""
+    """Scan and run a folder; return the rows of the archive."""
     is_new = not archive.exists()
     with Manifest(archive, is_new=is_new) as manifest, Workers("threads", 1) as pool:
         manifest.settings = ArchiveSettings(prognosis=BY_DAMAGE)
@@ -197,7 +198,7 @@ def test_archive_holds_what_the_command_gives(course, bag, tmp_path):
 
 
 def test_archive_continued_by_a_later_bag_holds_what_the_command_gives(cycles, tmp_path):
-    """The first bag ends within a cycle: the duty since its last window is of the next test."""
+    """The first bag ends within a cycle: duty after its last window belongs to the next test."""
     folder, archive = tmp_path / "bags", tmp_path / "archive"
     folder.mkdir()
     *before, cut, last = cycles

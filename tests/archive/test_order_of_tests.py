@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An archive says nothing of a unit whose newest test its stamps do not show."""
+"""The level of a unit is unknown if timestamps do not show which test is the newest."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ S = 10**9
     ("verdict", "level"), [(REFUSED, STALE), (DEPARTED, STALE), (SKIPPED, OK), ("again", OK)]
 )
 def test_unused_test_after_the_clock_went_back_makes_the_level_unknown(verdict: str, level: int):
-    """The bag has it behind the healthy test, and its stamp is before that."""
+    """The bag has the unused test after the healthy one, with an earlier timestamp."""
     good = made_test(0, friction=0.02)
     unused = replace(made_test(0, valid=False), verdict=REFUSED if verdict == "again" else verdict)
     back_ns = 0 if verdict == "again" else 600 * S

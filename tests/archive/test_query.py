@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Questions in SQL: the ready views, and nothing beyond the tables."""
+"""SQL queries: the predefined views, and no access outside the tables."""
 
 import csv
 import json
@@ -42,7 +42,7 @@ def test_every_view_can_be_read_of_an_archive_without_bags(tmp_path):
         ("set enable_external_access = true", "expected one query"),
         ("select nothing from worst_first", "nothing"),
         ("selec 1", "syntax error"),
-        # Found only while rows are read.
+        # This error occurs only while rows are read.
         ("select unit::int from estimates", "Conversion Error"),
         ("", "expected one query"),
     ],
@@ -67,7 +67,7 @@ def test_export_writes_what_a_query_gives(ema, whole, tmp_path, what):
     assert again.exit_code == 1
     assert "already exists: use --replace to overwrite it" in again.stderr
     for name in ("export.csv", "export.parquet"):
-        # Also what a killed export left does not hinder it.
+        # A partial file that a killed export left behind is overwritten.
         (tmp_path / f"{name}.partial").write_text("left")
         forced = ema("archive", "export", whole, "units", "-o", tmp_path / name, "--replace")
         assert (forced.exit_code, forced.stdout) == (0, f"{tmp_path / name}: 2 rows\n")
@@ -108,7 +108,7 @@ def test_folder_that_is_no_archive_is_named(ema, tmp_path):
 
 
 def write_course(archive, levels, repairs):
-    """Write the health of a unit at the levels of its tests, 10 h apart, some of them repairs."""
+    """Write the health of a unit: a test per level, 10 h apart, with repairs at some positions."""
     rows = [
         {
             **UNIT,
@@ -145,7 +145,7 @@ def test_false_alarm_is_one_that_later_tests_take_back_without_a_repair(
 
 
 def test_runs_to_failure_are_labelled_with_the_hours_left(tmp_path):
-    """A repair begins another life; what is left of a life that goes on is not known."""
+    """A repair begins another life; the hours left in an unfinished life are unknown."""
     levels, archive = [0, 1, 2, 2, 0, 0], tmp_path / "archive"
     write_course(archive, levels, [4])
     estimates = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags that cannot be read: no unit whose test they may hold is OK, whatever is left of them."""
+"""Unreadable bags: no unit is OK whose newest test may be lost."""
 
 import json
 import shutil
@@ -39,7 +39,7 @@ def write_text(path: Path) -> None:
 
 @pytest.fixture
 def worsening(made_fleet: Path, tmp_path: Path) -> Path:
-    """A folder with the bags of two tests of a unit: 9.mcap gives OK, the later 8.mcap WARN."""
+    """Return a folder with two bags of a unit: 9.mcap gives OK, the later 8.mcap gives WARN."""
     folder = tmp_path / "bags" / "unit_0"
     folder.mkdir(parents=True)
     for name in ("calibration.yaml", "9.mcap", "8.mcap"):
@@ -78,7 +78,7 @@ def test_unit_whose_newest_bag_cannot_be_read_is_not_ok(
 
 
 def drawn(task: BagTask) -> BagResult:
-    """Return the drawn test of a bag: its file has serial number and day, or why it is unread."""
+    """Return the drawn test of a bag, whose text is serial number and day, or a state."""
     words = Path(task.url).read_text(encoding="utf-8").split()
     if words[0] in (DAMAGED, FAILED):
         return BagResult(task, words[0], "it has no telemetry", end_ns=int(words[1]))
@@ -93,7 +93,7 @@ def drawn(task: BagTask) -> BagResult:
 
 
 class Drawn:
-    """An archive of drawn tests."""
+    """An archive of drawn tests, whose bags are text files."""
 
     def __init__(self, folder: Path) -> None:
         self.bags, self.archive = folder / "bags", folder / "archive"
@@ -106,7 +106,7 @@ class Drawn:
         return path
 
     def update(self) -> dict[str, tuple[Any, ...]]:
-        """Return level and reason of each unit after a scan and a run."""
+        """Scan and run; return level and reason by unit."""
         with Manifest(self.archive, is_new=True) as manifest, Workers("threads", 1) as pool:
             scan(manifest, [str(self.bags)])
             run(manifest, pool, diagnose=drawn)
@@ -119,7 +119,7 @@ class Drawn:
 
 @pytest.fixture
 def fleet_of_drawn(tmp_path: Path) -> Drawn:
-    """Two units in folders of their own, with three healthy tests each."""
+    """Return an archive of two units in separate folders, with three healthy tests each."""
     made = Drawn(tmp_path)
     for serial in ("A", "B"):
         for day in range(3):
@@ -138,7 +138,7 @@ def test_unread_bag_counts_for_the_units_of_its_folder(fleet_of_drawn: Drawn, st
     assert units["A"][1].startswith(words)
     assert units["B"][0] == "OK"
     assert fleet_of_drawn.status().of_no_unit == []
-    # Whatever is done again, until it is removed.
+    # A repeated update gives the same levels until the bag is removed.
     assert fleet_of_drawn.update() == units
     bag.unlink()
     assert fleet_of_drawn.update()["A"][0] == "OK"
@@ -157,7 +157,7 @@ def test_alarm_stays_next_to_an_unread_bag(fleet_of_drawn: Drawn):
 
 
 def test_calibration_next_to_an_unread_bag_names_its_unit(fleet_of_drawn: Drawn):
-    """In a folder without another bag."""
+    """The folder contains no other bag."""
     bag = fleet_of_drawn.write("new/3.mcap", "damaged 0")
     unit = replace(ActuatorDescription(), actuator_id="flap", serial_number="B")
     builtin = Calibration.builtin()
@@ -182,7 +182,7 @@ def test_unread_bag_of_no_unit_is_named(ema, fleet_of_drawn: Drawn, tmp_path: Pa
 
 
 def test_later_whole_bag_with_a_test_ends_the_loss_of_a_dated_bag(fleet_of_drawn: Drawn):
-    """A bag of which no time is known may be the newest."""
+    """An unreadable bag without a known time may be the newest, so that the unit stays STALE."""
     last_ns = made_test(2, seed=1).end_ns
     bag = fleet_of_drawn.write("unit A/3.mcap", f"damaged {last_ns + 10**9}")
     assert fleet_of_drawn.update()["A"][0] == "STALE"
@@ -194,7 +194,7 @@ def test_later_whole_bag_with_a_test_ends_the_loss_of_a_dated_bag(fleet_of_drawn
 
 
 def test_intact_rows_of_a_bag_that_lost_its_worker_are_not_confirmed(fleet_of_drawn: Drawn):
-    """It was changed since: its newest content is unknown."""
+    """The rows of the bag are intact, but its newest content is unknown."""
     fleet_of_drawn.write("unit A/2.mcap", "failed 0")
     assert fleet_of_drawn.update()["A"][0] == "STALE"
     fleet_of_drawn.write("unit A/2.mcap", "A 2 again")

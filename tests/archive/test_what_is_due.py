@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is done again, and only that: what is new or follows from something that changed."""
+"""Only new or changed bags, and the results that depend on them, are processed again."""
 
 import contextlib
 import json
@@ -31,7 +31,7 @@ HERE = ("--executor", "threads", "--workers", "2")
 
 
 def bring_up_to_date(archive, *sources, workers=2):
-    """Scan and run in this process; return what was done and what was due before."""
+    """Scan and run in this process; return the tally, and the status before the run."""
     with Manifest(archive, is_new=True) as manifest, Workers("threads", workers) as pool:
         scan(manifest, [str(source) for source in sources])
         due = manifest.status(manifest.settings)
@@ -47,7 +47,7 @@ def test_bag_that_comes_or_changes_is_done_alone(archive, fleet):
     whole = exactly(archive, "estimates")
     bag = fleet / "unit_0" / "5.mcap"
     content = bag.read_bytes()
-    # Cut off, as by a full disk: its window is no longer whole.
+    # Truncated, as by a full disk: its window is incomplete.
     bag.write_bytes(content[: len(content) // 3])
     tally, due = bring_up_to_date(archive)
     assert (tally.bags, tally.units, due.reasons) == (1, 1, {"changed": 1})
@@ -100,7 +100,7 @@ def test_bags_with_different_tests_at_the_same_time_are_refused_whenever_they_co
     ema("archive", "scan", archive)
     result = ema("archive", "run", archive, *HERE)
     assert result.exit_code == 3
-    # The second test of the healthy bag has a time of its own, and yet it may be the older one.
+    # The second test of the healthy bag has another time, but may still be the older one.
     assert "3 of 3 windows refused, most often because: " in result.output
     assert "3 windows, 0 valid" in ema("archive", "status", archive).output
     assert len(answer(archive, "select bag from refused where what = 'refused'")[1]) == 3
@@ -116,13 +116,13 @@ def test_bags_with_different_tests_at_the_same_time_are_refused_whenever_they_co
 
 @pytest.mark.slow
 def test_tests_that_come_one_by_one_give_what_all_at_once_do(archive, fleet, tmp_path):
-    """And those before are not repeated, unless one comes late."""
+    """Earlier tests are processed again only if a test arrives late."""
     bags, other = tmp_path / "coming", tmp_path / "other"
     folder = bags / "unit_0"
     folder.mkdir(parents=True)
     (fleet / "unit_0" / "calibration.yaml").rename(folder / "calibration.yaml")
     followed = []
-    # By time; the fourth comes last.
+    # By time, except that the fourth test is added last.
     for name in ("9", "8", "7", "5", "6"):
         (fleet / "unit_0" / f"{name}.mcap").rename(folder / f"{name}.mcap")
         tally, _ = bring_up_to_date(other, bags)
@@ -140,7 +140,7 @@ def test_limit_changes_health_and_no_estimate(ema, archive):
     tally, _ = bring_up_to_date(archive)
     assert (tally.bags, tally.units) == (0, 2)
     assert exactly(archive, "estimates") == estimates
-    # Another option leaves it as it is.
+    # A scan with another option keeps the limits.
     ema("archive", "scan", archive, "--duty", "1.5")
     with Manifest(archive) as manifest:
         prognosis = manifest.settings.prognosis
@@ -163,7 +163,7 @@ def test_bags_that_cannot_be_used_are_rows_with_their_reason(ema, fleet, tmp_pat
         assert bag in reason
         printed = ema("estimate", bag)
         assert (printed.exit_code, reason in printed.stderr) == (1, True), printed.stderr
-    # They are not tried again, until they change, and count all the same.
+    # They are not read again until they change, but still count.
     result = ema("archive", "run", folder, *HERE)
     assert (result.exit_code, "0 bags and" in result.stdout) == (3, True)
     assert "2 bags cannot be read: later tests may be lost" in result.stdout
@@ -171,7 +171,7 @@ def test_bags_that_cannot_be_used_are_rows_with_their_reason(ema, fleet, tmp_pat
 
 @pytest.mark.slow
 def test_bag_of_two_actuators_has_rows_of_both(tmp_path):
-    """As of an aircraft: one recorder, several actuators."""
+    """An aircraft may have one recorder for several actuators."""
     path = tmp_path / "bags" / "two.mcap"
     path.parent.mkdir()
     units = [ActuatorDescription(actuator_id=name) for name in ("left", "right")]
@@ -192,7 +192,7 @@ def test_bag_of_two_actuators_has_rows_of_both(tmp_path):
 
 @pytest.mark.slow
 def test_bags_in_an_object_store_give_the_same_rows(archive, fleet, tmp_path):
-    # Its files are not for several threads at once.
+    # Files of the store in memory are not thread-safe.
     store = fsspec.filesystem("memory")
     store.put(str(fleet / "unit_0"), "/fleet/unit_0", recursive=True)
     try:
@@ -206,7 +206,7 @@ def test_bags_in_an_object_store_give_the_same_rows(archive, fleet, tmp_path):
 
 
 class _Unreachable(AbstractFileSystem):
-    """A store that gives no answer."""
+    """A file system that raises ``error`` at every access."""
 
     protocol = "unreachable"
     error: Exception
@@ -219,7 +219,7 @@ class _Unreachable(AbstractFileSystem):
 
 
 @pytest.mark.parametrize(
-    # Packages of clouds have errors of their own kinds.
+    # Packages for cloud stores raise errors of their own types.
     "error",
     [
         LookupError("no answer"),
@@ -241,7 +241,7 @@ def test_store_that_gives_no_answer_is_named(ema, tmp_path, monkeypatch, error):
 @pytest.mark.slow
 def test_bag_that_moved_counts_once(archive, fleet):
     def estimates():
-        # As text, in which what is no number is equal to itself.
+        # As text, in which NaN equals NaN.
         rows = table_of(archive, "estimates").drop_columns("bag").to_pylist()
         return sorted(map(str, rows))
 
@@ -271,7 +271,7 @@ def test_test_of_which_there_is_a_copy_counts_once(archive, fleet, tmp_path):
     assert sorted(map(str, answer(archive, question)[1])) == sorted(map(str, runs))
     _, [(bags,)] = answer(archive, "select bags from copies")
     assert [Path(bag).name for bag in bags] == [names[0], "5.mcap", names[1]]
-    # The same from the beginning.
+    # A new archive of the same bags has the same health.
     bring_up_to_date(tmp_path / "anew", fleet / "unit_0")
     assert exactly(tmp_path / "anew", "health") == of_unit_0(health)
 
