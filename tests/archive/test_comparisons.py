@@ -27,23 +27,23 @@ _SQL = """
 
 
 def written(path: Path, *estimates: object) -> Path:
-    rows = [estimate_row(one, number) for number, one in enumerate(estimates)]  # pyright: ignore[reportArgumentType]
+    rows = [estimate_row(estimate, number) for number, estimate in enumerate(estimates)]  # pyright: ignore[reportArgumentType]
     pq.write_table(pa.Table.from_pylist(rows, BAG_TABLES["estimates"]), path)
     return path
 
 
 @pytest.mark.parametrize("of", [*CASES.values(), FULL], ids=[*CASES, "full"])
-def test_comparison_comes_back_exactly(tmp_path: Path, of: Comparison):
+def test_comparison_is_read_from_a_table_exactly_as_written(tmp_path: Path, of: Comparison):
     [row] = pq.read_table(written(tmp_path / "one.parquet", compared(of))).to_pylist()
     assert repr(estimate_from(row).comparison) == repr(of)
 
 
-def test_estimate_of_a_modelled_drive_has_none(tmp_path: Path):
+def test_estimate_of_a_modelled_drive_has_no_comparison(tmp_path: Path):
     [row] = pq.read_table(written(tmp_path / "one.parquet", estimated())).to_pylist()
     assert estimate_from(row).comparison is None
 
 
-def test_changes_can_be_asked_by_name(tmp_path: Path):
+def test_changes_can_be_queried_by_name(tmp_path: Path):
     file = written(tmp_path / "one.parquet", compared(CASES["friction"]), estimated())
-    found = duckdb.execute(_SQL, [str(file), FRICTION]).fetchall()
-    assert found == [("friction", "changed", pytest.approx(0.152))]
+    changes = duckdb.execute(_SQL, [str(file), FRICTION]).fetchall()
+    assert changes == [("friction", "changed", pytest.approx(0.152))]

@@ -55,7 +55,7 @@ def commands(archive: Path) -> list[tuple[Any, ...]]:
 
 
 @pytest.mark.slow
-def test_damaged_table_is_named_and_made_again_whichever_it_is(ema, archive: Path):
+def test_any_damaged_table_is_named_and_recomputed(ema, archive: Path):
     before = {name: exactly(archive, name) for name in ("estimates", "health")}
     levels = answer(archive, LEVELS)
     with Manifest(archive, writes=False) as manifest, manifest.reading() as db:
@@ -80,7 +80,7 @@ def test_damaged_table_is_named_and_made_again_whichever_it_is(ema, archive: Pat
     assert {name: exactly(archive, name) for name in before} == before
 
 
-def test_only_rows_that_cannot_be_read_are_made_again(tmp_path: Path):
+def test_only_unreadable_rows_are_recomputed(tmp_path: Path):
     """Only the bags of the damaged row group are due again; the other groups keep their rows."""
     archive, groups = tmp_path / "archive", 3
     bags = [f"/bags/{number:06d}.mcap" for number in range(groups * 122_880)]
@@ -141,7 +141,7 @@ def replace_by(make: Callable[[Path], Any], name: str = FILE) -> Callable[[Path]
         replace_by(os.mkfifo, ".lock"),
     ],
 )
-def test_store_of_another_kind_is_refused_at_once(ema, tmp_path: Path, damage):
+def test_store_of_another_file_type_is_refused_at_once(ema, tmp_path: Path, damage):
     archive = tmp_path / "archive"
     bring_up_to_date(archive)
     damage(archive)
@@ -178,7 +178,7 @@ def test_store_without_its_lock_file_is_read(ema, archive: Path):
     assert len(answer(archive, LEVELS)[1]) == 2
 
 
-def test_foreign_changes_next_to_a_store_do_not_count(ema, archive: Path):
+def test_foreign_write_ahead_log_is_ignored(ema, archive: Path):
     (archive / f"{FILE}.wal").write_text("no changes\n" * 100, encoding="utf-8")
     assert len(answer(archive, LEVELS)[1]) == 2
     assert ema("archive", "run", archive, *HERE).exit_code == 0
@@ -194,11 +194,11 @@ def test_archive_of_an_earlier_version_is_refused(ema, tmp_path: Path):
         assert result.exit_code == 1
         assert "has a version before 12, expected 12" in result.stderr
         assert "scan the bags into a new archive" in result.stderr
-    other = tmp_path / "other"
-    with Manifest(other, is_new=True) as manifest, manifest.changing() as db:
+    older = tmp_path / "other"
+    with Manifest(older, is_new=True) as manifest, manifest.changing() as db:
         db.execute("UPDATE manifest.archive SET version = 11")
-    result = ema("archive", "status", other)
-    assert f"{other / FILE} has version 11, expected 12: scan the bags into a new" in result.stderr
+    result = ema("archive", "status", older)
+    assert f"{older / FILE} has version 11, expected 12: scan the bags into a new" in result.stderr
 
 
 def bring_up_to_date(archive: Path, *sources: Path) -> None:
@@ -218,7 +218,7 @@ def two_tests(made_fleet: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_unit_whose_newest_bag_is_cut_is_not_ok(ema, two_tests: Path, tmp_path: Path):
+def test_unit_whose_newest_bag_is_truncated_is_not_ok(ema, two_tests: Path, tmp_path: Path):
     whole, archive, cut = tmp_path / "whole", tmp_path / "archive", two_tests / "5.mcap"
     bring_up_to_date(whole, two_tests)
     failed = [row[1] for row in answer(whole, LEVELS)[1]]
@@ -249,7 +249,7 @@ def test_unit_whose_newest_bag_is_cut_is_not_ok(ema, two_tests: Path, tmp_path: 
 
 
 @pytest.mark.slow
-def test_bag_that_is_damaged_later_takes_no_test_back(two_tests: Path, tmp_path: Path):
+def test_bag_that_is_damaged_later_keeps_its_test(two_tests: Path, tmp_path: Path):
     archive, newest = tmp_path / "archive", two_tests / "5.mcap"
     bring_up_to_date(archive, two_tests)
     _, [(_, level, _, reason)] = answer(archive, LEVELS)
@@ -264,7 +264,9 @@ def test_bag_that_is_damaged_later_takes_no_test_back(two_tests: Path, tmp_path:
 
 
 @pytest.mark.slow
-def test_later_test_of_a_whole_bag_follows_a_cut_one(two_tests: Path, tmp_path: Path):
+def test_later_test_of_an_intact_bag_clears_the_doubt_of_a_truncated_one(
+    two_tests: Path, tmp_path: Path
+):
     archive, first = tmp_path / "archive", two_tests / "9.mcap"
     content = first.read_bytes()
     first.write_bytes(content[: len(content) * 9 // 10])
@@ -308,7 +310,7 @@ def test_read_only_archive_can_be_read(ema, archive: Path, tmp_path: Path):
     assert "everything is up to date" in ema("archive", "run", archive, *HERE).stdout
 
 
-def test_last_changes_of_a_killed_command_are_read_of_a_read_only_archive(
+def test_changes_of_a_killed_command_are_read_from_a_read_only_archive(
     ema, made_fleet: Path, tmp_path: Path
 ):
     archive = tmp_path / "archive"

@@ -49,7 +49,7 @@ def columns_of(record):
     return columns
 
 
-def test_estimates_are_those_of_the_command(ema, whole, made_fleet):
+def test_archived_estimates_equal_those_of_the_command(ema, whole, made_fleet):
     compared = 0
     for number, unit in enumerate(units(whole)):
         folder = made_fleet / f"unit_{number}"
@@ -68,7 +68,7 @@ def test_estimates_are_those_of_the_command(ema, whole, made_fleet):
     assert compared >= 10
 
 
-def test_health_and_life_are_those_of_the_command(ema, whole, made_fleet):
+def test_archived_health_and_life_equal_those_of_the_command(ema, whole, made_fleet):
     for number, unit in enumerate(units(whole)):
         folder = made_fleet / f"unit_{number}"
         report_made = json.loads(ema("predict", folder, "-p", "warm_start=false", "--json").stdout)
@@ -95,41 +95,41 @@ def test_health_and_life_are_those_of_the_command(ema, whole, made_fleet):
             assert {name: as_values(row)[name] for name in of_item} == of_item
 
 
-def the_other_way_round(made_fleet, tmp_path):
+def scanned_in_reverse(made_fleet, tmp_path):
     """Return an archive of the units in reverse order, scanned but not run."""
-    other = tmp_path / "other"
-    with Manifest(other, is_new=True) as manifest:
+    archive = tmp_path / "other"
+    with Manifest(archive, is_new=True) as manifest:
         scan(manifest, [str(made_fleet / "unit_1"), str(made_fleet / "unit_0")])
-    return other
+    return archive
 
 
-def assert_same(other, whole):
+def assert_same(archive, whole):
     for name in ("estimates", "usage", "duty", "health"):
-        assert exactly(other, name) == exactly(whole, name), name
+        assert exactly(archive, name) == exactly(whole, name), name
 
 
-def test_executor_and_workers_change_nothing(ema, whole, made_fleet, tmp_path):
-    other = the_other_way_round(made_fleet, tmp_path)
-    done = ema("archive", "run", other, "--executor", "threads", "--workers", "2")
+def test_results_do_not_depend_on_executor_or_workers(ema, whole, made_fleet, tmp_path):
+    archive = scanned_in_reverse(made_fleet, tmp_path)
+    done = ema("archive", "run", archive, "--executor", "threads", "--workers", "2")
     assert done.stdout == (
         "10 bags and 2 units processed; 0 damaged, 0 read in part, 0 unreadable\n"
         "2 of 10 windows refused, most often because: "
         "gap of 300 samples: index 44501 follows 44200\neverything is up to date\n"
     )
-    assert_same(other, whole)
+    assert_same(archive, whole)
 
 
 @pytest.mark.long
-def test_workers_of_dask_change_nothing(whole, made_fleet, tmp_path):
-    other = the_other_way_round(made_fleet, tmp_path)
+def test_workers_of_dask_give_the_same_results(whole, made_fleet, tmp_path):
+    archive = scanned_in_reverse(made_fleet, tmp_path)
     # In a separate process: the threads of Dask's client run until the process ends.
-    command = ["ema", "archive", "run", other, "--executor", "dask", "--workers", "2"]
+    command = ["ema", "archive", "run", archive, "--executor", "dask", "--workers", "2"]
     done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert_same(other, whole)
+    assert_same(archive, whole)
 
 
-def test_row_holds_every_figure_of_an_estimate_to_the_bit(whole):
+def test_row_holds_every_number_of_an_estimate_exactly(whole):
     for row in rows_of_unit(whole, "estimates", units(whole)[0]).to_pylist():
         again = estimate_row(estimate_from(row), row["number"])
         table = pa.Table.from_pylist([again], BAG_TABLES["estimates"])

@@ -25,7 +25,7 @@ ENDED = (1, 1, 1, 0, 1, 0, 1, 0, 0, 1, 1, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0)
 SHARES = {6: 0.857, 7: 0.807, 10: 0.753, 13: 0.690, 16: 0.627, 22: 0.538, 23: 0.448}
 
 
-def test_survival_is_that_of_the_textbook():
+def test_survival_agrees_with_the_textbook_case():
     steps = survival([0.0] * len(WEEKS), WEEKS, [bool(ended) for ended in ENDED])
     # The reference is published with three decimals.
     assert {step.age: round(step.share, 3) for step in steps} == SHARES
@@ -33,7 +33,7 @@ def test_survival_is_that_of_the_textbook():
     assert all(0.0 < step.lower < step.share < step.upper < 1.0 for step in steps)
 
 
-def test_where_nobody_is_left_the_share_is_zero():
+def test_surviving_share_is_zero_when_all_have_failed():
     (step,) = survival([0.0, 5.0], [7.0, 5.0], [True, True])
     assert (step.age, step.at_risk, step.share) == (7.0, 1, 0.0)
     assert math.isnan(step.lower)
@@ -67,7 +67,7 @@ UNITS = (
 )
 
 
-def test_departure_gives_way_to_an_estimate_and_a_failure_and_stays_in_no_order():
+def test_most_informative_copy_of_a_test_counts_and_contradicting_tests_are_refused():
     def row(bag, end_ns, verdict, *, valid):
         rest = {"start_ns": end_ns - 5, "end_ns": end_ns, "number": 0, "fitness": 0.0}
         reported = {"bag": bag, "verdict": verdict, "valid": valid, "reason": verdict}
@@ -75,15 +75,15 @@ def test_departure_gives_way_to_an_estimate_and_a_failure_and_stays_in_no_order(
 
     copies = [row(verdict, 10, verdict, valid=False) for verdict in ("refused", "departed")]
     copies += [row("valid", 10, "valid", valid=True), row("failed", 10, "failed", valid=False)]
-    for tells_more in range(1, 5):
-        (found,), _ = _windows(pa.Table.from_pylist(copies[:tells_more]))
-        assert found["verdict"] == copies[tells_more - 1]["verdict"]
+    for count in range(1, 5):
+        (windows,), _ = _windows(pa.Table.from_pylist(copies[:count]))
+        assert windows["verdict"] == copies[count - 1]["verdict"]
     # Two different tests at the same time.
     rows = [row("a", 10, "departed", valid=True), row("b", 12, "valid", valid=True)]
-    found, refused = _windows(pa.Table.from_pylist(rows))
-    assert [one["verdict"] for one in found] == ["departed", "refused"]
-    assert [one["valid"] for one in found] == [False, False]
-    assert [one["bag"] for one in refused] == ["a", "b"]
+    windows, refused = _windows(pa.Table.from_pylist(rows))
+    assert [window["verdict"] for window in windows] == ["departed", "refused"]
+    assert [window["valid"] for window in windows] == [False, False]
+    assert [window["bag"] for window in refused] == ["a", "b"]
 
 
 @pytest.fixture
@@ -113,37 +113,37 @@ def archive(tmp_path):
     return archive
 
 
-def test_figures_of_a_fleet(archive):
-    found = fleet_summary(archive, most=3)
-    assert found.levels == {
+def test_fleet_summary_agrees_with_its_tables(archive):
+    summary = fleet_summary(archive, most=3)
+    assert summary.levels == {
         **{"units": 5, "latest_test": "2031-05-20T00:00:00Z"},
         **{"ok": 1, "warn": 1, "error": 2, "stale": 1, "health_index": 0.25},
     }
-    assert [row["serial_number"] for row in found.worst] == ["2", "3", "1"]
+    assert [row["serial_number"] for row in summary.worst] == ["2", "3", "1"]
     # JSON has no infinity: the median of a life without an end is None.
-    assert [row["rul"]["hours_50"] for row in found.worst] == [0.0, None, 50.0]
-    first, second = found.models
+    assert [row["rul"]["hours_50"] for row in summary.worst] == [0.0, None, 50.0]
+    first, second = summary.models
     assert (first["model"], first["units"], first["error"], first["rul_50"]) == ("F", 4, 2, 50.0)
     assert (second["model"], second["units"], second["health_index"]) == ("E", 1, 0.9)
-    ages = [(row["from_hours"], row["to_hours"], row["units"]) for row in found.ages]
+    ages = [(row["from_hours"], row["to_hours"], row["units"]) for row in summary.ages]
     assert ages == [(100.0, 200.0, 2), (600.0, 700.0, 2), (700.0, 800.0, 1)]
-    assert [row["age"] for row in found.survival] == [640.0, 660.0]
-    assert [row["share"] for row in found.survival] == pytest.approx([2 / 3, 1 / 3], rel=1e-12)
-    assert (found.lives, found.failures, found.longest_age) == (5, 2, 700.0)
-    assert [(row["age"], row["units"]) for row in found.calibrations] == [
+    assert [row["age"] for row in summary.survival] == [640.0, 660.0]
+    assert [row["share"] for row in summary.survival] == pytest.approx([2 / 3, 1 / 3], rel=1e-12)
+    assert (summary.lives, summary.failures, summary.longest_age) == (5, 2, 700.0)
+    assert [(row["age"], row["units"]) for row in summary.calibrations] == [
         ("below 30 days", 2),
         ("30 to 90 days", 1),
         ("365 days or more", 1),
         ("no date", 1),
     ]
-    assert [(row["days"], row["tested"], row["units"]) for row in found.recent] == [
+    assert [(row["days"], row["tested"], row["units"]) for row in summary.recent] == [
         *((1, 1, 5), (7, 3, 5), (30, 4, 5), (90, 4, 5))
     ]
-    assert found.months == [
+    assert summary.months == [
         {"month": "2031-04", "tested": 1, "units": 1, "windows": 10, "valid": 9},
         {"month": "2031-05", "tested": 2, "units": 2, "windows": 20, "valid": 18},
     ]
-    json.dumps(asdict(found), allow_nan=False)
+    json.dumps(asdict(summary), allow_nan=False)
 
 
 def test_a_fleet_without_tests_has_a_summary(tmp_path):
@@ -152,11 +152,12 @@ def test_a_fleet_without_tests_has_a_summary(tmp_path):
         fleet_summary(archive)
     with Store(archive, is_new=True):
         pass
-    found = fleet_summary(archive)
-    assert (found.levels["units"], found.worst, found.survival, found.lives) == (0, [], [], 0)
+    summary = fleet_summary(archive)
+    assert (summary.levels["units"], summary.lives) == (0, 0)
+    assert summary.worst == summary.survival == []
 
 
-def test_a_summary_is_bounded(archive):
+def test_size_and_time_of_a_summary_are_limited(archive):
     for most in (0, 1001):
         with pytest.raises(ValueError, match=f"most = {most}: expected 1 to 1000"):
             fleet_summary(archive, most)
@@ -166,20 +167,22 @@ def test_a_summary_is_bounded(archive):
         fleet_summary(archive, limit_s=1e-5)
 
 
-def test_the_report_of_a_fleet_has_the_figures_of_its_summary(archive, ema, tmp_path):
+def test_the_report_of_a_fleet_agrees_with_its_summary(archive, ema, tmp_path):
     path = tmp_path / "fleet.html"
     result = ema("report", "--fleet", archive, "-o", path)
     assert result.exit_code == 0, result.output
-    page, found = Page(path), fleet_summary(archive)
+    page, summary = Page(path), fleet_summary(archive)
     names = ("units", "error", "warn", "stale", "ok", "health_index")
-    for caption, rows in (("Units by model", found.models), ("Units by service", found.ages)):
+    for caption, rows in (("Units by model", summary.models), ("Units by service", summary.ages)):
         assert page.exactly(caption) == [
             [row[name] for name in names if row[name] is not None] for row in rows
         ]
     assert [row[-1] for row in page.exactly("By level")] == [
-        row["flight_hours"] for row in found.worst
+        row["flight_hours"] for row in summary.worst
     ]
-    assert page.exactly("Age of the calibration") == [[row["units"]] for row in found.calibrations]
+    assert page.exactly("Age of the calibration") == [
+        [row["units"]] for row in summary.calibrations
+    ]
     assert [row[0] for row in page.exactly("Units tested in")] == [1.0, 3.0, 4.0, 4.0]
     assert "Of 5 lives 2 ended; 33.3 % live beyond 660 service hours." in page.words
     assert not re.search(r"(?:src|href)=\"(?!#)", page.text)

@@ -56,7 +56,9 @@ def assert_whole(archive, undisturbed):
 
 
 @pytest.mark.slow
-def test_bag_that_lost_three_workers_keeps_its_rows_and_is_done_again(ema, archive, fleet):
+def test_bag_whose_workers_died_three_times_keeps_its_rows_and_is_processed_again(
+    ema, archive, fleet
+):
     bag = fleet / "unit_0" / "5.mcap"
     before = exactly(archive, "estimates")
     os.utime(bag, ns=(1, 1))
@@ -81,7 +83,7 @@ def test_bag_that_lost_three_workers_keeps_its_rows_and_is_done_again(ema, archi
 
 @pytest.mark.long
 @pytest.mark.parametrize(("when", "left"), [("before", 7), ("after", 4)])
-def test_killed_run_continues_where_it_was(scanned, whole, when, left):
+def test_killed_run_resumes_after_the_last_commit(scanned, whole, when, left):
     """The process is killed while it writes rows, or after it has committed them."""
     script = """
 import os, signal, sys
@@ -123,7 +125,7 @@ KILLS = 6
 
 
 @pytest.mark.long
-def test_archive_that_is_killed_at_any_time_ends_as_one_that_is_not(tmp_path):
+def test_archive_killed_at_random_times_ends_equal_to_an_undisturbed_one(tmp_path):
     """The tests are drawn and not identified, so that commits take most of the time."""
     root = Path(__file__).parents[2]
     command = [sys.executable, "-m", "tests.archive.drawn_archive"]
@@ -167,7 +169,7 @@ def largest_file(size: int) -> Iterator[None]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("size", "left"), [(8192, 7), ("file", 4)], ids=["log", "file"])
-def test_full_disk_leaves_what_was_written(scanned, whole, monkeypatch, size, left):
+def test_full_disk_keeps_committed_results(scanned, whole, monkeypatch, size, left):
     """The disk is full while the log of a commit, or the file of the store, is written."""
     sizes = []
 
@@ -190,7 +192,7 @@ def test_full_disk_leaves_what_was_written(scanned, whole, monkeypatch, size, le
 
 
 @pytest.mark.long
-def test_unit_that_cannot_be_followed_does_not_keep_the_others(ema, scanned):
+def test_unit_that_cannot_be_processed_does_not_stop_the_others(ema, scanned):
     with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
         run_bags(manifest, pool, RunTally())
     with Manifest(scanned) as manifest, manifest.changing() as db:
@@ -217,8 +219,8 @@ def done_bag(friction):
     return BagResult(TASK, DONE, units=[unit])
 
 
-@pytest.mark.parametrize("found", [done_bag(0.9), BagResult(TASK, DONE, "nothing in it")])
-def test_bag_whose_rows_are_those_of_other_settings_is_done_again(tmp_path, monkeypatch, found):
+@pytest.mark.parametrize("result", [done_bag(0.9), BagResult(TASK, DONE, "nothing in it")])
+def test_bag_with_rows_of_other_settings_is_processed_again(tmp_path, monkeypatch, result):
     """A run with other settings dies. After the settings are restored, none of its rows remain."""
     archive = tmp_path / "archive"
     with Manifest(archive, is_new=True) as manifest:
@@ -229,7 +231,7 @@ def test_bag_whose_rows_are_those_of_other_settings_is_done_again(tmp_path, monk
         with monkeypatch.context() as patch:
             patch.setattr(manifest, "_note", die)
             with pytest.raises(DeathError):
-                commit_bags(manifest, [found], OTHER)
+                commit_bags(manifest, [result], OTHER)
     with Manifest(archive) as manifest:
         assert manifest.status(BEFORE).reasons == {"other settings": 1}
         assert manifest.find_due(OTHER) == 0
@@ -239,7 +241,7 @@ def test_bag_whose_rows_are_those_of_other_settings_is_done_again(tmp_path, monk
     assert rows["friction"].to_pylist() == [0.1]
 
 
-def test_change_that_fails_leaves_all_as_it_was(tmp_path, monkeypatch):
+def test_change_that_fails_leaves_the_archive_unchanged(tmp_path, monkeypatch):
     archive = tmp_path / "archive"
     with Manifest(archive, is_new=True) as manifest:
         manifest.note([Listed(TASK.url, 1, TASK.mark, "")], 1)
@@ -253,7 +255,7 @@ def test_change_that_fails_leaves_all_as_it_was(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_unit_whose_health_is_that_of_other_settings_is_followed_again(archive, monkeypatch):
+def test_unit_with_health_of_other_settings_is_processed_again(archive, monkeypatch):
     with Manifest(archive) as manifest, Workers("threads", 2) as pool:
         before, health = manifest.settings, exactly(archive, "health")
         limits = replace(before.prognosis.limits, friction=0.2, backlash=0.2)
@@ -274,11 +276,11 @@ def held(scanned):
     """Hold the store open in another process, as a command does during a change."""
     script = f"import duckdb; db = duckdb.connect({str(scanned / FILE)!r}); print(1); input()"
     command = [sys.executable, "-u", "-c", script]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
-        assert other.stdout is not None
-        other.stdout.readline()
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
         yield scanned
-        other.communicate(b"\n")
+        process.communicate(b"\n")
 
 
 def test_only_one_command_changes_an_archive(ema, scanned):
@@ -299,15 +301,15 @@ with Manifest(Path({str(scanned)!r})) as manifest:
     input()
 """
     command = [sys.executable, "-u", "-c", script]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
-        assert other.stdout is not None
-        other.stdout.readline()
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
         assert "10 bags" in ema("archive", "status", scanned).stdout
         assert answer(scanned, "select count(*) from bags")[1] == [(10,)]
-        other.communicate(b"\n")
+        process.communicate(b"\n")
 
 
-def test_store_that_another_program_holds_is_named(held, monkeypatch):
+def test_store_in_use_by_another_program_is_named(held, monkeypatch):
     monkeypatch.setattr(store, "_READER_WAITS_S", 0.0)
     monkeypatch.setattr(store, "_WRITER_WAITS_S", 0.0)
     printed = f"{FILE} is in use by another program"
@@ -316,18 +318,18 @@ def test_store_that_another_program_holds_is_named(held, monkeypatch):
             Manifest(held, writes=writes)
 
 
-def test_change_waits_for_those_that_read(scanned):
-    with Manifest(scanned) as manifest, duckdb.connect(scanned / FILE, read_only=True) as other:
-        timer = threading.Timer(0.5, other.close)
+def test_change_waits_for_readers(scanned):
+    with Manifest(scanned) as manifest, duckdb.connect(scanned / FILE, read_only=True) as reader:
+        timer = threading.Timer(0.5, reader.close)
         timer.start()
         manifest.settings = OTHER
         timer.join()
         assert manifest.settings == OTHER
 
 
-def test_damage_that_a_read_finds_is_named(scanned):
-    with duckdb.connect(scanned / FILE) as other:
-        other.execute("DROP TABLE manifest.bag CASCADE")
+def test_damage_detected_while_reading_is_named(scanned):
+    with duckdb.connect(scanned / FILE) as db:
+        db.execute("DROP TABLE manifest.bag CASCADE")
     printed = f"{scanned / FILE} cannot be used: Catalog Error: Table with name bag does not exist"
     with pytest.raises(OSError, match=printed), Manifest(scanned) as manifest:
         manifest.find_due(ArchiveSettings())

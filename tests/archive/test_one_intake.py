@@ -162,19 +162,19 @@ def course(bag: Path):
     return predicted(bag, BY_DAMAGE)
 
 
-def test_duty_and_measured_causes_decide(course, bag):
+def test_duty_and_measured_causes_change_the_prognosis(course, bag):
     """Check the recording itself: the remaining life differs if duty is ignored."""
     assert all(estimate.valid and len(estimate.measured) == 2 for estimate in course.estimates)
     assert [step.outlook.hours for step in course.steps] == [HOURS * n for n in range(CYCLES)]
     duty = course.growth.duty
     assert np.isfinite(duty.reference).all()
     by_hours = predicted(bag, PrognosisSettings(damage=DamageSettings(growth_per="hours")))
-    lives = [one.now.rul for one in (course, by_hours)]
+    lives = [unit.now.rul for unit in (course, by_hours)]
     assert all(life.known for life in lives)
     assert lives[0].hours_50 != lives[1].hours_50
 
 
-def test_monitor_gives_what_the_command_gives(course, cycles):
+def test_monitor_gives_the_same_results_as_the_command(course, cycles):
     assert rows_of(list(monitored(cycles))) == rows_of(course.steps)
 
 
@@ -193,11 +193,11 @@ def archived(archive: Path, folder: Path) -> dict[str, list[str]]:
     return tables | {"growth": sorted(tables["growth"])}
 
 
-def test_archive_holds_what_the_command_gives(course, bag, tmp_path):
+def test_archive_gives_the_same_results_as_the_command(course, bag, tmp_path):
     assert archived(tmp_path / "archive", bag.parent) == rows_of(course.steps)
 
 
-def test_archive_continued_by_a_later_bag_holds_what_the_command_gives(cycles, tmp_path):
+def test_archive_continued_by_a_later_bag_gives_the_same_results_as_the_command(cycles, tmp_path):
     """The first bag ends within a cycle: duty after its last window belongs to the next test."""
     folder, archive = tmp_path / "bags", tmp_path / "archive"
     folder.mkdir()

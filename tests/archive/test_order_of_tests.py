@@ -27,7 +27,7 @@ def test_unused_test_after_the_clock_went_back_makes_the_level_unknown(verdict: 
     back_ns = 0 if verdict == "again" else 600 * S
     unused = replace(unused, start_ns=unused.start_ns - back_ns, end_ns=unused.end_ns - back_ns)
     made = {"bag": "bag", "bag_sha256": "", "software": "", "settings": ""}
-    rows = [estimate_row(one, number) | made for number, one in enumerate([good, unused])]
+    rows = [estimate_row(estimate, number) | made for number, estimate in enumerate([good, unused])]
     estimates = pa.Table.from_pylist(rows, BAG_TABLES["estimates"])
     usage, duty = (BAG_TABLES[name].empty_table() for name in ("usage", "duty"))
     health = UNIT_TABLES["health"].empty_table()

@@ -23,7 +23,7 @@ from .conftest import rows_of_unit, write_rows
 UNIT = {"actuator_id": "flap", "serial_number": "1"}
 
 
-def test_every_view_can_be_read_of_an_archive_without_bags(tmp_path):
+def test_every_view_can_be_read_in_an_archive_without_bags(tmp_path):
     (tmp_path / "empty").mkdir()
     with Manifest(tmp_path / "archive", is_new=True) as manifest:
         assert scan(manifest, [str(tmp_path / "empty")]) == 0
@@ -47,23 +47,23 @@ def test_every_view_can_be_read_of_an_archive_without_bags(tmp_path):
         ("", "expected one query"),
     ],
 )
-def test_question_that_is_none_or_reaches_outside_is_refused(whole, question, message):
+def test_query_that_is_invalid_or_reaches_outside_is_refused(whole, question, message):
     with pytest.raises(ValueError, match=message):
         answer(whole, question)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", ["worst_first", "select serial_number, level from units"])
-def test_export_writes_what_a_query_gives(ema, whole, tmp_path, what):
+@pytest.mark.parametrize("query", ["worst_first", "select serial_number, level from units"])
+def test_export_writes_the_result_of_a_query(ema, whole, tmp_path, query):
     for name in ("export.csv", "export.parquet"):
-        result = ema("archive", "export", whole, what, "-o", tmp_path / name)
+        result = ema("archive", "export", whole, query, "-o", tmp_path / name)
         assert (result.exit_code, result.stdout) == (0, f"{tmp_path / name}: 2 rows\n")
     table = pq.read_table(tmp_path / "export.parquet")
     with (tmp_path / "export.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == table.column_names
     assert [row["serial_number"] for row in rows] == table["serial_number"].to_pylist()
-    again = ema("archive", "export", whole, what, "-o", tmp_path / "export.csv")
+    again = ema("archive", "export", whole, query, "-o", tmp_path / "export.csv")
     assert again.exit_code == 1
     assert "already exists: use --replace to overwrite it" in again.stderr
     for name in ("export.csv", "export.parquet"):
@@ -73,8 +73,8 @@ def test_export_writes_what_a_query_gives(ema, whole, tmp_path, what):
         assert (forced.exit_code, forced.stdout) == (0, f"{tmp_path / name}: 2 rows\n")
     assert "dominant_fault" in pq.read_table(tmp_path / "export.parquet").column_names
     assert not list(tmp_path.glob("*.partial"))
-    other = ema("archive", "export", whole, what, "-o", tmp_path / "export.txt")
-    assert "expected a name that ends in .csv or .parquet" in other.stderr
+    misnamed = ema("archive", "export", whole, query, "-o", tmp_path / "export.txt")
+    assert "expected a name that ends in .csv or .parquet" in misnamed.stderr
 
 
 @pytest.mark.slow
@@ -98,7 +98,7 @@ def test_other_programs_read_tables_and_views(whole):
         assert len(db.sql("from worst_first").fetchall()) == 2
 
 
-def test_folder_that_is_no_archive_is_named(ema, tmp_path):
+def test_folder_that_is_not_an_archive_is_named(ema, tmp_path):
     result = ema("archive", "query", tmp_path, "select 1")
     assert result.exit_code == 1
     assert f"{tmp_path} is not an archive, it has no archive.duckdb" in result.stderr
@@ -137,7 +137,7 @@ def write_course(archive, levels, repairs):
         ([1, 3, 0], [], 1),
     ],
 )
-def test_false_alarm_is_one_that_later_tests_take_back_without_a_repair(
+def test_false_alarm_is_one_that_later_tests_clear_without_a_repair(
     tmp_path, levels, repairs, alarms
 ):
     write_course(tmp_path / "archive", levels, repairs)
@@ -155,10 +155,10 @@ def test_runs_to_failure_are_labelled_with_the_hours_left(tmp_path):
     write_rows(archive, "estimates", estimates)
     names, rows = answer(archive, "select * from runs_to_failure")
     assert {*FAULT_NAMES, *(f"{name}_sigma" for name in FAULT_NAMES)} <= {*names}
-    found = [dict(zip(names, row, strict=True)) for row in rows]
-    assert [row["life"] for row in found] == [0, 0, 0, 0, 1, 1]
-    assert [row["hours_left"] for row in found] == [20.0, 10.0, 0.0, 0.0, None, None]
-    assert [row["friction"] for row in found] == [0.1 * number for number in range(len(levels))]
+    runs = [dict(zip(names, row, strict=True)) for row in rows]
+    assert [row["life"] for row in runs] == [0, 0, 0, 0, 1, 1]
+    assert [row["hours_left"] for row in runs] == [20.0, 10.0, 0.0, 0.0, None, None]
+    assert [row["friction"] for row in runs] == [0.1 * number for number in range(len(levels))]
 
 
 def test_settings_of_the_archive_are_kept_exactly():
@@ -171,7 +171,7 @@ def test_settings_of_the_archive_are_kept_exactly():
     assert again.estimation_id == ArchiveSettings().estimation_id
 
 
-def test_text_that_a_spreadsheet_would_compute_is_quoted_in_csv(whole, tmp_path):
+def test_text_that_a_spreadsheet_would_evaluate_is_quoted_in_csv(whole, tmp_path):
     path = tmp_path / "export.csv"
     texts = ("=HYPERLINK('http://x')", "-1", "+a", "@b", "plain", "\ta")
     question = " UNION ALL ".join(
@@ -186,7 +186,7 @@ LONG = "левый закрылок внешний"
 NAMES = ("flap", "a/b", "é", LONG, 5 * LONG, "x" * 240, "x" * 241, "x" * 1000)
 
 
-def test_unit_of_any_name_has_its_rows(tmp_path):
+def test_unit_with_any_name_keeps_its_rows(tmp_path):
     units = {unit_name(actuator_id, LONG): actuator_id for actuator_id in NAMES}
     archive = tmp_path / "archive"
     for unit, actuator_id in units.items():
@@ -198,7 +198,7 @@ def test_unit_of_any_name_has_its_rows(tmp_path):
     assert sorted(rows) == sorted((unit, name, name) for unit, name in units.items())
 
 
-def test_long_names_stay_apart():
+def test_long_names_of_units_stay_distinct():
     units = {unit_name(name, serial) for name in NAMES for serial in ("1", "2", LONG, 3 * LONG)}
     assert len(units) == 4 * len(NAMES)
     assert unit_name("left flap", "2031/7") == "left flap+2031%2F7"

@@ -129,7 +129,7 @@ def fleet_of_drawn(tmp_path: Path) -> Drawn:
 
 
 @pytest.mark.parametrize("state", [DAMAGED, FAILED])
-def test_unread_bag_counts_for_the_units_of_its_folder(fleet_of_drawn: Drawn, state: str):
+def test_unreadable_bag_makes_the_units_of_its_folder_stale(fleet_of_drawn: Drawn, state: str):
     bag = fleet_of_drawn.write("unit A/3.mcap", f"{state} 0")
     units = fleet_of_drawn.update()
     what = "cannot be read" if state == DAMAGED else "could not be read"
@@ -146,7 +146,7 @@ def test_unread_bag_counts_for_the_units_of_its_folder(fleet_of_drawn: Drawn, st
     assert (status.damaged, status.failed, status.gone) == (0, 0, 1)
 
 
-def test_alarm_stays_next_to_an_unread_bag(fleet_of_drawn: Drawn):
+def test_alarm_remains_next_to_an_unreadable_bag(fleet_of_drawn: Drawn):
     for day in (3, 4, 5):
         fleet_of_drawn.write(f"unit A/{day}.mcap", f"A {day} worn")
     level, _ = fleet_of_drawn.update()["A"]
@@ -156,7 +156,7 @@ def test_alarm_stays_next_to_an_unread_bag(fleet_of_drawn: Drawn):
     assert (after, reason[:23]) == (level, "later tests may be lost")
 
 
-def test_calibration_next_to_an_unread_bag_names_its_unit(fleet_of_drawn: Drawn):
+def test_calibration_next_to_an_unreadable_bag_names_its_unit(fleet_of_drawn: Drawn):
     """The folder contains no other bag."""
     bag = fleet_of_drawn.write("new/3.mcap", "damaged 0")
     unit = replace(ActuatorDescription(), actuator_id="flap", serial_number="B")
@@ -168,7 +168,7 @@ def test_calibration_next_to_an_unread_bag_names_its_unit(fleet_of_drawn: Drawn)
     assert str(bag) in units["B"][1]
 
 
-def test_unread_bag_of_no_unit_is_named(ema, fleet_of_drawn: Drawn, tmp_path: Path):
+def test_unreadable_bag_without_a_unit_is_named(ema, fleet_of_drawn: Drawn, tmp_path: Path):
     named = fleet_of_drawn.write("unit A/3.mcap", "damaged 0")
     bag = fleet_of_drawn.write("new/3.mcap", "damaged 0")
     units = fleet_of_drawn.update()
@@ -181,7 +181,7 @@ def test_unread_bag_of_no_unit_is_named(ema, fleet_of_drawn: Drawn, tmp_path: Pa
     assert fleet_summary(fleet_of_drawn.archive).bags["unreadable"] == [str(bag), str(named)]
 
 
-def test_later_whole_bag_with_a_test_ends_the_loss_of_a_dated_bag(fleet_of_drawn: Drawn):
+def test_later_intact_bag_ends_the_doubt_about_a_dated_bag(fleet_of_drawn: Drawn):
     """An unreadable bag without a known time may be the newest, so that the unit stays STALE."""
     last_ns = made_test(2, seed=1).end_ns
     bag = fleet_of_drawn.write("unit A/3.mcap", f"damaged {last_ns + 10**9}")
@@ -193,7 +193,7 @@ def test_later_whole_bag_with_a_test_ends_the_loss_of_a_dated_bag(fleet_of_drawn
     assert fleet_of_drawn.update()["A"][0] == "STALE"
 
 
-def test_intact_rows_of_a_bag_that_lost_its_worker_are_not_confirmed(fleet_of_drawn: Drawn):
+def test_changed_bag_that_could_not_be_read_makes_its_unit_stale(fleet_of_drawn: Drawn):
     """The rows of the bag are intact, but its newest content is unknown."""
     fleet_of_drawn.write("unit A/2.mcap", "failed 0")
     assert fleet_of_drawn.update()["A"][0] == "STALE"
@@ -202,7 +202,7 @@ def test_intact_rows_of_a_bag_that_lost_its_worker_are_not_confirmed(fleet_of_dr
 
 
 @pytest.mark.parametrize("content", [b"", b"no bag" * 1000])
-def test_bag_that_is_none_is_damaged(tmp_path: Path, content: bytes):
+def test_file_that_is_not_a_bag_is_damaged(tmp_path: Path, content: bytes):
     path = tmp_path / "bag.mcap"
     path.write_bytes(content)
     with Manifest(tmp_path / "archive", is_new=True) as manifest:

@@ -43,7 +43,7 @@ def of_unit_0(rows: list[str]) -> list[str]:
 
 
 @pytest.mark.slow
-def test_bag_that_comes_or_changes_is_done_alone(archive, fleet):
+def test_only_a_new_or_changed_bag_is_processed(archive, fleet):
     whole = exactly(archive, "estimates")
     bag = fleet / "unit_0" / "5.mcap"
     content = bag.read_bytes()
@@ -63,7 +63,7 @@ def test_bag_that_comes_or_changes_is_done_alone(archive, fleet):
 
 
 @pytest.mark.slow
-def test_changed_calibration_marks_the_bags_of_its_unit(ema, archive, fleet):
+def test_changed_calibration_makes_the_bags_of_its_unit_due(ema, archive, fleet):
     path = fleet / "unit_1" / "calibration.yaml"
     calibration = Calibration.load(path)
     replace(calibration, windows=calibration.windows + 1).save(path)
@@ -90,7 +90,7 @@ def test_run_reports_how_many_windows_are_refused_and_why(ema, archive, fleet, t
 
 
 @pytest.mark.slow
-def test_bags_with_different_tests_at_the_same_time_are_refused_whenever_they_come(ema, tmp_path):
+def test_bags_with_different_tests_at_the_same_time_are_refused_in_any_order(ema, tmp_path):
     bags, archive = tmp_path / "bags", tmp_path / "archive"
     bags.mkdir()
     ema("simulate", "--cycles", 2, "-o", bags / "new.mcap")
@@ -115,9 +115,9 @@ def test_bags_with_different_tests_at_the_same_time_are_refused_whenever_they_co
 
 
 @pytest.mark.slow
-def test_tests_that_come_one_by_one_give_what_all_at_once_do(archive, fleet, tmp_path):
+def test_tests_added_one_by_one_give_the_same_health_as_all_at_once(archive, fleet, tmp_path):
     """Earlier tests are processed again only if a test arrives late."""
-    bags, other = tmp_path / "coming", tmp_path / "other"
+    bags, grown = tmp_path / "coming", tmp_path / "other"
     folder = bags / "unit_0"
     folder.mkdir(parents=True)
     (fleet / "unit_0" / "calibration.yaml").rename(folder / "calibration.yaml")
@@ -125,11 +125,11 @@ def test_tests_that_come_one_by_one_give_what_all_at_once_do(archive, fleet, tmp
     # By time, except that the fourth test is added last.
     for name in ("9", "8", "7", "5", "6"):
         (fleet / "unit_0" / f"{name}.mcap").rename(folder / f"{name}.mcap")
-        tally, _ = bring_up_to_date(other, bags)
+        tally, _ = bring_up_to_date(grown, bags)
         assert (tally.bags, tally.units) == (1, 1)
         followed.append(tally.followed)
     assert followed == [1, 1, 1, 1, 5]
-    assert exactly(other, "health") == of_unit_0(exactly(archive, "health"))
+    assert exactly(grown, "health") == of_unit_0(exactly(archive, "health"))
 
 
 @pytest.mark.slow
@@ -148,7 +148,7 @@ def test_limit_changes_health_and_no_estimate(ema, archive):
 
 
 @pytest.mark.slow
-def test_bags_that_cannot_be_used_are_rows_with_their_reason(ema, fleet, tmp_path):
+def test_unusable_bags_are_rows_with_their_reason(ema, fleet, tmp_path):
     (fleet / "unit_0" / "empty.mcap").write_bytes(b"")
     (fleet / "unit_0" / "none.mcap").write_bytes(b"nothing of this is MCAP" * 100)
     folder = tmp_path / "archive"
@@ -258,7 +258,7 @@ def test_bag_that_moved_counts_once(archive, fleet):
 
 
 @pytest.mark.slow
-def test_test_of_which_there_is_a_copy_counts_once(archive, fleet, tmp_path):
+def test_copied_test_counts_once(archive, fleet, tmp_path):
     health = exactly(archive, "health")
     question = "select * exclude (end_hours, hours_left) from runs_to_failure"
     _, runs = answer(archive, question)
@@ -296,7 +296,7 @@ def test_refused_copy_does_not_hide_a_valid_test(archive, fleet):
     assert exactly(archive, "health") == health
 
 
-def test_worker_of_other_software_is_refused(fleet, tmp_path):
+def test_worker_with_other_software_is_refused(fleet, tmp_path):
     with Manifest(tmp_path / "archive", is_new=True) as manifest, Workers("threads", 1) as pool:
         scan(manifest, [str(fleet)])
         tally = run(manifest, pool, diagnose=diagnosed_elsewhere)
@@ -312,7 +312,7 @@ def diagnosed_elsewhere(task):
 
 
 @pytest.mark.slow
-def test_unit_that_other_software_followed_stays_due(archive, ema, monkeypatch):
+def test_unit_processed_by_other_software_stays_due(archive, ema, monkeypatch):
     assert ema("archive", "scan", archive, "--limit", "friction=0.4").exit_code == 0
     before = exactly(archive, "health")
     followed = running.follow_unit
