@@ -18,26 +18,26 @@ from ema_sim.actuator import SimulatedActuator
 from ema_sim.lives import SimulatedLife
 
 INTERVAL_H, TESTS, RATE = 10.0, 10, 0.02
-"""Of the recorded life: hours between tests, tests, growth of friction from test to test."""
+"""Properties of the recorded life: hours between tests, number of tests, growth per test."""
 
 
 @pytest.fixture(scope="session")
 def life_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Bags of the tests of a life, which no test changes."""
+    """Return a folder with the bags of a life, which tests only read."""
     folder = tmp_path_factory.mktemp("life")
     hours = INTERVAL_H * np.arange(1.0, TESTS + 1)
     faults = np.array([fault_vector({"friction": 0.1 + RATE * i}) for i in range(TESTS)])
     life = SimulatedLife("friction", {}, hours, faults, ("good",) * TESTS, math.inf)
     description = ActuatorDescription()
     for test in simulated_tests(life, description, np.random.default_rng(0)):
-        # Names whose order is not that of the tests.
+        # The order of the names differs from the order of the tests.
         write_test(folder / f"{TESTS - test.number:02d}.mcap", test, description)
     return folder
 
 
 @pytest.fixture(scope="session")
 def faulty_blocks() -> list[Telemetry]:
-    """Telemetry of one cycle with friction, in blocks of 10 ms."""
+    """Return telemetry of one cycle with friction, in blocks of 10 ms."""
     actuator = SimulatedActuator()
     actuator.faults = fault_vector({"friction": 0.3})
     samples = build_cycle(THESIS_CHIRP, 1e-4).samples
@@ -45,7 +45,7 @@ def faulty_blocks() -> list[Telemetry]:
 
 
 def repeated(blocks: list[Telemetry], cycles: int) -> list[Telemetry]:
-    """Return cycle after cycle of the same telemetry."""
+    """Return the same telemetry repeated for several cycles, with continuing stamps and indices."""
     samples = sum(map(len, blocks))
     return [
         replace(
@@ -60,7 +60,7 @@ def repeated(blocks: list[Telemetry], cycles: int) -> list[Telemetry]:
 
 @pytest.fixture
 def record(tmp_path: Path) -> Callable[[list[Telemetry]], Path]:
-    """Write blocks to a bag and return its path."""
+    """Return a function that writes blocks to a bag and returns its path."""
 
     def write(blocks: list[Telemetry]) -> Path:
         path = tmp_path / "recorded.mcap"
@@ -74,7 +74,7 @@ def record(tmp_path: Path) -> Callable[[list[Telemetry]], Path]:
 
 @pytest.fixture(scope="session")
 def spoiled() -> Callable[[Telemetry, str, int, float], Telemetry]:
-    """Return a block with one sample of one column replaced."""
+    """Return a function that replaces one sample of one column of a block."""
 
     def spoil(block: Telemetry, column: str, sample: int, value: float) -> Telemetry:
         values = getattr(block, column).copy()

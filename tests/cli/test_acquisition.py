@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Telemetry acquired in other ways, from `ema simulate` to the estimate."""
+"""Telemetry with other kinds of acquisition, from `ema simulate` to the estimate."""
 
 import json
 from dataclasses import asdict

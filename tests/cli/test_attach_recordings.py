@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joints of recordings: a baseline of the healthy records, and the level of the later ones."""
+"""`ema attach` on recordings: a baseline of the healthy records, and the level of later ones."""
 
 import json
 from pathlib import Path
@@ -23,7 +23,7 @@ WORN = {"wrist_2": 0.04}
 
 
 def write_work(path: Path, arm: RobotArm, cycles: int, start_s: float, joints, **wear) -> None:
-    """Write the work of some joints, with the columns of a joint each, and of the payload."""
+    """Write a recording of joints at work: the columns of each joint, and the payload."""
     logs = [
         arm.begin_cycle(WorkSettings(cycle_pause=0.5, healthy_cycles=0), wear)
         for _ in range(cycles)
@@ -47,7 +47,7 @@ def write_work(path: Path, arm: RobotArm, cycles: int, start_s: float, joints, *
 
 @pytest.fixture(scope="module")
 def work(tmp_path_factory) -> Path:
-    """Return a folder with 8 healthy minutes, and 4 minutes a day later in which a wrist wears."""
+    """Return a folder with 8 healthy minutes, and 4 minutes a day later with a worn wrist."""
     folder = tmp_path_factory.mktemp("work")
     arm = RobotArm(seed=3, rate=RATE)
     joints = ("base", "wrist_2")
@@ -65,7 +65,7 @@ def test_worn_joint_is_named_and_the_healthy_one_is_not(work, tmp_path):
     assert joints["wrist_2"]["level"] == "WARN"
     changes = {item["name"]: item for item in joints["wrist_2"]["comparison"]["quantities"]}
     friction = changes["friction"]
-    # The last record has two or three cycles, whose friction is 1.40 to 1.48 times healthy.
+    # The last record has two or three cycles, with friction of 1.40 to 1.48 times the healthy one.
     assert friction["judgement"] == "changed"
     assert 0.36 < friction["change"] < 0.5
     assert result.exit_code == 3
@@ -86,7 +86,7 @@ def test_table_has_level_since_and_change_of_friction(work):
 
 
 def test_payload_makes_the_friction_of_a_joint_that_bears_it_certain(tmp_path):
-    """Friction of the elbow rises to 1.4 times, and is named for what it is."""
+    """Friction of the elbow rises to 1.4 times, and is reported as friction."""
     found = {}
     for name, joints in (("known", ["elbow", "payload"]), ("unknown", ["elbow"])):
         arm, folder = RobotArm(seed=5, rate=RATE), tmp_path / name
@@ -172,7 +172,7 @@ def test_numbers_in_names_give_the_order_of_recordings(tmp_path):
 
 
 def test_joints_of_all_recordings_are_found(work, tmp_path):
-    """Each recording has another joint, and another column order."""
+    """Each recording has a different joint and a different order of columns."""
     arm = RobotArm(seed=3, rate=RATE)
     write_work(tmp_path / "a.csv", arm, 12, NOV_3, ["wrist_2"])
     write_work(tmp_path / "b.csv", arm, 12, NOV_3, ["base", "elbow"])
@@ -199,7 +199,7 @@ def test_actuator_file_beside_a_table_names_its_joint(tmp_path):
 
 
 def test_dated_recordings_are_sorted_by_time_and_unread_ones_are_named(work, tmp_path):
-    """The later recording has the first name: its worn records are not the healthy ones."""
+    """The later recording comes first by name, but its worn records are not used as healthy."""
     (tmp_path / "a.csv").write_bytes((work / "day_2.csv").read_bytes())
     (tmp_path / "b.csv").write_bytes((work / "day_1.csv").read_bytes())
     (tmp_path / "c.csv").write_text("x,y\n1,2\n")

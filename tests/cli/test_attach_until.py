@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The end of the healthy records is a time, a duration or a number of records."""
+"""The end of the healthy records is given as a time, a duration or a number of records."""
 
 import math
 

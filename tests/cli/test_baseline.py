@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ema baseline` works on a folder without a monitor, and asks a monitor that runs."""
+"""`ema baseline` works on a folder without a monitor, and sends requests to a running monitor."""
 
 import subprocess
 from collections.abc import Callable

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema calibrate`` of records, one of which is not healthy."""
+"""``ema calibrate`` on records, one of which is not healthy."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -35,7 +35,7 @@ def write_rows(rows: NDArray[Any], path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Six healthy records on two days, and one of a worn joint on the second day."""
+    """Return six healthy records on two days, and a record of a worn joint on the second day."""
     path = tmp_path_factory.mktemp("records")
     (path / "mapping.yaml").write_text(MAPPING)
     (path / "actuator.yaml").write_text(ACTUATOR)
@@ -80,9 +80,9 @@ def test_record_that_cannot_be_used_is_named_with_the_reason(ema, folder: Path, 
 
 @pytest.fixture(scope="module")
 def undated(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Healthy records and a worn one as the third, all of which begin at time 0.
+    """Return healthy records with a worn one in third place, all of which begin at time 0.
 
-    Without dates, the scatter between days is unknown: a record has to differ by more.
+    Without dates, the scatter between days is unknown: a record must differ by more to be named.
     """
     path = tmp_path_factory.mktemp("undated")
     for name in ("mapping.yaml", "actuator.yaml"):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema simulate --cause``: what the bag has of hidden causes."""
+"""``ema simulate --cause``: hidden causes in the telemetry and the metadata of the bag."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema certify``: the whole way from options to the promise, and wrong options."""
+"""``ema certify``, from options to the promised accuracy, and wrong options."""
 
 import json
 

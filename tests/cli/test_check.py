@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema check`` recognises the columns of joints in logs as people write them."""
+"""``ema check`` recognises the columns of joints in ordinary log files."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -27,7 +27,7 @@ Columns = Mapping[str, Any]
 
 
 def motion(number: int, seconds: float = 16.0, rate_hz: float = 200.0) -> dict[str, Any]:
-    """Return the columns of a joint in SI units; joints of other numbers move at other times."""
+    """Return the columns of a joint in SI units; each joint number moves at different times."""
     cycle = round(1.2 * rate_hz)
     columns, stamps = moves(seconds + 1.2, rate_hz, 0.5 + 0.1 * number, number)
     start = (37 * number) % cycle
@@ -38,7 +38,7 @@ def motion(number: int, seconds: float = 16.0, rate_hz: float = 200.0) -> dict[s
 
 
 def table(joints: Mapping[str, int], names: Mapping[str, tuple[str, float]]) -> dict[str, Any]:
-    """Return the columns of joints by name; each template is of (quantity, factor)."""
+    """Return the columns of joints by name; a template maps a quantity to a name and a factor."""
     return {
         template.format(joint=joint): motion(number)[quantity] * factor
         for joint, number in joints.items()
@@ -240,7 +240,7 @@ def test_lags_steps_and_losses_are_measured(ema, tmp_path):
     assert timing["rate_hz"] == pytest.approx(200.0, rel=1e-3)
     assert timing["jitter_s"] == pytest.approx(2e-4, rel=0.3)
     assert (timing["lost"], timing["gaps"]) == (7, 2)
-    # The motion lags 30 ms behind the command, the speed 8 samples behind the motion.
+    # The motion lags the command by 30 ms, and the speed lags the motion by 8 samples.
     assert relations["command_lag_s"] == pytest.approx(0.03, abs=0.003)
     assert relations["speed_lag_s"] == pytest.approx(0.04, abs=0.003)
     assert relations["speed_factor"] == pytest.approx(1.0, abs=0.03)
@@ -312,7 +312,7 @@ def test_mapping_of_all_joints_is_written_and_imported(ema, tmp_path):
     result = ema("check", tmp_path / "log.csv", "-o", mapping)
     assert result.exit_code == 0, result.output
     assert ema("check", tmp_path / "log.csv", "--mapping-only").stdout == mapping.read_text()
-    # Without a gear ratio, there is no motor shaft.
+    # Without a gear ratio, there are no columns of the motor shaft.
     assert "shaft: motor" not in mapping.read_text()
     again = ema("check", tmp_path / "log.csv", "--mapping", mapping)
     assert again.exit_code == 0, again.output
@@ -433,7 +433,7 @@ def joint_state(bag: OtherBag, names: list[str], columns: dict[str, Any], row: i
 
 
 def test_all_joints_of_a_bag_are_listed_with_their_commands(ema, tmp_path):
-    """Names in changing order; a controller commands two joints, numbers the third."""
+    """The order of names changes; a controller commands two joints, and numbers the third."""
     columns = {name: motion(number) for number, name in enumerate(["hip", "knee", "ankle"])}
     path = tmp_path / "bag"
     with OtherBag(path) as bag:

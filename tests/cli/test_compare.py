@@ -33,9 +33,9 @@ def first_row(printed: str, name: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def bag(ema, tmp_path_factory):
-    """Two cycles with faults."""
+    """Return a bag with two cycles with faults."""
     path = tmp_path_factory.mktemp("compare") / "case.mcap"
-    # A fault may be written as its label.
+    # A fault may be given by its label.
     labels = [name.replace("_", " ").capitalize() for name in DRAWN]
     faults = ",".join(f"{name}={value}" for name, value in zip(labels, DRAWN.values(), strict=True))
     assert ema("simulate", "--fault", faults, "--cycles", "2", "-o", path).exit_code == 0
@@ -44,7 +44,7 @@ def bag(ema, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def compared(ema, bag):
-    """All algorithms on the second window, as an object."""
+    """Return the comparison of all algorithms on the second window."""
     result = ema("compare", bag, "--window", "1", "-p", "budget=400", "--json")
     assert result.exit_code in (0, 3)
     return json.loads(result.stdout)
@@ -52,7 +52,7 @@ def compared(ema, bag):
 
 @pytest.fixture(scope="module")
 def shown(ema, bag) -> str:
-    """What is printed of the first window."""
+    """Return the printed comparison of the first window."""
     return ema("compare", bag, *QUICK).stdout
 
 
@@ -86,7 +86,7 @@ def test_errors_are_those_against_the_recorded_truth(compared):
     for one in compared["estimates"]:
         expected = estimation_error(list(one["faults"].values()), fault_vector(DRAWN))
         assert one["error_percent"] == pytest.approx(expected, rel=1e-12)
-    # Measured 0.6 %.
+    # Measured: 0.6 %.
     assert compared["estimates"][0]["error_percent"] < 1.5
 
 
@@ -108,7 +108,7 @@ def test_cost_at_the_truth_is_that_of_an_estimate_that_is_true(ema, tmp_path):
     result = ema("compare", path, "--algorithms", "least_squares", "--json")
     answer = json.loads(result.stdout)
     [estimate] = answer["estimates"]
-    # Nothing is significant, so that it is exactly the healthy vector.
+    # No fault is significant, so the estimate is exactly the healthy vector.
     assert list(estimate["faults"].values()) == list(fault_vector({}))
     assert answer["fitness_at_truth"] == pytest.approx(estimate["fitness"], rel=1e-9)
     assert estimate["error_percent"] == 0.0
@@ -129,7 +129,7 @@ def test_truth_is_that_of_the_windows_own_cycle(ema, tmp_path, faulty_blocks):
         assert answer["window"] == number
         assert answer["truth"]["friction"] == friction
         errors.append(answer["estimates"][0]["error_percent"])
-    # The telemetry has 0.3 in both; only what it is compared with differs, by 10 %.
+    # Both cycles have 0.3 in the telemetry; only the recorded truth differs, by 10 %.
     assert errors[0] < 2.0
     assert errors[1] == pytest.approx(10.0, abs=2.0)
 
@@ -139,7 +139,7 @@ def test_tables_show_all_figures(shown):
     assert first_row(shown, "truth")[1:] == [f"{k:.4f}" for k in fault_vector(DRAWN)]
     assert "sigma of least_squares" in shown
     assert "fitness at the true faults" in shown
-    # A terminal of 80 columns need not fold it.
+    # A terminal of 80 columns does not wrap the table.
     assert max(map(len, shown.split("pso: ")[0].splitlines()[1:])) <= 80
     assert "…" not in shown
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tab key completes commands and options of ``ema``."""
+"""The tab key completes commands and options of ``ema`` in bash."""
 
 import subprocess
 

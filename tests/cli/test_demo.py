@@ -42,7 +42,7 @@ FAILED = DiagnosedWindow(
 
 
 class Demo:
-    """A demo in a process, whose descendants are known by a mark in their environment."""
+    """A demo in a process, whose descendants are found by a mark in their environment."""
 
     def __init__(self, folder: Path, duration_s: float) -> None:
         self.folder = folder
@@ -79,20 +79,20 @@ class Demo:
         assert "interrupted" in self.printed
 
     def descendants(self) -> dict[int, bytes]:
-        """Return the command lines of the demo and its nodes by process."""
+        """Return the command lines of the demo and its nodes by process id."""
         found = {}
         for folder in Path("/proc").iterdir():
             try:
                 if f"{MARK}={self.folder}".encode() in (folder / "environ").read_bytes():
                     found[int(folder.name)] = (folder / "cmdline").read_bytes()
-            except (OSError, ValueError):  # no process, or it has just ended
+            except (OSError, ValueError):  # no such process, or it has just ended
                 continue
         return found
 
 
 @pytest.fixture(scope="module")
 def demos(tmp_path_factory):
-    """Two demos at once, each in a domain of its own: one to its end, one interrupted."""
+    """Run two demos concurrently in separate domains: one to its end, one interrupted."""
     folder = tmp_path_factory.mktemp("demos")
     one, other = Demo(folder / "one", 7.0), Demo(folder / "other", 60.0)
     try:
@@ -118,7 +118,7 @@ def test_demos_at_once_have_domains_and_dashboards_of_their_own(demos):
         re.findall(r"^dashboard at (http://127.0.0.1:\d+/)$", d.printed, re.M) for d in demos
     ]
     assert [len(found) for found in addresses] == [1, 1]
-    assert addresses[0] != addresses[1]  # a port that is in use is passed over
+    assert addresses[0] != addresses[1]  # A port that is in use is skipped.
 
 
 def test_demo_leaves_bag_and_picture_and_no_process(finished):
@@ -127,20 +127,20 @@ def test_demo_leaves_bag_and_picture_and_no_process(finished):
     assert bag.damage == ""
     for name in ("telemetry", "simulated_faults", "usage", "fault_estimate", "health"):
         assert bag.topics[f"/ema/{name}"].count > 0, name
-    # The actuator counts its service hours, from new on: ten a cycle.
+    # The actuator counts its service hours from zero: ten per cycle.
     truths = read_history(finished.folder / "bag").truths
     for item in bag.messages(["/ema/health"]):
         cycle = truth_at(truths, stamp_from_message(item.message.header.stamp))
         assert cycle is not None
         assert item.message.flight_hours == 10.0 * cycle.cycle
-    # A monitor that is started anew with the same folder goes on with these tests.
+    # A monitor that is restarted with the same folder continues this history.
     [history] = (finished.folder / "history").glob("flap+*.sqlite")
     tests = read_history_file(history).entries
     assert len(tests) == sum(one.valid for one in read_history(finished.folder / "bag").diagnoses())
     picture = imread(finished.folder / "history.png")
     assert picture.shape[0] > 400
     assert picture.shape[1] > 800
-    # An empty page, or one with empty axes only, is below 0.05.
+    # For an empty page, or a page with empty axes only, the share is below 0.05.
     assert np.std(picture[..., :3]) > 0.1
     assert f"picture  {finished.folder / 'history.png'}" in finished.printed
 
@@ -155,7 +155,7 @@ def test_demo_prints_a_line_a_cycle_and_the_latency(demos):
         )
         for demo in demos
     ]
-    # On a busy machine, few cycles pass in the time of a demo, and a level may be STALE by then.
+    # On a busy machine, few cycles pass during a demo, and a level may be STALE by then.
     assert all(len(lines) >= 1 for lines in cycles)
     assert len(re.findall("^ +[0-9]+  ", demos[1].printed, re.MULTILINE)) >= 2
     assert finished.printed.count("\ncycle  friction ") == 1
@@ -192,7 +192,7 @@ def test_demo_interrupted_in_its_cycles_leaves_the_estimates_in_a_readable_bag(d
 
 def test_node_that_dies_ends_the_demo_with_its_log_named(tmp_path):
     demo = Demo(tmp_path / "demo", 60.0)
-    # All that is before this line is imports; the nodes may be anywhere in their start.
+    # Only imports precede this log line; the nodes may be at any step of their start.
     demo.wait_until(lambda: any(b"monitor_node" in line for line in demo.descendants().values()))
     [monitor] = [n for n, line in demo.descendants().items() if b"monitor_node" in line]
     os.kill(monitor, signal.SIGKILL)
@@ -205,7 +205,9 @@ def test_node_that_dies_ends_the_demo_with_its_log_named(tmp_path):
 def test_failed_actuator_is_repaired_once_and_wears_again_and_keeps_a_demo_out(
     ema, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(demo_run, "set_reach", lambda _: None)  # it is that of this process
+    monkeypatch.setattr(
+        demo_run, "set_reach", lambda _: None
+    )  # It would change the environment of this process.
     monkeypatch.setattr(listener, "_DISCOVERY_S", DEADLINE_S)
     failed, well = FAILED, replace(FAILED, window=31, cycle=31, level=OK, cause="")
     technician = Technician()
@@ -222,7 +224,7 @@ def test_failed_actuator_is_repaired_once_and_wears_again_and_keeps_a_demo_out(
             reported = technician.look([well, failed], observer)
             assert "failed in cycle 30: friction 0.6 (failed: above 0.5)" in reported
             assert "next: remove the unit, repair the worn part" in reported
-            assert technician.look([failed], observer) == ""  # until it is seen to be well
+            assert technician.look([failed], observer) == ""  # until it is reported healthy
             wait_for(lambda: 0.0 < frictions()[-1] < 0.1, "the growth of the repaired one")
             confirmed = technician.look([failed, well], observer)
             assert confirmed == "cycle 31 confirms the repair: OK again"
@@ -247,7 +249,7 @@ def test_faults_that_are_shown_are_those_that_grow():
 
 
 def shown(width: int, **changes) -> str:
-    """Return what a terminal of so many columns shows of a warning."""
+    """Return a warning as a terminal of ``width`` columns shows it."""
     one = replace(
         FAILED, window=0, faults=fault_vector({"friction": 0.21}), latency_s=0.84, cycle=12,
         truth=fault_vector({"friction": 0.2}), level=WARN, cause=CAUSE,

@@ -20,7 +20,7 @@ SLIDE = "actuator_id: slide\nserial_number: {}\nsample_period: 0.04\ndrive: unkn
 
 @pytest.fixture(scope="module")
 def simulated(ema, tmp_path_factory):
-    """Simulate tests of the built-in actuator; return the bag."""
+    """Return a function that simulates tests of the built-in actuator and returns the bag."""
     folder = tmp_path_factory.mktemp("flap")
 
     def bag(name, seed, *options, cycles=1):
@@ -35,7 +35,7 @@ def simulated(ema, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def calibration(ema, simulated, tmp_path_factory):
-    """Calibrate the built-in actuator on twelve healthy windows; return the file's content."""
+    """Return the content of a calibration on twelve healthy windows of the built-in actuator."""
     path = tmp_path_factory.mktemp("calibration") / "flap.yaml"
     result = ema("calibrate", simulated("healthy", 0, *QUIET, cycles=12), "-o", path)
     assert result.exit_code == 0, result.output
@@ -105,7 +105,7 @@ def test_loads_of_the_healthy_windows_are_distinguished(ema, tmp_path, simulated
 def test_state_that_was_labelled_is_named_by_estimate_and_report(
     ema, tmp_path, simulated, calibrated
 ):
-    # Friction explains the first state, not the second.
+    # Friction explains the first state, but not the second.
     for state, options, seed in (("dry", DRY, 60), ("worn screw", NOISY, 70)):
         some = [simulated(f"{state}{n}", seed + n, *options) for n in range(3)]
         result = ema("label", calibrated, *some, "--state", state)
@@ -136,7 +136,7 @@ def test_state_that_was_labelled_is_named_by_estimate_and_report(
     healthy = simulated("healthy", 0, *QUIET, cycles=12)
     result = ema("calibrate", healthy, "--replace", "-o", calibrated)
     assert "labelled states kept: dry, worn screw" in result.stdout
-    # A history has the figures of its tests without the bags.
+    # A history has the departures of its tests without the bags.
     path = history_path(tmp_path, "flap", "SIM-0001")
     figures = tuple(map(figures_of_row, first(ema, later, calibrated)["parts"]))
     history = History("flap", "SIM-0001", path)
@@ -162,7 +162,7 @@ def test_state_that_was_labelled_is_named_by_estimate_and_report(
 
 @pytest.fixture(scope="module")
 def slides(ema, tmp_path_factory):
-    """Import records of slides with an unknown drive; return the bag."""
+    """Return a function that imports records of slides with an unknown drive to a bag."""
     folder = tmp_path_factory.mktemp("slides")
     (folder / "mapping.yaml").write_text(MAPPING)
 
@@ -204,7 +204,7 @@ def test_records_of_an_unknown_drive_are_labelled(ema, tmp_path, slides, healthy
     for state, change in (("dry", dry), ("worn screw", rough), ("healthy", {})):
         later = slides(f"{state} later", seed=90, **change)
         assert next(iter(states_of(ema, later, calibrated))) == state
-    # A record takes the new state, and a further calibration keeps the states.
+    # A record is labelled with the new state, and a further calibration keeps the states.
     result = ema("label", calibrated, slides("dry0", seed=60, **dry), "--state", "worn screw")
     assert "5 records healthy, 2 records dry, 4 records worn screw" in result.output
     result = ema("calibrate", *healthy_slides, "--replace", "-o", calibrated)

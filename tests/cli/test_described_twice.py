@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``--actuator FILE`` beside the description in a bag: a warning, or the file by force."""
+"""``--actuator FILE`` and the description in a bag: a warning, or ``--accept-defects``."""
 
 import json
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema design``: from the wish to a command that keeps its promise on recorded tests."""
+"""``ema design``: from the wanted accuracy to a command that reaches it on recorded tests."""
 
 import json
 
@@ -42,7 +42,7 @@ def test_designed_command_gives_the_promised_sigma_on_recorded_tests(ema, tmp_pa
         found = ema("estimate", case, *window, "--calibration", calibration, "--json")
         assert found.exit_code == 0
         [estimate] = json.loads(found.stdout)
-        # The promise is of the least favourable actuator; the calibration is another one.
+        # The promise holds for the least favourable actuator; the calibration is of another one.
         assert estimate["sigma"][name] <= 1.25 * promised[name]["sigma"]
         assert estimate["faults"][name] == pytest.approx(
             value, abs=3.0 * max(promised[name]["sigma"], promised[name]["error"])
@@ -69,7 +69,7 @@ def test_what_is_to_be_done_next_is_done_with_the_acquisition_of_the_design(
     assert ema(*case, *NOISE[:2], "--fault", "friction=0.3").exit_code == 0
     [found] = json.loads(ema(*estimate, "--json").stdout)
     assert found["valid"], found
-    # The wish is a standard deviation of 0.03.
+    # The wanted standard deviation is 0.03.
     assert found["faults"]["friction"] == pytest.approx(0.3, abs=0.09)
 
 

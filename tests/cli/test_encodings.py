@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands run in any locale, and with any name that a file may have."""
+"""Commands work in any locale, and with any file name."""
 
 import os
 import subprocess
@@ -16,7 +16,7 @@ TABLE = "t;pos;Öl;command\n" + "".join(f"{i / 1000};0.{i:04d};1;0.{i:04d}\n" fo
 
 
 def run(folder: Path, *words: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
-    """Run a command in a folder; what it prints is text in UTF-8."""
+    """Run a command in a folder; check that its output is UTF-8."""
     done = subprocess.run(
         ["ema", *words], cwd=folder, capture_output=True, env=os.environ | environment
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pipes, devices and huge files are refused at once; none of them is waited for."""
+"""Pipes, devices and huge files are refused at once instead of being read without end."""
 
 import os
 from pathlib import Path
@@ -16,7 +16,7 @@ from ..commands import SAMPLE, ema
 
 @pytest.fixture(params=["pipe", "device"])
 def endless(request, tmp_path):
-    """Return what makes a file of a name that never ends."""
+    """Return a function that makes an endless file with a name."""
 
     def make(name: str) -> Path:
         path = tmp_path / name

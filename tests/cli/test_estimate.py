@@ -22,13 +22,13 @@ def test_sample_bag_has_its_faults_named(ema):
     assert {"fitness", "evaluations", "computing_time", "reason", "start", "end"} < {*estimate}
     assert (estimate["valid"], estimate["algorithm"]) == (True, "least_squares")
     assert list(estimate["faults"]) == list(FAULT_NAMES) == list(estimate["sigma"])
-    # Measured 0.5 %; noise and resolution of the sample's sensors are part of it.
+    # Measured: 0.5 %, partly due to noise and resolution of the sample's sensors.
     assert estimation_error([*estimate["faults"].values()], fault_vector(SAMPLE_FAULTS)) < 1.5
 
 
 @pytest.fixture(scope="module")
 def worn(ema, tmp_path_factory) -> Path:
-    """Three cycles with friction."""
+    """Return a bag with three cycles with friction."""
     bag = tmp_path_factory.mktemp("worn") / "worn.mcap"
     assert ema("simulate", "--cycles", "3", "--fault", "friction=0.3", "-o", bag).exit_code == 0
     return bag
@@ -86,7 +86,7 @@ def test_plant_that_differs_keeps_its_nominal_description(ema, tmp_path):
     assert result.exit_code == 0
     [estimate] = json.loads(result.stdout)
     assert estimate["valid"]
-    # 5 % of resistance hardly shows while the current is controlled.
+    # An error of 5 % in the resistance is hardly visible while the current is controlled.
     assert estimate["faults"]["friction"] == pytest.approx(0.2, abs=0.02)
 
 
@@ -142,7 +142,7 @@ def test_another_command_than_the_calibrated_one_is_estimated(ema, tmp_path):
     assert ema("simulate", "--command", samples, *faulty, "-o", bag).exit_code == 0
     [estimate] = json.loads(ema("estimate", bag, "--json").stdout)
     assert estimate["faults"]["backlash"] == pytest.approx(0.3, abs=0.02)
-    # What the calibration could not learn from the chirp shows in the standard deviations.
+    # The standard deviations include what the calibration could not learn from the chirp.
     for name in {*FAULT_NAMES} - {"backlash", *estimate["insignificant"]}:
         healthy = healthy_faults()[FAULT_NAMES.index(name)]
         assert abs(estimate["faults"][name] - healthy) < 3.0 * estimate["sigma"][name]
@@ -184,7 +184,7 @@ def test_noisy_command_needs_a_threshold_above_its_noise(ema, tmp_path, record, 
 
 
 def test_window_that_the_end_of_a_recording_cuts_off_is_no_failure(ema, record, faulty_blocks):
-    # The same cycle once more, joining the first, up to the middle of its window.
+    # The same cycle follows the first, up to the middle of its window.
     n = len(faulty_blocks)
     again = repeated(faulty_blocks, 2)[n : n + n * 6 // 10]
     broken = [block for i, block in enumerate(faulty_blocks) if i != n * 6 // 10]
@@ -200,6 +200,7 @@ def test_window_that_the_end_of_a_recording_cuts_off_is_no_failure(ema, record, 
     assert valid["valid"]
     assert "the telemetry ends" in cut["reason"]
     assert result.exit_code == 0
-    # One that is not the last counts, and so does a recording without any whole window.
+    # An incomplete window before the last one is a failure, as is a recording without a whole
+    # window.
     assert estimate([*broken, *again]).exit_code == 3
     assert estimate(again).exit_code == 3

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema estimate`` of records that are compared with a baseline."""
+"""``ema estimate`` on records that are compared with a baseline."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -27,7 +27,7 @@ Shown = Callable[..., Any]
 
 @pytest.fixture
 def estimate(ema, monkeypatch: pytest.MonkeyPatch, bag: Path) -> Shown:
-    """Run ``ema estimate`` on a bag whose records give these comparisons."""
+    """Return a function that runs ``ema estimate`` on records with given comparisons."""
 
     def run(*of: Comparison, options: Sequence[str] = ()) -> Any:
         estimates = [compared(one, calibration_windows=12) for one in of]

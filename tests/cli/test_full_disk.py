@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a file cannot be written to its end, the error names it and no part of it is left."""
+"""If a file cannot be written completely, the error names it and no partial file remains."""
 
 import resource
 import sys
@@ -14,10 +14,10 @@ from ..commands import SAMPLE
 
 @contextmanager
 def largest_file(size: int) -> Iterator[None]:
-    """Let every write of this process fail beyond so many bytes of a file, as on a full disk."""
+    """Make writes beyond ``size`` bytes of a file fail in this process, as on a full disk."""
     usual = resource.getrlimit(resource.RLIMIT_FSIZE)
     writes_no_bytecode = sys.dont_write_bytecode
-    # Python 3.11 leaves a cut off .pyc of what it first imports under the limit.
+    # Under the limit, Python 3.11 would leave truncated .pyc files of the modules that it imports.
     sys.dont_write_bytecode = True
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, usual[1]))
     try:
@@ -29,7 +29,7 @@ def largest_file(size: int) -> Iterator[None]:
 
 @pytest.fixture(scope="module", autouse=True)
 def _kernels(ema, tmp_path_factory) -> None:
-    """Have the compiled kernels in their cache, which is written as well."""
+    """Compile the kernels before, because their cache files are written as well."""
     assert ema("plot", SAMPLE, "--window", "0", "-o", tmp_path_factory.mktemp("k") / "k.png")
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The help of commands: the list, without importing any, and its length."""
+"""The help of commands: the list, which imports no command, and its length."""
 
 import shlex
 
@@ -19,7 +19,7 @@ def test_list_shows_the_first_line_of_each_help():
 
 @pytest.mark.parametrize("name", _COMMANDS)
 def test_help_fits_a_screen_of_40_lines(name):
-    """Also that of its own commands, on a terminal of 80 columns."""
+    """The limit includes the help of subcommands, on a terminal of 80 columns."""
     context = click.Context(main)
     command = main.get_command(context, name)
     below = command.list_commands(context) if isinstance(command, click.Group) else []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema import`` writes what all other commands read, and says first what is wrong."""
+"""``ema import`` writes bags that all other commands read, and reports errors before it writes."""
 
 import numpy as np
 import pandas as pd
@@ -31,7 +31,7 @@ def telemetry():
 
 @pytest.fixture
 def table(telemetry, tmp_path):
-    """Write that telemetry as CSV, columns changed by functions; return its path."""
+    """Return a function that writes the telemetry as CSV, with columns changed by functions."""
 
     def write(name="exact.csv", *, separator=",", decimal=".", **changes):
         columns = {
@@ -52,7 +52,7 @@ def table(telemetry, tmp_path):
 
 
 def recognised(ema, path):
-    """Write the mapping that ema check recognises for the built-in drive; return path and text."""
+    """Return path and text of the mapping that ema check recognises for the built-in drive."""
     built_in = path.with_name("built_in.yaml")
     built_in.write_text("model: built-in\n")
     mapping = path.with_suffix(".yaml")
@@ -131,7 +131,7 @@ def test_description_is_that_of_the_file_with_the_rate_and_acquisition_found(ema
 
 
 def test_times_before_zero_are_shifted(ema, table, tmp_path):
-    """A recorder's trigger at 0 s, with what it kept of before."""
+    """A triggered recorder has negative times before its trigger at 0 s."""
     path = table(time=lambda x: x - 0.5)
     mapping, _ = recognised(ema, path)
     output = tmp_path / "out.mcap"
@@ -143,7 +143,7 @@ def test_times_before_zero_are_shifted(ema, table, tmp_path):
 def test_file_of_a_similar_rate_is_resampled_to_the_rate_of_the_first(
     ema, table, tmp_path, stretch, is_refused
 ):
-    """The clock of the second logger is slow, so that motor and speed seem to contradict."""
+    """The second logger has a slow clock, so that motor position and speed seem to disagree."""
     mapping, _ = recognised(ema, table())
     files = table("a.csv"), table("b.csv", time=lambda x: x * stretch, speed=lambda x: x / stretch)
     output = tmp_path / "two.mcap"
@@ -154,5 +154,5 @@ def test_file_of_a_similar_rate_is_resampled_to_the_rate_of_the_first(
         return
     assert result.exit_code == 0, result.output
     assert "b.csv: resampled from 9756 Hz to 10000 Hz, the rate of" in result.stderr
-    # 1.7 s of the one and 1.7 s times the stretch of the other.
+    # The first file lasts 1.7 s; the second 1.7 s times the stretch.
     assert f"at 10000 Hz, {1.7 * (1.0 + stretch):.2f}" in result.stdout

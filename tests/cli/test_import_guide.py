@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema import --guide`` asks for what cannot be guessed, and --set answers beforehand."""
+"""``ema import --guide`` asks what it cannot infer; --set answers in advance."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -36,7 +36,7 @@ def command():
 
 
 def test_check_of_a_real_record_recognises_the_mapping_by_hand(ema, tmp_path, command):
-    """Position from an error, and a current without sign."""
+    """The position follows from an error, and the current has no sign."""
     done = ema("check", *command[1:], "-o", tmp_path / "mapping.yaml")
     assert done.exit_code == 0, done.output
     guessed = load_mapping(tmp_path / "mapping.yaml")
@@ -66,7 +66,7 @@ def test_guide_and_options_give_what_the_mapping_by_hand_does(ema, tmp_path, com
 
 def test_impossible_answer_is_reported_and_asked_for_again(ema, tmp_path, command):
     wrong = ASKED.replace("current_a", "amperes", 1)
-    # Asked again, what was answered before is the default.
+    # When the question is repeated, the previous answer is the default.
     again = "\n" * 9 + "current_a\n" + "\n" * 6
     result = ema(*command, "--guide", "-o", tmp_path / "guided.mcap", typed=wrong + again)
     assert result.exit_code == 0, result.output

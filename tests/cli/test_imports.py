@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands import what they need and no more: they start quickly."""
+"""Commands import only what they need, so that they start quickly."""
 
 import json
 import subprocess
@@ -19,12 +19,12 @@ for options in [], ["--json"][: sys.argv[1] == "estimate"]:
     main([*sys.argv[1:], *options], standalone_mode=False)
 print(*sys.modules)
 """
-# numba imports scipy itself, to check its version.
+# numba itself imports scipy, to check its version.
 PICTURES_TABLES_ROS = {"matplotlib", "pandas", "jinja2", "scipy.special", "rclpy", "sqlite3"}
 
 
 def imported(*arguments: str | Path) -> set[str]:
-    """Names of the modules that a command has imported when it is done."""
+    """Return the names of the modules that a command has imported when it ends."""
     done = subprocess.run(
         [sys.executable, "-c", LIST_IMPORTS, *map(str, arguments)],
         capture_output=True,
@@ -49,7 +49,7 @@ def test_info_imports_neither_compiler_nor_what_draws_tables_and_bars():
 
 
 def test_estimate_imports_no_pictures_no_node_and_no_prognosis():
-    # numba brings sqlite3 where coverage is installed.
+    # numba imports sqlite3 if coverage is installed.
     modules = imported("estimate", SAMPLE)
     assert not modules & (PICTURES_TABLES_ROS - {"sqlite3"})
     assert not any(name.startswith(("ema_monitor.prognosis", "ema_sim")) for name in modules)
@@ -64,7 +64,7 @@ clock: {source: time}
 
 @pytest.fixture(scope="module")
 def tables(ema, tmp_path_factory):
-    """Write and calibrate records of a joint as CSV and Parquet files; return their folder."""
+    """Return a folder with records of a joint as CSV and Parquet files, and their calibration."""
     folder = tmp_path_factory.mktemp("joint")
     (folder / "mapping.yaml").write_text(MAPPING)
     (folder / "actuator.yaml").write_text("actuator_id: a\nserial_number: A-1\ndrive: unknown\n")

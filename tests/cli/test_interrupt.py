@@ -13,8 +13,8 @@ from ..waiting import DEADLINE_S, started, wait_for
 
 @pytest.mark.parametrize("attempt", range(3))
 def test_interrupted_simulation_leaves_a_closed_bag(tmp_path, attempt):
-    # An interrupt that met a kernel on its way back to Python used to crash the process; where it
-    # meets the process is chance, hence the attempts.
+    # An interrupt in a kernel that returns to Python used to crash the process. The moment is
+    # random, so the test repeats it.
     path = tmp_path / "long.mcap"
     with started(
         ["ema", "simulate", "--cycles", "100000", "-o", path], stderr=subprocess.PIPE, text=True

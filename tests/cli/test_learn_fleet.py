@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ``ema learn-fleet`` makes of histories, and who uses it."""
+"""``ema learn-fleet`` learns growth from histories; monitors and prognoses use it."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ TESTS = 40
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Histories of three units; the friction of two of them grows."""
+    """Return a folder with histories of three units; friction grows in two of them."""
     folder = tmp_path_factory.mktemp("site")
     for serial, growth in (("1", 0.005), ("2", 0.006), ("3", 0.0)):
         history = History("flap", serial, history_path(folder, "flap", serial))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema lives``: folders of bags and files of estimates, by seed, and what is refused."""
+"""``ema lives``: folders of bags and files of estimates by seed, and refused options."""
 
 import json
 import signal
@@ -22,7 +22,7 @@ from ema_sim.lives import LifeSettings, constant_life, run_to_failure
 from ..waiting import DEADLINE_S, started, wait_for
 
 HERE = ("--executor", "threads", "--workers", "1")
-"""Lives of this process, whose figures are patched."""
+"""Options that simulate lives in this process, whose functions are patched."""
 
 FEW = LifeSettings(interval_hours=150.0, least_tests=4, most_tests=14, disturbed_share=0.5)
 FEWER = replace(FEW, most_tests=4)
@@ -30,7 +30,7 @@ FEWER = replace(FEW, most_tests=4)
 
 @pytest.fixture(scope="module")
 def short():
-    """Lives of about seven tests, half of their windows disturbed."""
+    """Make lives of about seven tests, half of which have disturbed windows."""
 
     def run(limits, rng, kind, *, with_repair):
         return run_to_failure(limits, rng, kind, FEW, with_repair=with_repair)
@@ -43,7 +43,7 @@ def short():
 
 @pytest.fixture(scope="module")
 def two_lives(ema, tmp_path_factory, short):
-    """Two lives as folders of bags."""
+    """Return two lives as folders of bags."""
     folder = tmp_path_factory.mktemp("two") / "lives"
     result = ema("lives", *HERE, "-o", folder, "--count", "2", "--seed", "5", "--fault", "backlash")
     assert result.exit_code == 0, result.output
@@ -88,7 +88,7 @@ def test_each_life_is_that_of_a_unit_which_its_calibration_fits(ema, two_lives):
     result = ema("predict", life)
     assert f"flap ({names[1]})" in result.stdout
     assert str(life / CALIBRATION_FILE) in result.stdout
-    # Half of the windows are disturbed; no other is refused.
+    # Half of the windows are disturbed; no other window is refused.
     assert "serial number" not in result.stderr
     both = ema("predict", folder / "life_0000", folder / "life_0001")
     assert both.exit_code == 1
@@ -113,7 +113,7 @@ def test_estimates_hold_truth_and_covariance(ema, tmp_path, short):
             "unobservable", "goodness_of_fit",
         ]  # fmt: skip
         assert set(line["truth"]) == set(FAULT_NAMES)
-        # Noise widens the standard deviations; it leaves little of the departure unexplained.
+        # Noise increases the standard deviations; little of the departure stays unexplained.
         assert line["valid"] or line["window"] != "good"
         if line["window"] == "gap":
             assert "gap of 300 samples" in line["reason"]
@@ -126,7 +126,7 @@ def test_estimates_hold_truth_and_covariance(ema, tmp_path, short):
 
 @pytest.fixture(scope="module")
 def constant(ema, tmp_path_factory, short):
-    """Return what makes lives in which nothing grows, of four tests each."""
+    """Return a function that makes lives without growth, of four tests each."""
 
     def make(*arguments):
         folder = tmp_path_factory.mktemp("constant") / "lives"

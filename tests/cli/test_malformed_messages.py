@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A malformed message costs itself and what it interrupts, never the whole bag."""
+"""A malformed message affects only itself and the window that it interrupts."""
 
 import array
 from pathlib import Path
@@ -20,7 +20,7 @@ NOT_CDR = b"\x00\x01\x00\x00\x07\xff"
 
 
 def spoil(source: Path, target: Path) -> dict[str, int]:
-    """Copy a bag, with malformed messages on each topic; return how many there are of each."""
+    """Copy a bag with malformed messages on each topic; return their number by topic."""
     bag = Bag(source)
     malformed = dict.fromkeys(bag.topics, 1)
     with BagWriter(target) as writer:
@@ -87,6 +87,6 @@ def test_recovered_bag_holds_none_of_them(ema, spoiled: Path, tmp_path: Path):
     whole = Bag(tmp_path / "whole.mcap")
     list(whole.messages())
     assert whole.damage == ""
-    # An impossible description is a whole message: what to make of it is for its reader.
+    # An impossible description is a well-formed message; only its reader can judge it.
     assert whole.topics["/ema/actuator_description"].count == 2
     assert whole.topics["/ema/telemetry"].count == Bag(SAMPLE).topics["/ema/telemetry"].count

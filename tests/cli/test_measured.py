@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema estimate --measured``: what is known of a hidden cause beside the bag."""
+"""``ema estimate --measured``: hidden causes that were measured outside the bag."""
 
 import json
 import re
@@ -22,7 +22,7 @@ def test_measured_load_is_shown_and_no_hidden_cause(ema, bag):
     result = ema("estimate", bag, *RIGHT, "--measured", "winding_temperature=0:2")
     assert result.exit_code == 0
     assert "measured: load torque +0.3 ± 0.01 N.m; winding temperature +0 ± 2 K" in result.stdout
-    # To 0.002, as without a load.
+    # Within 0.002, as without a load.
     assert re.search(r"found: friction 0\.(199|20[012]) \([^;]*$", result.stdout, re.MULTILINE)
     assert "note:" not in result.stdout
 

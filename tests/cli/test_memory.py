@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Memory does not grow with the length of a bag: its telemetry stays there."""
+"""Memory does not grow with the length of a bag, because telemetry is read on demand."""
 
 import tracemalloc
 from collections.abc import Callable
@@ -39,7 +39,7 @@ def peak_bytes(action: Callable[[], Any]) -> int:
 
 @pytest.fixture
 def bags(record, faulty_blocks, tmp_path: Path) -> list[Path]:
-    """Return a short bag and one that is longer than what a trigger looks back on."""
+    """Return a short bag and a bag longer than the look-back of a trigger."""
     paths = []
     for cycles in (SHORT, LONG):
         path = tmp_path / f"{cycles}.mcap"
@@ -49,7 +49,7 @@ def bags(record, faulty_blocks, tmp_path: Path) -> list[Path]:
 
 
 def added_bytes(blocks: list[Telemetry]) -> int:
-    """Return the size of the telemetry that the long bag has more than the short one."""
+    """Return by how many bytes the telemetry of the long bag exceeds the short one."""
     samples = (LONG - SHORT) * sum(map(len, blocks))
     return samples * len(COLUMNS) * 8
 
@@ -57,14 +57,14 @@ def added_bytes(blocks: list[Telemetry]) -> int:
 @pytest.mark.long
 @pytest.mark.parametrize("sink", [None, Outline], ids=["windows", "outline"])
 def test_reading_a_longer_bag_takes_no_more_memory(bags, faulty_blocks, monkeypatch, sink):
-    # What the trigger looks back on is constant, but as long as these bags.
+    # The look-back of the trigger is constant, but as long as these bags.
     monkeypatch.setattr("ema_monitor.windows.trigger.LOOKBACK_S", 0.5)
 
     def read(path: Path) -> None:
         found = read_windows(path, OPTIONS, sink().add if sink else None)
         assert found.samples == found.blocks * 100
 
-    read(bags[0])  # what is imported and cached at first use
+    read(bags[0])  # Modules and caches are loaded at first use.
     short, long = (peak_bytes(lambda p=path: read(p)) for path in bags)
     assert long - short < 0.05 * added_bytes(faulty_blocks)
 
@@ -83,7 +83,7 @@ def test_calibrating_on_more_windows_takes_no_more_memory(bags, monkeypatch):
     short, long = (peak_bytes(lambda n=n: fit(found.windows[:n])) for n in (SHORT, LONG))
     one_window = found.windows[0].window
     assert isinstance(one_window, Window)
-    # Twelve windows more, and less than one of them is held; all else varies by 40 kB.
+    # The longer bag has twelve more windows, yet memory grows by less than one; noise is 40 kB.
     assert long - short < sum(getattr(one_window.telemetry, name).nbytes for name in COLUMNS)
 
 
@@ -91,7 +91,7 @@ def test_window_read_again_is_the_one_that_was_found(record, faulty_blocks, spoi
     blocks = repeated(faulty_blocks, 3)
     broken = len(faulty_blocks) + 100
     blocks[broken] = spoiled(blocks[broken], "current", 7, np.nan)
-    # Blocks that do not end where windows do, and stamps that drift.
+    # Block ends differ from window ends, and stamps drift.
     blocks = [
         replace(part, stamp_ns=part.stamp_ns + 13 * number)
         for number, block in enumerate(blocks)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema new-actuator``: a description from the figures of a data sheet."""
+"""``ema new-actuator``: a description from the values of a data sheet."""
 
 import math
 
@@ -9,7 +9,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.parameters import RPM
 from ema_ros.actuator_file import load_description
 
-# Of the spoiler of docs/describe-actuator.md; - is what its data sheet does not have.
+# The spoiler of docs/describe-actuator.md; - stands for a value missing from its data sheet.
 FIGURES = {
     "gear": "800", "lead": "-", "supply": "270",
     "kv": "28", "torque-constant": "0.34", "resistance": "1.6",
@@ -38,7 +38,7 @@ def test_answers_and_options_give_a_description_that_names_its_sources(ema, tmp_
         p = found.parameters
         assert (found.serial_number, found.sample_period, p.V_max, p.P) == ("0815", 5e-4, 270.0, 4)
         assert (p.k_t, p.k_e, p.G_M) == pytest.approx((k_t, k_t, k_t))
-        # The limit of the torque follows from figures that are given.
+        # The limit of the torque is derived from values that are given.
         assert (p.T_max, p.tau, p.L_s) == pytest.approx((15.0 * k_t, 1.0 / 800.0, 4.2e-3))
         assert p.J_m == example.J_m
         assert "ohm, resistance 1.6 ohm: " in file.read_text()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ordinary motion on the command line: simulated, looked into, identified."""
+"""Ordinary motion on the command line: simulated, inspected and identified."""
 
 import json
 from pathlib import Path
@@ -27,7 +27,7 @@ def bag(ema, tmp_path_factory) -> Path:
 
 
 def test_info_lists_the_stretches(ema, bag):
-    """Stretches of half a second, one after the other, through the whole cycle."""
+    """Successive stretches of half a second cover the whole cycle."""
     result = ema("info", "--any-motion", bag)
     assert result.exit_code == 0
     assert result.stdout.count("start in the play") >= 6
@@ -49,13 +49,13 @@ def test_estimate_combines_stretches_and_states_so(estimates):
         assert one["verdict"] != "refused"
         assert one["stretches"] >= 1
         assert one["end"] - one["start"] >= 0.5 * one["stretches"] - 1e-6
-        # The wanted 0.02, and three of these are rare.
+        # The wanted sigma is 0.02; errors of three standard deviations are rare.
         assert abs(one["faults"]["friction"] - FAULTS["friction"]) < 0.06
 
 
 @pytest.mark.slow
 def test_a_line_names_what_the_motion_does_not_show(ema, bag):
-    """With half a per cent wanted, short circuits are not known well enough."""
+    """With a wanted sigma of 0.005, short circuits are not known accurately enough."""
     result = ema("estimate", "--any-motion", "-p", "wanted_sigma=0.005", bag)
     assert result.exit_code == 0
     assert "1 stretch" in result.stdout or " stretches" in result.stdout
@@ -66,7 +66,7 @@ def test_a_bag_without_motion_is_an_error(ema, tmp_path):
     command, bag = tmp_path / "rest.csv", tmp_path / "rest.mcap"
     np.savetxt(command, np.zeros(3000))
     assert ema("simulate", "--command", command, "-o", bag).exit_code == 0
-    # The slow approach of the cycle is motion; one that travels a tenth as far is none.
+    # The slow approach of the cycle counts as motion; a tenth of its travel does not.
     result = ema("estimate", "--any-motion", "-p", "threshold_urad=1e6", bag)
     assert result.exit_code == 1
     assert "no motion to diagnose" in result.stderr

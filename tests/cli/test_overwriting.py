@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A command never writes onto what it reads, and onto other files only when it is forced to."""
+"""A command never overwrites its input, and overwrites other files only with ``--replace``."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from ..commands import SAMPLE
 
 @pytest.fixture(scope="module")
 def folder(ema, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with a recording of one healthy cycle, `bag`, a description and a mapping."""
+    """Return a folder with a recording of a healthy cycle, `bag`, a description and a mapping."""
     path = tmp_path_factory.mktemp("healthy")
     assert ema("simulate", "-o", path / "bag").exit_code == 0
     (path / "unit.yaml").write_text("actuator_id: flap\n")

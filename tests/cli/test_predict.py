@@ -55,7 +55,7 @@ def reported(ema, life_folder, tmp_path_factory):
 
 
 def estimate_of(hours: float, seed: int | None = None, friction: float = 0.0) -> Estimate:
-    """Estimate at a service hour; with a seed it errs by a standard deviation of 0.003."""
+    """Return the estimate at a service hour; with a seed, its errors have a sigma of 0.003."""
     made = made_test(0, friction=friction)
     k = fault_vector({"friction": friction})
     if seed is not None:
@@ -98,10 +98,10 @@ def test_folder_is_read_in_the_order_of_stamps_with_its_usage(reported):
     assert reported["flight_hours"] == pytest.approx(INTERVAL_H * TESTS)
     assert reported["cycles"] == TESTS
     friction = next(item for item in reported["faults"] if item["name"] == "friction")
-    # The estimator errs by 0.3 % of the range here.
+    # Here, the estimator errs by 0.3 % of the range.
     assert friction["value"] == pytest.approx(0.28, abs=0.01)
     assert friction["trend"] == pytest.approx(RATE / INTERVAL_H, rel=0.15)
-    # It reaches 0.5 in 110 h, if it goes on as straight as it has.
+    # Friction reaches 0.5 in 110 h, if it continues to grow linearly.
     life = friction["rul"]
     assert life["known"]
     assert life["hours_05"] < 110.0 < life["hours_95"]
@@ -129,7 +129,7 @@ def test_predictions_so_far_are_reported_with_the_fault_that_ends_life():
     course = course_of(growing(8e-4, 50, seed=3))
     message = health_report(course.outlooks[-1], course.record.description.unit_key)
     friction = next(item for item in message.faults if item.name == "friction")
-    # Of 50 tests, and five predictions twenty tests ahead, whose law is in the bank.
+    # The 50 tests have five predictions twenty tests ahead; their law is in the bank.
     assert friction.calibration == pytest.approx(1.0, abs=0.3)
     assert friction.calibration_ahead < 1.5
     assert 1.0 <= friction.widening < 1.3
@@ -161,15 +161,15 @@ def test_future_begins_at_the_last_test_whose_hours_are_believed():
         assert np.asarray(line.get_xdata())[0] == INTERVAL_H * 19
     assert axes[0].get_xlim()[0] == INTERVAL_H
     assert INTERVAL_H * 19 < axes[0].get_xlim()[1] < INTERVAL_H * 25
-    # The reason, however long, stays in the picture.
+    # Even a long reason stays within the picture.
     figure.draw_without_rendering()
     title = next(text for text in axes[0].findobj(Text) if "service hours" in text.get_text())
     assert title.get_window_extent().x1 < figure.bbox.x1
 
 
 def test_truth_is_the_hour_at_which_the_first_limit_is_crossed():
-    # Friction of 0.05 + 0.0031 u reaches 0.5 at 145.16 h, between two tests; it fails none of the
-    # default requirements.
+    # Friction of 0.05 + 0.0031 u reaches 0.5 at 145.16 h, between two tests. It violates none of
+    # the default requirements.
     estimates = growing(3.1e-3, 17)
     truths = [
         StampedFaults(e.start_ns, "flap", i, np.array(e.faults)) for i, e in enumerate(estimates)
@@ -178,11 +178,11 @@ def test_truth_is_the_hour_at_which_the_first_limit_is_crossed():
     left = true_remaining_life(course)
     hours = np.array([outlook.hours for outlook in course.outlooks])
     assert left == pytest.approx(np.maximum(0.45 / 3.1e-3 - hours, 0.0), abs=1e-6)
-    # The picture marks the crossing on the limit, and not the last test at 170 h.
+    # The picture marks the crossing at the limit, and not the last test at 170 h.
     friction = next(one for one in draw_course(course).axes if one.get_ylabel() == "friction")
     [end] = [np.asarray(one.get_xdata()) for one in friction.lines if one.get_marker() == "D"]
     assert end == pytest.approx([145.2], abs=4.0)
-    # Healthy, 0.65 of the torque is left unused: a requirement of 0.6 ends life sooner.
+    # A healthy unit has 0.65 of its torque in reserve: a requirement of 0.6 ends life sooner.
     strict = PrognosisSettings(requirements=RequirementLimits(torque_margin=0.6))
     sooner = true_remaining_life(course_of(estimates, strict, truths=truths))
     assert 0.0 < sooner[0] < left[0] - INTERVAL_H
@@ -240,7 +240,7 @@ def test_table_reports_each_fault_and_requirement_and_both_ends_of_life(ema, lif
 def one_test(
     description: ActuatorDescription, hours: float = 1.0, window: WindowKind = "good"
 ) -> LifeTest:
-    """A healthy test of a unit."""
+    """Return a healthy test of a unit."""
     life = SimulatedLife("", {}, np.array([hours]), fault_vector({})[None], (window,), math.inf)
     [test] = simulated_tests(life, description, np.random.default_rng(0))
     return test
@@ -248,7 +248,7 @@ def one_test(
 
 @pytest.fixture
 def written(tmp_path) -> Callable[..., Path]:
-    """Write one test of another unit to a bag."""
+    """Return a function that writes one test of another unit to a bag."""
 
     def write(
         name: str,
@@ -275,7 +275,7 @@ def written(tmp_path) -> Callable[..., Path]:
 def test_reason_that_holds_for_all_is_reported_once_and_how_to_mend_it(ema, written):
     result = ema("predict", written("one.mcap"), "--limit", "friction=0.4")
     assert result.exit_code == 0
-    # One test may be an outlier.
+    # A single test may be an outlier.
     assert result.stdout.count("fewer than two tests agree so far") == 1
     silent = ema("predict", written("uncounted.mcap", counted=False))
     assert silent.exit_code == 0
@@ -297,13 +297,13 @@ def test_two_actuators_are_refused_by_name_unless_one_is_chosen(ema, written):
 
 
 def test_two_bags_whose_windows_overlap_are_refused(ema, tmp_path):
-    """Windows of different commands end at different times; these are no order of the tests."""
+    """Windows of different commands end at different times; the order of the tests is unclear."""
     paths = [tmp_path / "swing.mcap", tmp_path / "chirp.mcap"]
     ema("simulate", "--command", "swing", "-o", paths[0])
     ema("simulate", "-o", paths[1])
     result = ema("predict", *paths)
     assert (result.exit_code, "which came first" in result.stderr) == (1, True)
-    # The same bag twice is one.
+    # The same bag given twice counts once.
     assert len(read_unit([paths[1]] * 2, ReadingOptions()).windows) == 1
 
 
@@ -388,7 +388,7 @@ def test_calibration_next_to_the_bags_is_that_of_the_unit(ema, written, tmp_path
     reported = ema("predict", bag, copy)
     assert reported.exit_code == 0
     assert reported.stderr == f"{copy}: skipped, a copy of {bag}\n"
-    # What is named on the command line holds before it.
+    # A calibration on the command line takes precedence.
     named = tmp_path / "named.yaml"
     Calibration.builtin().save(named)
     assert ema("predict", bag, "--calibration", named).exit_code == 3

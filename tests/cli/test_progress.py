@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Progress where there is no terminal: lines on standard error, with the time left."""
+"""Progress without a terminal: lines on standard error, with the time left."""
 
 import json
 import re

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that the commands make keep to this machine, unless ``--network`` is given."""
+"""Nodes started by commands are reachable only on this machine, unless ``--network`` is given."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ LOOPBACK = "127.0.0.1"
 
 
 def ports_of(domain: int) -> dict[int, set[str]]:
-    """Addresses at which the UDP ports that DDS gives a domain are open in this network."""
+    """Return the open UDP ports of a DDS domain, with the addresses to which they are bound."""
     first = 7400 + 250 * domain
     found: dict[int, set[str]] = {}
     for line in Path("/proc/net/udp").read_text(encoding="utf-8").splitlines()[1:]:
@@ -34,14 +34,14 @@ def test_ports_are_open_on_loopback_alone():
     environment = {
         **os.environ,
         "ROS_DOMAIN_ID": str(domain.number),
-        # All of these would let others in.
+        # Each of these variables would make the nodes reachable from other machines.
         RANGE: "SUBNET",
         "ROS_STATIC_PEERS": "192.0.2.1",
         PROFILE: str(PROFILES),
     }
     command = ["ema", "up", "monitor", "-p", "history_folder:=memory"]
     with started(command, env=environment) as process:
-        # One for discovery, one for data; the multicast of the domain would be a third.
+        # One port for discovery and one for data; multicast discovery would open a third.
         seen = wait_for(
             lambda: (ports := ports_of(domain.number)) and len(ports) >= 2 and ports,
             "a participant in the domain",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recording a bag that is played: the same node mains in the process of the command."""
+"""Recording and playing a bag with the node programs in the process of the command."""
 
 import json
 import signal
@@ -30,15 +30,15 @@ def end(process: subprocess.Popen[str], number: int) -> None:
 
 @pytest.fixture(scope="module")
 def replayed(tmp_path_factory):
-    """Return a bag in which a monitor diagnosed the sample, played by the command."""
-    # A name that YAML would take for a number.
+    """Return a bag that recorded a monitor while the command played the sample."""
+    # YAML would read this name as a number.
     bag = tmp_path_factory.mktemp("replay") / "1e3"
     output: dict[str, Any] = {"stderr": subprocess.PIPE, "text": True}
     with (
         started(["ema", "record", "-o", bag.name], cwd=bag.parent, **output) as recorder,
         started(["ema", "up", "monitor"], **output) as monitor,
     ):
-        # A player goes on as soon as somebody listens, be it one of both.
+        # The player starts as soon as one subscriber exists, the monitor or the recorder.
         for process in (recorder, monitor):
             assert process.stderr is not None
             assert any("active" in line for line in process.stderr)
@@ -58,7 +58,7 @@ def _has_health(bag: Path) -> bool:
 
 
 def as_text(message: Any) -> str:
-    """Return every value of a message, arrays to the last digit."""
+    """Return all values of a message as text, arrays with all digits."""
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
         return repr(message)
 
@@ -77,15 +77,15 @@ def test_history_next_to_the_truth_of_the_sample(replayed):
     assert (one.valid, one.cycle) == (True, 0)
     assert one.truth is not None
     assert one.truth[0] == 0.25
-    # Measured 0.001; 4 sigma of the estimate.
+    # Measured: 0.001; the tolerance is 4 sigma of the estimate.
     assert one.faults[0] == pytest.approx(0.25, abs=4.0 * one.sigma[0])
     assert history.limits["friction"] == 0.5
-    # 0.25 of friction is half the way to its limit.
+    # Friction of 0.25 is half of its limit.
     assert one.level == 1
 
 
 def test_latency_is_left_out_where_stamps_are_of_another_time(replayed):
-    # The sample's stamps begin at 0; the recording's at the time of the recording.
+    # The stamps of the sample begin at 0, those of the recording at the current time.
     labels = [axes.get_ylabel() for axes in draw_history(read_history(replayed)).axes]
     assert labels == ["friction", "eccentricity", "error of\nthe others"]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of an unknown drive on the command line: each file is a record, or says why not."""
+"""Recordings of an unknown drive: each file becomes a record, or is refused with a reason."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ clock: {source: time_s}
 
 @pytest.fixture(scope="module")
 def cycles(ema, tmp_path_factory) -> dict[int, Path]:
-    """Bags of one and of ten test cycles of half a second, every 1.7 s."""
+    """Return bags of one and of ten test cycles of half a second, one every 1.7 s, by number."""
     folder = tmp_path_factory.mktemp("cycles")
     (folder / "unit.yaml").write_text(DESCRIPTION)
     bags = {}
@@ -52,7 +52,7 @@ def test_single_test_cycle_is_no_record_and_the_reason_is_stated(ema, cycles, op
 
 
 def trial(folder: Path, seconds: float, dwell_s: float) -> Path:
-    """Write a CSV at 25 Hz: strokes of 5 s and dwells, with steps and noise of an encoder."""
+    """Write a CSV file at 25 Hz: strokes of 5 s and dwells, with steps and noise of an encoder."""
     h, stroke = 0.04, 0.6
     ramp = np.linspace(0.0, stroke, 125)
     dwell = np.full(round(dwell_s / h), stroke)
@@ -74,12 +74,12 @@ def trial(folder: Path, seconds: float, dwell_s: float) -> Path:
 
 @pytest.mark.parametrize(("seconds", "dwell_s"), [(25.0, 1.5), (64.8, 1.5), (64.8, 4.5)])
 def test_table_of_strokes_and_dwells_is_one_record(ema, tmp_path, seconds, dwell_s):
-    """A trial of 64.8 s goes on for less than a quarter of record_s after its first 60 s."""
+    """After its first 60 s, a trial of 64.8 s continues for less than a quarter of record_s."""
     lines = ema("info", trial(tmp_path, seconds, dwell_s)).stdout.splitlines()
     assert "records: 1" in lines
     begin, end = lines[lines.index("records: 1") + 1].split(":")[0].split(" to ")
     assert float(begin.removesuffix("s")) == pytest.approx(0.0, abs=0.01)
-    # A dwell at the end is left out after 0.5 s.
+    # A dwell at the end is cut off after 0.5 s.
     assert float(end.removesuffix("s")) >= seconds - dwell_s
 
 

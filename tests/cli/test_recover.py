@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is intact of a damaged bag becomes a whole one."""
+"""``ema recover`` writes the intact messages of a damaged bag to a whole one."""
 
 from pathlib import Path
 

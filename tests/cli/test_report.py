@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ema report`: one page that says what the estimates and the prognosis say, and needs nothing."""
+"""`ema report`: a self-contained page with the results of estimates and prognosis."""
 
 import hashlib
 import json
@@ -32,7 +32,7 @@ def window(ema, tmp_path_factory) -> Page:
 
 @pytest.fixture(scope="module")
 def loaded(ema, tmp_path_factory) -> Path:
-    """Bag of three windows with friction, under a load that is no fault."""
+    """Return a bag of three windows with friction, under a load, which is not a fault."""
     bag = tmp_path_factory.mktemp("loaded") / "loaded.mcap"
     arguments = ("--fault", "friction=0.2", "--cause", "load_torque=0.3", "--cycles", "3")
     assert ema("simulate", *arguments, "-o", bag).exit_code == 0
@@ -52,7 +52,7 @@ def reported(ema, life_folder) -> dict[str, Any]:
 
 
 def estimated(ema, bag: Path) -> list[list[float]]:
-    """Estimates and standard deviations of each window as `ema estimate --json` prints them."""
+    """Return estimates and standard deviations of each window from `ema estimate --json`."""
     rows = []
     for one in json.loads(ema("estimate", bag, "--json").stdout):
         row = [(one["faults"][name], one["sigma"][name]) for name in FAULT_NAMES]
@@ -97,7 +97,7 @@ def test_figures_of_a_bag_are_those_of_its_estimates_exactly(ema, loaded, tmp_pa
     page = Page(tmp_path / "bag.html")
     assert page.exactly("Estimates") == estimated(ema, loaded)
     assert len(page.table("Tests")) == 3
-    # The load is named as what it is, and what to do about it.
+    # The load is shown as a cause that is no fault, with the next step.
     [[words, _, tests]] = page.table("Hidden causes")
     assert words.startswith("load torque +0.3 ± 0.0")
     assert tests == "3"
@@ -109,7 +109,7 @@ def test_figures_of_a_life_are_those_of_the_prognosis_exactly(reported, of_life)
     for what, key in (("Faults", "faults"), ("Required performance", "requirements")):
         for row, item in zip(of_life.exactly(what), reported[key], strict=True):
             assert row[:2] == [item["value"], item["sigma"]]
-            # The page has the growth in 1000 h.
+            # The page shows the growth per 1000 h.
             assert row[3:] == pytest.approx([1e3 * item["trend"]], rel=1e-12)
     assert [row[0] for row in of_life.exactly("Tests")] == [
         test["flight_hours"] for test in reported["tests"]
@@ -155,7 +155,7 @@ def test_page_can_be_read_by_those_who_do_not_see_it(of_life):
     assert len(scopes) == len(of_life.printed["th"])
     assert ("html", "lang", "en") in of_life.attributes
     assert len(of_life.printed["h1"]) == 1
-    # A level is a word and a shape, not a colour alone.
+    # A level is a word and a shape, not only a colour.
     assert "▲ WARN" in of_life.printed["h2"][0]
 
 
@@ -165,7 +165,7 @@ def test_page_states_where_it_comes_from(window, of_life):
     assert (path, role) == (str(SAMPLE), "bag, 1 window used")
     assert (size, digest) == (f"{len(content):,}", hashlib.sha256(content).hexdigest())
     assert len(of_life.table("Files")) == TESTS
-    assert digest in window.printed["details"][0]  # folded away
+    assert digest in window.printed["details"][0]  # collapsed
     # Tests without a date have days and hours.
     assert of_life.table("Tests")[-1][2].startswith("4 days, 4:00:")
     [command] = window.printed["pre"]
@@ -218,5 +218,5 @@ def test_report_of_any_motion_draws_the_last_stretch(ema, tmp_path):
         words.startswith("Last stretch of the estimate") for words in reported.printed["desc"]
     )
     assert len(reported.table("Tests")) >= 1
-    # Beyond its limit nothing is on the way to it.
+    # Nothing is predicted for a fault beyond its limit.
     assert "% of the way" not in reported.printed["ol"][0]

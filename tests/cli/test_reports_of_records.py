@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema report`` and ``ema predict`` of records that are compared with a baseline."""
+"""``ema report`` and ``ema predict`` on records that are compared with a baseline."""
 
 import json
 import re
@@ -45,7 +45,7 @@ def bag(ema, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def run(ema, monkeypatch: pytest.MonkeyPatch, bag: Path) -> Run:
-    """Run a command on a bag whose records give these comparisons."""
+    """Return a function that runs a command on a bag whose records have given comparisons."""
 
     def command(name: str, of: Sequence[Comparison], *options: object) -> Any:
         estimates = [compared(one, END_NS + 10**11 * n) for n, one in enumerate(of)]

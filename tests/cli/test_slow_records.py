@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records of an unknown drive, at any rate and a sample a block, from table to estimate."""
+"""Records of an unknown drive at any rate, with one sample per block, from table to estimate."""
 
 import json
 import re
@@ -21,10 +21,10 @@ clock: {source: time_s}
 
 
 def written(path, rate_hz, duration_s, *, friction_a=0.6, load_a=0.0, current_noise=0.02, seed=0):
-    """Write a slide that goes to and fro: friction and a little inertia, the current unsigned."""
+    """Write a table of a slide that moves back and forth; its current has no sign."""
     rng = np.random.default_rng(seed)
     times = np.arange(round(duration_s * rate_hz)) / rate_hz
-    # Two tones: with one, a stiffness would look like inertia.
+    # Two frequencies: with one, a stiffness would look like inertia.
     tones = [(60.0, 2.0 * np.pi / 6.0), (30.0, 2.0 * np.pi / 3.7)]
     set_point = 100.0 - sum(size * np.cos(omega * times) for size, omega in tones)
     speed = sum(size * omega * np.sin(omega * times) for size, omega in tones)
@@ -39,7 +39,7 @@ def written(path, rate_hz, duration_s, *, friction_a=0.6, load_a=0.0, current_no
 
 @pytest.fixture
 def described(tmp_path):
-    """Write mapping and description; return them as options."""
+    """Return the options for a mapping and a description that it writes."""
     (tmp_path / "mapping.yaml").write_text(MAPPING)
     (tmp_path / "slide.yaml").write_text(
         "actuator_id: slide\nserial_number: R1\nsample_period: 0.04\ndrive: unknown\n"
@@ -51,7 +51,7 @@ def described(tmp_path):
 @pytest.mark.parametrize("rate_hz", [10, 25, 50, 67, 100, 500, 1000])
 def test_table_of_any_rate_leads_to_an_estimate(ema, tmp_path, monkeypatch, described, rate_hz):
     for module, name in ((records, "BLOCK_S"), (importing, "_BLOCK_SAMPLES")):
-        monkeypatch.setattr(module, name, 1e-9)  # a sample a block
+        monkeypatch.setattr(module, name, 1e-9)  # one sample per block
     duration_s = max(24.0, 1600.0 / rate_hz)
     for name, friction in (("healthy", 0.6), ("worn", 0.9)):
         table = written(tmp_path / f"{name}.csv", rate_hz, duration_s, friction_a=friction)
@@ -64,14 +64,14 @@ def test_table_of_any_rate_leads_to_an_estimate(ema, tmp_path, monkeypatch, desc
     assert result.exit_code == 3, result.output
     estimate = json.loads(result.stdout)[-1]
     assert (estimate["verdict"], estimate["valid"]) == ("departed", True)
-    # 50 % more friction is 0.25 of its range, which ends at three times the healthy one.
+    # 50 % more friction is 0.25 of its range, which ends at three times the healthy friction.
     assert estimate["faults"]["friction"] == pytest.approx(0.25, abs=0.04)
 
 
 @pytest.mark.parametrize(
     ("parameters", "shown"),
     [
-        ("{tau: 1.0}", "nominal parameters: lead 0.005"),  # by the mapping
+        ("{tau: 1.0}", "nominal parameters: lead 0.005"),  # according to the mapping
         ("{lead: 0.005, k_t: 0.5}", "nominal parameters: k_t 0.5, lead 0.005"),
     ],
 )
@@ -137,7 +137,7 @@ def test_joints_of_one_table_are_imported_at_once_and_separated(ema, tmp_path, d
 
 
 def cycles(ema, folder, described, seconds: float) -> None:
-    """Import tables of eight cycles, healthy and worn, each cycle a piece of its own."""
+    """Import tables of eight healthy and eight worn cycles, each cycle as a separate piece."""
     mapping = folder / "mapping.yaml"
     mapping.write_text(
         MAPPING.replace("source: time_s", "rate_hz: 25") + "table: {segment: cycle}\n"
@@ -176,7 +176,7 @@ def test_cycles_with_too_few_strokes_are_refused_with_their_number(ema, tmp_path
 
 
 def spoilt(frame, way, rng):
-    """Return a table as an irregular logger leaves it."""
+    """Return a table as an irregular logger writes it."""
     if way == "lost":
         return frame[rng.random(len(frame)) > 0.02]
     if way == "jitter":  # sampled at these times

@@ -18,7 +18,7 @@ KELVIN = {"healthy": [18.0, 27.0, 22.0, 30.0, 20.0, 25.0, 28.0, 19.0], "hot": 29
 
 
 def write(path: Path, day: int, celsius: float, friction: float = 1.0) -> Path:
-    """Write a record of a joint whose friction falls by 1 %/K, dry, and 3 %/K, viscous."""
+    """Write a record of a joint whose dry friction falls by 1 %/K and viscous friction by 3 %/K."""
     warm = celsius - 20.0
     thick = np.exp(-0.03 * warm)
     joint = Joint().times(coulomb=friction * (1.0 - 0.01 * warm), viscous=thick)
@@ -78,7 +78,7 @@ def test_friction_is_compared_at_the_temperature_of_the_record(ema, folder):
     worn, _ = friction(ema, folder, "worn")
     assert worn["judgement"] == "changed"
     assert worn["change"] == pytest.approx(0.1, abs=0.02)
-    # Without the column the same change is within what the temperature may do.
+    # Without the column, the same change is within the possible effect of temperature.
     start, end = mapping.index("temperature:\n"), mapping.index("clock:\n")
     calibrated(ema, folder, mapping[:start] + mapping[end:])
     blind, _ = friction(ema, folder, "worn")

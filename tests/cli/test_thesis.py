@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema thesis``: the study from the command line, small, and interrupted."""
+"""``ema thesis``: a small study on the command line, also interrupted."""
 
 import json
 import os
@@ -32,7 +32,7 @@ JOBS = [
 
 @pytest.fixture
 def small(monkeypatch):
-    """A study of six short runs, without the timing of executors; its report takes seconds."""
+    """Return a study of six short runs, without timing of executors; its report takes seconds."""
     plans = []
 
     def plan(model, runs, *, with_trials):
@@ -46,7 +46,7 @@ def small(monkeypatch):
 
 @pytest.fixture
 def without_report(monkeypatch):
-    """Neither report nor tables, which take longer than the runs."""
+    """Skip report and tables, which take longer than the runs."""
     monkeypatch.setattr(command, "study_tables", lambda frame: [])
     monkeypatch.setattr(command, "write_report", lambda folder, *_: folder / "report.html")
 
@@ -150,7 +150,7 @@ def test_worker_that_was_killed_is_reported_in_a_line(ema, tmp_path, small, monk
 
 @pytest.mark.long
 def test_interrupted_study_keeps_its_runs_and_resumes(tmp_path):
-    """As Ctrl-C does: the signal goes to the whole process group."""
+    """The signal goes to the whole process group, as from Ctrl-C."""
     folder = tmp_path / "study"
     study = subprocess.Popen(
         ["ema", "thesis", "-o", folder, "--quick"],
@@ -158,12 +158,12 @@ def test_interrupted_study_keeps_its_runs_and_resumes(tmp_path):
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
-        # Where the tests run in the background, interrupts are ignored, which children inherit.
+        # If the tests run in the background, SIGINT is ignored, and child processes inherit that.
         preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     )
     runs = folder / "runs.jsonl"
     try:
-        # Three processes import and load kernels first, on whatever cores are left.
+        # Three processes first import and load kernels, possibly on few cores.
         wait_for(lambda: runs.exists() and runs.read_text().count("\n") >= 2, "two runs")
         assert study.poll() is None
         os.killpg(study.pid, signal.SIGINT)

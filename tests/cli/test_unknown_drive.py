@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A drive whose controller is unknown on the command line, from calibration to prognosis."""
+"""A drive with an unknown controller on the command line, from calibration to prognosis."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,7 @@ CASES = {
 
 @pytest.fixture(scope="module")
 def folder(ema, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Healthy bags of three days with their calibration, and a test of each case a month later."""
+    """Return calibrated healthy bags of three days, and a test of each case a month later."""
     path = tmp_path_factory.mktemp("unknown")
     (path / "unit.yaml").write_text(ACTUATOR)
     of_unit = ("--actuator", path / "unit.yaml", "--current-noise", "0.05", "--cycles", "4")
@@ -63,8 +63,8 @@ def test_friction_and_torque_per_ampere_are_estimated(ema, folder):
         json.loads(ema("estimate", folder / f"{name}.mcap", *options(folder), "--json").stdout)
         for name in ("worn", "weak")
     )
-    # Friction of 1.8 times the healthy one, within the 10 % that any joint is promised: the cycles
-    # of a second are short, and part of the friction of this drive follows the load.
+    # Friction of 1.8 times the healthy one, within the 10 % promised for any joint: the cycles of
+    # one second are short, and part of the friction of this drive follows the load.
     assert worn["faults"]["friction"] == pytest.approx(0.4, abs=0.09)
     assert quantities(worn)["torque_per_ampere"]["judgement"] == "unchanged"
     assert quantities(weak)["torque_per_ampere"]["change"] == pytest.approx(-0.15, abs=0.02)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes under supervision, with small programs in the place of nodes; then real nodes."""
+"""Supervised processes: small programs in place of nodes, then real nodes."""
 
 import math
 import os
@@ -18,7 +18,7 @@ from ema_cli.processes.supervisor import Supervisor
 
 from ..waiting import DEADLINE_S, started, wait_for
 
-# Say "up", then end a while after SIGTERM and say so.
+# Write "up"; after SIGTERM, end with a delay and write a line.
 ORDERLY = """
 import signal, sys, time
 from pathlib import Path
@@ -52,7 +52,7 @@ def lines(note: Path) -> list[str]:
 
 
 def processes_with(mark: str | Path) -> list[int]:
-    """Processes, other than this one, whose command line has a mark in it; zombies have none."""
+    """Return the processes except this one whose command line has a mark; zombies have none."""
     found = []
     for folder in Path("/proc").iterdir():
         if not folder.name.isdigit() or int(folder.name) == os.getpid():
@@ -194,7 +194,7 @@ def test_first_signal_counts_and_handlers_come_back():
 def test_signal_at_any_moment_of_the_start_leaves_nobody(note, number, children_up):
     command = [sys.executable, "-c", SUPERVISOR, "6", ORDERLY, str(note), "0", "child"]
     with started(command, stdout=subprocess.PIPE, text=True) as supervisor:
-        # Its handlers are there once the first child has been started.
+        # The handlers are installed before the first child is started.
         wait_for(lambda: len(processes_with(note)) > 1, "the first child")
         wait_for(lambda: lines(note).count("up") >= children_up, f"{children_up} children up")
         supervisor.send_signal(number)
@@ -214,7 +214,7 @@ def test_killed_supervisor_takes_its_children_along(note):
 
 
 def health_in(bag: Path) -> list[Any]:
-    # A recorder opens the file empty, and hears of a topic some time after it is there.
+    # A recorder first opens an empty file, and discovers topics some time after they appear.
     file = bag / "bag_0.mcap"
     if not file.exists() or not file.stat().st_size or "/ema/health" not in Bag(bag).topics:
         return []
@@ -233,7 +233,7 @@ def test_nodes_run_under_one_command_until_ctrl_c(ema, tmp_path, monkeypatch):
             lambda: {item.actuator_id for item in health_in(bag)} == {"left", "right"},
             "health of both in the bag",
         )
-        # On a busy machine a node may take longer than 2 s to be found.
+        # On a busy machine, discovery of a node may take longer than 2 s.
         monkeypatch.setattr(listener, "_DISCOVERY_S", DEADLINE_S)
         second = ema("up", "--actuators", "left", "actuator")
         assert (
@@ -247,7 +247,7 @@ def test_nodes_run_under_one_command_until_ctrl_c(ema, tmp_path, monkeypatch):
     recorded = Bag(bag)
     assert recorded.damage == ""
     assert recorded.topics["/ema/telemetry"].count > 10
-    # Service hours are known without a parameter, and nothing is kept of a simulated unit.
+    # Service hours are known without a parameter, and nothing is stored for a simulated unit.
     assert math.isfinite(health_in(bag)[0].flight_hours)
     assert list((tmp_path / "ros_home").rglob("*.sqlite")) == []
     assert processes_with(bag) == []
@@ -265,4 +265,4 @@ def test_missing_calibration_is_named_before_any_telemetry(tmp_path):
 def test_failed_node_is_reported_and_makes_exit_code_1(ema, capfd):
     result = ema("up", "player", "-p", "rate:=1.0")
     assert (result.exit_code, "player failed, exit code 1" in result.stderr) == (1, True)
-    assert "parameter bag is empty" in capfd.readouterr().err  # of the node's process
+    assert "parameter bag is empty" in capfd.readouterr().err  # of the node process

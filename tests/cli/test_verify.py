@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema verify`` makes recorded estimates again, and finds those that were altered."""
+"""``ema verify`` recomputes recorded estimates, and detects altered ones."""
 
 import json
 import sqlite3
@@ -40,7 +40,7 @@ FLAP = ActuatorDescription()
 
 @pytest.fixture(scope="module")
 def recorded(faulty_blocks) -> tuple[list[Telemetry], list[Diagnosed]]:
-    """Three cycles of a faulty actuator, and what a monitor tells of them, warm from the second."""
+    """Return three cycles of a faulty actuator, and estimates with a warm start from the second."""
     blocks, finder = repeated(faulty_blocks, 3), WindowFinder(TriggerSettings(), FLAP)
     windows = [one for block in blocks for one in finder.feed(block) if isinstance(one, Segment)]
     reported = [
@@ -135,7 +135,7 @@ def test_search_that_began_at_an_estimate_that_is_missing_cannot_be_made_again(e
 
 @pytest.fixture(scope="module")
 def worn_blocks() -> list[Telemetry]:
-    """Telemetry of three cycles with backlash, where the place in the play matters."""
+    """Return telemetry of three cycles with backlash, so that the position in the play matters."""
     actuator = SimulatedActuator()
     actuator.faults = fault_vector({"backlash": 0.5})
     samples = build_cycle(THESIS_CHIRP, 1e-4).samples
@@ -152,7 +152,7 @@ def windows_in(blocks: list[Telemetry]) -> list[Segment]:
 def test_estimates_of_a_monitor_that_restarted_are_the_same(
     ema, worn_blocks, bag_of_estimates, loses_last
 ):
-    """It starts in the motion before a window; its history may lack what it published last."""
+    """The monitor restarts in motion before a window; its history may lack the last estimate."""
     blocks = worn_blocks
     first, second, _ = windows_in(blocks)
     made, monitor = [], Diagnosis()
@@ -215,7 +215,7 @@ def test_history_is_made_again_and_reports_where_it_was_altered(ema, bag_of, rec
     bag = bag_of()
     result = ema("verify", path, "--bag", bag)
     assert (result.exit_code, "3 identical" in result.output) == (0, True), result.output
-    assert ema("verify", path).exit_code == 3  # without telemetry none can be recomputed
+    assert ema("verify", path).exit_code == 3  # Without telemetry, no estimate can be recomputed.
 
     with closing(sqlite3.connect(path)) as db, db:
         db.execute("UPDATE test SET record = record || ' ' WHERE number = 2")
@@ -234,7 +234,7 @@ def test_quantities_of_a_record_are_compared_to_the_bit():
     assert reported.compared(recorded, compared(comparison(changed(INERTIA, 0.3)))).state == (
         "identical"
     )
-    # The faults are the same: inertia is none of them.
+    # The faults are unchanged: inertia is not a fault.
     other = reported.compared(recorded, compared(comparison(changed(INERTIA, 0.31))))
     assert (other.state, other.difference) == ("different", pytest.approx(0.01))
     hidden = reported.compared(

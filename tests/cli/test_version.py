@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One version: shown by the command, declared by every package, written into recordings."""
+"""One version: printed by the command, declared by every package, written into recordings."""
 
 import re
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ema watch`: what monitors publish, the worst first, as a table or a line for each change."""
+"""`ema watch`: messages of monitors from worst to best, as a table or a line per change."""
 
 import io
 import math
@@ -41,7 +41,7 @@ TEST_NS = 1_700_000_000_000_000_000
 
 
 def health_of(actuator_id: str, level: int, life: tuple[float, float, float] | None) -> Health:
-    """Health at 100 flight hours; ``life`` are the quantiles of the remaining life [h]."""
+    """Return health at 100 flight hours; ``life`` has the quantiles of the remaining life [h]."""
     low, median, high = life or (math.nan,) * 3
     rul = RemainingUsefulLife(known=life is not None, hours_05=low, hours_50=median, hours_95=high)
     friction = FaultHealth(
@@ -80,12 +80,12 @@ def baseline_of(actuator_id: str, state: int = BaselineStatus.LEARNING) -> Basel
 
 
 def alive(_place: str, _author: str) -> bool:
-    """No monitor is silent."""
+    """Return True: every monitor is alive."""
     return False
 
 
 def received(*healths: Health) -> LatestHealths:
-    """Healths received at second 0."""
+    """Return the latest healths, all received at 0 s."""
     latest = LatestHealths()
     for one in healths:
         latest.add_health("/ema", one, 0.0, TEST_NS)
@@ -173,7 +173,7 @@ def test_record_that_judges_nothing_is_reported_and_has_no_index():
     healths.add_estimate("/ema", estimate_to_message(compared(CASES["nothing"]), 0, FLAP), 2.0)
     [row] = healths.rows(3.0, TEST_NS, alive)
     assert row.why == "last test refused: No quantity could be judged: the joint did not move"
-    # An index that is unknown is the most urgent of its level.
+    # An unknown index is the most urgent of its level.
     others = received(health, health_of("b", STALE, None)).rows(3.0, TEST_NS, alive)
     assert [one.actuator_id for one in others] == ["flap", "b"]
 
@@ -190,7 +190,7 @@ def test_playback_is_complete_when_each_window_has_an_estimate_and_counts_stand_
     completion = Completion()
     completion.add_report("/ema", counted(2, 2))
     completion.add_report("/ema", counted(2, 2))
-    assert not completion.is_complete  # the player has not ended
+    assert not completion.is_complete  # The player has not ended.
     completion.end()
     completion.add_report("/ema", counted(3, 2))
     completion.add_report("/ema", counted(3, 2))
@@ -231,7 +231,7 @@ def test_ages_are_in_units_that_suit_them():
 
 
 def shown(width: int) -> str:
-    """Return what a terminal of so many columns shows of two actuators."""
+    """Return two actuators as a terminal of ``width`` columns shows them."""
     screen = io.StringIO()
     console = Console(file=screen, force_terminal=True, width=width, height=30, color_system=None)
     healths = health_of("left", WARN, (20.0, 80.0, 100.0)), health_of("right", OK, None)
@@ -255,11 +255,11 @@ def test_table_fits_the_terminal_and_states_why(width):
 
 @pytest.fixture
 def publish() -> Iterator[Callable[[Health | FaultEstimate], None]]:
-    """Publish as a monitor of two actuators."""
+    """Return a function that publishes messages like a monitor of two actuators."""
     with ros_context() as context:
         node = Node("monitor", namespace=NAMESPACE, context=context)
         kind, qos = MONITOR_TOPICS[HEALTH]
-        # As the monitor: one publisher for each actuator, so that each is latched.
+        # Like the monitor: one publisher per actuator, so that the last message of each is kept.
         healths = {name: node.create_publisher(kind, HEALTH, qos) for name in ("left", "right")}
         estimates = node.create_publisher(FaultEstimate, FAULT_ESTIMATE, 10)
 
@@ -309,14 +309,14 @@ def test_watch_on_a_terminal_shows_a_table_and_ends_well_on_ctrl_c(publish):
         ["ema", "watch"], stdin=theirs, stdout=theirs, env=environment, start_new_session=True
     ) as process:
         os.close(theirs)
-        # Until the worst stands before the other.
+        # Until the worst actuator is in the first row.
         while not re.search(rb"(?s)2 actuators on /ema.*WARN.*left", seen):
             seen += os.read(ours, 65536)
         process.send_signal(signal.SIGINT)
         try:
             while os.read(ours, 65536):
                 pass
-        except OSError:  # a terminal that its last process has left
+        except OSError:  # a terminal that its last process has closed
             pass
         assert process.wait(timeout=DEADLINE_S) == 0
     os.close(ours)
@@ -347,7 +347,7 @@ def test_joint_that_learns_is_shown_with_its_progress_instead_of_stale():
     assert rows["elbow"].level_text == "◌ LEARNING 4 of 12"
     assert rows["elbow"].why == "learning: 4 records on 1 day"
     assert rows["wrist"].level_text == "● OK"
-    # A silent monitor learns nothing, and neither does a unit with an accepted baseline.
+    # A silent monitor learns nothing, nor does a unit with an accepted baseline.
     silent = latest.rows(1.0, TEST_NS + 10**9, lambda *_: True)
     assert {row.actuator_id: row for row in silent}["elbow"].level_text == "○ STALE"
     latest.add_baseline("/ema", baseline_of("elbow", BaselineStatus.ACCEPTED))

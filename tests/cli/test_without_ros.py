@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags are read, identified and drawn where there is no ROS at all."""
+"""Bags are read, identified and drawn without an installation of ROS."""
 
 import os
 import subprocess
@@ -7,7 +7,7 @@ import sys
 
 from ..commands import SAMPLE
 
-# Found neither by import nor by the ament index.
+# Neither import nor the ament index provides these packages.
 WITHOUT_ROS = """
 import sys
 
@@ -34,7 +34,7 @@ COMMANDS = (
 
 
 def test_commands_that_read_a_bag_need_no_ros(tmp_path):
-    """In one process, as one that imported ROS would end it."""
+    """All commands run in one process, in which importing ROS raises an error."""
     environment = {name: value for name, value in os.environ.items() if "AMENT" not in name}
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT_ROS, *COMMANDS],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every wrong input ends in one clear line that names it, its value and what was expected."""
+"""Every wrong input gives one clear line that names it, its value and the expected input."""
 
 import json
 import shlex
@@ -21,7 +21,7 @@ FILES = {
     "old.yaml": "/**/actuator: {ros__parameters: {plant: {J_m: 2.0e-5}}}\n",
     "unit.yaml": "serial_number: SN-1\nparameters: {J_m: -1.0}\n",
 }
-"""Files in the folder of the command, beside the sample BAG."""
+"""Input files in the working directory of the command, next to the sample BAG."""
 
 DESIGN = "design --travel 0.01 -o new.yaml"
 NEW = "simulate -o new.mcap"
@@ -79,7 +79,7 @@ NEW = "simulate -o new.mcap"
         ("up actuators", 2, ["'actuators'"]),
         ("up --actuators left monitor", 2, ["--actuators left: expected the node `actuator`"]),
         ("watch --namespace 'left wing'", 2, ["--namespace 'left wing'"]),
-        # In the domain of the tests others are forbidden.
+        # The environment of the tests forbids other machines.
         *((f"{name} --network", 1, ["--network: ROS_"]) for name in ("demo", "record", "watch")),
         *((f"{name} --network", 1, ["--network: ROS_"]) for name in ("up", "play a.mcap")),
     ],
@@ -133,9 +133,9 @@ def test_truncated_bag_is_read_as_far_as_it_goes(ema, record, faulty_blocks):
     result = ema("info", bag)
     assert (result.exit_code, "damaged at byte" in result.stdout) == (0, True)
     recovered = int(result.stdout.split(" samples every")[0].split()[-1])
-    # A chunk, lost whole, is a quarter of a second of telemetry.
+    # A lost chunk is a quarter of a second of telemetry.
     assert 2_500 < recovered < 8_500
-    # Without a description, or any telemetry.
+    # Without a description, or without telemetry.
     bag.write_bytes(content[:100])
     result = ema("estimate", bag)
     assert result.exit_code == 1
@@ -167,7 +167,7 @@ def test_bag_without_description_takes_one_from_a_file(ema, tmp_path, faulty_blo
 
 
 def test_numbers_may_be_written_without_a_point(ema, tmp_path):
-    # YAML 1.1 takes 2e-4 and 1e5 for text.
+    # YAML 1.1 reads 2e-4 and 1e5 as text.
     description, bag = tmp_path / "unit.yaml", tmp_path / "case.mcap"
     description.write_text("sample_period: 2e-4\nparameters: {G_prop: 1e5}\n")
     assert ema("simulate", "--actuator", description, "-o", bag).exit_code == 0
