@@ -56,7 +56,7 @@ def work(tmp_path_factory) -> Path:
     return folder
 
 
-def test_worn_joint_is_named_and_the_healthy_one_is_not(work, tmp_path):
+def test_worn_joint_is_reported_and_the_healthy_one_is_not(work, tmp_path):
     page = tmp_path / "page.html"
     result = ema("attach", work, "--healthy", "2026-11-04", "--html", page, "--json")
     joints = {item["joint"]: item for item in json.loads(result.stdout)}
@@ -85,7 +85,7 @@ def test_table_has_level_since_and_change_of_friction(work):
     assert reason.startswith("wrist_2: Coulomb friction rose")
 
 
-def test_payload_makes_the_friction_of_a_joint_that_bears_it_certain(tmp_path):
+def test_payload_makes_the_friction_of_a_loaded_joint_certain(tmp_path):
     """Friction of the elbow rises to 1.4 times, and is reported as friction."""
     found = {}
     for name, joints in (("known", ["elbow", "payload"]), ("unknown", ["elbow"])):
@@ -112,7 +112,7 @@ def test_healthy_joint_ends_with_exit_code_0(work):
     assert ema("attach", work, "--healthy", "6", "--joint", "base").exit_code == 0
 
 
-def test_unit_of_the_effort_is_the_given_one(work, tmp_path):
+def test_given_unit_of_the_effort_is_used(work, tmp_path):
     page = tmp_path / "page.html"
     arguments = ("--healthy", "6", "--joint", "wrist_2", "--effort-unit", "N.m")
     assert ema("attach", work, *arguments, "--html", page).exit_code == 3
@@ -126,7 +126,7 @@ def test_joint_without_a_later_record_is_not_judged(work):
     assert "2 joints, 2 of them not judged" in result.stdout
 
 
-def test_healthy_end_before_all_records_is_an_answer_with_the_first_record(work):
+def test_healthy_end_before_all_records_is_refused_with_the_first_record(work):
     result = ema("attach", work, "--healthy", "2026-11-01")
     assert result.exit_code == 3
     assert "base: no record ends before --healthy: the first begins at 2026-11-03" in result.stdout
@@ -157,21 +157,21 @@ def test_folder_without_a_recording_is_refused(tmp_path):
     assert "this folder holds no recording (a bag, .mcap, .db3, .csv" in result.stderr
 
 
-def test_recordings_are_cut_as_the_nodes_of_attach_cut_the_motion():
+def test_recordings_are_cut_like_live_motion():
     settings = yaml.safe_load(CONFIG.read_text())["/**/monitor"]["ros__parameters"]
     assert (
         settings.items() >= {"record_s": WORK.record_s, "record_rest_s": WORK.record_rest_s}.items()
     )
 
 
-def test_numbers_in_names_give_the_order_of_recordings(tmp_path):
+def test_numbers_in_names_determine_the_order_of_recordings(tmp_path):
     for name in ("run_10.csv", "run_2.csv", "run_1.csv"):
         (tmp_path / name).touch()
     names = [path.name for path in find_recordings([tmp_path])]
     assert names == ["run_1.csv", "run_2.csv", "run_10.csv"]
 
 
-def test_joints_of_all_recordings_are_found(work, tmp_path):
+def test_joints_of_all_recordings_are_detected(work, tmp_path):
     """Each recording has a different joint and a different order of columns."""
     arm = RobotArm(seed=3, rate=RATE)
     write_work(tmp_path / "a.csv", arm, 12, NOV_3, ["wrist_2"])
@@ -187,7 +187,7 @@ def test_joints_of_all_recordings_are_found(work, tmp_path):
     assert f"there is no joint 'hip': expected {tmp_path.name!r}, 'base'" in missing.stderr
 
 
-def test_actuator_file_beside_a_table_names_its_joint(tmp_path):
+def test_actuator_file_next_to_a_table_names_its_joint(tmp_path):
     arm = RobotArm(seed=3, rate=RATE)
     write_work(tmp_path / "log.csv", arm, 12, NOV_3, ["wrist_2"])
     (tmp_path / "actuator.yaml").write_text(
@@ -198,7 +198,7 @@ def test_actuator_file_beside_a_table_names_its_joint(tmp_path):
     assert joint["joint"] == "hand"
 
 
-def test_dated_recordings_are_sorted_by_time_and_unread_ones_are_named(work, tmp_path):
+def test_dated_recordings_are_sorted_by_time_and_unreadable_ones_are_named(work, tmp_path):
     """The later recording comes first by name, but its worn records are not used as healthy."""
     (tmp_path / "a.csv").write_bytes((work / "day_2.csv").read_bytes())
     (tmp_path / "b.csv").write_bytes((work / "day_1.csv").read_bytes())

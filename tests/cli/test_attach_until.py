@@ -28,7 +28,7 @@ def test_text_is_a_time_a_duration_or_a_number(text, expected):
 
 
 @pytest.mark.parametrize("text", ["0", "", "yesterday", "2 weeks", "-3", "2026-13-01", "nan h"])
-def test_other_texts_are_refused_with_what_is_expected(text):
+def test_other_texts_are_refused_with_the_expected_formats(text):
     with pytest.raises(ValueError, match="expected a number of records such as 10, a duration"):
         HealthyUntil.of(text)
 

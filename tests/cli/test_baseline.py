@@ -54,7 +54,7 @@ def test_joint_is_listed_shown_accepted_extended_and_reset(ema: Ema, tmp_path: P
     assert [word for word in ("Ada", "Bob", "Cy") if word in shown] == ["Ada", "Bob", "Cy"]
 
 
-def test_unknown_joint_is_named_with_the_nearest(ema: Ema, tmp_path: Path):
+def test_unknown_joint_is_refused_with_the_nearest_name(ema: Ema, tmp_path: Path):
     learned(tmp_path, 1)
     refused = ema("show", "elbow1", "--folder", tmp_path)
     assert refused.exit_code == 1
@@ -69,7 +69,7 @@ def test_person_is_the_login_name_by_default(
     assert "by grace" in ema("accept", "elbow/1", "--folder", tmp_path).output
 
 
-def test_baseline_that_a_process_uses_is_not_changed(ema: Ema, tmp_path: Path):
+def test_baseline_in_use_by_another_process_is_not_changed(ema: Ema, tmp_path: Path):
     learned(tmp_path, 4)
     with UnitBaseline(tmp_path, JOINT):
         refused = ema("accept", "elbow/1", "--folder", tmp_path)

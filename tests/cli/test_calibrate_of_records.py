@@ -96,7 +96,7 @@ def undated(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_file_without_a_date_is_named_where_it_differs_or_is_unused(ema, undated: Path):
+def test_undated_file_is_named_if_it_differs_or_is_unused(ema, undated: Path):
     moved = telemetry_of(Joint(), tones(speed=0.3), Sensors(), seed=5)
     slow = write(replace(moved, stamp_ns=0), undated / "a_slow.csv")
     bags = [slow, *sorted(undated.glob("healthy_*.csv"))]
@@ -109,7 +109,7 @@ def test_file_without_a_date_is_named_where_it_differs_or_is_unused(ema, undated
     assert "from 6 records without a date, 1 outlier" in result.stdout
 
 
-def test_time_since_the_start_of_a_clock_is_no_date(ema, undated: Path, tmp_path: Path):
+def test_time_since_the_start_of_a_clock_is_not_a_date(ema, undated: Path, tmp_path: Path):
     for name in ("mapping.yaml", "actuator.yaml"):
         (tmp_path / name).write_text((undated / name).read_text())
     for number in range(2):
@@ -123,7 +123,7 @@ def test_time_since_the_start_of_a_clock_is_no_date(ema, undated: Path, tmp_path
 
 
 @pytest.mark.parametrize("slower", [1.025, 1.25])
-def test_records_of_somewhat_different_rates_are_calibrated_together(
+def test_records_of_slightly_different_rates_are_calibrated_together(
     ema, undated: Path, tmp_path: Path, slower: float
 ):
     for name in ("mapping.yaml", "actuator.yaml"):

@@ -26,7 +26,7 @@ def options(causes: tuple[str, ...]) -> list[str]:
 
 
 @pytest.mark.parametrize("causes", [(), CAUSE])
-def test_bag_has_the_telemetry_of_the_library(ema, tmp_path, causes):
+def test_bag_has_the_same_telemetry_as_the_library(ema, tmp_path, causes):
     recorded = simulated(ema, tmp_path / "case.mcap", *options(causes))
     expected = api.simulate(causes=causes)
     for column in COLUMNS:
@@ -40,6 +40,6 @@ def test_true_causes_are_in_the_metadata(ema, tmp_path):
     assert noted == {"hidden_causes": " ".join(CAUSE)}
 
 
-def test_a_wrong_name_is_answered_with_those_of_all_causes(ema, tmp_path):
+def test_wrong_name_is_refused_with_the_names_of_all_causes(ema, tmp_path):
     printed = ema("simulate", "--cause", "nonsense=1", "-o", tmp_path / "case").stderr
     assert all(cause.name in printed for cause in CAUSES)

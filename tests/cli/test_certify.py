@@ -9,7 +9,7 @@ from ema_core.faults import COMPONENTS
 
 
 @pytest.mark.long
-def test_certificate_shows_every_fault_and_names_what_is_required_and_not_reached(ema):
+def test_certificate_shows_every_fault_and_names_those_that_miss_the_requirement(ema):
     result = ema("certify", "--require", "friction=0.0001", "--json")
     assert result.exit_code == 3
     certificate = json.loads(result.stdout)

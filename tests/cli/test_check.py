@@ -219,7 +219,7 @@ def test_columns_of_every_joint_are_recognised(ema, tmp_path, form):
     assert len(examination["joints"]) == len(expected.get("joints", [""]))
 
 
-def test_commanded_current_is_no_position_and_has_a_doubt(ema, tmp_path):
+def test_commanded_current_is_not_read_as_a_position_and_is_doubted(ema, tmp_path):
     pd.DataFrame(FORMS["commanded current"][0]).to_csv(tmp_path / "log.csv", index=False)
     [joint] = checked(ema, tmp_path / "log.csv")["joints"]
     [current] = [item for item in joint["columns"] if item["quantity"] == "current"]
@@ -227,7 +227,7 @@ def test_commanded_current_is_no_position_and_has_a_doubt(ema, tmp_path):
     assert not any(item["quantity"] == "command" for item in joint["columns"])
 
 
-def test_lags_steps_and_losses_are_measured(ema, tmp_path):
+def test_lags_quantisation_steps_and_lost_samples_are_measured(ema, tmp_path):
     columns = dict(ONE)
     columns["position"] = 0.001 * np.round(columns["position"] / 0.001)
     columns["speed"] = np.roll(columns["speed"], 8)
@@ -253,7 +253,7 @@ def test_lags_steps_and_losses_are_measured(ema, tmp_path):
     assert "7 lost in 2 gaps" in text
 
 
-def test_held_samples_are_counted(ema, tmp_path):
+def test_repeated_samples_are_counted(ema, tmp_path):
     columns = ONE | {"current": np.repeat(ONE["current"][::4], 4)[: len(ONE["time"])]}
     pd.DataFrame(columns).to_csv(tmp_path / "log.csv", index=False)
     [joint] = checked(ema, tmp_path / "log.csv")["joints"]
@@ -283,7 +283,7 @@ def test_what_can_be_judged_follows_from_the_columns(ema, tmp_path, names, expec
     assert expected.items() <= needs(joint).items()
 
 
-def test_joint_that_rests_can_not_be_judged(ema, tmp_path):
+def test_joint_at_rest_cannot_be_judged(ema, tmp_path):
     columns = dict(FORMS["seven joints"][0])
     columns["q3"] = np.full(len(ONE["time"]), 0.7)
     columns["dq3"] = np.zeros(len(ONE["time"]))
@@ -360,7 +360,7 @@ def test_doubt_with_a_sentence_is_not_in_the_table(ema, tmp_path):
 
 
 @pytest.mark.parametrize("version", ["v2.1", "v3.0"])
-def test_data_set_of_lerobot_is_joints_with_command(ema, tmp_path, version):
+def test_lerobot_data_set_is_read_as_joints_with_commands(ema, tmp_path, version):
     folder = tmp_path / "so100"
     positions = lerobot_data_set.write(folder, version)
     mapping = tmp_path / "mapping.yaml"
@@ -509,7 +509,7 @@ def test_states_of_a_dynamic_joint_state_are_listed(ema, tmp_path):
     np.testing.assert_allclose(telemetry.current, columns["knee"]["current"], atol=1e-9)
 
 
-def test_real_record_needs_nothing_but_the_motor_side(ema):
+def test_real_record_lacks_only_the_motor_side(ema):
     [joint] = checked(ema, REAL / "healthy_1.csv")["joints"]
     assert joint["motion"]["unit"] == "m"
     assert joint["motion"]["travel"] == pytest.approx(0.125, abs=0.002)

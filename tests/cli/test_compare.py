@@ -81,7 +81,7 @@ def test_every_registered_algorithm_has_one_entry(compared):
 
 
 @pytest.mark.long
-def test_errors_are_those_against_the_recorded_truth(compared):
+def test_errors_are_relative_to_the_recorded_truth(compared):
     assert compared["truth"] == dict(zip(FAULT_NAMES, fault_vector(DRAWN), strict=True))
     for one in compared["estimates"]:
         expected = estimation_error(list(one["faults"].values()), fault_vector(DRAWN))
@@ -92,7 +92,7 @@ def test_errors_are_those_against_the_recorded_truth(compared):
 
 @pytest.mark.long
 @pytest.mark.parametrize("algorithm", ["least_squares", "pso"])
-def test_each_algorithm_finds_what_it_finds_alone_from_the_healthy_point(
+def test_each_algorithm_gives_the_same_result_as_alone_from_the_healthy_point(
     ema, bag, compared, algorithm
 ):
     arguments = ("--algorithm", algorithm, "-p", "budget=400", "-p", "warm_start=false", "--json")
@@ -102,7 +102,7 @@ def test_each_algorithm_finds_what_it_finds_alone_from_the_healthy_point(
     assert {name: beside[name] for name in alone} == alone
 
 
-def test_cost_at_the_truth_is_that_of_an_estimate_that_is_true(ema, tmp_path):
+def test_cost_at_the_truth_equals_the_cost_of_a_true_estimate(ema, tmp_path):
     path = tmp_path / "healthy.mcap"
     ema("simulate", "-o", path)
     result = ema("compare", path, "--algorithms", "least_squares", "--json")
@@ -114,7 +114,7 @@ def test_cost_at_the_truth_is_that_of_an_estimate_that_is_true(ema, tmp_path):
     assert estimate["error_percent"] == 0.0
 
 
-def test_truth_is_that_of_the_windows_own_cycle(ema, tmp_path, faulty_blocks):
+def test_truth_of_a_window_comes_from_its_own_cycle(ema, tmp_path, faulty_blocks):
     path = tmp_path / "growing.mcap"
     blocks = repeated(faulty_blocks, 2)
     with SimulatedActuatorBag(BagWriter(path), ActuatorDescription()) as recording:
@@ -134,7 +134,7 @@ def test_truth_is_that_of_the_windows_own_cycle(ema, tmp_path, faulty_blocks):
     assert errors[1] == pytest.approx(10.0, abs=2.0)
 
 
-def test_tables_show_all_figures(shown):
+def test_tables_show_all_numbers(shown):
     assert len(first_row(shown, "least_squares")) == 9
     assert first_row(shown, "truth")[1:] == [f"{k:.4f}" for k in fault_vector(DRAWN)]
     assert "sigma of least_squares" in shown
@@ -156,7 +156,7 @@ def test_bag_without_truth_has_no_errors(ema, record, faulty_blocks):
     assert "error" not in table
 
 
-def test_course_falls_to_where_the_search_ended(quick):
+def test_cost_curve_ends_at_the_final_cost(quick):
     for run in quick.runs:
         assert np.all(np.diff(run.costs) <= 0.0)
         assert np.all(np.diff(run.evaluations) > 0)
@@ -164,9 +164,7 @@ def test_course_falls_to_where_the_search_ended(quick):
         assert run.search_fitness == min(run.costs)
 
 
-def test_first_window_that_can_be_used_is_chosen(
-    ema, bag, tmp_path, record, faulty_blocks, spoiled
-):
+def test_first_usable_window_is_chosen(ema, bag, tmp_path, record, faulty_blocks, spoiled):
     found = read_windows(bag, OPTIONS)
     assert choose_window(found, None).number == 0
     blocks = repeated(faulty_blocks, 2)
@@ -178,7 +176,7 @@ def test_first_window_that_can_be_used_is_chosen(
     assert "least_squares, pso: no valid estimate: current is nan" in refused.stdout
 
 
-def test_interrupt_ends_it_in_one_line(ema, bag, tmp_path, monkeypatch):
+def test_interrupt_ends_the_command_with_one_line(ema, bag, tmp_path, monkeypatch):
     class Interrupted(Identification):
         def __iter__(self):
             for generation in super().__iter__():

@@ -111,7 +111,7 @@ def finished(demos):
     return demos[0]
 
 
-def test_demos_at_once_have_domains_and_dashboards_of_their_own(demos):
+def test_concurrent_demos_have_separate_domains_and_dashboards(demos):
     domains = [re.findall(r"ROS_DOMAIN_ID=(\d+)", demo.printed)[0] for demo in demos]
     assert domains[0] != domains[1]
     addresses = [
@@ -174,7 +174,7 @@ def test_demo_ends_between_two_windows_and_waits_for_the_last(finished):
 @pytest.mark.parametrize(
     ("moment", "number"), [("actuator.log", signal.SIGINT), ("bag", signal.SIGTERM)]
 )
-def test_demo_interrupted_as_it_starts_leaves_no_process_and_a_readable_bag(
+def test_demo_interrupted_at_its_start_leaves_no_process_and_a_readable_bag(
     tmp_path, moment, number
 ):
     demo = Demo(tmp_path / "demo", 60.0)
@@ -183,14 +183,14 @@ def test_demo_interrupted_as_it_starts_leaves_no_process_and_a_readable_bag(
     assert moment != "bag" or Bag(demo.folder / "bag").damage == ""
 
 
-def test_demo_interrupted_in_its_cycles_leaves_the_estimates_in_a_readable_bag(demos):
+def test_demo_interrupted_during_its_cycles_leaves_the_estimates_in_a_readable_bag(demos):
     _, interrupted = demos
     bag = Bag(interrupted.folder / "bag")
     assert bag.damage == ""
     assert bag.topics["/ema/fault_estimate"].count > 0
 
 
-def test_node_that_dies_ends_the_demo_with_its_log_named(tmp_path):
+def test_dead_node_ends_the_demo_and_its_log_is_named(tmp_path):
     demo = Demo(tmp_path / "demo", 60.0)
     # Only imports precede this log line; the nodes may be at any step of their start.
     demo.wait_until(lambda: any(b"monitor_node" in line for line in demo.descendants().values()))
@@ -202,7 +202,7 @@ def test_node_that_dies_ends_the_demo_with_its_log_named(tmp_path):
     assert re.search(rf"Error: monitor failed: .*see {demo.folder / 'monitor.log'}\n", demo.printed)
 
 
-def test_failed_actuator_is_repaired_once_and_wears_again_and_keeps_a_demo_out(
+def test_failed_actuator_is_repaired_once_and_wears_again_and_blocks_a_demo(
     ema, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(
@@ -233,7 +233,7 @@ def test_failed_actuator_is_repaired_once_and_wears_again_and_keeps_a_demo_out(
             actuator.send_signal(signal.SIGTERM)
 
 
-def test_folder_that_is_not_empty_is_refused(ema, tmp_path, monkeypatch):
+def test_non_empty_folder_is_refused(ema, tmp_path, monkeypatch):
     monkeypatch.setattr(demo_run, "set_reach", lambda _: None)
     (tmp_path / "note").touch()
     refused = ema("demo", "-o", tmp_path)
@@ -242,7 +242,7 @@ def test_folder_that_is_not_empty_is_refused(ema, tmp_path, monkeypatch):
     assert [item.name for item in tmp_path.iterdir()] == ["note"]
 
 
-def test_faults_that_are_shown_are_those_that_grow():
+def test_only_growing_faults_are_shown():
     path = Path(get_package_share_directory("ema_bringup"), "config", "demo.yaml")
     actuator = yaml.safe_load(path.read_text(encoding="utf-8"))["/**/actuator"]
     assert tuple(actuator["ros__parameters"]["growth"]) == SHOWN
@@ -270,7 +270,7 @@ def test_table_on_a_terminal_shows_truth_estimate_level_and_latency():
     assert "0.200→none" in shown(80, valid=False)
 
 
-def test_picture_states_when_each_level_came_first_and_why():
+def test_picture_states_when_each_level_first_occurred_and_why():
     one = replace(FAILED, latency_s=0.84, cycle=None, level=None, cause="")
     history = DiagnosisLog("flap", "0001", limits={"friction": 0.5})
     levels = (OK, WARN, WARN, ERROR, STALE)
@@ -292,7 +292,7 @@ def test_picture_states_when_each_level_came_first_and_why():
     ]  # fmt: skip
 
 
-def test_health_that_is_published_again_judges_more_unless_it_is_stale():
+def test_republished_health_counts_again_unless_it_is_stale():
     history = DiagnosisLog("flap", "0001")
     message = Health(actuator_id="flap", level=OK)
     message.header.stamp.sec = 5

@@ -59,9 +59,7 @@ def first(ema, bag, calibrated):
 
 
 @pytest.mark.slow
-def test_estimate_departs_where_no_fault_explains_what_changed(
-    ema, tmp_path, simulated, calibrated
-):
+def test_estimate_departs_if_no_fault_explains_the_change(ema, tmp_path, simulated, calibrated):
     command = ("--calibration", calibrated)
     result = ema("estimate", simulated("again", 11, *QUIET), *command)
     assert result.exit_code == 0, result.output
@@ -102,9 +100,7 @@ def test_loads_of_the_healthy_windows_are_distinguished(ema, tmp_path, simulated
 
 
 @pytest.mark.slow
-def test_state_that_was_labelled_is_named_by_estimate_and_report(
-    ema, tmp_path, simulated, calibrated
-):
+def test_labelled_state_is_named_by_estimate_and_report(ema, tmp_path, simulated, calibrated):
     # Friction explains the first state, but not the second.
     for state, options, seed in (("dry", DRY, 60), ("worn screw", NOISY, 70)):
         some = [simulated(f"{state}{n}", seed + n, *options) for n in range(3)]
@@ -225,7 +221,7 @@ def test_records_of_an_unknown_drive_are_labelled(ema, tmp_path, slides, healthy
 
 
 @pytest.mark.slow
-def test_table_with_a_mapping_next_to_it_is_read_as_a_bag_and_labels_by_its_columns(
+def test_table_with_a_mapping_is_read_like_a_bag_and_labelled_by_its_columns(
     ema, tmp_path, slides, healthy_slides
 ):
     calibrated = tmp_path / "calibration.yaml"
@@ -250,7 +246,7 @@ def test_table_with_a_mapping_next_to_it_is_read_as_a_bag_and_labels_by_its_colu
     assert next(iter(states_of(ema, later, calibrated, *actuator))) == "rough"
 
 
-def test_table_of_moves_is_followed_to_its_limit(ema, tmp_path):
+def test_table_of_moves_is_tracked_to_its_limit(ema, tmp_path):
     rng = np.random.default_rng(0)
     days = pd.date_range("2026-01-01", periods=14)
     ratio = np.where(np.arange(14) < 6, 1.0, 1.0 + 0.08 * (np.arange(14) - 5))
@@ -281,7 +277,7 @@ def test_table_of_moves_is_followed_to_its_limit(ema, tmp_path):
     assert "rmss" in result.stderr
 
 
-def test_calibration_of_another_unit_is_the_whole_reason(ema, tmp_path):
+def test_calibration_of_another_unit_is_the_only_reason_stated(ema, tmp_path):
     healthy, case, calibration = (tmp_path / name for name in ("h.mcap", "c.mcap", "c.yaml"))
     ema("simulate", "--cycles", "6", "-p", "serial_number=S2", "-o", healthy)
     ema("simulate", "--fault", "friction=0.2", "--start", "2026-01-01", "-o", case)

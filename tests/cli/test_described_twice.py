@@ -21,7 +21,9 @@ def unit(tmp_path: Path) -> Path:
     return path
 
 
-def test_file_is_not_used_next_to_a_description_and_the_warning_names_what_differs(ema, bag, unit):
+def test_description_in_the_bag_takes_precedence_and_the_warning_names_the_differences(
+    ema, bag, unit
+):
     result = ema("info", bag, "--actuator", unit)
     assert result.exit_code == 0
     for part in (
@@ -34,7 +36,7 @@ def test_file_is_not_used_next_to_a_description_and_the_warning_names_what_diffe
     assert "tau" not in result.output.splitlines()[-1]
 
 
-def test_calibration_by_force_is_of_the_unit_in_the_file(
+def test_forced_calibration_belongs_to_the_unit_in_the_file(
     ema, bag: Path, unit: Path, tmp_path: Path
 ):
     output = tmp_path / "c.yaml"
@@ -45,7 +47,7 @@ def test_calibration_by_force_is_of_the_unit_in_the_file(
     assert "4711" in json.loads(estimate.stdout)[0]["reason"]
 
 
-def test_file_that_agrees_with_the_bag_needs_no_warning(ema, bag: Path, tmp_path: Path):
+def test_file_that_agrees_with_the_bag_gives_no_warning(ema, bag: Path, tmp_path: Path):
     same = tmp_path / "same.yaml"
     same.write_text("actuator_id: flap\n")
     result = ema("estimate", bag, "--actuator", same)
@@ -61,7 +63,7 @@ def test_file_that_agrees_with_the_bag_needs_no_warning(ema, bag: Path, tmp_path
         ("calibrate", "BAG", "--actuator", "FILE", "--accept-defects", "-o", "OUT"),
     ],
 )
-def test_parameters_that_contradict_each_other_are_named(ema, bag: Path, tmp_path: Path, arguments):
+def test_contradicting_parameters_are_named(ema, bag: Path, tmp_path: Path, arguments):
     file = tmp_path / "torque.yaml"
     file.write_text("parameters: {G_M: 0.2}\n")
     output = tmp_path / ("out.yaml" if "calibrate" in arguments else "out.mcap")

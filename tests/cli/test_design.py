@@ -50,7 +50,7 @@ def test_designed_command_gives_the_promised_sigma_on_recorded_tests(ema, tmp_pa
 
 
 @pytest.mark.long
-def test_what_is_to_be_done_next_is_done_with_the_acquisition_of_the_design(
+def test_next_steps_that_are_printed_work_with_the_acquisition_of_the_design(
     ema, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
@@ -74,7 +74,7 @@ def test_what_is_to_be_done_next_is_done_with_the_acquisition_of_the_design(
 
 
 @pytest.mark.long
-def test_impossible_wish_names_fault_best_sigma_and_limit_and_writes_nothing(ema, tmp_path):
+def test_impossible_request_names_fault_best_sigma_and_limit_and_writes_nothing(ema, tmp_path):
     file = tmp_path / "quick.yaml"
     wish = ("--travel", "0.004", "--current", "5", "--longest", "0.15", "--sigma", "gain=0.0008")
     result = ema("design", *wish, "-o", file)
@@ -83,7 +83,7 @@ def test_impossible_wish_names_fault_best_sigma_and_limit_and_writes_nothing(ema
     assert not file.exists()
 
 
-def test_command_is_read_from_its_file_as_it_was_written(tmp_path):
+def test_command_is_read_from_its_file_exactly_as_written(tmp_path):
     file = tmp_path / "quick.yaml"
     swing = Command("swing", amplitude=0.0075, duration=0.21, start_frequency=4.5)
     save_command(file, swing, "made by a test\nof two lines")

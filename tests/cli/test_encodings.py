@@ -26,7 +26,7 @@ def run(folder: Path, *words: str, **environment: str) -> subprocess.CompletedPr
 
 
 @pytest.mark.parametrize("environment", [{}, NO_UTF_8], ids=["utf-8", "C"])
-def test_file_whose_name_is_no_text_is_read_and_written(tmp_path, environment):
+def test_file_whose_name_is_not_utf_8_is_read_and_written(tmp_path, environment):
     (tmp_path / NAME).write_bytes(SAMPLE.read_bytes())
     assert run(tmp_path, "info", NAME, **environment).returncode == 0
     done = run(tmp_path, "estimate", NAME, **environment)
@@ -47,7 +47,7 @@ def test_mapping_of_a_table_is_in_utf_8(tmp_path, environment):
     assert yaml.safe_load(text)["position"]["source"] == "pos"
 
 
-def test_name_that_an_archive_cannot_keep_is_refused(tmp_path):
+def test_name_that_an_archive_cannot_store_is_refused(tmp_path):
     (tmp_path / "fleet").mkdir()
     (tmp_path / "fleet" / NAME).write_bytes(SAMPLE.read_bytes())
     done = run(tmp_path, "archive", "scan", "archive", "fleet")

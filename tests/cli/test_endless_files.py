@@ -32,31 +32,31 @@ def endless(request, tmp_path):
 @pytest.mark.parametrize(
     "read", [lambda path: read_token(str(path)), lambda path: read_address(str(path))]
 )
-def test_token_and_address_of_alerts_are_regular_files(endless, read):
+def test_files_of_token_and_address_of_alerts_must_be_regular(endless, read):
     with pytest.raises(ValueError, match=r"(token_file|alerts) = .* is not a regular file"):
         read(endless("a"))
 
 
-def test_certificate_is_a_regular_file(endless):
+def test_file_of_a_certificate_must_be_regular(endless):
     path = str(endless("a.pem"))
     with pytest.raises(ValueError, match=r"tls_certificate = .* is not a regular file"):
         tls_context(path, path)
 
 
-def test_token_has_a_size(tmp_path):
+def test_size_of_a_token_is_limited(tmp_path):
     (tmp_path / "a").write_bytes(b"a" * 10_000_000)
     with pytest.raises(ValueError, match="is larger than 4,096 bytes"):
         read_token(str(tmp_path / "a"))
 
 
 @pytest.mark.parametrize("name", ["a.mcap", "a.mcap.zstd"])
-def test_bag_is_a_regular_file(endless, name):
+def test_file_of_a_bag_must_be_regular(endless, name):
     with pytest.raises(ValueError, match="is not a regular file"):
         Bag(endless(name))
 
 
 @pytest.mark.parametrize("name", ["a.csv", "a.parquet"])
-def test_table_is_a_regular_file(endless, name):
+def test_file_of_a_table_must_be_regular(endless, name):
     with pytest.raises(ValueError, match="is not a regular file"):
         read_columns(endless(name))
 
@@ -88,7 +88,7 @@ def test_commands_refuse_endless_files(endless, tmp_path, monkeypatch, words):
     assert "is not a regular file" in done.output
 
 
-def test_list_as_long_as_a_book_is_refused_as_a_calibration_by_its_size(tmp_path):
+def test_huge_list_is_refused_as_a_calibration_by_its_size(tmp_path):
     (tmp_path / "a.yaml").write_bytes(b"- 1.25\n" * 900_000)
     with pytest.raises(ValueError, match="is larger than 5,000,000 bytes"):
         load_calibration(tmp_path / "a.yaml")

@@ -15,7 +15,7 @@ from .conftest import repeated
 SAMPLE_FAULTS = {"friction": 0.25, "eccentricity": 0.1, "eccentricity_phase": 0.7}
 
 
-def test_sample_bag_has_its_faults_named(ema):
+def test_faults_of_the_sample_bag_are_named(ema):
     result = ema("estimate", SAMPLE, "--json")
     assert result.exit_code == 0
     [estimate] = json.loads(result.stdout)
@@ -35,12 +35,12 @@ def worn(ema, tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize("options", [(), ("-p", "warm_start=false"), ("--no-memory",)])
-def test_searches_begin_at_the_window_before_unless_configured_otherwise(ema, worn, options):
+def test_searches_start_from_the_previous_window_unless_configured_otherwise(ema, worn, options):
     found = json.loads(ema("estimate", worn, *options, "--json").stdout)
     assert [one["warm_start"] for one in found] == [False, not options, not options]
 
 
-def test_several_windows_are_a_line_each_and_a_summary(ema, worn):
+def test_several_windows_give_a_line_each_and_a_summary(ema, worn):
     result = ema("estimate", worn)
     assert result.exit_code == 0
     calibration, *windows, count, largest = result.stdout.splitlines()
@@ -54,7 +54,7 @@ def test_several_windows_are_a_line_each_and_a_summary(ema, worn):
     assert (table.count("least_squares, cold:"), table.count("least_squares, warm:")) == (1, 2)
 
 
-def test_parameter_file_of_the_monitor_holds_unless_it_is_overridden(ema, tmp_path):
+def test_parameter_file_of_the_monitor_applies_unless_it_is_overridden(ema, tmp_path):
     file = tmp_path / "monitor.yaml"
     file.write_text(
         "/**/monitor: {ros__parameters: {goodness_limit: 0.2, seed: 5, limits: {friction: 0.4}}}"
@@ -65,7 +65,7 @@ def test_parameter_file_of_the_monitor_holds_unless_it_is_overridden(ema, tmp_pa
     assert (estimate["goodness_limit"], estimate["seed"]) == (3.0, 5)
 
 
-def test_faults_are_named_in_one_line_the_largest_first(ema, tmp_path):
+def test_faults_are_named_in_one_line_from_largest_to_smallest(ema, tmp_path):
     result = ema("estimate", SAMPLE)
     assert result.exit_code == 0
     assert "shipped, for the built-in actuator" in result.stdout
@@ -90,7 +90,7 @@ def test_plant_that_differs_keeps_its_nominal_description(ema, tmp_path):
     assert estimate["faults"]["friction"] == pytest.approx(0.2, abs=0.02)
 
 
-def test_calibration_of_the_own_unit(ema, tmp_path):
+def test_calibration_of_the_same_unit_is_used(ema, tmp_path):
     healthy, case, calibration = (
         tmp_path / name for name in ("healthy.mcap", "case.mcap", "c.yaml")
     )
@@ -131,7 +131,7 @@ def test_plot_draws_telemetry_and_fit(ema, tmp_path, window):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_another_command_than_the_calibrated_one_is_estimated(ema, tmp_path):
+def test_command_other_than_the_calibrated_one_is_estimated(ema, tmp_path):
     bag = tmp_path / "sine.mcap"
     samples = tmp_path / "motion.csv"
     t = 1e-4 * np.arange(1, 5201)
@@ -183,7 +183,7 @@ def test_noisy_command_needs_a_threshold_above_its_noise(ema, tmp_path, record, 
     assert estimate["faults"]["friction"] == pytest.approx(0.3, abs=0.02)
 
 
-def test_window_that_the_end_of_a_recording_cuts_off_is_no_failure(ema, record, faulty_blocks):
+def test_window_cut_off_by_the_end_of_a_recording_is_not_a_failure(ema, record, faulty_blocks):
     # The same cycle follows the first, up to the middle of its window.
     n = len(faulty_blocks)
     again = repeated(faulty_blocks, 2)[n : n + n * 6 // 10]

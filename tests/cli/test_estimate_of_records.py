@@ -44,7 +44,7 @@ def bag(ema, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_record_is_a_table_of_quantities(estimate: Shown):
+def test_record_is_shown_as_a_table_of_quantities(estimate: Shown):
     result = estimate(FRICTION_UP)
     assert result.exit_code == 3
     assert "record 0, " in result.stdout
@@ -57,16 +57,14 @@ def test_record_is_a_table_of_quantities(estimate: Shown):
     assert "calibration of 12 healthy records" in result.stdout
 
 
-def test_healthy_record_ends_with_0_and_states_what_would_lower_the_smallest_change(
-    estimate: Shown,
-):
+def test_healthy_record_ends_with_0_and_states_how_to_detect_smaller_changes(estimate: Shown):
     result = estimate(replace(HEALTHY, improvements=(Improvement(FRICTION, 2, 6, 0.06, 0.05),)))
     assert result.exit_code == 0
     assert "changes of Coulomb friction above 6 % would show" in result.stdout
     assert "change of Coulomb friction from 6 % to 5 % on a day without healthy" in result.stdout
 
 
-def test_record_that_judges_nothing_ends_with_3(estimate: Shown):
+def test_record_without_a_judgement_ends_with_3(estimate: Shown):
     result = estimate(NOTHING)
     assert result.exit_code == 3
     assert "\nrefused\nNo quantity could be judged: the joint did not move" in result.stdout
@@ -96,7 +94,7 @@ def test_json_has_the_quantities(estimate: Shown):
     assert hidden["reason"] == "no position command"
 
 
-def test_record_that_could_not_be_read_is_refused_with_its_reason(
+def test_unreadable_record_is_refused_with_its_reason(
     ema, monkeypatch: pytest.MonkeyPatch, bag: Path
 ):
     one = compared(NOTHING, comparison=None, reasons=(WindowUnusable("the position is constant"),))

@@ -43,7 +43,7 @@ def _kernels(ema, tmp_path_factory) -> None:
         (("calibrate", SAMPLE, "--accept-defects", "--accepted-by", "Ada"), "c.yaml"),
     ],
 )
-def test_nothing_is_left_of_what_could_not_be_written(
+def test_file_that_could_not_be_written_is_removed(
     ema: Callable, tmp_path: Path, arguments: tuple, name: str
 ):
     with largest_file(4000):
@@ -53,7 +53,7 @@ def test_nothing_is_left_of_what_could_not_be_written(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_picture_that_was_there_is_kept(ema: Callable, tmp_path: Path):
+def test_existing_picture_is_kept(ema: Callable, tmp_path: Path):
     picture = tmp_path / "case.png"
     picture.write_bytes(b"precious")
     command = ("plot", SAMPLE, "-o", picture, "--replace")
@@ -65,7 +65,7 @@ def test_picture_that_was_there_is_kept(ema: Callable, tmp_path: Path):
     assert list(tmp_path.iterdir()) == [picture]
 
 
-def test_life_that_could_not_be_written_leaves_no_part(ema: Callable, tmp_path: Path):
+def test_life_that_could_not_be_written_leaves_no_partial_folder(ema: Callable, tmp_path: Path):
     with largest_file(4000):
         result = ema("lives", "--fault", "friction", "-o", tmp_path / "lives")
     assert result.exit_code == 1

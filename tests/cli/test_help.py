@@ -29,7 +29,7 @@ def test_help_fits_a_screen_of_40_lines(name):
 
 
 @pytest.mark.parametrize("name", _COMMANDS)
-def test_example_of_a_command_is_one_that_it_takes(name, tmp_path, monkeypatch):
+def test_examples_in_the_help_are_valid_commands(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for given in ("moves.csv", "unit_1", "unit_2"):
         (tmp_path / given).touch()

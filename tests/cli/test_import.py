@@ -62,7 +62,9 @@ def recognised(ema, path):
 
 
 @pytest.mark.parametrize("form", ["csv", "german", "parquet"])
-def test_table_with_its_recognised_mapping_is_the_telemetry(ema, telemetry, table, tmp_path, form):
+def test_table_with_its_recognised_mapping_gives_the_same_telemetry(
+    ema, telemetry, table, tmp_path, form
+):
     path = table()
     if form == "german":
         path = table("de.csv", separator=";", decimal=",", **GERMAN)
@@ -82,7 +84,7 @@ def test_table_with_its_recognised_mapping_is_the_telemetry(ema, telemetry, tabl
         np.testing.assert_allclose(getattr(found, column), expected, rtol=1e-12, atol=1e-12)
 
 
-def test_defect_refuses_the_import_with_value_and_remedy(ema, table, tmp_path):
+def test_defect_stops_the_import_with_value_and_remedy(ema, table, tmp_path):
     mapping, _ = recognised(ema, table())
     path = table("rpm.csv", speed=lambda x: x * RPM)
     output = tmp_path / "out.mcap"
@@ -98,7 +100,7 @@ def test_defect_refuses_the_import_with_value_and_remedy(ema, table, tmp_path):
     assert ema("import", path, "--mapping", mapping, *forced).exit_code == 0
 
 
-def test_files_follow_each_other_in_one_bag(ema, table, tmp_path):
+def test_files_are_joined_in_order_in_one_bag(ema, table, tmp_path):
     mapping, _ = recognised(ema, table())
     output = tmp_path / "two.mcap"
     files = (table("a.csv"), table("b.csv"))
@@ -113,7 +115,7 @@ def test_files_follow_each_other_in_one_bag(ema, table, tmp_path):
     assert all(block.stamp_ns > end for block, end in zip(blocks[1:], ends, strict=False))
 
 
-def test_description_is_that_of_the_file_with_the_rate_and_acquisition_found(ema, table, tmp_path):
+def test_description_comes_from_the_file_with_measured_rate_and_acquisition(ema, table, tmp_path):
     mapping, _ = recognised(ema, table())
     content = yaml.safe_load(mapping.read_text())
     content["current"] |= {"sampling": "filtered", "filter_time": 0.001}

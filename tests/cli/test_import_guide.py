@@ -35,7 +35,7 @@ def command():
     return "import", REAL / "healthy_1.csv", "--actuator", REAL / "actuator.yaml"
 
 
-def test_check_of_a_real_record_recognises_the_mapping_by_hand(ema, tmp_path, command):
+def test_check_of_a_real_record_recognises_the_same_mapping_as_by_hand(ema, tmp_path, command):
     """The position follows from an error, and the current has no sign."""
     done = ema("check", *command[1:], "-o", tmp_path / "mapping.yaml")
     assert done.exit_code == 0, done.output
@@ -43,7 +43,7 @@ def test_check_of_a_real_record_recognises_the_mapping_by_hand(ema, tmp_path, co
     assert replace(guessed, table=Table()) == load_mapping(REAL / "mapping.yaml")
 
 
-def test_guide_and_options_give_what_the_mapping_by_hand_does(ema, tmp_path, command):
+def test_guide_and_options_give_the_same_result_as_the_mapping_by_hand(ema, tmp_path, command):
     by_hand = ema(*command, "--mapping", REAL / "mapping.yaml", "-o", tmp_path / "hand.mcap")
     assert by_hand.exit_code == 0, by_hand.output
     guided = ema(*command, "--guide", "-o", tmp_path / "guided.mcap", typed=ASKED)
@@ -64,7 +64,7 @@ def test_guide_and_options_give_what_the_mapping_by_hand_does(ema, tmp_path, com
     assert "already exists" in ema(*command, *SET_OPTIONS, "-o", tmp_path / "given.mcap").stderr
 
 
-def test_impossible_answer_is_reported_and_asked_for_again(ema, tmp_path, command):
+def test_impossible_answer_is_reported_and_the_question_is_repeated(ema, tmp_path, command):
     wrong = ASKED.replace("current_a", "amperes", 1)
     # When the question is repeated, the previous answer is the default.
     again = "\n" * 9 + "current_a\n" + "\n" * 6
@@ -77,7 +77,7 @@ def test_impossible_answer_is_reported_and_asked_for_again(ema, tmp_path, comman
     }
 
 
-def test_answers_are_kept_where_the_data_are_refused(ema, tmp_path, command):
+def test_answers_are_kept_if_the_data_are_refused(ema, tmp_path, command):
     source = "position_error_mm - set_point_mm"
     reversed_command = ASKED.replace("\nset_point_mm\n", f"\n{source}\n", 1)
     result = ema(*command, "--guide", "-o", tmp_path / "guided.mcap", typed=reversed_command)
@@ -87,7 +87,7 @@ def test_answers_are_kept_where_the_data_are_refused(ema, tmp_path, command):
     assert kept["command"]["source"] == source
 
 
-def test_table_without_time_is_asked_for_its_rate(ema, tmp_path, command):
+def test_rate_of_a_table_without_time_is_asked(ema, tmp_path, command):
     answers = ASKED.replace("time_s\ns\n", "-\n25\n")
     result = ema(*command, "--guide", "-o", tmp_path / "guided.mcap", typed=answers)
     assert result.exit_code == 0, result.output

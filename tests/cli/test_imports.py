@@ -42,7 +42,7 @@ def test_help_imports_no_command():
     assert not modules & {"numpy", "rich", "yaml"}
 
 
-def test_info_imports_neither_compiler_nor_what_draws_tables_and_bars():
+def test_info_imports_neither_a_compiler_nor_libraries_for_tables_and_bars():
     modules = imported("info", SAMPLE)
     assert not modules & (PICTURES_TABLES_ROS | {"numba", "rich", "yaml", "numpy.random"})
     assert not any(name.startswith("ema_monitor.identification") for name in modules)
@@ -94,7 +94,7 @@ def test_estimate_of_a_table_imports_no_compiler_no_pandas_and_no_bag(tables, na
 
 
 @pytest.mark.parametrize("name", ["test.csv", "test.parquet"])
-def test_estimate_of_a_table_is_that_of_the_bag_that_import_makes_of_it(ema, tables, name):
+def test_table_and_its_imported_bag_give_the_same_estimate(ema, tables, name):
     bag, mapping = tables / f"{name}.mcap", tables / "mapping.yaml"
     given = ("--mapping", mapping, "--actuator", tables / "actuator.yaml")
     assert ema("import", tables / name, *given, "-o", bag).exit_code == 0

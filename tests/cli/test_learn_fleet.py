@@ -39,7 +39,7 @@ def fleet(ema, site: Path) -> Path:
     return path
 
 
-def test_sites_put_what_they_learnt_together_without_their_tests(ema, site, fleet, tmp_path):
+def test_sites_combine_their_growth_without_sharing_tests(ema, site, fleet, tmp_path):
     one = tmp_path / "one.npz"
     assert ema("learn-fleet", history_path(site, "flap", "1"), "-o", one).exit_code == 0
     both, together = tmp_path / "both.npz", ("learn-fleet", one, history_path(site, "flap", "2"))
@@ -52,7 +52,7 @@ def test_sites_put_what_they_learnt_together_without_their_tests(ema, site, flee
     assert ema(*together, one, "-o", both, "--replace").exit_code == 0
 
 
-def test_what_is_no_history_is_named(ema, fleet, tmp_path: Path):
+def test_file_that_is_not_a_history_is_named(ema, fleet, tmp_path: Path):
     for source, output, reason in (
         (tmp_path, "a.npz", "has no file ACTUATOR+SERIAL.sqlite: expected a history_folder"),
         (fleet, "a.json", "expected a name that ends in .npz"),
@@ -66,7 +66,7 @@ def test_what_is_no_history_is_named(ema, fleet, tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_a_monitor_states_whose_growth_it_assumes_and_refuses_what_is_no_fleet(
+def test_monitor_states_which_fleet_it_uses_and_refuses_an_invalid_fleet(
     site: Path, fleet: Path, tmp_path: Path
 ):
     folder = tmp_path / "histories"
@@ -91,7 +91,7 @@ def test_a_monitor_states_whose_growth_it_assumes_and_refuses_what_is_no_fleet(
         session.until_status("lifecycle", "is not a fleet file", b"\2")
 
 
-def test_a_prognosis_of_bags_states_whose_growth_it_assumes(ema, fleet: Path):
+def test_prognosis_of_bags_states_which_fleet_it_uses(ema, fleet: Path):
     result = ema("predict", SAMPLE, "--hours-per-cycle", 10, "--fleet", fleet)
     assert result.exit_code == 0, result.output
     assumed = "assumption: future use as in the past; growth prior from 2 others (line A)"

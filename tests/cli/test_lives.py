@@ -50,7 +50,7 @@ def two_lives(ema, tmp_path_factory, short):
     return folder
 
 
-def test_life_is_a_folder_with_a_bag_a_test(two_lives):
+def test_life_is_a_folder_with_a_bag_per_test(two_lives):
     folder = two_lives
     index = pd.read_csv(folder / "lives.csv")
     assert list(index["life"]) == ["life_0000", "life_0001"]
@@ -80,7 +80,7 @@ def test_life_is_a_folder_with_a_bag_a_test(two_lives):
         assert values[-1] < limit
 
 
-def test_each_life_is_that_of_a_unit_which_its_calibration_fits(ema, two_lives):
+def test_calibration_of_each_life_fits_its_unit(ema, two_lives):
     folder = two_lives
     names = list(pd.read_csv(folder / "lives.csv")["serial_number"])
     assert names == ["SIM-0001-5-0000", "SIM-0001-5-0001"]
@@ -137,7 +137,7 @@ def constant(ema, tmp_path_factory, short):
     return make
 
 
-def test_same_seed_same_lives_however_many_and_constant_ones_have_no_end(constant):
+def test_seed_determines_each_life_and_constant_ones_have_no_end(constant):
     folders = [
         constant("--as", "estimates", "--seed", seed, "--count", count)
         for seed, count in ((2, 1), (2, 2), (8, 1))
@@ -148,7 +148,7 @@ def test_same_seed_same_lives_however_many_and_constant_ones_have_no_end(constan
     assert index[["end_hours", "dominant_fault"]].isna().all(axis=None)
 
 
-def test_lives_side_by_side_are_those_one_by_one(ema, tmp_path, short, two_lives):
+def test_parallel_lives_equal_serial_ones(ema, tmp_path, short, two_lives):
     given = ("--count", "2", "--seed", "5", "--fault", "backlash", "--executor", "threads")
     result = ema("lives", "-o", tmp_path / "lives", *given, "--workers", "2")
     assert result.exit_code == 0, result.output
@@ -162,7 +162,7 @@ def test_lives_side_by_side_are_those_one_by_one(ema, tmp_path, short, two_lives
         assert telemetry[0] == telemetry[1]
 
 
-def test_life_begins_at_the_given_start(ema, tmp_path, constant):
+def test_life_begins_at_the_given_time(ema, tmp_path, constant):
     folders = [constant("--start", start) for start in ("1970-01-01", "2026-03-01T06:00:00")]
     bags = [sorted((folder / "life_0000").glob("*.mcap")) for folder in folders]
     later_ns = {
@@ -182,7 +182,7 @@ def test_repair_is_reported(ema, tmp_path, short):
     assert 0.0 < life["repair_hours"] < life["end_hours"]
 
 
-def test_interrupted_command_leaves_complete_lives_alone(tmp_path):
+def test_interrupted_command_leaves_only_complete_lives(tmp_path):
     folder = tmp_path / "lives"
     with started(
         ["ema", "lives", "-o", folder, "--count", "100"], stderr=subprocess.PIPE, text=True

@@ -80,7 +80,7 @@ def test_command_names_what_is_malformed_and_continues(
     assert f"the first of log time {start_ns} ns: " in reported
 
 
-def test_recovered_bag_holds_none_of_them(ema, spoiled: Path, tmp_path: Path):
+def test_recovered_bag_has_no_malformed_messages(ema, spoiled: Path, tmp_path: Path):
     result = ema("recover", spoiled, "-o", tmp_path / "whole.mcap")
     assert result.exit_code == 0, result.output
     assert "topic /ema/telemetry: 2 malformed messages skipped" in result.stderr

@@ -18,7 +18,7 @@ def bag(ema, tmp_path_factory) -> Path:
     return path
 
 
-def test_measured_load_is_shown_and_no_hidden_cause(ema, bag):
+def test_measured_load_is_shown_and_not_as_a_hidden_cause(ema, bag):
     result = ema("estimate", bag, *RIGHT, "--measured", "winding_temperature=0:2")
     assert result.exit_code == 0
     assert "measured: load torque +0.3 ± 0.01 N.m; winding temperature +0 ± 2 K" in result.stdout
@@ -27,13 +27,13 @@ def test_measured_load_is_shown_and_no_hidden_cause(ema, bag):
     assert "note:" not in result.stdout
 
 
-def test_measured_load_is_in_the_objects(ema, bag):
+def test_measured_load_is_in_the_json_objects(ema, bag):
     [one] = json.loads(ema("estimate", bag, *RIGHT, "--json").stdout)
     assert one["measured"] == [{"name": "load_torque", "value": 0.3, "sigma": 0.01}]
     assert one["causes"] == []
 
 
-def test_wrong_measurement_is_named(ema, bag):
+def test_contradicting_measurement_is_reported(ema, bag):
     result = ema("estimate", bag, "--measured", "load_torque=0:0.01")
     assert "load torque +0.3 ± " in " ".join(result.stdout.split())
     assert "contradicts it: measured load torque +0 ± 0.01 N.m" in result.stdout

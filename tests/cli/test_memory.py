@@ -87,7 +87,7 @@ def test_calibrating_on_more_windows_takes_no_more_memory(bags, monkeypatch):
     assert long - short < sum(getattr(one_window.telemetry, name).nbytes for name in COLUMNS)
 
 
-def test_window_read_again_is_the_one_that_was_found(record, faulty_blocks, spoiled):
+def test_window_read_again_equals_the_detected_one(record, faulty_blocks, spoiled):
     blocks = repeated(faulty_blocks, 3)
     broken = len(faulty_blocks) + 100
     blocks[broken] = spoiled(blocks[broken], "current", 7, np.nan)
@@ -114,7 +114,7 @@ def test_window_read_again_is_the_one_that_was_found(record, faulty_blocks, spoi
             assert getattr(a, name).tobytes() == getattr(b, name).tobytes()
 
 
-def test_outline_of_few_samples_breaks_where_some_are_missing(faulty_blocks):
+def test_outline_of_few_samples_breaks_at_missing_ones(faulty_blocks):
     outline = Outline()
     for number, block in enumerate(faulty_blocks[:60]):
         if number != 30:
@@ -146,7 +146,7 @@ def test_outline_has_room_for_the_last_sample(samples: int):
 
 
 @pytest.mark.long
-def test_picture_of_more_windows_has_no_more_to_draw(bags):
+def test_picture_of_more_windows_draws_no_more_points(bags):
     drawn = []
     for path in bags:
         outline = Outline()

@@ -24,7 +24,7 @@ OPTIONS = [
 ]
 
 
-def test_answers_and_options_give_a_description_that_names_its_sources(ema, tmp_path):
+def test_answers_and_options_give_a_description_with_sources(ema, tmp_path):
     asked, given = tmp_path / "asked.yaml", tmp_path / "given.yaml"
     answers = "".join(f"{value}\n" for value in FIGURES.values())
     result = ema("new-actuator", "--serial-number", "0815", "-o", asked, typed=answers)
@@ -62,7 +62,7 @@ def test_linear_actuator_is_described_in_mm_and_n(ema, tmp_path):
     assert (result.exit_code, "needs the travel [m]" in result.stderr) == (1, True)
 
 
-def test_figures_that_contradict_each_other_are_refused(ema, tmp_path):
+def test_contradicting_values_are_refused(ema, tmp_path):
     file = tmp_path / "wrong.yaml"
     result = ema("new-actuator", "--kv", "28", "--torque-constant", "0.5", "-o", file)
     assert (result.exit_code, file.exists()) == (1, False)

@@ -54,7 +54,7 @@ def test_estimate_combines_stretches_and_states_so(estimates):
 
 
 @pytest.mark.slow
-def test_a_line_names_what_the_motion_does_not_show(ema, bag):
+def test_line_names_the_faults_that_the_motion_does_not_show(ema, bag):
     """With a wanted sigma of 0.005, short circuits are not known accurately enough."""
     result = ema("estimate", "--any-motion", "-p", "wanted_sigma=0.005", bag)
     assert result.exit_code == 0
@@ -62,7 +62,7 @@ def test_a_line_names_what_the_motion_does_not_show(ema, bag):
     assert "short circuit A" in " ".join(result.stdout.split()).partition("not show")[2]
 
 
-def test_a_bag_without_motion_is_an_error(ema, tmp_path):
+def test_bag_without_motion_is_an_error(ema, tmp_path):
     command, bag = tmp_path / "rest.csv", tmp_path / "rest.mcap"
     np.savetxt(command, np.zeros(3000))
     assert ema("simulate", "--command", command, "-o", bag).exit_code == 0

@@ -21,7 +21,7 @@ def folder(ema, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("link", [None, Path.symlink_to, Path.hardlink_to])
-def test_input_is_recognised_under_every_name(tmp_path: Path, link):
+def test_input_is_recognised_by_any_name_of_the_file(tmp_path: Path, link):
     member = tmp_path / "bag" / "bag_0.mcap"
     member.parent.mkdir()
     member.touch()
@@ -44,7 +44,7 @@ def test_input_is_recognised_under_every_name(tmp_path: Path, link):
         (("import", "bag", "--mapping", "mapping.yaml"), "mapping.yaml"),
     ],
 )
-def test_command_never_replaces_what_it_reads(ema, folder: Path, monkeypatch, words, read):
+def test_command_never_overwrites_its_input(ema, folder: Path, monkeypatch, words, read):
     monkeypatch.chdir(folder)
     content = Path(read).read_bytes()
     result = ema(*words, "-o", read, "--replace")
@@ -63,7 +63,7 @@ def test_command_never_replaces_what_it_reads(ema, folder: Path, monkeypatch, wo
         (("predict", SAMPLE, "--hours-per-cycle", "10"), "a.png"),
     ],
 )
-def test_another_file_is_replaced_only_by_force(
+def test_other_files_are_overwritten_only_on_request(
     ema, folder: Path, tmp_path: Path, arguments: tuple, name: str
 ):
     other = tmp_path / name

@@ -91,7 +91,7 @@ def growing(rate: float, tests: int, seed: int | None = None) -> list[Estimate]:
     ]
 
 
-def test_folder_is_read_in_the_order_of_stamps_with_its_usage(reported):
+def test_folder_is_read_in_order_of_stamps_with_its_usage(reported):
     assert [test["flight_hours"] for test in reported["tests"]] == pytest.approx(
         list(INTERVAL_H * np.arange(1, TESTS + 1))
     )
@@ -125,7 +125,7 @@ def test_json_is_the_health_message_and_every_test(reported):
 
 
 @pytest.mark.slow
-def test_predictions_so_far_are_reported_with_the_fault_that_ends_life():
+def test_past_predictions_are_reported_with_the_fault_that_ends_life():
     course = course_of(growing(8e-4, 50, seed=3))
     message = health_report(course.outlooks[-1], course.record.description.unit_key)
     friction = next(item for item in message.faults if item.name == "friction")
@@ -141,7 +141,7 @@ def test_predictions_so_far_are_reported_with_the_fault_that_ends_life():
     assert f"{friction.calibration_ahead:.2f} for 20 tests ahead" in line
 
 
-def test_future_begins_at_the_last_test_whose_hours_are_believed():
+def test_prediction_begins_at_the_last_test_with_plausible_hours():
     estimates = growing(2e-3, 20, seed=7)
     counts = [Count(one.end_ns, one.end_ns / NS_PER_HOUR, 0) for one in estimates[:-1]]
     counts.append(Count(estimates[-1].end_ns, 50_000.0, 0))
@@ -167,7 +167,7 @@ def test_future_begins_at_the_last_test_whose_hours_are_believed():
     assert title.get_window_extent().x1 < figure.bbox.x1
 
 
-def test_truth_is_the_hour_at_which_the_first_limit_is_crossed():
+def test_true_end_is_the_hour_at_which_the_first_limit_is_crossed():
     # Friction of 0.05 + 0.0031 u reaches 0.5 at 145.16 h, between two tests. It violates none of
     # the default requirements.
     estimates = growing(3.1e-3, 17)
@@ -189,7 +189,7 @@ def test_truth_is_the_hour_at_which_the_first_limit_is_crossed():
 
 
 @pytest.mark.parametrize("counted", [True, False])
-def test_picture_shows_what_ends_life_and_what_happened(tmp_path, counted):
+def test_picture_shows_what_ends_life_and_the_events(tmp_path, counted):
     estimates = growing(1.5e-3, 14, seed=6)
     estimates += [
         estimate_of(140.0 + INTERVAL_H * i, 6, friction=0.02 + 1.5e-3 * INTERVAL_H * i)
@@ -215,7 +215,7 @@ def test_prognosis_at_an_earlier_hour_leaves_out_later_tests(ema, life_folder, r
     assert (refused.exit_code, "--at 5" in refused.stderr) == (1, True)
 
 
-def test_spoiled_test_does_not_spoil_the_exit_code_of_a_good_prognosis(ema, written, tmp_path):
+def test_disturbed_test_does_not_change_the_exit_code_of_a_good_prognosis(ema, written, tmp_path):
     written("one.mcap")
     Calibration.builtin().save(tmp_path / CALIBRATION_FILE)
     written("two.mcap", 2.0, window="gap")
@@ -272,7 +272,7 @@ def written(tmp_path) -> Callable[..., Path]:
     return write
 
 
-def test_reason_that_holds_for_all_is_reported_once_and_how_to_mend_it(ema, written):
+def test_reason_shared_by_all_tests_is_reported_once_with_its_remedy(ema, written):
     result = ema("predict", written("one.mcap"), "--limit", "friction=0.4")
     assert result.exit_code == 0
     # A single test may be an outlier.
@@ -307,7 +307,7 @@ def test_two_bags_whose_windows_overlap_are_refused(ema, tmp_path):
     assert len(read_unit([paths[1]] * 2, ReadingOptions()).windows) == 1
 
 
-def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
+def test_usage_of_another_unit_is_ignored_with_a_remark(tmp_path):
     description = ActuatorDescription()
     test = one_test(description)
     count = usage_at_cycle(replace(description, serial_number="0002"), test.start_ns, 500.0, 6)
@@ -324,7 +324,7 @@ def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
     assert record.remarks == [f"{path}: usage of serial number '0002' is ignored"]
 
 
-def test_usage_that_was_read_after_the_test_is_not_stated_to_be_missing(ema, tmp_path):
+def test_usage_recorded_after_the_test_is_not_reported_as_missing(ema, tmp_path):
     description = ActuatorDescription()
     test = one_test(description)
     path = tmp_path / "one.mcap"
@@ -356,7 +356,7 @@ def test_impossible_usage_is_reported_and_not_used(tmp_path):
     assert "usage is impossible: flight_hours = -1 h" in record.remarks[0]
 
 
-def test_folder_without_a_bag_reports_which_of_its_folders_hold_some(tmp_path):
+def test_folder_without_bags_names_its_subfolders_with_bags(tmp_path):
     with pytest.raises(ValueError, match="folder without bags") as refused:
         find_bags([tmp_path])
     assert "select one of these" not in str(refused.value)
@@ -370,7 +370,7 @@ def test_folder_without_a_bag_reports_which_of_its_folders_hold_some(tmp_path):
     assert f"{named} and 1 more: select one of these" in str(refused.value)
 
 
-def test_calibration_next_to_the_bags_is_that_of_the_unit(ema, written, tmp_path):
+def test_calibration_next_to_the_bags_is_used(ema, written, tmp_path):
     bag = written("one.mcap", serial_number="0002")
     refused = ema("predict", bag)
     assert refused.exit_code == 3
@@ -394,7 +394,7 @@ def test_calibration_next_to_the_bags_is_that_of_the_unit(ema, written, tmp_path
     assert ema("predict", bag, "--calibration", named).exit_code == 3
 
 
-def test_two_calibrations_next_to_the_bags_are_no_choice(ema, written, tmp_path):
+def test_two_calibrations_next_to_the_bags_are_ambiguous(ema, written, tmp_path):
     bags = []
     for hours, name in ((1.0, "a"), (2.0, "b")):
         (tmp_path / name).mkdir()
@@ -408,7 +408,7 @@ def test_two_calibrations_next_to_the_bags_are_no_choice(ema, written, tmp_path)
 
 
 @pytest.mark.parametrize("form", [(), ("--json",)])
-def test_figures_are_printed_even_if_the_picture_cannot_be_written(
+def test_results_are_printed_even_if_the_picture_cannot_be_written(
     ema, written, monkeypatch, tmp_path, form
 ):
     def fail(course):

@@ -17,7 +17,7 @@ def _impatient(monkeypatch):
     monkeypatch.setattr(progress, "LINES_S", 0.001)
 
 
-def test_long_command_states_how_far_it_is_and_how_long_it_takes(tmp_path):
+def test_long_command_reports_its_progress_and_the_time_left(tmp_path):
     printed = ema("simulate", "--cycles", "6", "-o", tmp_path / "six.mcap")
     line = r"simulating: \d+%, cycle \d of 6, about \d+ s left"
     assert re.search(f"^{line}$", printed.stderr, re.MULTILINE), printed.stderr
@@ -30,7 +30,7 @@ def test_progress_is_distinct_from_other_output(tmp_path):
     assert without_progress(printed.stderr + "Error: it is left\n") == "Error: it is left\n"
 
 
-def test_json_stays_alone_on_standard_output():
+def test_standard_output_has_only_the_json():
     printed = ema("estimate", SAMPLE, "--json")
     assert json.loads(printed.stdout)
     assert re.search(r"^identifying: .* so far$", printed.stderr, re.MULTILINE), printed.stderr
@@ -39,7 +39,7 @@ def test_json_stays_alone_on_standard_output():
 @pytest.mark.parametrize(
     ("passed_s", "words"), [(20.0, "60 s left"), (60.0, "3 min left"), (3600.0, "3 h left")]
 )
-def test_time_left_is_reported_in_a_fitting_unit(passed_s, words, monkeypatch):
+def test_time_left_is_reported_in_a_suitable_unit(passed_s, words, monkeypatch):
     monkeypatch.setattr(progress.time, "monotonic", lambda: 0.0)
     lines = progress._Lines()
     lines.advance(lines.add_task("learning", total=4))

@@ -52,7 +52,7 @@ def test_ports_are_open_on_loopback_alone():
     assert all(addresses == {LOOPBACK} for addresses in seen.values()), seen
 
 
-def test_what_leads_elsewhere_is_left_out_and_reported(capsys):
+def test_variables_that_open_the_network_are_removed_and_reported(capsys):
     environment = {
         RANGE: "SUBNET",
         "ROS_STATIC_PEERS": "192.0.2.1",
@@ -76,14 +76,14 @@ def test_what_leads_elsewhere_is_left_out_and_reported(capsys):
         ({RANGE: "OFF"}, "OFF"),
     ],
 )
-def test_nothing_is_reported_where_nothing_is_left_out(given, reach, capsys):
+def test_nothing_is_reported_if_no_variable_is_removed(given, reach, capsys):
     environment = dict(given)
     set_reach(False, environment)
     assert environment[RANGE] == reach
     assert not capsys.readouterr().err
 
 
-def test_a_profile_of_the_user_stays(tmp_path):
+def test_profile_of_the_user_is_kept(tmp_path):
     own = tmp_path / "own.xml"
     own.write_text(PROFILES.read_text().replace("quick_discovery", "own"))
     environment = {PROFILE: str(own)}
@@ -92,7 +92,7 @@ def test_a_profile_of_the_user_stays(tmp_path):
 
 
 @pytest.mark.parametrize("given", [{}, {RANGE: "SUBNET", "ROS_STATIC_PEERS": "192.0.2.1"}])
-def test_with_the_network_the_variables_of_ros_hold(given):
+def test_network_option_keeps_the_variables_of_ros(given):
     environment = {**given, PROFILE: str(PROFILES)}
     set_reach(True, environment)
     assert environment == {**given, PROFILE: str(PROFILES)}
@@ -101,7 +101,7 @@ def test_with_the_network_the_variables_of_ros_hold(given):
 @pytest.mark.parametrize(
     "given", [{RANGE: "LOCALHOST"}, {RANGE: "OFF"}, {"ROS_LOCALHOST_ONLY": "1"}]
 )
-def test_a_network_that_the_variables_forbid_is_refused(given):
+def test_network_forbidden_by_the_variables_is_refused(given):
     [(name, value)] = given.items()
     with pytest.raises(ValueError, match=rf"--network: {name}={value} .*{RANGE}=SUBNET"):
         set_reach(True, dict(given))

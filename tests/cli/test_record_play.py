@@ -63,7 +63,7 @@ def as_text(message: Any) -> str:
         return repr(message)
 
 
-def test_recording_holds_what_was_played(replayed):
+def test_recording_holds_all_played_messages(replayed):
     sample, bag = Bag(SAMPLE), Bag(replayed)
     assert bag.damage == ""
     for name in PLAYED:
@@ -71,7 +71,7 @@ def test_recording_holds_what_was_played(replayed):
         assert [as_text(item.message) for item in bag.messages([name])] == played
 
 
-def test_history_next_to_the_truth_of_the_sample(replayed):
+def test_history_agrees_with_the_truth_of_the_sample(replayed):
     history = read_history(replayed)
     [one] = history.diagnoses()
     assert (one.valid, one.cycle) == (True, 0)
@@ -84,13 +84,15 @@ def test_history_next_to_the_truth_of_the_sample(replayed):
     assert one.level == 1
 
 
-def test_latency_is_left_out_where_stamps_are_of_another_time(replayed):
+def test_latency_is_left_out_if_the_stamps_are_from_another_time(replayed):
     # The stamps of the sample begin at 0, those of the recording at the current time.
     labels = [axes.get_ylabel() for axes in draw_history(read_history(replayed)).axes]
     assert labels == ["friction", "eccentricity", "error of\nthe others"]
 
 
-def test_history_plot_is_next_to_the_bag_and_names_the_actuators_there_are(ema, replayed):
+def test_history_plot_is_next_to_the_bag_and_unknown_actuators_are_refused_with_the_names(
+    ema, replayed
+):
     result = ema("plot", replayed, "--history")
     assert result.exit_code == 0
     assert replayed.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
@@ -126,7 +128,7 @@ def test_options_become_parameters_of_the_nodes(monkeypatch, ema):
     ]
 
 
-def test_impossible_options_are_one_clear_line(tmp_path: Path):
+def test_impossible_options_give_one_clear_line(tmp_path: Path):
     command = ["ema", "record", "-o", "a.mcap", "-p", "max_bag_size=1000000"]
     result = subprocess.run(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, check=False)
     assert result.returncode == 1

@@ -37,7 +37,7 @@ def test_ten_test_cycles_are_one_record_with_and_without_any_motion(ema, cycles,
 
 
 @pytest.mark.parametrize("option", [(), ("--any-motion",)])
-def test_single_test_cycle_is_no_record_and_the_reason_is_stated(ema, cycles, option):
+def test_single_test_cycle_is_not_a_record_and_the_reason_is_stated(ema, cycles, option):
     reason = (
         "has no record to diagnose (no excitation): a record needs 2 s of motion, and the "
         "telemetry has only 1.7 s"
@@ -83,7 +83,7 @@ def test_table_of_strokes_and_dwells_is_one_record(ema, tmp_path, seconds, dwell
     assert float(end.removesuffix("s")) >= seconds - dwell_s
 
 
-def test_recording_that_never_moves_states_so(ema, record, tmp_path):
+def test_recording_without_motion_is_refused_with_the_reason(ema, record, tmp_path):
     zeros = np.zeros(5000)
     bag = record(
         [Telemetry(100_000 + n * 500_000_000, 1e-4, 1 + n * 5000, *[zeros] * 4) for n in range(8)]

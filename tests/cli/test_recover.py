@@ -32,7 +32,9 @@ def test_recovered_bag_is_whole_and_holds_every_intact_message(ema, tmp_path: Pa
     assert (again.exit_code, "already exists" in again.stderr) == (1, True)
 
 
-def test_message_of_a_time_that_no_bag_of_ros_has_is_left_out_and_reported(ema, tmp_path: Path):
+def test_message_with_a_time_that_ros_cannot_represent_is_left_out_and_reported(
+    ema, tmp_path: Path
+):
     path = tmp_path / "strange.mcap"
     with path.open("wb") as file:
         writer = Writer(file)

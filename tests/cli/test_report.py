@@ -61,7 +61,7 @@ def estimated(ema, bag: Path) -> list[list[float]]:
 
 
 @pytest.mark.parametrize("folder", ["", "history"])
-def test_report_has_the_notes_of_persons_in_the_history_given_or_beside(ema, tmp_path, folder):
+def test_report_has_the_notes_of_persons_from_the_history(ema, tmp_path, folder):
     unit = ("flap", "SIM-0001")
     history = History(*unit, history_path(tmp_path / folder, *unit))
     note = UnitEvent(10**9, 5.0, "note", "Ada: greased <b>")
@@ -74,7 +74,7 @@ def test_report_has_the_notes_of_persons_in_the_history_given_or_beside(ema, tmp
     assert line.startswith("Ada: greased <b>")
 
 
-def test_report_has_the_changes_of_the_baseline_with_person_and_the_faults_before(ema, tmp_path):
+def test_report_has_the_changes_of_the_baseline_with_person_and_earlier_faults(ema, tmp_path):
     unit = ("flap", "SIM-0001")
     history = History(*unit, history_path(tmp_path, *unit))
     estimates = [made_test(number, friction=0.4) for number in range(2)]
@@ -92,7 +92,7 @@ def test_report_has_the_changes_of_the_baseline_with_person_and_the_faults_befor
 
 
 @pytest.mark.slow
-def test_figures_of_a_bag_are_those_of_its_estimates_exactly(ema, loaded, tmp_path):
+def test_numbers_of_a_bag_equal_its_estimates_exactly(ema, loaded, tmp_path):
     assert ema("report", loaded, "-o", tmp_path / "bag.html").exit_code == 0
     page = Page(tmp_path / "bag.html")
     assert page.exactly("Estimates") == estimated(ema, loaded)
@@ -105,7 +105,7 @@ def test_figures_of_a_bag_are_those_of_its_estimates_exactly(ema, loaded, tmp_pa
 
 
 @pytest.mark.slow
-def test_figures_of_a_life_are_those_of_the_prognosis_exactly(reported, of_life):
+def test_numbers_of_a_life_equal_its_prognosis_exactly(reported, of_life):
     for what, key in (("Faults", "faults"), ("Required performance", "requirements")):
         for row, item in zip(of_life.exactly(what), reported[key], strict=True):
             assert row[:2] == [item["value"], item["sigma"]]
@@ -117,7 +117,7 @@ def test_figures_of_a_life_are_those_of_the_prognosis_exactly(reported, of_life)
 
 
 @pytest.mark.slow
-def test_verdict_is_four_lines_and_states_what_to_do_and_when(reported, of_life):
+def test_verdict_has_four_lines_and_states_what_to_do_and_when(reported, of_life):
     state, wearing, lasting, basis = of_life.printed["ol"][0].strip().splitlines()
     assert state == f"Wearing: {reported['cause']}."
     assert basis.startswith("10 valid tests of 10; health index 0.")
@@ -128,7 +128,7 @@ def test_verdict_is_four_lines_and_states_what_to_do_and_when(reported, of_life)
     assert f"{reported['removal']}." in of_life.printed["li"]
 
 
-def test_page_refers_to_nothing_outside_of_itself(of_life):
+def test_page_has_no_external_references(of_life):
     for tag, name, value in of_life.attributes:
         if name in ("src", "href", "xlink:href", "srcset", "action", "data"):
             assert (tag, name, value[:1]) == (tag, name, "#")
@@ -136,7 +136,7 @@ def test_page_refers_to_nothing_outside_of_itself(of_life):
     assert re.findall(r"https?:|@import|<script|<link|<iframe", of_life.text) == []
 
 
-def test_page_is_well_formed_and_its_names_are_unique(window, of_life):
+def test_page_is_well_formed_and_its_ids_are_unique(window, of_life):
     for page in (window, of_life):
         names = page.values("id")
         assert len(names) == len(set(names))
@@ -146,7 +146,7 @@ def test_page_is_well_formed_and_its_names_are_unique(window, of_life):
         assert set(used) <= set(names)
 
 
-def test_page_can_be_read_by_those_who_do_not_see_it(of_life):
+def test_page_is_accessible_to_screen_readers(of_life):
     roles = [value for tag, name, value in of_life.attributes if (tag, name) == ("svg", "role")]
     assert roles == ["img"] * 2
     assert len(of_life.printed["title"]) == 1 + len(roles)
@@ -159,7 +159,7 @@ def test_page_can_be_read_by_those_who_do_not_see_it(of_life):
     assert "▲ WARN" in of_life.printed["h2"][0]
 
 
-def test_page_states_where_it_comes_from(window, of_life):
+def test_page_states_its_provenance(window, of_life):
     [[path, role, size, digest]] = window.table("Files")
     content = SAMPLE.read_bytes()
     assert (path, role) == (str(SAMPLE), "bag, 1 window used")
@@ -180,7 +180,7 @@ def test_page_of_sixty_tests_is_below_a_megabyte(window, of_life):
 
 
 @pytest.mark.slow
-def test_advice_is_given_with_costs_and_is_that_of_the_prognosis(
+def test_advice_is_given_with_costs_and_equals_that_of_the_prognosis(
     ema, life_folder, of_life, tmp_path
 ):
     costs = ("--cost", "removal=2000,failure=50000,lead_time=5", "-p", "costs.unit=EUR")

@@ -75,7 +75,7 @@ def report(run: Run, tmp_path: Path) -> Callable[..., tuple[Any, Page]]:
         (COARSE, "Unknown: changes of Coulomb friction show above 35 % only; its warning", 3),
     ],
 )
-def test_first_line_follows_from_what_was_judged(
+def test_first_line_follows_from_the_judgements(
     report: Callable[..., tuple[Any, Page]], of: Comparison, state: str, code: int
 ):
     result, _ = report(HEALTHY, of)
@@ -83,7 +83,7 @@ def test_first_line_follows_from_what_was_judged(
     assert result.exit_code == code
 
 
-def test_unit_whose_records_judge_nothing_is_never_well(report):
+def test_unit_whose_records_judge_nothing_is_never_healthy(report):
     result, page = report(NOTHING, NOTHING)
     assert result.exit_code == 3
     first = result.stdout.splitlines()[0]
@@ -92,7 +92,7 @@ def test_unit_whose_records_judge_nothing_is_never_well(report):
     assert "1.00" not in result.stdout
 
 
-def test_second_line_names_what_wears_or_why_that_is_unknown(report):
+def test_second_line_names_the_wear_or_why_it_is_unknown(report):
     lines = [report(HEALTHY, of)[0].stdout.splitlines()[1] for of in (HEALTHY, NO_FRICTION)]
     assert lines == [
         "No fault differs from healthy by more than its uncertainty.",
@@ -108,7 +108,7 @@ def test_index_of_an_earlier_record_is_not_shown_next_to_an_unknown_level(report
     assert "health index unknown" in result.stdout
 
 
-def test_page_has_the_table_the_smallest_change_and_what_lowers_it(report):
+def test_page_has_the_table_the_smallest_change_and_how_to_lower_it(report):
     _, page = report(HEALTHY, IMPROVABLE)
     cells = page.printed["td"]
     assert "unchanged (changes above 35 % would show)" in cells
@@ -142,7 +142,7 @@ def test_prognosis_tracks_friction_like_a_fault(run: Run):
     assert quantity["change"] == pytest.approx(0.39)
 
 
-def test_prognosis_has_no_index_where_the_level_is_open(run: Run):
+def test_prognosis_has_no_index_if_the_level_is_unknown(run: Run):
     result = run("predict", [HEALTHY, NO_FRICTION])
     assert result.exit_code == 3
     assert "health index unknown, level STALE (last OK)" in result.stdout

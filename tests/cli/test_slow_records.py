@@ -87,7 +87,7 @@ def test_info_shows_the_parameters_of_an_unknown_drive_that_are_used(
     assert "actuator slide, serial number R1" in lines
 
 
-def test_record_that_is_too_short_states_what_it_has_and_needs(ema, tmp_path, described):
+def test_too_short_record_states_its_length_and_the_required_one(ema, tmp_path, described):
     table = written(tmp_path / "short.csv", 25, 5.0)
     frame = pd.read_csv(table)
     frame.drop(index=range(90, 93)).to_csv(table, index=False)

@@ -86,7 +86,7 @@ def test_friction_is_compared_at_the_temperature_of_the_record(ema, folder):
     assert blind["smallest_change"] > 3.0 * worn["smallest_change"]
 
 
-def test_temperature_of_a_modelled_drive_is_mapped_only_by_its_owner(folder):
+def test_temperature_of_a_modelled_drive_is_doubted_and_not_mapped(folder):
     source = open_input(folder / "healthy_0.csv")
     guess = source.guess(ActuatorDescription(drive="unknown", actuator_id="w", serial_number="1"))
     assert guess.mapping.temperature is not None

@@ -67,7 +67,7 @@ def test_study_leaves_runs_tables_and_report(ema, tmp_path, small):
     assert "pso" in result.output
 
 
-def test_what_is_there_is_not_run_again(ema, tmp_path, small, without_report):
+def test_existing_runs_are_not_repeated(ema, tmp_path, small, without_report):
     folder = tmp_path / "study"
     assert ema("thesis", "-o", folder, "--runs", "1", *HERE).exit_code == 0
     before = (folder / "runs.jsonl").read_text()
@@ -98,16 +98,14 @@ def test_one_table_is_made_and_printed_without_a_report(ema, tmp_path, monkeypat
 
 
 @pytest.mark.parametrize("number", ["7", "62", "-1"])
-def test_table_that_the_study_cannot_repeat_is_refused_with_those_that_it_can(
-    ema, tmp_path, number
-):
+def test_unknown_table_is_refused_with_the_tables_that_exist(ema, tmp_path, number):
     result = ema("thesis", "--table", number, "-o", tmp_path / "study")
     assert result.exit_code == 2
     assert f"table {number}: expected 8 to 61" in result.stderr
     assert not (tmp_path / "study").exists()
 
 
-def test_help_states_which_tables_there_are(ema):
+def test_help_lists_the_tables(ema):
     output = " ".join(ema("thesis", "--help").output.split())
     assert "11 to 55 single faults" in output
     assert "(docs/study.md)" in output
@@ -123,7 +121,7 @@ def test_help_states_which_tables_there_are(ema):
         ),
     ],
 )
-def test_quick_is_two_runs_without_table_8_and_models_add_up(
+def test_quick_is_two_runs_without_table_8_and_models_accumulate(
     ema, tmp_path, small, without_report, options, planned
 ):
     result = ema("thesis", "-o", tmp_path / "study", *options, *HERE)

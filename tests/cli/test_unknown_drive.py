@@ -98,7 +98,7 @@ def test_prognosis_and_report_name_what_has_changed(ema, folder):
 
 
 @pytest.mark.slow
-def test_archive_gives_the_estimates_of_the_command(ema, folder, tmp_path):
+def test_archive_gives_the_same_estimates_as_the_command(ema, folder, tmp_path):
     for name in ("calibration.yaml", "worn.mcap", "healthy.mcap"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     archive = tmp_path / "archive"
@@ -127,7 +127,7 @@ def test_plot_is_refused_because_there_is_no_model(ema, folder):
 
 
 @pytest.mark.slow
-def test_calibration_of_a_known_drive_does_not_serve(ema, folder, tmp_path):
+def test_calibration_of_a_modelled_drive_is_refused(ema, folder, tmp_path):
     (tmp_path / "worn.mcap").write_bytes((folder / "worn.mcap").read_bytes())
     refused = ema("estimate", tmp_path / "worn.mcap")
     assert refused.exit_code == 3

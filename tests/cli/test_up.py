@@ -84,7 +84,7 @@ def child(note):
     return command
 
 
-def test_last_process_is_stopped_when_the_others_are_gone(note, child, monkeypatch):
+def test_last_process_is_stopped_after_the_others_have_ended(note, child, monkeypatch):
     # A busy machine ends the others late, and in any order.
     monkeypatch.setattr(supervisor, "_HEAD_START_S", DEADLINE_S)
     reported: list[str] = []
@@ -97,7 +97,7 @@ def test_last_process_is_stopped_when_the_others_are_gone(note, child, monkeypat
     assert (reported, processes.failed, processes_with(note)) == ([], [], [])
 
 
-def test_last_process_waits_a_second_for_the_others_at_most(note, child):
+def test_last_process_waits_at_most_a_second_for_the_others(note, child):
     with Supervisor(lambda _: None, "recorder", patience_s=DEADLINE_S) as processes:
         processes.start("recorder", child("recorder"))
         processes.start("monitor", child("monitor", 5.0))
@@ -117,7 +117,7 @@ def test_single_process_is_stopped_while_the_others_continue(note, child):
     assert lines(note)[2:] == ["actuator", "monitor"]
 
 
-def test_ctrl_c_of_the_terminal_reaches_the_supervisor_alone(note, child):
+def test_ctrl_c_of_the_terminal_reaches_only_the_supervisor(note, child):
     with Supervisor(lambda _: None) as processes:
         processes.start("monitor", child("monitor"))
         wait_for(lambda: lines(note) == ["up"], "the child up")
@@ -134,7 +134,7 @@ def test_process_that_does_not_end_is_killed_with_a_message(note, child):
     assert processes_with(note) == []
 
 
-def test_death_is_reported_once_and_the_others_live_on(note, child):
+def test_death_is_reported_once_and_the_other_processes_continue(note, child):
     reported: list[str] = []
     with Supervisor(reported.append) as processes:
         processes.start("monitor", child("monitor"))
@@ -157,7 +157,7 @@ def test_death_is_reported_once_and_the_others_live_on(note, child):
     assert sorted(processes.failed) == ["failing", "killed"]
 
 
-def test_nobody_survives_when_what_is_reported_cannot_be_written(note, child):
+def test_no_process_survives_if_a_report_cannot_be_written(note, child):
     def broken(_: str) -> None:
         raise BrokenPipeError
 
@@ -177,7 +177,7 @@ def test_output_goes_to_the_log(tmp_path):
     assert log.read_text() == "said\ncomplained"
 
 
-def test_first_signal_counts_and_handlers_come_back():
+def test_first_signal_counts_and_handlers_are_restored():
     before = signal.getsignal(signal.SIGTERM)
     with deferred_signals(*ENDING) as stop:
         assert not stop
@@ -191,7 +191,7 @@ def test_first_signal_counts_and_handlers_come_back():
 @pytest.mark.parametrize(
     ("number", "children_up"), [(signal.SIGINT, 0), (signal.SIGTERM, 2), (signal.SIGHUP, 6)]
 )
-def test_signal_at_any_moment_of_the_start_leaves_nobody(note, number, children_up):
+def test_signal_at_any_moment_of_the_start_leaves_no_process(note, number, children_up):
     command = [sys.executable, "-c", SUPERVISOR, "6", ORDERLY, str(note), "0", "child"]
     with started(command, stdout=subprocess.PIPE, text=True) as supervisor:
         # The handlers are installed before the first child is started.
@@ -204,7 +204,7 @@ def test_signal_at_any_moment_of_the_start_leaves_nobody(note, number, children_
     assert processes_with(note) == []
 
 
-def test_killed_supervisor_takes_its_children_along(note):
+def test_killed_supervisor_ends_its_children(note):
     command = [sys.executable, "-c", SUPERVISOR, "2", ORDERLY, str(note), "0", "child"]
     with started(command, stdout=subprocess.DEVNULL) as supervisor:
         wait_for(lambda: lines(note) == ["up"] * 2, "two children up")
@@ -262,7 +262,7 @@ def test_missing_calibration_is_named_before_any_telemetry(tmp_path):
         process.send_signal(signal.SIGINT)
 
 
-def test_failed_node_is_reported_and_makes_exit_code_1(ema, capfd):
+def test_failed_node_is_reported_and_gives_exit_code_1(ema, capfd):
     result = ema("up", "player", "-p", "rate:=1.0")
     assert (result.exit_code, "player failed, exit code 1" in result.stderr) == (1, True)
     assert "parameter bag is empty" in capfd.readouterr().err  # of the node process

@@ -82,7 +82,7 @@ def states(result) -> list[str]:
     return [one["state"] for one in json.loads(result.stdout)]
 
 
-def test_estimates_are_the_same_to_the_bit_also_warm(ema, bag_of, recorded):
+def test_recomputed_estimates_are_identical_also_after_a_warm_start(ema, bag_of, recorded):
     assert [one.estimate.warm_start for one in recorded[1]] == [False, True, True]
     result = ema("verify", bag_of())
     assert result.exit_code == 0
@@ -90,7 +90,7 @@ def test_estimates_are_the_same_to_the_bit_also_warm(ema, bag_of, recorded):
 
 
 @pytest.mark.parametrize(("by", "state"), [(1e-9, "equal within rounding"), (0.01, "different")])
-def test_altered_estimate_is_found_with_its_difference(ema, bag_of, by, state):
+def test_altered_estimate_is_reported_with_its_difference(ema, bag_of, by, state):
     def alter(message):
         if message.window == 2:
             message.faults.friction += by
@@ -121,12 +121,12 @@ def of_another_time(message):
         (of_another_time, "cannot be recomputed"),
     ],
 )
-def test_estimate_of_something_else_is_found(ema, bag_of, change, words):
+def test_estimate_of_other_telemetry_is_reported(ema, bag_of, change, words):
     result = ema("verify", bag_of(change=change))
     assert (result.exit_code, words in result.output) == (3, True), result.output
 
 
-def test_search_that_began_at_an_estimate_that_is_missing_cannot_be_made_again(ema, bag_of):
+def test_search_that_started_from_a_missing_estimate_cannot_be_recomputed(ema, bag_of):
     result = ema("verify", bag_of(skips=1))
     assert result.exit_code == 0
     assert "window 1: cannot be recomputed (its search started from a missing" in result.output
@@ -149,7 +149,7 @@ def windows_in(blocks: list[Telemetry]) -> list[Segment]:
 
 
 @pytest.mark.parametrize("loses_last", [False, True])
-def test_estimates_of_a_monitor_that_restarted_are_the_same(
+def test_estimates_of_a_restarted_monitor_are_identical(
     ema, worn_blocks, bag_of_estimates, loses_last
 ):
     """The monitor restarts in motion before a window; its history may lack the last estimate."""
@@ -182,7 +182,7 @@ def diagnose_one(monitor: Diagnosis, window: Segment) -> list[Diagnosed]:
     return [one for one in every if isinstance(one, Diagnosed)]
 
 
-def test_archive_is_made_again_from_its_bags(ema, bag_of, tmp_path: Path):
+def test_archive_is_recomputed_from_its_bags(ema, bag_of, tmp_path: Path):
     bag_of("bags/one.mcap")
     gone = bag_of("bags/two.mcap", skips=3)
     archive = tmp_path / "archive"
@@ -206,7 +206,7 @@ def test_archive_is_made_again_from_its_bags(ema, bag_of, tmp_path: Path):
     assert "two.mcap" in found[3]["reason"]
 
 
-def test_history_is_made_again_and_reports_where_it_was_altered(ema, bag_of, recorded, tmp_path):
+def test_history_is_recomputed_and_alterations_are_reported(ema, bag_of, recorded, tmp_path):
     path = history_path(tmp_path, *FLAP.unit_key)
     history = History(*FLAP.unit_key, path)
     for number, one in enumerate(recorded[1]):
@@ -228,7 +228,7 @@ def test_history_is_made_again_and_reports_where_it_was_altered(ema, bag_of, rec
     assert len(found) == 3
 
 
-def test_quantities_of_a_record_are_compared_to_the_bit():
+def test_quantities_of_a_record_are_compared_bit_for_bit():
     recorded = compared(comparison(changed(INERTIA, 0.3)))
     reported = Verified("elbow", 0)
     assert reported.compared(recorded, compared(comparison(changed(INERTIA, 0.3)))).state == (

@@ -43,7 +43,7 @@ def test_recording_names_the_version_that_wrote_it(ema, record, faulty_blocks):
     assert f"written by ema_bags {__version__}" in ema("info", path).output
 
 
-def test_recording_cut_off_in_its_header_names_no_writer(record, faulty_blocks):
+def test_recording_truncated_in_its_header_names_no_writer(record, faulty_blocks):
     path = record(faulty_blocks)
     path.write_bytes(path.read_bytes()[:20])
     assert Bag(path).writers == []

@@ -92,7 +92,7 @@ def received(*healths: Health) -> LatestHealths:
     return latest
 
 
-def test_worst_actuator_comes_first_and_of_equals_the_one_with_less_life():
+def test_worst_actuator_comes_first_and_among_equals_the_shortest_life():
     healths = received(
         health_of("a", OK, None),
         health_of("b", WARN, (50.0, 80.0, 100.0)),
@@ -109,7 +109,7 @@ def test_worst_actuator_comes_first_and_of_equals_the_one_with_less_life():
     ]
 
 
-def test_row_states_value_life_and_removal():
+def test_row_shows_value_life_and_removal():
     [row] = received(health_of("a", WARN, (20.0, 80.0, 100.0))).rows(
         1.0, TEST_NS + 3 * 10**9, alive
     )
@@ -166,7 +166,7 @@ def test_friction_of_a_record_is_reported_with_the_health(name: str, reported: s
     assert row.why == reported
 
 
-def test_record_that_judges_nothing_is_reported_and_has_no_index():
+def test_record_without_a_judgement_is_reported_and_has_no_index():
     health = health_of("flap", STALE, None)
     health.health_index = math.nan
     healths = received(health)
@@ -186,7 +186,7 @@ def counted(windows: int, valid: int, invalid: int = 0) -> list[TelemetryStatus]
     ]
 
 
-def test_playback_is_complete_when_each_window_has_an_estimate_and_counts_stand_still():
+def test_playback_is_complete_when_each_window_has_an_estimate_and_counters_are_constant():
     completion = Completion()
     completion.add_report("/ema", counted(2, 2))
     completion.add_report("/ema", counted(2, 2))
@@ -213,19 +213,19 @@ def test_playback_is_complete_when_the_monitors_of_all_namespaces_have_finished(
     assert completion.is_complete
 
 
-def test_passing_of_time_is_no_change():
+def test_passing_of_time_is_not_a_change():
     healths = received(health_of("a", WARN, (20.0, 80.0, 100.0)))
     [one], [other] = healths.rows(1.0, TEST_NS, alive), healths.rows(2.0, TEST_NS + 10**9, alive)
     assert one.content == other.content
     assert one.test_age_s != other.test_age_s
 
 
-def test_age_of_a_stamp_of_another_clock_is_that_of_its_reception():
+def test_age_of_a_stamp_of_another_clock_counts_from_reception():
     [row] = received(health_of("a", OK, None)).rows(2.5, 0, alive)
     assert row.test_age_s == 2.5
 
 
-def test_ages_are_in_units_that_suit_them():
+def test_ages_are_in_suitable_units():
     ages = [time_in_words(seconds) for seconds in (0.4, 119.0, 7199.0, 7200.0, 864000.0, math.nan)]
     assert ages == ["0 s", "119 s", "120 min", "2 h", "10 d", "-"]
 
@@ -241,7 +241,7 @@ def shown(width: int) -> str:
 
 
 @pytest.mark.parametrize("width", [140, 80])
-def test_table_fits_the_terminal_and_states_why(width):
+def test_table_fits_the_terminal_and_states_the_reasons(width):
     screen = shown(width)
     assert max(map(len, screen.splitlines())) <= width
     printed = " ".join(screen.split())
@@ -275,7 +275,7 @@ def publish() -> Iterator[Callable[[Health | FaultEstimate], None]]:
 
 
 @pytest.mark.slow
-def test_piped_watch_writes_a_line_for_each_change_and_ends_well(publish, tmp_path):
+def test_piped_watch_writes_a_line_for_each_change_and_ends_with_0(publish, tmp_path):
     log = tmp_path / "log"
     publish(health_of("left", OK, None))
     with log.open("w") as file, started(["ema", "watch"], stdout=file) as process:
@@ -299,7 +299,7 @@ def test_piped_watch_writes_a_line_for_each_change_and_ends_well(publish, tmp_pa
 
 
 @pytest.mark.slow
-def test_watch_on_a_terminal_shows_a_table_and_ends_well_on_ctrl_c(publish):
+def test_watch_on_a_terminal_shows_a_table_and_ends_with_0_on_ctrl_c(publish):
     publish(health_of("left", OK, None))
     publish(health_of("right", WARN, (20.0, 80.0, 100.0)))
     ours, theirs = pty.openpty()
@@ -323,7 +323,7 @@ def test_watch_on_a_terminal_shows_a_table_and_ends_well_on_ctrl_c(publish):
 
 
 @pytest.mark.slow
-def test_watch_states_where_nothing_is_received_and_where_something_is(publish, tmp_path):
+def test_watch_reports_missing_messages_and_the_namespaces_that_have_some(publish, tmp_path):
     publish(health_of("left", OK, None))
     log = tmp_path / "log"
     command = ["ema", "watch", "--namespace", "wing/left"]
@@ -337,7 +337,7 @@ def test_watch_states_where_nothing_is_received_and_where_something_is(publish, 
     )
 
 
-def test_joint_that_learns_is_shown_with_its_progress_instead_of_stale():
+def test_learning_joint_is_shown_with_its_progress_instead_of_stale():
     stale = health_of("elbow", STALE, None)
     stale.cause, stale.reason = "", "learning: 4 records on 1 day"
     latest = received(stale, health_of("wrist", OK, None))
@@ -355,7 +355,7 @@ def test_joint_that_learns_is_shown_with_its_progress_instead_of_stale():
     assert rows["elbow"].level_text == "○ STALE"
 
 
-def test_line_of_a_learning_joint_has_its_progress_alone(capsys):
+def test_line_of_a_learning_joint_has_only_its_progress(capsys):
     learning = health_of("elbow", STALE, None)
     learning.cause, learning.reason = "", "learning: 4 records on 1 day"
     latest = received(learning)

@@ -84,7 +84,7 @@ NEW = "simulate -o new.mcap"
         *((f"{name} --network", 1, ["--network: ROS_"]) for name in ("up", "play a.mcap")),
     ],
 )
-def test_wrong_input_is_one_line_and_nothing_is_written(
+def test_wrong_input_gives_one_line_and_nothing_is_written(
     ema, tmp_path, monkeypatch, line, code, parts
 ):
     monkeypatch.chdir(tmp_path)
@@ -109,7 +109,7 @@ def test_dead_sensor_is_not_mistaken_for_faults(ema, record, faulty_blocks, colu
     assert f"dead {column} sensor: its value is 0 throughout" in estimate["reason"]
 
 
-def test_coarse_command_is_still_the_calibrated_one(ema, tmp_path):
+def test_coarsely_sampled_command_still_matches_the_calibrated_one(ema, tmp_path):
     bag = tmp_path / "coarse.mcap"
     ema("simulate", "--fault", "friction=0.3", "-p", "resolution.command=1e-6", "-o", bag)
     result = ema("estimate", bag, "--json")
@@ -126,7 +126,7 @@ def test_gap_at_rest_is_reported_and_does_no_harm(ema, record, faulty_blocks):
     assert estimate["faults"]["friction"] == pytest.approx(0.3, abs=0.02)
 
 
-def test_truncated_bag_is_read_as_far_as_it_goes(ema, record, faulty_blocks):
+def test_truncated_bag_is_read_up_to_the_damage(ema, record, faulty_blocks):
     bag = record(faulty_blocks)
     content = bag.read_bytes()
     bag.write_bytes(content[: len(content) // 2])
@@ -150,7 +150,7 @@ def test_command_that_never_moves(ema, record, faulty_blocks):
     assert "--any-motion: any motion" in result.stderr
 
 
-def test_bag_without_description_takes_one_from_a_file(ema, tmp_path, faulty_blocks):
+def test_description_for_a_bag_without_one_comes_from_a_file(ema, tmp_path, faulty_blocks):
     path, unit = tmp_path / "bare.mcap", tmp_path / "unit.yaml"
     with BagWriter(path) as bag:
         bag.add_topic("/t", TelemetryBlock, QoSProfile(depth=1))
