@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Check that ``colcon test`` has run tests of each package (`make colcon-test`).
 
-``colcon test-result`` reports success as well if a package has no result at all. This tool reads
-the lines of ``colcon test-result --all`` on standard input and fails if they lack a package, or
-list only results of 0 tests.
+``colcon test-result`` also reports success if a package has no result at all. This tool reads the
+output of ``colcon test-result --all`` on standard input. It fails if a package is missing, or has
+only results of 0 tests.
 """
 
 import re
@@ -24,9 +24,9 @@ def packages() -> list[str]:
 
 
 def without_tests(names: Iterable[str], lines: Iterable[str]) -> list[str]:
-    """Return the packages whose results, "build/PACKAGE/FILE: N tests, ...", have no test.
+    """Return the packages without a test in the result lines "build/PACKAGE/FILE: N tests, ...".
 
-    The results of CTest, in ``Testing``, count the call of pytest as a test.
+    The results of CTest, in ``Testing``, are ignored: they count the call of pytest as a test.
     """
     tests: Counter[str] = Counter()
     for line in lines:

@@ -2,8 +2,8 @@
 """MkDocs hooks of `make docs`.
 
 The hooks insert the help of all commands and all message definitions, replace links to files
-outside docs by their paths, and convert formulas to MathML. The build fails if the site would make
-a request to another host.
+outside docs with the paths of the files, and convert formulas to MathML. The build fails if the
+site would make a request to another host.
 """
 
 import html
@@ -64,7 +64,7 @@ def _definitions() -> Iterator[str]:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Insert generated sections, and replace links to files outside docs by the file paths."""
+    """Insert generated sections, and replace links to files outside docs with the file paths."""
     if HELP in markdown:
         markdown = markdown.replace(HELP, "".join(_help("ema")))
     if DEFINITIONS in markdown:

@@ -18,7 +18,7 @@ from ema_sim import simulate
 
 START_S = 0.25
 
-# Title, plotted signal and its unit by kind of fault.
+# Title, plotted signal and its unit, keyed by kind of fault.
 PANELS = {
     "friction": ("friction +100 %: more current in both directions", "current", "A"),
     "backlash": ("play 14.5°: at each reversal the motor runs free", "current", "A"),
@@ -29,7 +29,7 @@ PANELS = {
 
 
 def window(faults: dict[str, float]) -> Telemetry:
-    """Return the telemetry of an actuator with faults in its test window."""
+    """Simulate an actuator with faults and return the telemetry of its test window."""
     [found] = find_windows(simulate(faults))
     return found.telemetry
 

@@ -23,7 +23,7 @@ FOLDERS: Final = {
     for place in ("ema_*", "ros2_ws/src/ema_*")
     for path in sorted(ROOT.glob(f"{place}/package.xml"))
 }
-"""Folder of each package by its name."""
+"""Folder of each package, keyed by the name of the package."""
 
 WORKSPACE: Final = ROOT / "requirements" / "workspace.txt"
 
@@ -62,7 +62,7 @@ class Release(NamedTuple):
 
 
 def files() -> dict[Path, str]:
-    """Return the content of each written file by its path."""
+    """Return the content of the files to write, keyed by path."""
     owner = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     licence = (ROOT / "LICENSE").read_text(encoding="utf-8")
     releases = list(_releases((ROOT / "CHANGELOG.md").read_text(encoding="utf-8")))
@@ -156,7 +156,7 @@ def _releases(text: str) -> Iterator[Release]:
 def _owned(section: str, text: str) -> tuple[set[str], str]:
     """Return the owners of an entry, and its text without the comment that names them.
 
-    Raises ValueError if an entry has no owner, or one that is no package.
+    Raises ValueError if an entry has no owner, or an owner that is not a package.
     """
     entry, _, comment = text.partition(" <!-- ")
     owners = set((comment.removesuffix("-->") or SECTIONS.get(section, "")).split())
@@ -169,7 +169,7 @@ def _owned(section: str, text: str) -> tuple[set[str], str]:
 
 
 def _restructured(text: str) -> str:
-    """Return a text in Markdown as reStructuredText."""
+    """Convert a text from Markdown to reStructuredText."""
     text = re.sub(r"\[([^]]+)\]\([^)]+\)", r"\1", text)
     code = re.split(r"`([^`]*)`", text)
     plain = (re.sub(r"([*|_\\])", r"\\\1", part) for part in code[::2])

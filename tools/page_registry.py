@@ -69,7 +69,10 @@ def interfaces() -> str:
 
 
 def _types(classes: Any, known: dict[str, str]) -> dict[str, str]:
-    """Return TypeScript types of messages and of the messages they contain, by name."""
+    """Return TypeScript types of messages and of the messages in them, keyed by name.
+
+    Types that are already in ``known`` are not generated again.
+    """
     for one in classes:
         if one.__name__ in known:
             continue

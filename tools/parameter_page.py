@@ -43,7 +43,7 @@ _CHANGES: Final = {LIVE: "live", AT_CONFIGURE: "configure"}
 
 
 def parameter_page() -> str:
-    """Return the page as Markdown."""
+    """Return the content of docs/parameters.md."""
     rows = {name: list(dict.fromkeys(_rows(name))) for name in NODES}
     shared = [row for row in rows["monitor"] if all(row in own for own in rows.values())]
     lines = [_HEAD]
@@ -80,7 +80,7 @@ def _row(descriptor: ParameterDescriptor, value: Any) -> str:
     change = _CHANGES.get(constraint.removesuffix("; "), "start")
     if descriptor.name == "use_sim_time":
         change = "unconfigured"
-    # The parameters of all faults are equal.
+    # All faults have the same parameters.
     name = re.sub(rf"^(growth|known_law)\.({_FAULTS})\b", r"\1.FAULT", descriptor.name)
     cells = (f"`{name}`", f"`{json.dumps(value)}`", values, change, meaning)
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

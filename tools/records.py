@@ -61,7 +61,7 @@ _HEALTH_PARTS: Final[tuple[tuple[str, str, str, Collection[str]], ...]] = (
     ("Remaining life", "RemainingUsefulLife", "", [each.name for each in HEALTH.field("rul").type]),
     ("Event", "UnitEvent", "", [each.name for each in HEALTH.field("events").type.value_type]),
 )
-"""Title, message, table and columns of each part of a health."""
+"""Title, message, table and columns of each part of a health report."""
 
 _REASONS: Final = """## Reasons
 
@@ -94,7 +94,7 @@ def message_fields(name: str) -> list[MessageField]:
 
 
 def records_page() -> str:
-    """Return the page as Markdown."""
+    """Return the content of docs/records.md."""
     lines = [_HEAD, "## Estimate", "", "| message | JSON | meaning |", "|---|---|---|"]
     lines += _estimate_rows()
     for title, message, table, schema in _HEALTH_PARTS:
@@ -123,7 +123,7 @@ def _health_rows(message: str, columns: Collection[str]) -> Iterator[str]:
     for field in message_fields(message):
         is_stamp = field.kind == "builtin_interfaces/Time"
         column = f"{field.name}_ns" if is_stamp else field.name
-        # There, a unit is the actuator's.
+        # In the tables, `unit` is the name of the actuator's unit.
         is_stored = column in columns and (message, column) != ("FaultHealth", "unit")
         shown = f"`{column}`" if is_stored else _NOT_IN_TABLE
         yield f"| `{field.name}` | {shown} | {_escaped(field.meaning)} |"

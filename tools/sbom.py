@@ -38,12 +38,12 @@ LICENCES: Final = {
 
 
 def key(name: str) -> str:
-    """Return the normalized name of a distribution."""
+    """Return the normalized name of a distribution (PEP 503)."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def installed() -> dict[str, Any]:
-    """Return the bill of ``.venv``, without duplicate metadata.
+    """Return the bill of materials of ``.venv``, without duplicate metadata.
 
     Each ROS wheel contains metadata of a second package, which is not a distribution.
     """
@@ -79,7 +79,7 @@ def installed() -> dict[str, Any]:
 
 
 def licences_of(package: str) -> list[dict[str, Any]]:
-    """Return the licences in the manifest of a ROS package, whose wheel states none."""
+    """Return the licences in the manifest of a ROS package; its wheel does not state them."""
     manifest = VENV / "share" / package / "package.xml"
     if not manifest.exists():
         return []
@@ -143,7 +143,7 @@ def own() -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    """Write the bill to the file given on the command line."""
+    """Write the bill of materials to the file given on the command line."""
     output = Path(sys.argv[1])
     bill = installed()
     page, page_dependencies = bundled()

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Print the size of the repository (`make size`). The figures are for information only."""
+"""Print the size of the repository in lines and packages, for information (`make size`)."""
 
 import statistics
 import subprocess
@@ -13,7 +13,7 @@ MONITOR: Final = "ema_monitor/ema_monitor/"
 
 
 class Row(NamedTuple):
-    """A size figure of the repository."""
+    """Name and value of a size."""
 
     measure: str
     value: float
@@ -39,7 +39,7 @@ def lines(paths: Iterable[Path]) -> int:
 
 
 def measured() -> list[Row]:
-    """Return the size figures."""
+    """Return the sizes of the repository."""
     production = tracked("ema_*/*.py", "ros2_ws/*.py")
     sizes = [lines([path]) for path in production]
     packages = [
@@ -59,7 +59,7 @@ def measured() -> list[Row]:
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the sizes as a table."""
     for measure, value in measured():
         print(f"{measure:58}{value:>10,.0f}")
 

@@ -4,8 +4,8 @@
 
     tools/soak.py [--runs 20] [--busy 10] [--processes 8] [--limit 3600] [PYTEST ARGUMENTS...]
 
-Prints a line per run with its result, its time and the last line of pytest. A run that exceeds the
-limit is killed with all its processes. The exit code is 1 if a run fails.
+Prints a line per run with its result, its duration and the last line of pytest. A run that exceeds
+the limit is killed with all its processes. The exit code is 1 if a run fails.
 """
 
 import argparse
@@ -32,7 +32,7 @@ def _spin() -> None:
 
 @contextlib.contextmanager
 def busy(count: int) -> Iterator[None]:
-    """Load the processors with ``count`` busy processes."""
+    """Run ``count`` busy processes during the block, to load the processors."""
     processes = [multiprocessing.Process(target=_spin, daemon=True) for _ in range(count)]
     for process in processes:
         process.start()
@@ -45,7 +45,7 @@ def busy(count: int) -> Iterator[None]:
 
 
 def run(arguments: list[str], limit_s: float, log: Path) -> tuple[bool, str]:
-    """Run pytest once. Return whether it passed, and its last line of output."""
+    """Run pytest once and return whether it passed, and its last line of output."""
     with log.open("w", encoding="utf-8") as output:
         process = subprocess.Popen(
             [sys.executable, "-m", "pytest", "-q", *arguments],
@@ -67,7 +67,7 @@ def run(arguments: list[str], limit_s: float, log: Path) -> tuple[bool, str]:
 
 
 def main() -> int:
-    """Print the table. Return the exit code."""
+    """Run the tests repeatedly, print a line per run, and return the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--runs", type=int, default=20, help="number of runs (%(default)s)")
     parser.add_argument(

@@ -28,7 +28,7 @@ IN_TEXTS: Final = {
     r"that of|those of|of which": "the noun again",
     r"no longer(?! than)": "what holds now",
 }
-"""Replacements by pattern, for all texts."""
+"""Replacements for all texts, keyed by pattern."""
 
 IN_CODE: Final = {
     r"says?|said": "state, report, show",
@@ -48,7 +48,7 @@ IN_CODE: Final = {
     r"of ours": "the name of the package",
     r"nobody|somebody": "the subject, or the passive",
 }
-"""Replacements by pattern, for docstrings and comments."""
+"""Replacements for docstrings and comments, keyed by pattern."""
 
 NAMES: Final = frozenset(
     ("one", "found", "said", "told", "own", "other", "others", "known", "given", "heard")
@@ -161,7 +161,7 @@ def _comments(content: str) -> Iterator[tuple[int, str]]:
 
 
 def main() -> int:
-    """Print each word to replace. Return 1 if there are any, else 0."""
+    """Print each word to replace; return 1 if there are any, else 0."""
     listed = subprocess.run(
         ["git", "ls-files", *PATTERNS],
         cwd=ROOT,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Comparison with the thesis: errors by fault, and evaluation time."""
+"""Comparison with the thesis: errors for each fault, and evaluation time."""
 
 from typing import Final
 
@@ -61,7 +61,7 @@ def agreement(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def time_per_10000_windows(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the median time of 10,000 evaluations over the runs of tables 11 to 57 [s].
+    """Return the median time of 10,000 model evaluations [s] over the runs of tables 11 to 57.
 
     The result has one row per algorithm, including the thesis's own DE and GWO. Columns are
     "printed", computed with the evaluations of ``printed_runs``, and each reproduced model with

@@ -12,7 +12,7 @@ __all__ = ["NUMBERS", "StudyTable", "in_words", "table", "title_of"]
 
 
 def table(number: int, runs: int = RUNS, model: str = "fast") -> StudyTable:
-    """Repeat a table of the thesis. Return reproduced and printed figures side by side.
+    """Repeat a table of the thesis and return reproduced and printed values side by side.
 
     The runs have the seeds of ``ema thesis``, so estimates and errors equal the results of the
     command. Times are measured on this machine. A table of single runs takes about half a minute
@@ -23,7 +23,7 @@ def table(number: int, runs: int = RUNS, model: str = "fast") -> StudyTable:
     number
         Number of the table in the thesis, 8 to 61 (``NUMBERS``).
     runs
-        Runs of each algorithm and fault; the thesis made ten.
+        Number of runs of each algorithm and fault; the thesis made ten.
     model
         Model of the monitor: ``"fast"``, or ``"thesis"``, which is 20 times slower.
 

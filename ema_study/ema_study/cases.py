@@ -45,14 +45,14 @@ _MULTIPLE_FAULT: Final = {
 
 @dataclass(frozen=True)
 class StudyCase:
-    """A fault of the study."""
+    """Fault case of the study."""
 
     fault: str
     """Kind, one of ``SINGLE_FAULTS`` or ``MULTIPLE``."""
     level: str
     """Level, one of ``LEVELS``; empty for the multiple fault."""
     faults: dict[str, float]
-    """Values of the faulty components by name [-]."""
+    """Values of the faulty components [-], keyed by name."""
 
     @property
     def name(self) -> str:
@@ -87,4 +87,4 @@ CASES: Final[dict[str, StudyCase]] = {
         StudyCase(MULTIPLE, "", _MULTIPLE_FAULT),
     )
 }
-"""The cases by name, e.g. "short circuit low"."""
+"""The cases, keyed by name such as "short circuit low"."""

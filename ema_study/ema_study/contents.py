@@ -41,7 +41,7 @@ _FIRST_OF_STATISTICS: Final = 11
 
 @cache
 def _run_tables() -> dict[int, tuple[str, str, str]]:
-    """Return fault, level and first algorithm of each table of runs."""
+    """Return fault, level and first algorithm of the tables of runs, keyed by table number."""
     runs = printed_runs().drop_duplicates("table")[["table", "fault", "level", "algorithm"]]
     return {number: (fault, level, name) for number, fault, level, name in runs.to_numpy().tolist()}
 
@@ -77,7 +77,7 @@ def checked(number: int) -> int:
 
 
 def in_words() -> Iterator[tuple[str, str]]:
-    """Yield numbers and titles of all tables; tables of a fault and level are combined."""
+    """Yield numbers and title of each table; tables of the same fault and level are combined."""
     runs = _run_tables()
 
     def key(number: int) -> str:
@@ -94,7 +94,7 @@ def in_words() -> Iterator[tuple[str, str]]:
 
 
 def jobs_of(number: int, model: str, runs: int) -> list[Job]:
-    """Return the jobs behind the figures of a table.
+    """Return the jobs whose results are needed for a table.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def jobs_of(number: int, model: str, runs: int) -> list[Job]:
     model
         Model of the monitor, one of ``ema_study.models.MODELS``.
     runs
-        Runs of each algorithm and fault; table 8 has one run for each trial.
+        Number of runs of each algorithm and fault; table 8 has one run for each trial.
 
     Raises
     ------

@@ -34,10 +34,11 @@ def execute(jobs: Iterable[Job], workers: Workers) -> Iterator[RunResult]:
 
 
 def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
-    """Time the same runs on one core, with each generation on all cores, and in processes.
+    """Measure the time of the same runs with three modes of execution.
 
-    The runs repeat tables 9 and 10 of the thesis: differential evolution on the small
-    friction fault. The result has one row per mode; seconds are the median of three rounds.
+    The modes are: serially on one core, serially with each generation on all cores, and in parallel
+    processes. As in tables 9 and 10 of the thesis, the runs use differential evolution for the low
+    friction fault. The result has one row per mode; ``seconds`` is the median of three rounds.
     """
     workers = workers or available_cpus()
     runs = _RUNS_PER_WORKER * workers
@@ -51,7 +52,7 @@ def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
             "serial, each generation on all cores": lambda: [run_job(job) for job in jobs],
             "runs side by side in processes": lambda: list(execute(jobs, pool)),
         }
-        # Not timed: start of processes, loading of kernels, simulation of the reference.
+        # Start processes, load kernels and simulate the reference before the measurement.
         list(execute(4 * workers * [warm], pool))
         run_job(warm)
         seconds = [median(timeit.repeat(work, number=1, repeat=_ROUNDS)) for work in modes.values()]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of chapter 4: responses, noise, and reference against monitor."""
+"""Figures of chapter 4: responses, noise, and comparison of reference and monitor."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -30,10 +30,10 @@ from ema_study.responses import (
 from ema_study.sources import MODEL_LABELS
 
 _DETAILS: Final = {"step": (0.005, 0.06), "chirp": (0.30, 0.40)}
-"""Time range enlarged in the right panels, by command [s]."""
+"""Time range that the right panels enlarge [s], keyed by command."""
 
 _START: Final = (0.009, 0.02)
-"""Time range for backlash under the step, which affects only the start [s]."""
+"""Time range enlarged for backlash under the step [s]: backlash affects only the start."""
 
 _MODEL_STYLES: Final[dict[str, dict[str, Any]]] = {
     "fast": {"color": "#0072b2", "lw": 1.1},
@@ -43,7 +43,7 @@ _COMMAND: Final[dict[str, Any]] = {"color": "0.45", "lw": 1.0, "ls": (0, (2, 2))
 
 
 def figures_of_chapter_4() -> dict[str, Figure]:
-    """Return the figures of responses by name."""
+    """Return the figures of chapter 4, keyed by name."""
     before, healthy = uncalibrated_currents(), chirp_currents("none")
     by_name = {
         "calibration": {"healthy, before calibration": before, "healthy, calibrated": healthy}
@@ -65,9 +65,9 @@ def figures_of_chapter_4() -> dict[str, Figure]:
 
 
 def draw_responses(fault: str, command: str) -> Figure:
-    """Return a figure of position, speed and current for growing severities of a fault."""
+    """Return a figure of position, speed and current for increasing severities of a fault."""
     responses = reference_responses(fault, command)
-    # From light to dark, distinct in grey, too.
+    # From light to dark: the colours are also distinct in greyscale.
     colours = colormaps["viridis_r"](0.15 + 0.8 * np.linspace(0.0, 1.0, len(responses)))
     figure, panels = _panels(3, 7.5)
     is_chirp = command == "chirp"
@@ -79,7 +79,7 @@ def draw_responses(fault: str, command: str) -> Figure:
     commanded = np.concatenate([[0.0], COMMANDS[command].sample(SAMPLE_PERIOD)])
     for (column, (label, scale)), row in zip(rows.items(), panels, strict=True):
         for axes in row:
-            # The mildest last, so that the worst does not cover it.
+            # Draw the mildest severity last, so that the worst does not cover it.
             for response, colour in reversed([*zip(responses.values(), colours, strict=True)]):
                 _plot(axes, scale * getattr(response, column), color=colour, lw=1.0)
         row[0].set_ylabel(label)
@@ -99,7 +99,7 @@ def draw_responses(fault: str, command: str) -> Figure:
 
 
 def draw_noise() -> Figure:
-    """Return a figure of the current under the chirp with growing noise on its reference."""
+    """Return a figure of the current under the chirp, for increasing noise on its reference."""
     figure, panels = _panels(len(NOISE_GAINS), 7.0)
     for gain, row in zip(NOISE_GAINS, panels, strict=True):
         for axes in row:
@@ -111,7 +111,10 @@ def draw_noise() -> Figure:
 
 
 def draw_currents(by_title: Mapping[str, Currents]) -> Figure:
-    """Return a figure of currents by title and, below, their differences without PWM ripple."""
+    """Return a figure of currents, with the differences between reference and monitor below.
+
+    Each title has a panel of currents. The differences are shown without PWM ripple.
+    """
     figure = Figure(figsize=(9.0, 1.0 + 3.6 * len(by_title)), layout="constrained")
     heights = [2.0, 1.0] * len(by_title)
     panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)

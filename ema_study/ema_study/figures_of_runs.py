@@ -47,7 +47,7 @@ STYLES: Final[dict[str, dict[str, Any]]] = {
     }
     for label in SOURCES
 }
-"""Colour and hatch by label of the source."""
+"""Colour and hatch, keyed by the label of the source."""
 
 _WHISKERS: Final[dict[str, Any]] = {"fmt": "none", "ecolor": "0.15", "lw": 0.8, "capsize": 1.5}
 _RUN: Final[dict[str, Any]] = {"lw": 0.6, "alpha": 0.4}
@@ -56,7 +56,7 @@ _GENERATIONS: Final = (0, 5, 10, 20, 50, 100, 200)
 
 
 class Quantity(NamedTuple):
-    """A column of runs, and the label of its axis."""
+    """A column of the runs to plot, and the label of its axis."""
 
     column: str
     label: str
@@ -67,7 +67,7 @@ TIME: Final = Quantity("time_s", "time [s]")
 
 
 def figures_of_runs(runs: pd.DataFrame) -> dict[str, Figure]:
-    """Return all figures of runs by name."""
+    """Return all figures of runs, keyed by name."""
     models = set(counted(runs)["model"])
     return {
         "errors": draw_single_faults(runs, ERROR),
@@ -82,7 +82,7 @@ def figures_of_runs(runs: pd.DataFrame) -> dict[str, Figure]:
 
 
 def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
-    """Draw bars of the mean by fault, one row per algorithm and one column per level.
+    """Draw the mean of each fault as bars, one row per algorithm and one column per level.
 
     Whiskers show one standard deviation if there are several runs. On the logarithmic axis of
     ``TIME`` they end at a tenth of the mean. ``runs`` has the runs of all sources.
@@ -102,7 +102,7 @@ def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
 
 
 def draw_multiple_fault(runs: pd.DataFrame) -> Figure:
-    """Draw bars of mean error and time for the multiple fault, one column per study."""
+    """Draw mean error and time for the multiple fault as bars, one column per study."""
     chosen = counted(runs)
     chosen = chosen[chosen.fault == MULTIPLE]
     figure = Figure(figsize=(9.0, 5.6), layout="constrained")
@@ -120,7 +120,7 @@ def draw_multiple_fault(runs: pd.DataFrame) -> Figure:
 def _draw_bars(
     axes: Axes, runs: pd.DataFrame, group: str, labels: dict[str, str], quantity: Quantity
 ) -> None:
-    """Draw the means of the groups in ``labels``; a panel shows its own sources only."""
+    """Draw the means of the groups in ``labels``; sources without runs in the panel are omitted."""
     tidy(axes)
     axes.grid(visible=False, axis="x")
     axes.set_xlim(-0.5, len(labels) - 0.5)
@@ -153,10 +153,10 @@ def _legend_of_bars(figure: Figure, runs: pd.DataFrame) -> None:
 
 
 def draw_convergence(runs: pd.DataFrame, model: str) -> Figure:
-    """Draw the lowest costs of all runs with a model as thin lines, and their median.
+    """Draw the lowest cost over the generations: runs as thin lines, and medians.
 
-    Medians are per algorithm. Stopped runs keep their last value. A band extends from the cost at
-    the truth to the threshold.
+    ``runs`` is restricted to a model. There is one median per algorithm; stopped runs keep their
+    last value. A band extends from the cost at the true faults to the threshold.
     """
     chosen = counted(runs)
     chosen = chosen[chosen.model == model]
@@ -183,7 +183,10 @@ def draw_convergence(runs: pd.DataFrame, model: str) -> Figure:
 
 
 def median_course(courses: list[list[float]]) -> NDArray[np.float64]:
-    """Return the median over runs after each generation; stopped runs keep their last value."""
+    """Return the median cost over runs after each generation, ``(n,)``.
+
+    ``courses`` has the lowest costs of each run; stopped runs keep their last value.
+    """
     return pd.concat(map(pd.Series, courses), axis=1).ffill().median(axis=1).to_numpy()
 
 
@@ -220,7 +223,7 @@ def tidy(*panels: Axes) -> None:
 def legend_below(
     figure: Figure, handles: Sequence[Any], columns: int = 3, **options: float
 ) -> None:
-    """Draw one legend for all panels."""
+    """Draw a common legend below all panels."""
     figure.legend(
         handles=handles, loc="outside lower center", ncols=columns, frameon=False, **options
     )

@@ -21,7 +21,7 @@ from ema_study.cases import CASES
 FITNESS: Final = "total_least_squares"
 
 MODELS: Final = {"fast": "fast", "thesis": "source"}
-"""Form of the monitor model by its name in the study.
+"""Form of the monitor model, keyed by its name in the study.
 
 "thesis" is the thesis's model: one sign-switched phase at 1 us with its eq. 4.24, calibrated by
 adding the differences from a healthy run. "fast" is the model of the product: the driven pair at 20
@@ -51,9 +51,9 @@ class Problem(NamedTuple):
 def reference(faults: Any, command: Command = THESIS_CHIRP, **noise: Any) -> Telemetry:
     """Simulate the reference under a command, from rest with the motor centred in its play.
 
-    ``faults`` is a fault vector, ``(8,)``, or a mapping of values by name. As in the thesis there
-    is no approach, and the sensors are perfect. The current is the mean over each sample of 100 us,
-    for both models.
+    ``faults`` is a fault vector, ``(8,)``, or a mapping of values keyed by name. As in the thesis,
+    there is no approach, and the sensors are perfect. The current is the mean over each sample of
+    100 us, for both models.
     """
     actuator = SimulatedActuator(sample_period=SAMPLE_PERIOD, **noise)
     actuator.faults = fault_vector(faults)
@@ -75,7 +75,7 @@ def calibration(model: str) -> Calibration:
 
 @cache
 def problem(model: str, case: str) -> Problem:
-    """Return the problem of a model in one of ``CASES``."""
+    """Return the optimization problem of a model for one of ``CASES``."""
     truth = CASES[case].truth
     objective = objective_of(model, reference_window(truth))
     points = np.stack([objective.encode(faults) for faults in (truth, healthy_faults())])

@@ -11,10 +11,10 @@ from ema_study.printed import GENERATIONS, POPULATION, printed_runs, printed_tab
 from ema_study.stop_rules import uncounted_populations
 
 RUNS: Final = 10
-"""Runs of each algorithm and fault in the thesis."""
+"""Number of runs of each algorithm and fault in the thesis."""
 
 VARIANTS: Final = {"de": "de_thesis", "gwo": "gwo_thesis"}
-"""Variants that use the thesis's own code, including its errors, by algorithm."""
+"""Variants that use the thesis's own code, including its errors, keyed by algorithm."""
 
 KEY: Final = ("model", "table", "algorithm", "run", "rule")
 """Fields that identify a run within a study."""
@@ -25,7 +25,7 @@ _RULES: Final = {9: "all_generations", 10: "all_generations", 57: "unchanged"}
 
 @dataclass(frozen=True)
 class Job:
-    """A run of the study to be computed."""
+    """A run of the study, as input of ``ema_study.run.run_job``."""
 
     model: str
     """One of ``ema_study.models.MODELS``."""
@@ -47,7 +47,7 @@ class Job:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Values of ``KEY``."""
+        """Values of the fields in ``KEY``."""
         return tuple(getattr(self, name) for name in KEY)
 
     @property
@@ -68,7 +68,7 @@ def plan(model: str, runs: int, *, with_trials: bool = True) -> list[Job]:
     There are ``runs`` jobs for each algorithm and case. ``with_trials`` includes table 8.
     """
     jobs = [job for run in range(1, runs + 1) for job in _of_run(model, run)]
-    # One run of each algorithm that the printed threshold concerns.
+    # One run of each algorithm whose stop rule uses the printed threshold.
     jobs += [
         replace(job, rule="printed")
         for job in _of_run(model, 1)
@@ -86,7 +86,7 @@ def plan(model: str, runs: int, *, with_trials: bool = True) -> list[Job]:
 
 
 def _of_run(model: str, run: int) -> Iterator[Job]:
-    """Yield the jobs of tables 9 to 57 with a running number."""
+    """Yield the jobs with run number ``run`` of tables 9 to 57."""
     columns = ["table", "algorithm", "fault", "level"]
     runs = printed_runs().drop_duplicates(columns[:2])[columns]
     for table, algorithm, fault, level in runs.to_numpy().tolist():

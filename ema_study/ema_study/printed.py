@@ -15,7 +15,7 @@ GENERATIONS: Final = 200
 """Settings of the thesis's algorithms: population and largest number of generations."""
 
 PRINTED: Final = "printed"
-"""Name of the thesis in place of a model's name."""
+"""Value in place of a model's name for results printed in the thesis."""
 
 TOTAL: Final = "total"
 SIGMA: Final = "standard deviation"
@@ -30,18 +30,18 @@ PRECISION_STUDY: Final = 57
 """Tables of the two studies of the multiple fault."""
 
 OVERVIEWS: Final[dict[int, str]] = {58: "error_percent", 59: "time_s"}
-"""Column of the overviews by algorithm, level and fault, by table."""
+"""Column of the runs that each overview table summarises, keyed by table number."""
 
 SINGLE_RELIABILITY: Final = 60
 MULTIPLE_RELIABILITY: Final = 61
 """Tables of the reliability coefficients for the single faults and the multiple fault."""
 
 SUMMARIES: Final[dict[int, str]] = dict(zip((19, 28, 37, 46, 55), SINGLE_FAULTS, strict=True))
-"""Faults of the summary tables, by table."""
+"""Fault of each summary table, keyed by table number."""
 
 
 def printed_runs() -> pd.DataFrame:
-    """Return the thesis's runs as a table with a row for each run.
+    """Return the runs printed in the thesis as a table with one row per run.
 
     The columns are the columns of ``ema_study.run.as_frame`` that the thesis prints, with ``model``
     "printed", and ``note``. ``evaluations`` are computed from the generations: populations of 50,
@@ -65,7 +65,7 @@ def printed_runs() -> pd.DataFrame:
 
 @cache
 def printed_table(name: str) -> pd.DataFrame:
-    """Return a table that the thesis prints in addition to its runs; NaN for missing figures.
+    """Return a table that the thesis prints in addition to its runs; missing values are NaN.
 
     The result is cached: do not change it.
 
@@ -74,13 +74,13 @@ def printed_table(name: str) -> pd.DataFrame:
     name
         One of the following, with times in s and errors in percent:
 
-        - "trials": table 8 by number of the trial; "at_least": the time is a lower bound
-        - "run_means": the means over runs by table and algorithm
-        - "fault_means": tables 19, 28, 37, 46 and 55 by table and level
-        - "table_58", "table_59": mean errors and times by algorithm and level, and a last row
-          ("mean", ""); columns are the faults, "total" and "standard deviation"
-        - "table_60": by algorithm and "sum"; columns by fault, "time x error" and "RC"
-        - "table_61": by algorithm and "sum"
+        - "trials": table 8, one row per trial; "at_least" marks times that are lower bounds
+        - "run_means": the means over runs, one row per table and algorithm
+        - "fault_means": tables 19, 28, 37, 46 and 55, one row per table and level
+        - "table_58", "table_59": mean errors and times, one row per algorithm and level, and a last
+          row ("mean", ""); columns are the faults, "total" and "standard deviation"
+        - "table_60": one row per algorithm, and "sum"; columns (fault, "time x error" or "RC")
+        - "table_61": one row per algorithm, and "sum"
     """
     with (files("ema_study") / "printed_tables" / f"{name}.csv").open(encoding="utf-8") as file:
         return pd.read_csv(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report of the study as one self-contained page."""
+"""Report of the study as a self-contained HTML page."""
 
 from base64 import b64encode
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ from ema_study.tables import study_tables
 def write_report(
     folder: Path, runs: pd.DataFrame, timing: pd.DataFrame | None, settings: Mapping[str, str]
 ) -> Path:
-    """Write ``report.html`` and its PNG ``figures``. Return the page's path.
+    """Write ``report.html`` and the folder ``figures`` of PNG files; return the page's path.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def write_report(
     timing
         Table that ``ema_study.execution.time_executors`` returns; None if times were not measured.
     settings
-        Settings of the study, as strings by name.
+        Settings of the study as strings, keyed by name.
     """
     everything = printed_runs() if runs.empty else pd.concat([printed_runs(), runs])
     uris = {}
@@ -132,7 +132,7 @@ def verdict(agreement: pd.DataFrame, window_times: pd.DataFrame) -> list[str]:
 
 
 def by_model(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return a table by model with the number of runs and the effect of the threshold.
+    """Return a table with the number of runs and the effect of the threshold, one row per model.
 
     A model does not describe a fault if the true fault vector costs more than the healthy vector.
     """
@@ -158,7 +158,7 @@ def by_model(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def ranking(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return mean error [%] and time of a run [s] over the single faults by algorithm.
+    """Return each algorithm's mean error [%] and mean run time [s] over the single faults.
 
     All faults and levels have equal weight, regardless of the number of runs.
     """

@@ -15,31 +15,34 @@ from ema_monitor.windows.window import Window
 from ema_study.models import MODELS, calibration, objective_of, reference, reference_window
 
 COMMANDS: Final = {"step": Command("step", amplitude=1.0), "chirp": THESIS_CHIRP}
-"""Commands by name: 1 rad at 0.01 s, and 5 mrad from 0 to 15 Hz (its table 3)."""
+"""Commands, keyed by name: a step of 1 rad at 0.01 s, and a chirp of 5 mrad from 0 to 15 Hz (table
+3 of the thesis)."""
 
 NOISE_GAINS: Final = (0.0, 1.0, 10.0, 100.0)
-"""Values of K_noise in figure 4.50, plus no noise."""
+"""Values of K_noise in figure 4.50, and 0 for no noise."""
 
 SEVERITIES: Final[dict[str, dict[str, Mapping[str, float]]]] = {
     "friction": {
         f"{x:g} × nominal": {"friction": (x - 1.0) / 2.0} for x in (1.0, 1.5, 2.0, 2.5, 3.0)
     },
     "backlash": {f"{x} × nominal": {"backlash": (x - 1) / 99} for x in (1, 2, 10, 50, 100)},
-    # Without any turns left, the inductance is zero and the current has no limit.
+    # With 100 % of the turns bypassed, the inductance would be zero and the current unlimited.
     "short_circuit": {
         f"{x} % of A bypassed": {"short_circuit_a": x / 100} for x in (0, 25, 50, 75, 99)
     },
     "eccentricity": {f"ζ = {x:g}": {"eccentricity": x} for x in (0.0, 0.25, 0.5, 0.75, 1.0)},
     "gain": {f"{x:g} × nominal": {"gain": x - 0.5} for x in (0.5, 0.75, 1.0, 1.25, 1.5)},
 }
-"""Growing severities of each fault (figures 4.3 to 4.46): values of the faulty components."""
+"""Values of the faulty components at increasing severities (figures 4.3 to 4.46), keyed by fault
+and label of the severity."""
 
 COMPARED: Final = {"friction": 2, "backlash": 3, "short_circuit": 1, "eccentricity": 2, "gain": 4}
-"""Severities at which reference and monitor are compared (figures 4.10, 4.19, 4.29, 4.40, 4.47)."""
+"""Index of the severity at which reference and monitor are compared (figures 4.10, 4.19, 4.29, 4.40
+and 4.47), keyed by fault."""
 
 
 class Currents(NamedTuple):
-    """Currents of the reference, and of the monitor by model, in a window, ``(n,)`` each [A]."""
+    """Currents in a window, ``(n,)`` each [A]: reference, and monitor keyed by model."""
 
     reference: NDArray[np.float64]
     monitor: dict[str, NDArray[np.float64]]
@@ -47,7 +50,10 @@ class Currents(NamedTuple):
 
 @cache
 def reference_responses(fault: str, command: str) -> dict[str, Telemetry]:
-    """Return the responses of the reference by severity, from rest with the motor centred."""
+    """Return the responses of the reference from rest, keyed by the label of the severity.
+
+    At the start, the motor is centred in its play.
+    """
     return {
         label: reference(faults, COMMANDS[command]) for label, faults in SEVERITIES[fault].items()
     }
@@ -86,8 +92,9 @@ def chirp_currents(fault: str) -> Currents:
 def step_currents(severity: int) -> Currents:
     """Return the currents of reference and monitors under the step, with friction (figure 4.6).
 
-    The monitors have the fitted parameters of their calibration. The calibrated differences are
-    valid only for the chirp and are omitted.
+    ``severity`` is an index into the severities of friction. The monitors have the fitted
+    parameters of their calibration. The calibrated differences are valid only for the chirp and are
+    omitted.
     """
     label, faults = list(SEVERITIES["friction"].items())[severity]
     window = Window(reference_responses("friction", "step")[label], play=0.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Single run of the study, its result, and results as a table."""
+"""Computation of a single run, its result, and conversion of results to a table."""
 
 import time
 from collections.abc import Iterable
@@ -66,7 +66,10 @@ def as_frame(results: Iterable[RunResult]) -> pd.DataFrame:
 
 
 def run_job(job: Job) -> RunResult:
-    """Compute a run. As in the thesis, the whole starting population is random."""
+    """Compute a run and return its result.
+
+    As in the thesis, the whole starting population is random.
+    """
     objective, truth, floor, _ = problem(job.model, job.case)
     rng = np.random.default_rng(job.seed)
     settings: dict[str, Any] = {"population": job.population, **job.settings}

@@ -11,17 +11,17 @@ from ema_study.printed import PRINTED, printed_runs
 from ema_study.stop_rules import family_of
 
 PRINTED_RUNS: Final = "printed runs"
-"""Label of figures computed from the thesis's runs; printed figures have the label ``PRINTED``."""
+"""Label of values computed from the thesis's runs; printed values have the label ``PRINTED``."""
 
 MODEL_LABELS: Final = {"thesis": "thesis's model", "fast": "fast model"}
-"""Labels of the reproduced sources by name of the model, in the order of the tables."""
+"""Labels of the reproduced sources, keyed by model, in the order of the tables."""
 
 ALGORITHM_NAMES: Final = {name: name.upper() for name in ALGORITHMS}
 """Names of the algorithms, in the order of the tables."""
 
 
 def with_own_code(label: str) -> str:
-    """Return the label of a model whose DE and GWO are the thesis's own code."""
+    """Return the label of runs of a model for which DE and GWO are the thesis's own code."""
     return f"{label}, thesis's code"
 
 
@@ -69,11 +69,11 @@ def present_sources(runs: pd.DataFrame) -> list[str]:
 
 
 def by_source(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Return the runs of tables 9 to 57 by source label.
+    """Return the runs of tables 9 to 57, keyed by the label of their source.
 
     ``PRINTED`` comes first, followed by the reproduced sources with runs. Column "algorithm" is one
     of the thesis's four algorithms. Column "own_code" is True for runs of the thesis's own DE and
-    GWO. A source with the thesis's own code has the GA and PSO runs of the source without it.
+    GWO. A source with the thesis's own code includes the GA and PSO runs of the source without it.
     """
     ours = counted(runs, 9)
     sources = {PRINTED: printed_runs().assign(own_code=False)}

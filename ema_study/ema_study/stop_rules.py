@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stop rules of the thesis (section 7.1).
 
-The best costs begin with the cost of the starting population. GA, PSO and DE do not count this
-population as a generation, GWO does (appendix B evaluates it within its first iteration).
+The list of best costs begins with the cost of the starting population. GA, PSO and DE do not count
+this population as a generation; GWO does (appendix B evaluates it within its first iteration).
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ BestCosts = Sequence[float]
 
 @dataclass(frozen=True)
 class Rule:
-    """A stop rule of the optimizers' driver."""
+    """Stop rule for ``ema_monitor.optimizers.driver.minimise``."""
 
     budget: int
     """Largest number of evaluations."""
@@ -34,7 +34,7 @@ class Rule:
     """Cost at which the rule may stop [A^2.s]; None if it has no threshold."""
 
     def reached(self, best_costs: BestCosts) -> bool:
-        """Return whether to stop."""
+        """Return whether to stop, given the lowest cost after each generation so far."""
         return self.condition(best_costs)
 
 
@@ -46,6 +46,11 @@ def stop_rule(rule: str, algorithm: str, level: str, budget: int, floor: float) 
     stall of DE and GWO, or the threshold alone in table 56. "printed" uses the printed threshold.
     "floor_corrected" adds the cost of the true faults, ``floor`` [A^2.s]: a model without the PWM
     ripple of the reference hardly reaches a lower cost.
+
+    Raises
+    ------
+    ValueError
+        If the rule is unknown.
     """
     family, uncounted = family_of(algorithm), uncounted_populations(algorithm)
     threshold = THRESHOLD + (floor if rule == "floor_corrected" else 0.0)
@@ -84,5 +89,5 @@ def uncounted_populations(algorithm: str) -> int:
 
 
 def family_of(algorithm: str) -> str:
-    """Return the thesis algorithm that a registered algorithm implements."""
+    """Return the thesis's algorithm ("ga", "pso", "de" or "gwo") that an algorithm implements."""
     return algorithm.removesuffix("_thesis")

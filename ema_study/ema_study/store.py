@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Storage of a study's runs, one line per run; a study can be interrupted at any time."""
+"""Storage of a study's runs, one line per run, so that a study can be interrupted at any time."""
 
 import fcntl
 import json

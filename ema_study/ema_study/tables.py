@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables 8 to 61 of the thesis with printed and reproduced figures side by side."""
+"""Tables 8 to 61 of the thesis with printed and reproduced values side by side."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -49,14 +49,14 @@ _MIXED: Final = f"times of table {SPEED_STUDY}, errors of {PRECISION_STUDY}"
 
 @dataclass(frozen=True)
 class StudyTable:
-    """A table of the thesis, with printed and reproduced figures side by side."""
+    """A table of the thesis, with printed and reproduced values side by side."""
 
     number: int
     """Number of the table in the thesis."""
     frame: pd.DataFrame
     """Table with columns (source, quantity) and the rows of the thesis.
 
-    Missing figures are NaN. A mean over means is NaN if any mean is missing.
+    Missing values are NaN. A mean over means is NaN if any mean is missing.
     """
     note: str = ""
     """Note on how to read the table; may be empty."""
@@ -68,7 +68,7 @@ class StudyTable:
 
 
 def study_tables(runs: pd.DataFrame, numbers: Sequence[int] = NUMBERS) -> list[StudyTable]:
-    """Return tables of the thesis, with printed and reproduced figures side by side.
+    """Return tables of the thesis, with printed and reproduced values side by side.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def study_tables(runs: pd.DataFrame, numbers: Sequence[int] = NUMBERS) -> list[S
         Numbers of the tables, in the order of the result; 8 to 61 by default.
     """
     sources = by_source(runs)
-    # Figures computed from the thesis's runs differ in places from its printed figures.
+    # Some values computed from the thesis's runs differ from the values that it prints.
     computed = {
         PRINTED_RUNS if label == PRINTED else label: part for label, part in sources.items()
     }
@@ -112,7 +112,7 @@ def write_tables(tables: Iterable[StudyTable], folder: Path) -> list[Path]:
 
 
 def _trials(runs: pd.DataFrame) -> StudyTable:
-    """Return table 8, the trials of GA; reproduced runs are numbered by trial."""
+    """Return table 8, the trials of GA, with one row per trial."""
     trials = printed_table("trials")
     is_bound = trials["at_least"].astype(bool)
     printed = _with_speed(trials)[[*_OF_TRIAL, "tolerance", "time_limit_s", "parallel"]]
@@ -139,7 +139,7 @@ def _with_speed(trials: pd.DataFrame) -> pd.DataFrame:
 def _per_run(number: int, sources: Sources) -> StudyTable:
     """Return a table of runs: truth, runs, mean and deviation over runs, and the printed mean.
 
-    Rows are grouped by algorithm if the table shows all four.
+    Rows are grouped by algorithm if the table contains several algorithms.
     """
     of_table = {}
     for label, runs in sources.items():
@@ -178,7 +178,7 @@ def _runs_of(algorithm: str, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def _fault_summary(number: int, sources: Sources) -> StudyTable:
-    """Return the mean over the four algorithms' means for a fault, by level."""
+    """Return the mean over the four algorithms' means for a fault, with one row per level."""
     fault = SUMMARIES[number]
 
     def mean(runs: pd.DataFrame, quantity: str) -> pd.Series:
@@ -237,10 +237,10 @@ def _side_by_side(
 
 
 def overview_of(runs: pd.DataFrame, quantity: str) -> pd.DataFrame:
-    """Return means over runs of a column, e.g. "error_percent", laid out as tables 58 and 59.
+    """Return the means of a column over runs, with the layout of tables 58 and 59.
 
-    A mean over means is NaN if any mean is missing. The standard deviation is the sample
-    standard deviation (n - 1).
+    ``quantity`` is the column, such as "error_percent". A mean over means is NaN if any mean is
+    missing. The standard deviation is the sample standard deviation (n - 1).
     """
     means = single_fault_runs(runs).groupby(["algorithm", "level", "fault"])[quantity].mean()
     rows = pd.MultiIndex.from_product([ALGORITHMS, LEVELS], names=["algorithm", "level"])
@@ -253,10 +253,11 @@ def overview_of(runs: pd.DataFrame, quantity: str) -> pd.DataFrame:
 
 
 def with_coefficients(times: pd.Series, errors: pd.Series) -> pd.DataFrame:
-    """Return mean times [s], errors [%], products and coefficients by algorithm, and sums.
+    """Return time [s], error [%], their product and reliability coefficient of each algorithm.
 
-    The reliability coefficient is ``100 (1 - p_i / sum p)`` of the products [%] (section 7.3 of the
-    thesis). It compares algorithms: all coefficients are NaN if one product is missing.
+    The reliability coefficient is ``100 (1 - p_i / sum p)`` of the products p_i [%] (section 7.3 of
+    the thesis). It compares algorithms: all coefficients are NaN if a product is missing. The last
+    row has the sum of the products.
     """
     table = pd.DataFrame({"time_s": times, "error_percent": errors, "time x error": times * errors})
     total = table["time x error"].sum(skipna=False)
@@ -285,8 +286,8 @@ def reliability_of_overviews(times: pd.DataFrame, errors: pd.DataFrame) -> pd.Da
 def multiple_fault_reliability(runs: pd.DataFrame, times_of: int, errors_of: int) -> pd.DataFrame:
     """Return table 61, computed from the times of one table and the errors of another.
 
-    The thesis uses the times of the study of speed (56) and the errors of the study of precision
-    (57), which no run had together.
+    The thesis combines the times of the study of speed (56) and the errors of the study of
+    precision (57), which come from different runs.
     """
 
     def means(table: int, quantity: str) -> pd.Series:
