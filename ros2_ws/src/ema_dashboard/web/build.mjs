@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bundle the page into the folder that the package ships, or with --check compare that folder.
+// Bundle the page into the shipped folder; with --check, compare the bundle with that folder.
 import { build } from "esbuild";
 import { cp, mkdir, mkdtemp, readFile, readdir, rm, writeFile } from "node:fs/promises";
 import { tmpdir } from "node:os";
@@ -33,7 +33,7 @@ async function bundle(to) {
   await writeFile(path.join(to, "licences.txt"), await licences(Object.keys(metafile.inputs)));
 }
 
-/** The licences of the packages that are in the bundle. */
+/** Text of the licences of the bundled packages. */
 async function licences(inputs) {
   const found = inputs.map((name) => /node_modules\/((?:@[^/]+\/)?[^/]+)/.exec(name)?.[1]);
   const texts = [];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The summary of an archive's fleet, as the dashboard serves it.
+// Summary of an archive's fleet, as served by the dashboard.
 
 import type { Health, RemainingUsefulLife } from "./interfaces";
 
@@ -24,7 +24,7 @@ export interface WorstUnit extends OfHealth {
   actuator_id: string;
   serial_number: string;
   health: "OK" | "WARN" | "ERROR" | "STALE";
-  last_health: WorstUnit["health"] | null; // that of its latest valid test
+  last_health: WorstUnit["health"] | null; // level of its latest valid test
   rul: OrNull<RemainingUsefulLife>;
   tested: string;
 }
@@ -69,7 +69,7 @@ export interface Summary {
   months: { month: string; tested: number; units: number; windows: number; valid: number }[];
 }
 
-/** The summary; null where the dashboard has no archive. */
+/** Fetch the summary with at most `most` units and models; null if the dashboard has no archive. */
 export async function fetchSummary(most: number): Promise<Summary | null> {
   const answer = await fetch(`${ADDRESS}?most=${most}`);
   const content = await answer.json().catch(() => ({})) as Summary | { reason?: string };
@@ -80,7 +80,7 @@ export async function fetchSummary(most: number): Promise<Summary | null> {
   return (content as { archive: string | null }).archive === null ? null : content as Summary;
 }
 
-/** How many bags are not, or not wholly, in the tables; "" if there are none. */
+/** Numbers of bags that are missing or incomplete in the tables, as a sentence; "" if none is. */
 export function bagsInWords({ bags }: Summary): string {
   const parts = ([
     ["damaged", "cannot be read"],
@@ -94,7 +94,10 @@ export function bagsInWords({ bags }: Summary): string {
   return unreadable.length ? `${words}. Unreadable: ${unreadable.join(", ")}` : words;
 }
 
-/** Columns of the curve: it begins with all, and goes on to the longest age that was watched. */
+/**
+ * Columns of the survival curve: age, share and its 90 % interval. The curve starts at a share of 1
+ * and extends to the longest observed age.
+ */
 export function curveOf({ survival, longest_age }: Summary): (number | null)[][] {
   const last = survival.at(-1);
   const rows: (number | null)[][] = [[0, 1, 1, 1]];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The registries of faults and hidden causes, as src/registry.json has them.
+// The registries of faults and hidden causes, from src/registry.json.
 
 import { decimalsOf, fixed, percent, significant } from "./format.ts";
 import type { ActuatorDescription } from "./messages.ts";
@@ -10,10 +10,10 @@ export type Fault = (typeof registry.faults)[number];
 export const FAULTS: Fault[] = registry.faults;
 export const ASSESSED = FAULTS.filter((fault) => fault.assessed);
 
-/** DRIVE_UNKNOWN of the description. */
+/** DRIVE_UNKNOWN of ActuatorDescription. */
 export const UNKNOWN_DRIVE = 2;
 
-/** Faults that records of an unknown drive show. */
+/** Faults that can be identified from records of an unknown drive. */
 const OF_RECORDS = new Set(["friction", "backlash"]);
 
 /** Units of the effort by `effort_kind` of the description. */
@@ -23,7 +23,7 @@ const byName = new Map(FAULTS.map((fault) => [fault.name, fault]));
 const causes: Record<string, string> = registry.causes;
 const quantities: Record<string, { label: string }> = registry.quantities;
 
-/** A name of a fault, requirement or hidden cause in words. */
+/** Label of a fault, requirement, hidden cause or quantity. */
 export function labelOf(name: string): string {
   return byName.get(name)?.label ?? causes[name] ?? quantities[name]?.label ??
     name.replaceAll("_", " ");
@@ -33,7 +33,7 @@ export function faultOf(name: string): Fault | undefined {
   return byName.get(name);
 }
 
-/** Whether a drive can show a fault. */
+/** Whether a fault can be identified for the drive of an actuator. */
 export function isShown(name: string, description?: ActuatorDescription): boolean {
   return description?.drive !== UNKNOWN_DRIVE || OF_RECORDS.has(name);
 }
@@ -50,7 +50,7 @@ export function effortOf(description?: ActuatorDescription): {
   return { name: "force", unit: EFFORT_UNITS[2]!, scale };
 }
 
-/** What a normalised value means: a change from nominal, or a share where nominal is none. */
+/** A normalised fault as a change from healthy; as a share if the healthy value is 0. */
 export function inPercent(fault: Fault, value: number): string {
   if (!Number.isFinite(value)) return "–";
   const nominal = fault.base + fault.slope * fault.healthy;
@@ -60,7 +60,7 @@ export function inPercent(fault: Fault, value: number): string {
   return change < 0 ? `−${percent(-change, 2)}` : `+${percent(change, 2)}`;
 }
 
-/** The physical meaning of a normalised value, with the digits that its sigma leaves. */
+/** A normalised fault in physical units, rounded to the precision of its standard deviation. */
 export function physical(
   fault: Fault, value: number, sigma: number, unit?: ActuatorDescription,
 ): string {
@@ -71,7 +71,7 @@ export function physical(
   return words + atTheRod(fault, fault.slope * (value - fault.healthy), unit);
 }
 
-/** By how much a fault of a linear actuator has grown, empty for others. */
+/** Growth of a fault of a linear actuator at the rod, in mm or N; "" for other actuators. */
 function atTheRod(fault: Fault, growth: number, unit?: ActuatorDescription): string {
   if (!unit || !(unit.lead > 0)) return "";
   const way = (unit.lead / (2 * Math.PI)) * unit.gear_ratio;

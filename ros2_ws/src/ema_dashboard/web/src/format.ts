@@ -1,24 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-// Numbers with the digits that their uncertainty leaves, times and durations, in words.
+// Formatting of numbers, rounded to their uncertainty, and of times and durations.
 
 const NONE = "–";
 const MINUS = "−";
 
-/** A number with a fixed count of decimals and a true minus sign. */
+/** A number with a fixed number of decimals and a true minus sign. */
 export function fixed(value: number, decimals: number): string {
   if (!Number.isFinite(value)) return NONE;
   const text = Math.abs(value).toFixed(decimals);
   return value < 0 && Number(text) !== 0 ? MINUS + text : text;
 }
 
-/** Decimals of a value whose standard deviation is sigma: sigma keeps two digits below 3. */
+/** Decimals of a value with standard deviation sigma; sigma has two digits if the first is 1 or 2, else one. */
 export function decimalsOf(sigma: number): number {
   const exponent = Math.floor(Math.log10(sigma));
   const leading = sigma / 10 ** exponent;
   return Math.min(Math.max((leading < 2.95 ? 1 : 0) - exponent, 0), 9);
 }
 
-/** Value and standard deviation, both with the digits that the latter leaves. */
+/** Value and standard deviation, both rounded to the precision of the standard deviation. */
 export function withSigma(value: number, sigma: number): string {
   if (!Number.isFinite(value)) return NONE;
   if (!(sigma > 0) || !Number.isFinite(sigma)) return significant(value, 3);
@@ -26,7 +26,7 @@ export function withSigma(value: number, sigma: number): string {
   return `${fixed(value, decimals)} ± ${fixed(sigma, decimals)}`;
 }
 
-/** A number with so many significant digits, and no exponent in the range of our quantities. */
+/** A number with `digits` significant digits; an exponent is used only below 1e-5 and from 1e7. */
 export function significant(value: number, digits: number): string {
   if (!Number.isFinite(value)) return NONE;
   if (value === 0) return "0";
@@ -39,7 +39,7 @@ export function significant(value: number, digits: number): string {
 
 const grouped = new Intl.NumberFormat("en-GB", { maximumFractionDigits: 0 });
 
-/** Whole hours, with a decimal below ten. */
+/** Whole hours; one decimal below ten. */
 export function hours(value: number): string {
   if (value === Infinity) return "∞";
   if (!Number.isFinite(value)) return NONE;
@@ -54,8 +54,8 @@ export interface Life {
 }
 
 /**
- * Hours of a life, rounded to what its interval leaves: two digits of a quarter of its width,
- * which is about its standard deviation.
+  * Hours of a remaining life, rounded to two digits of its standard deviation, which is estimated from
+  * its 90 % interval.
  */
 export function lifeHours(value: number, life: Life): string {
   const width = (life.hours_95 - life.hours_05) / 3.29;
@@ -64,7 +64,7 @@ export function lifeHours(value: number, life: Life): string {
   return hours(Math.round(value / step) * step);
 }
 
-/** How long ago, or how long, in the two largest units. */
+/** A duration in its two largest units. */
 export function duration(s: number): string {
   if (!Number.isFinite(s)) return NONE;
   const whole = Math.max(Math.round(s), 0);
@@ -95,12 +95,12 @@ export function percent(share: number, digits = share < 0.1 ? 2 : 3): string {
   return Number.isFinite(share) ? `${significant(100 * share, digits)} %` : NONE;
 }
 
-/** A unit as it is put behind a number; "1" and "-" stand for none. */
+/** A unit as appended to a number; "" for a dimensionless quantity ("1" or "-"). */
 export function unit(name: string): string {
   return name === "1" || name === "-" || name === "" ? "" : ` ${name}`;
 }
 
-// Requirements in rad are read in mrad, as on the command line.
+// Requirements in rad are shown in mrad, as on the command line.
 const SHOWN_IN: Record<string, [string, number]> = { rad: ["mrad", 1e3] };
 
 export function shownUnit(name: string): [string, number] {

@@ -1,17 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// Columns of the picture of friction over speed.
+// Columns of the plot of friction over speed.
 
 import type { FrictionCurve } from "./messages.ts";
 
 export interface Picture {
-  /** Speed; healthy 95 % and 5 % and latest, backward then forward; latest outside the band. */
+  /**
+   * Speed; upper end and lower end of the healthy band and latest record, each backward and then
+   * forward; values of the latest record outside the band.
+   */
   columns: (number | null)[][];
-  covered: number; // speeds of the latest record
-  judged: number; // of these, speeds that the healthy records cover
-  outside: number;
+  covered: number; // number of speeds in the latest record
+  judged: number; // number of these that the healthy records cover
+  outside: number; // number of these outside the healthy band
 }
 
-/** Columns of the plot. The directions are apart: no line leads from one to the other. */
+/** Columns of the plot. Directions have separate columns, so that no line connects them. */
 export function picture(curve: FrictionCurve): Picture {
   const rows = Array.from(curve.speed, (speed, i) => ({
     speed, low: curve.healthy_low[i]!, high: curve.healthy_high[i]!, latest: curve.latest[i]!,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The change of friction over the records of a joint, as a few points for a small picture.
+// The change of friction over the records of a joint, reduced to a few points for a sparkline.
 
 import { FAULTS } from "./faults.ts";
 import { type UnitHistory, type UnitTest, seconds } from "./messages.ts";
@@ -11,11 +11,11 @@ const WIDTH_90 = 1.645; // standard deviations to either end of a 90 % interval
 const number = FAULTS.findIndex(({ name }) => name === "friction");
 const { slope } = FAULTS[number]!;
 
-/** Mean change of friction of consecutive records, the oldest first [-]. */
+/** Change of friction, averaged over consecutive records, oldest first [-]. */
 export interface FrictionTrend {
   change: number[];
-  low: number[]; // lower end of the 90 % interval of a record
-  high: number[];
+  low: number[]; // lower end of the 90 % interval, averaged likewise
+  high: number[]; // upper end
 }
 
 interface Point {
@@ -24,14 +24,14 @@ interface Point {
   sigma: number;
 }
 
-/** Friction of the records of a unit; other figures of its history are not stored. */
+/** Friction of the records of a unit; other values of its history are not stored. */
 export class FrictionRecord {
   #decode?: () => UnitHistory;
   #additions: UnitHistory[] = []; // merged when the trend is computed
   #serial = "";
   #points: Point[] = [];
 
-  /** Replace the history by one that is decoded when the trend is computed. */
+  /** Replace the history; it is decoded when the trend is computed. */
   replace(decode: () => UnitHistory): void {
     this.#decode = decode;
     this.#additions = [];

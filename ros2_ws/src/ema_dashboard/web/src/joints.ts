@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Joints: units of an unknown drive, which are compared with their own healthy records.
+// Joints: units with an unknown drive, whose records are compared with their healthy records.
 
 import { UNKNOWN_DRIVE } from "./faults.ts";
 import { type BaselineStatus, LEARNING_STATE } from "./messages.ts";
@@ -17,7 +17,7 @@ export function isLearning({ baseline }: Actuator): boolean {
   return baseline?.state === LEARNING_STATE;
 }
 
-/** Robot and joint of an actuator_id such as `left/elbow`; the robot is empty if it has no name. */
+/** Robot and joint of an actuator_id such as `left/elbow`; the robot is "" if the id has no slash. */
 export function namesOf(id: string): { robot: string; joint: string } {
   const at = id.lastIndexOf("/");
   return at > 0 ? { robot: id.slice(0, at), joint: id.slice(at + 1) } : { robot: "", joint: id };
@@ -41,11 +41,11 @@ export function temperatureOf({ estimate }: Actuator): { value: number; sigma: n
 export interface Robot {
   key: string;
   namespace: string;
-  name: string; // empty for joints of a robot without a name
-  joints: Actuator[]; // the worst first
+  name: string; // empty for joints without a robot name
+  joints: Actuator[]; // worst first
 }
 
-/** Joints by robot, the robot with the worst joint first. */
+/** Joints grouped by robot; robots are ordered by their worst joint, and by how many are that bad. */
 export function robotsOf(joints: Actuator[], rankOf: (joint: Actuator) => number): Robot[] {
   const robots = new Map<string, Robot>();
   for (const joint of [...joints].sort((one, other) => byWorst(one, other, rankOf))) {
@@ -61,7 +61,7 @@ export function robotsOf(joints: Actuator[], rankOf: (joint: Actuator) => number
     worst(one) - worst(other) || countOf(other) - countOf(one) || natural(one.key, other.key));
 }
 
-/** By level, then by a significant change of friction, then by name: cells must not jump with noise. */
+/** Order by level, significant change of friction, and name, so that noise does not move cells. */
 function byWorst(one: Actuator, other: Actuator, rankOf: (joint: Actuator) => number): number {
   return rankOf(one) - rankOf(other) || increaseOf(other) - increaseOf(one) ||
     natural(one.key, other.key);
@@ -78,7 +78,7 @@ function natural(one: string, other: string): number {
   return collator.compare(one, other);
 }
 
-/** Smallest changes of friction that would show, in a sentence; empty before they are known. */
+/** Smallest detectable changes of friction, as a sentence; "" while they are unknown. */
 export function detectableText(baseline: BaselineStatus): string {
   const [same, other] = [baseline.detectable_same_day, baseline.detectable_other_day]
     .map(inPercent);
@@ -88,14 +88,14 @@ export function detectableText(baseline: BaselineStatus): string {
   return `friction changes above ${same} would show, above ${other} on another day`;
 }
 
-/** A smallest change in per cent; empty if it is unknown. */
+/** A smallest detectable change in per cent; "" if it is unknown. */
 export function inPercent(share: number): string {
   if (!Number.isFinite(share)) return "";
   const scaled = 100 * share;
   return `${scaled < 10 ? Number(scaled.toPrecision(2)) : Math.round(scaled)}\u00a0%`;
 }
 
-/** Records and days of a baseline. */
+/** Numbers of records and days of a baseline, as text. */
 export function countsText({ state, records, records_needed, days }: BaselineStatus): string {
   const needed = state === LEARNING_STATE && records_needed > 0 ? ` of ${records_needed}` : "";
   const last = records_needed > 0 && state === LEARNING_STATE ? records_needed : records;

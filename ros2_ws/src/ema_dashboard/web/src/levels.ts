@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Levels of health in words. A shape and the word stand beside every colour.
+// Levels of health. Every colour is accompanied by a shape and a word.
 
 type LevelName = "ok" | "warn" | "error" | "stale";
 
 export interface Level {
   word: string;
   name: LevelName | "learning";
-  rank: number; // the worst first
-  isOld?: boolean; // it was the last one that was known
+  rank: number; // 0 is the worst
+  isOld?: boolean; // it is the last known level
 }
 
-/** Levels of a health, by their numbers. */
+/** Levels of health, indexed by their number in Health.msg. */
 export const LEVELS: (Level & { name: LevelName })[] = [
   { word: "OK", name: "ok", rank: 3 },
   { word: "WARN", name: "warn", rank: 1 },
@@ -18,13 +18,13 @@ export const LEVELS: (Level & { name: LevelName })[] = [
   { word: "STALE", name: "stale", rank: 2 },
 ];
 
-/** Of an actuator of which no health has come yet. */
+/** Level of an actuator without a received health. */
 export const UNKNOWN: Level = { word: "NO HEALTH", name: "stale", rank: 2.5 };
 
-/** Of a joint whose healthy records are being collected: it has no level. */
+/** Level of a joint whose healthy records are being collected. */
 export const LEARNING: Level = { word: "LEARNING", name: "learning", rank: 2.7 };
 
-/** What a level is worth now: a warning or an error that nobody confirms any more stays, as old. */
+/** The level to show. While the level is unknown, the last warning or error is shown, marked as old. */
 export function levelNow(level: number, last: number, isSilent = false): Level {
   const [, warn, error, stale] = LEVELS;
   const known = level === 3 ? last : level;

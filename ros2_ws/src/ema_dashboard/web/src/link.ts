@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The connection to the dashboard node: the protocol of Foxglove, which ends and begins again.
+// The connection to the dashboard node by Foxglove's protocol, restored after each interruption.
 
 import { parse } from "@foxglove/rosmsg";
 import { MessageReader } from "@foxglove/rosmsg2-serialization";
@@ -9,10 +9,10 @@ import type { Connection } from "./protocol.ts";
 const SUBPROTOCOL = "foxglove.sdk.v1";
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 5000;
-const PLAYBACK_CONTROL_REQUEST = 3; // opcode of a client's message
+const PLAYBACK_CONTROL_REQUEST = 3; // opcode of the request
 
 const MOST_SAID = 300;
-// What the node has checked when it refuses with a status; its words tell which.
+// Meaning of a status with which the node refuses a request; its response has the details.
 const CHECKS: Record<number, string> = {
   401: "refused for want of the token",
   403: "refused by where this page comes from",
@@ -25,9 +25,9 @@ interface Subscribed {
 }
 
 export interface Listener {
-  /** Whether a topic is wanted now. */
+  /** Whether to subscribe to a topic. */
   wants(topic: string): boolean;
-  /** One message; decode() is called only for what is shown. */
+  /** Called with each message; decode() should be called only for messages that are shown. */
   message(topic: string, data: DataView, decode: () => unknown): void;
   channels(topics: string[]): void;
   connection(connection: Connection): void;
@@ -83,7 +83,7 @@ export class Link {
       const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
       this.#listener.message(of.channel.topic, view, () => of.reader.readMessage(view));
     });
-    // Messages of kinds that this version of the client does not know are no fault.
+    // Ignore messages of kinds that this version of the client does not support.
     client.on("error", () => undefined);
     client.on("close", (event) => {
       this.#channels.clear();
@@ -92,7 +92,7 @@ export class Link {
     });
   }
 
-  /** Subscribe to what has become wanted, and end what is no longer. */
+  /** Subscribe to the topics that the listener wants, and unsubscribe from the others. */
   update(): void {
     for (const one of this.#channels.values()) {
       const isWanted = this.#listener.wants(one.channel.topic);
@@ -107,7 +107,7 @@ export class Link {
     }
   }
 
-  /** Play or pause at a rate, and go to a log time [ns] if one is given. */
+  /** Play or pause at a rate, and seek to a log time [ns] if specified. */
   control(play: boolean, rate: number, seek?: bigint): void {
     if (this.#socket?.readyState !== WebSocket.OPEN) return;
     const id = new TextEncoder().encode(`page-${++this.#requests}`);
@@ -145,21 +145,21 @@ export class Link {
     const retryAt = Date.now() + wait;
     this.#timer = setTimeout(() => this.open(), wait);
     const reason = await refusal(event, wasOpen);
-    // The page has not been told why; meanwhile it may be connected again.
+    // The page may have reconnected while the reason was requested.
     if (this.#socket && this.#socket.readyState <= WebSocket.OPEN) return;
     if (reason) this.#listener.connection({ state: "refused", reason, retryAt });
     else this.#listener.connection({ state: "closed", reason: event.reason, retryAt });
   }
 }
 
-/** Why the server does not want this page, in words; empty when it cannot be reached. */
+/** Reason why the server refuses this page; "" if it cannot be reached. */
 async function refusal(event: CloseEvent, wasOpen: boolean): Promise<string> {
   if (event.code === 1008 || event.code === 1013) {
     return event.reason || "the server has ended the connection";
   }
   if (wasOpen) return "";
-  // A browser does not tell how an upgrade was answered. A POST passes the same checks, as it has the
-  // same origin in its header, and is never served.
+  // Browsers do not report the response to a failed upgrade. A POST passes the same checks, because it
+  // has the same origin in its header, and is never served.
   try {
     const answer = await fetch(".", { method: "POST", cache: "no-store" });
     if (answer.status === 405) {

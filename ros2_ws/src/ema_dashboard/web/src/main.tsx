@@ -5,7 +5,7 @@ import { State } from "./state.ts";
 import { AppContext } from "./views/hooks.ts";
 import { Shell } from "./views/shell.tsx";
 
-// The cookie that the token was exchanged for is enough; the address may be shown or copied.
+// Remove the token from the address, which may be shown or copied: the cookie replaces it.
 const address = new URL(location.href);
 if (address.searchParams.has("token")) {
   address.searchParams.delete("token");

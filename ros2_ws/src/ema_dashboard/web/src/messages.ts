@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The messages that the page reads, as decoded by @foxglove/rosmsg2-serialization. Units are
-// those of the definitions in ema_interfaces/msg.
+// The messages that the page reads, as decoded by @foxglove/rosmsg2-serialization. The units are
+// defined in ema_interfaces/msg.
 
 import type { Time } from "./interfaces.ts";
 
@@ -16,19 +16,19 @@ export const DEPARTED = VERDICTS.indexOf("departed");
 
 export const ACTIONS = ["unknown", "continue", "inspect", "remove"] as const;
 
-/** State of a baseline that is being learned. */
+/** BaselineStatus.LEARNING. */
 export const LEARNING_STATE = 0;
 
 export const PLAYING = 0;
 export const PAUSED = 1;
 export const ENDED = 2;
 
-/** Seconds since the epoch. */
+/** Time in seconds since the epoch. */
 export function seconds(time: Time): number {
   return time.sec + time.nanosec * 1e-9;
 }
 
-/** Nanoseconds since the epoch, exactly. */
+/** Time in nanoseconds since the epoch, exact. */
 export function nanoseconds(time: Time): bigint {
   return BigInt(time.sec) * 1_000_000_000n + BigInt(time.nanosec);
 }

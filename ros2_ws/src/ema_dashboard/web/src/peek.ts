@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which actuator a serialised message is of, without decoding it: header and actuator_id come
-// first in all messages of several actuators, and of 20,000 blocks a second one in 200 is wanted.
+// The actuator of a serialised message, without decoding it. Header and actuator_id are the first
+// fields of all messages that concern an actuator. Of 20,000 blocks per second, one in 200 is needed.
 
 const text = new TextDecoder();
 
-/** The actuator_id of little-endian CDR data that begin with a Header; undefined if they do not. */
+/** Return the actuator_id of CDR data that start with a Header; undefined if there is none. */
 export function actuatorOf(data: DataView): string | undefined {
   const isLittle = (data.getUint8(1) & 1) === 1;
   const size = data.byteLength;
-  let at = 12; // behind encapsulation and stamp
+  let at = 12; // after encapsulation and stamp
   if (size < at + 4) return undefined;
   at += 4 + data.getUint32(at, isLittle);
   at += (4 - (at % 4)) % 4;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What worker and page say to each other.
+// Messages between worker and page.
 
 import type { FrictionTrend } from "./friction_trend.ts";
 import type { HistoryColumns } from "./unit_history.ts";
@@ -29,11 +29,11 @@ export interface Received {
 
 export type FromWorker =
   | { kind: "connection"; connection: Connection }
-  | { kind: "session" } // what was known is of a server that is gone
+  | { kind: "session" } // a new server: discard all data
   | { kind: "channels"; topics: string[] }
   | { kind: "messages"; received: Received[] }
   | { kind: "history"; key: string; columns: HistoryColumns }
-  | { kind: "trends"; trends: Map<string, FrictionTrend> } // of joints, by their keys
+  | { kind: "trends"; trends: Map<string, FrictionTrend> } // of joints, by key
   | { kind: "live"; key: string; signals: LiveSignals };
 
 export type ToWorker =

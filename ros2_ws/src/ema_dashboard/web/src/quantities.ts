@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The comparison of a record in the words of ema_monitor/joint/wording.py.
+// The comparison of a record, worded as in ema_monitor/joint/wording.py.
 
 import { fixed, significant } from "./format.ts";
 import type { QuantityChange } from "./messages.ts";
@@ -20,17 +20,17 @@ export interface QuantityRow {
   isChanged: boolean;
 }
 
-/** The label of a quantity. */
+/** Label of a quantity. */
 function labelOf(name: string): string {
   return known[name]?.label ?? name.replaceAll("_", " ");
 }
 
-/** Whether an estimate is the comparison of a record: no model is fitted to it. */
+/** Whether an estimate is the comparison of a record, to which no model is fitted. */
 export function isOfRecord(estimate: { quantities?: readonly QuantityChange[] }): boolean {
   return (estimate.quantities?.length ?? 0) > 0;
 }
 
-/** A row for each quantity of an estimate; recordings of earlier versions have none. */
+/** Table rows for the quantities of an estimate; old recordings have no quantities. */
 export function rowsOf(quantities: readonly QuantityChange[] | undefined): QuantityRow[] {
   return (quantities ?? []).map((one) => {
     const isJudged = one.judgement === UNCHANGED || one.judgement === CHANGED;
@@ -69,7 +69,7 @@ function signed(one: QuantityChange, value: number): string {
   return text.startsWith("−") ? text : `+${text}`;
 }
 
-/** Decimals that show two digits of the smallest change. */
+/** Number of decimals that shows two digits of the smallest change. */
 function decimals(smallest: number): number {
   return smallest > 0 && smallest < Infinity ? Math.max(0, 1 - Math.floor(Math.log10(smallest))) : 3;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is known of the fleet. Messages come in batches; views are told at most five times a second.
+// State of the fleet. Messages arrive in batches; views are updated at most five times per second.
 
 import type { FrictionTrend } from "./friction_trend.ts";
 import {
@@ -14,24 +14,24 @@ import type { HistoryColumns } from "./unit_history.ts";
 
 const LEAST_MS = 200; // between two updates of the views
 const MOST_MS = 600;
-const LEAST_IDLE = 8; // times as long as the latest update took
-const CURRENT_S = 3; // a clock that is older does not say what time it is
-const SILENT_MS = 5000; // a dashboard reports each second
+const LEAST_IDLE = 8; // idle time between updates, relative to the latest update's duration
+const CURRENT_S = 3; // largest age of a /clock message that counts as current
+const SILENT_MS = 5000; // a dashboard publishes its status every second
 
-/** What is known of an actuator; another object after each change. */
+/** Latest data of an actuator; replaced by a new object on each change. */
 export interface Actuator extends Address {
   key: string;
   serial: string;
   description?: ActuatorDescription;
   health?: Health;
-  estimate?: FaultEstimate; // the latest one
-  usable?: FaultEstimate; // the latest one that may be used
+  estimate?: FaultEstimate; // the latest
+  usable?: FaultEstimate; // the latest valid estimate
   forecast?: HealthForecast;
   advice?: Advice;
   fit?: WindowFit;
   baseline?: BaselineStatus; // of a joint
-  curve?: FrictionCurve; // of a joint that is shown
-  isSilent?: boolean; // the dashboard is not heard any more: its health may be another by now
+  curve?: FrictionCurve; // of the joint shown
+  isSilent?: boolean; // no messages from the dashboard: the health may have changed
 }
 
 export interface Diagnostic extends DiagnosticStatus {
@@ -39,12 +39,12 @@ export interface Diagnostic extends DiagnosticStatus {
   received: number;
 }
 
-/** Namespace of the node that reports, as `/ema` of `/ema/monitor: flap health`. */
+/** Namespace of the node of a status: `/ema` for `/ema/monitor: flap health`. */
 export function namespaceOf({ name }: DiagnosticStatus): string {
   return /^([^:]*)\/[^/:]*: /.exec(name)?.[1] ?? "";
 }
 
-/** Whether a status is of an actuator, whichever unit is installed there. */
+/** Whether a status concerns an actuator, whichever unit is installed. */
 export function isOf(address: Address, status: DiagnosticStatus): boolean {
   const key = keyOf(address);
   return namespaceOf(status) === address.namespace &&
@@ -60,17 +60,17 @@ export class State {
   playback?: PlaybackState;
   history?: { key: string; columns: HistoryColumns };
   lastReceived = 0; // local clock [ms]
-  lostAt = 0; // when the connection was lost [ms]; 0 while there is one
+  lostAt = 0; // when the connection was lost [ms]; 0 while connected
 
   #views = new Set<() => void>();
   #silence?: ReturnType<typeof setTimeout>;
   #live = new Set<(key: string, signals: LiveSignals) => void>();
   #isDue = false;
   #lastUpdate = -Infinity;
-  #took = 0; // by the latest update [ms]
+  #took = 0; // duration of the latest update [ms]
   #now = { stamp: 0, at: 0, isClock: false };
 
-  /** Be told of changes; returns how to end it. */
+  /** Call a function after changes. Return a function that ends the subscription. */
   subscribe(view: () => void): () => void {
     this.#views.add(view);
     return () => this.#views.delete(view);
@@ -81,7 +81,7 @@ export class State {
     return () => this.#live.delete(listener);
   }
 
-  /** Time of the nodes [s]: that of a recording or simulation where there is one. */
+  /** ROS time [s]; during a playback or simulation, its time. */
   now(): number {
     if (!this.#now.at) return Date.now() / 1000;
     const passed = (performance.now() - this.#now.at) / 1000;
@@ -138,7 +138,7 @@ export class State {
       const start = performance.now();
       this.#lastUpdate = start;
       for (const view of this.#views) view();
-      // Views draw before the next frame, style and layout follow.
+      // Views render before the next frame; style and layout follow.
       requestAnimationFrame(() => setTimeout(() => { this.#took = performance.now() - start; }));
     }, Math.max(this.#lastUpdate + pause - performance.now(), 0));
   }
@@ -190,7 +190,7 @@ export class State {
     for (const status of array.status) {
       this.diagnostics.set(status.name, { ...status, stamp, received: Date.now() });
     }
-    // Of the times of a recording only the player knows which is now.
+    // During a playback, only the player's state gives the current time.
     if (this.playback) return;
     const passed = performance.now() - this.#now.at;
     if (!this.#now.isClock || passed > 1000 * CURRENT_S) {
@@ -198,7 +198,7 @@ export class State {
     }
   }
 
-  /** Show no level as known while nothing is heard. */
+  /** Mark all actuators as silent if no message arrives for some time. */
   #listen(): void {
     clearTimeout(this.#silence);
     this.#note(false);
@@ -225,7 +225,7 @@ export class State {
     const position = seconds(playback.position);
     this.#clocked(position);
     if (!playback.jumped) return;
-    // What is later than the position is not known there.
+    // After a jump, discard messages later than the position.
     for (const actuator of this.actuators.values()) {
       const kept = <T extends { header: { stamp: Time } }>(message?: T) =>
         message && seconds(message.header.stamp) <= position ? message : undefined;

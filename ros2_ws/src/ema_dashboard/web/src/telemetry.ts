@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The last seconds of one actuator's telemetry, thinned to the least and largest value of each
-// slot of time, so that no peak is lost.
+// The last seconds of one actuator's telemetry, downsampled to the smallest and largest value of
+// each time slot, so that no peak is lost.
 
 import { seconds, type TelemetryBlock } from "./messages.ts";
 
@@ -11,20 +11,20 @@ const SIGNALS = ["command", "position", "current", "speed"] as const;
 export interface LiveSignals {
   end: number; // stamp of the latest sample [s]
   period: number; // sample period [s]
-  time: Float64Array; // of the values, from the latest sample on [s]
+  time: Float64Array; // times of the values, relative to the latest sample [s]
   values: Record<(typeof SIGNALS)[number], Float64Array>;
 }
 
 export class Telemetry {
   #slot = 0;
   #period = 0;
-  #first = 0; // number of the oldest slot that is kept
+  #first = 0; // number of the oldest stored slot
   #end = -Infinity;
   #count = 0;
   #low: Float64Array[] = [];
   #high: Float64Array[] = [];
 
-  /** Add a block; one of another period, or one that goes back in time, starts anew. */
+  /** Add a block. A different sample period or a step back in time of over 1 s clears the signals. */
   add(block: TelemetryBlock): void {
     const start = seconds(block.header.stamp);
     const n = block.position.length;
@@ -36,7 +36,7 @@ export class Telemetry {
       const at = slot % this.#count;
       if (slot < this.#first) continue;
       for (let k = 0; k < SIGNALS.length; k++) {
-        // A column that is not measured is empty.
+        // The column of a quantity that is not measured is empty.
         const value = block[SIGNALS[k]!][i] ?? NaN;
         const [low, high] = [this.#low[k]!, this.#high[k]!];
         if (!(low[at]! <= value)) low[at] = value;
@@ -50,7 +50,7 @@ export class Telemetry {
     return this.#count === 0;
   }
 
-  /** Two values a slot, the lower one first; a slot without samples has NaN. */
+  /** Signals with two values per slot, the lower first; NaN in slots without samples. */
   signals(): LiveSignals {
     const n = this.#count;
     const time = new Float64Array(2 * n);

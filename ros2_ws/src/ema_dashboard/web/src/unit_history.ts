@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The history of each unit: what the node sent, and what it added since then.
+// The history of each unit: the history sent by the node, and later additions.
 
 import { type UnitEvent, type UnitHistory, type UnitTest, seconds } from "./messages.ts";
 import { FAULTS } from "./faults.ts";
@@ -7,13 +7,13 @@ import { FAULTS } from "./faults.ts";
 const MOST_TESTS = 2000;
 const MOST_EVENTS = 500;
 
-/** The tests of a unit by column, so that thousands are handed over and drawn at little cost. */
+/** The tests of a unit by column, so that thousands can be transferred and drawn quickly. */
 export interface HistoryColumns {
   serial: string;
   omitted: number;
   stamp: Float64Array; // [s]
   hours: Float64Array;
-  faults: Float64Array[]; // one a component
+  faults: Float64Array[]; // one array per component
   sigmas: Float64Array[];
   insignificant: Uint32Array; // bits
   level: Uint8Array;
@@ -25,26 +25,26 @@ export interface HistoryColumns {
 }
 
 export class UnitRecord {
-  #encoded?: () => UnitHistory; // decoded when it is first shown
+  #encoded?: () => UnitHistory; // decoded when first shown
   #additions: UnitHistory[] = [];
   #serial = "";
   #omitted = 0;
   #tests: UnitTest[] = [];
   #events: UnitEvent[] = [];
 
-  /** Take over what the node knows. */
+  /** Replace the history by the node's history. */
   replace(decode: () => UnitHistory): void {
     this.#encoded = decode;
     this.#additions = [];
   }
 
-  /** Take what is added to it; it is put in when the history is shown. */
+  /** Store an addition to the history; it is merged when the history is shown. */
   add(addition: UnitHistory): void {
     this.#additions.push(addition);
     if (this.#additions.length > MOST_TESTS) this.#additions.shift();
   }
 
-  /** Forget what is later than a time, after a seek in a recording. */
+  /** Discard entries later than a time [s], after a seek in a recording. */
   forgetAfter(time: number): void {
     this.#merge();
     this.#tests = this.#tests.filter((test) => seconds(test.stamp) <= time);
@@ -88,7 +88,7 @@ export class UnitRecord {
     this.#additions = [];
   }
 
-  /** Add tests, of which one of the same time makes room, and events, each once. */
+  /** Add tests, replacing tests with the same stamp, and new events. */
   #extend(addition: UnitHistory): void {
     if (this.#serial !== addition.serial_number) this.#tests = [];
     this.#serial = addition.serial_number;
@@ -103,7 +103,7 @@ export class UnitRecord {
   }
 }
 
-/** That a monitor began its history anew, in words, until it has as many tests as it lost. */
+/** Notice that the monitor started a new history, until it has as many tests as were lost; else "". */
 export function begunAnew({ events, stamp }: HistoryColumns): string {
   const event = events.findLast(({ kind, text }) => kind === "history" && /without \d+/.test(text));
   if (!event) return "";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Connection, decoding and thinning run here, so that the page itself only draws.
+// Connection, decoding and downsampling run here, so that the page itself only draws.
 
 import { UNKNOWN_DRIVE } from "./faults.ts";
 import { FrictionRecord, type FrictionTrend } from "./friction_trend.ts";
@@ -13,7 +13,7 @@ import { Telemetry } from "./telemetry.ts";
 import { UnitRecord } from "./unit_history.ts";
 
 const BATCH_MS = 50; // 20 Hz
-const MOST_TRENDS_MS = 10; // in a batch
+const MOST_TRENDS_MS = 10; // per batch
 const MOST_ADDED = 16 * 1024; // size of an addition to a history [B]
 
 const OF_ALL = new Set([
@@ -51,7 +51,7 @@ function entryOf<T>(entries: Map<string, T>, key: string, create: new () => T): 
   return entry;
 }
 
-/** Take a history: an addition at once, a long one when it is shown, as it may never be. */
+/** Store a history: decode additions now, and long histories when they are first shown. */
 function extend(key: string, size: number, decode: () => UnitHistory): void {
   changedTrends.add(key);
   const history = size > MOST_ADDED ? undefined : decode();
@@ -68,7 +68,7 @@ function isWatched(key: string): boolean {
   return watched !== null && keyOf(watched) === key;
 }
 
-// Beside this script: a proxy may serve the page below a path of its own.
+// Relative to this script, because a proxy may serve the page under another path.
 const link = new Link(new URL(".", self.location.href.replace(/^http/, "ws")).href, {
   wants(topic) {
     const [namespace, name] = split(topic);
@@ -132,7 +132,7 @@ function jump(time: number): void {
   hasNewHistory = true;
 }
 
-/** Trends of joints that have changed, as many as are computed in a short time. */
+/** Trends of joints that have changed, up to a time limit; the rest follows in the next batches. */
 function trends(): Map<string, FrictionTrend> {
   const found = new Map<string, FrictionTrend>();
   const start = performance.now();
@@ -171,7 +171,7 @@ function flush(): void {
 self.onmessage = ({ data }: MessageEvent<ToWorker>) => {
   switch (data.kind) {
     case "watch":
-      // Ended first, so that the node sends the last window of the other actuator.
+      // Unsubscribe first, so that the node sends the last window of the new actuator.
       watched = null;
       link.update();
       watched = data.address;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One actuator: what is wrong, why, and how long it lasts; then its parts, one at a time.
+// Page of one actuator: level, cause and remaining life, then one of its parts.
 
 import type { ComponentChildren } from "preact";
 import { ASSESSED, type Fault, faultOf, inPercent, labelOf } from "../faults.ts";
@@ -100,7 +100,7 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
   const anew = columns && begunAnew(columns);
   const isDeparted = estimate?.verdict === DEPARTED;
   const learning = isLearning(actuator) ? actuator.baseline : undefined;
-  // Records of a learning joint give no estimate; a further reason is a defect of the record.
+  // Records of a learning joint give no estimate; any other reason is a defect of the record.
   const isOfLearning = estimate?.reason_codes?.includes("learning") &&
     (!learning || estimate.reason_codes.length === 1);
   const isRefused = estimate !== undefined && (!estimate.valid || isDeparted) && !isOfLearning;
@@ -175,7 +175,7 @@ function Head({ actuator, columns }: { actuator: Actuator; columns?: HistoryColu
   );
 }
 
-/** What gives the level: the change of each fault, and what is left to its limit. */
+/** Faults and requirements that cause the level, with value and limit. */
 function Wrong({ actuator, health }: { actuator: Actuator; health: Health }) {
   const items = [...health.faults, ...health.requirements]
     .filter(({ level }) => level !== OK && level !== STALE)
@@ -212,7 +212,7 @@ function valueAndLimit(item: FaultHealth): [string, string] {
   return [inPercent(fault, item.value), inPercent(fault, limit)];
 }
 
-/** The fault to watch: the one that decides or, where it is none, that is nearest to its limit. */
+/** The fault whose trend is shown: the dominant fault, else the fault nearest to its limit. */
 function worstFault(health: Health): Fault | undefined {
   const share = ({ name }: Fault) => {
     const item = health.faults.find((one) => one.name === name);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What to do with the actuator, and what it costs.
+// Recommended action for the actuator, and its cost.
 
 import type { ComponentChildren } from "preact";
 import { hours, percent, significant } from "../format.ts";
@@ -11,15 +11,15 @@ const WHAT: Record<string, (at: string) => string> = {
   remove: (at) => `Remove ${at}`,
 };
 
-/** Whether the screen is a phone's: what is said in many words is then folded. */
+/** Whether the screen is as narrow as a phone's, on which long texts are folded. */
 export const isPhone = () => matchMedia("(max-width: 40rem)").matches;
 
-/** Words that a phone shows when they are asked for. */
+/** Text that is folded on a phone until its title is tapped. */
 export function Folded({ title, children }: { title: string; children: ComponentChildren }) {
   return isPhone() ? <details><summary>{title}</summary>{children}</details> : <>{children}</>;
 }
 
-/** A look at a departed unit, the advice where costs are set, and the removal by remaining life. */
+/** Recommended inspection of a departed unit, advice if costs are set, and time of removal. */
 export function WhatToDo({ advice, removal, isDeparted }: {
   advice?: Advice; removal: string; isDeparted: boolean;
 }) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The fleet of an archive: what years of bags say of all units, not only of those that run now.
+// The fleet of an archive: results of all recorded units, including units that are not running.
 
 import { useEffect, useMemo, useState } from "preact/hooks";
 import uPlot from "uplot";
@@ -15,7 +15,7 @@ const MOST = 20;
 const SHOWN_MONTHS = 12;
 const ORDER = [LEVELS[2]!, LEVELS[1]!, LEVELS[3]!, LEVELS[0]!]; // the worst first
 
-/** What the dashboard has of an archive: undefined until it is known, null without one. */
+/** The summary of the archive; undefined until it is loaded, null without an archive. */
 export function useSummary(isShown: boolean): { summary?: Summary | null; reason: string } {
   const [summary, set] = useState<Summary | null>();
   const [reason, setReason] = useState("");
@@ -168,7 +168,7 @@ function Left({ unit }: { unit: WorstUnit }) {
   );
 }
 
-/** The latest level that was known. */
+/** The latest known level. */
 function known({ health, last_health }: WorstUnit): string | null {
   return health === "STALE" ? last_health : health;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The baseline of a joint: its healthy records, and the changes that a person makes to it.
+// The baseline of a joint: its healthy records, and a form for changes by a person.
 
 import { useState } from "preact/hooks";
 import { dateTime, fixed, significant } from "../format.ts";
@@ -9,7 +9,7 @@ import type { Address } from "../protocol.ts";
 import { useApp } from "./hooks.ts";
 import { Figure, Section } from "./parts.tsx";
 
-/** How far the learning has come, with the most useful of what would lower the smallest change. */
+/** Progress of learning, with the most effective advice to detect smaller changes. */
 export function Progress({ baseline, isAdvised = false }: {
   baseline: BaselineStatus; isAdvised?: boolean;
 }) {
@@ -89,7 +89,7 @@ export function Baseline({ baseline, description, of }: {
           {baseline.advice.map((sentence) => <li key={sentence}>{sentence}</li>)}
         </ul>
       )}
-      {/* The monitor of a recording does not run. */}
+      {/* During a playback, no monitor can change the baseline. */}
       {!state.playback && (
         <div class="changes">
           {[isLearning ? ACCEPT : EXTEND, RESET].map((change) => (
@@ -108,8 +108,8 @@ export function Baseline({ baseline, description, of }: {
 }
 
 /**
- * Asks the monitor for a change of the baseline in a person's name. Nobody can force a change
- * without enough records for a fit.
+  * Requests a change of the baseline in a person's name. A change cannot be forced without enough
+  * records for a fit.
  */
 function ChangeForm({ change, of, close, canForce }: {
   change: Change; of: Address; close: () => void; canForce: boolean;

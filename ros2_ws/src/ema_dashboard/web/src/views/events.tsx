@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What happened to a unit, on a time line and as a list.
+// Events of a unit, on a time line and as a list.
 
 import { useState } from "preact/hooks";
 import { clockTime, dateTime, hours } from "../format.ts";
@@ -10,7 +10,7 @@ import { useBox } from "./hooks.ts";
 
 const MOST_LISTED = 50;
 
-// A sign for each kind, so that it is told without its colour.
+// A sign for each kind, so that kinds can be distinguished without colour.
 const KINDS: Record<string, { sign: string; colour: string; word: string }> = {
   fault: { sign: "▲", colour: "error", word: "fault" },
   departure: { sign: "△", colour: "warn", word: "departure" },
@@ -78,7 +78,7 @@ export function Events({ events, now, of }: {
 
 const timeOf = ({ stamp }: UnitEvent) => `${stamp.sec}.${stamp.nanosec}`;
 
-/** Acknowledges an event: the monitor keeps name and note, and publishes them as an event. */
+/** Acknowledges an event: the monitor stores name and note, and publishes them as an event. */
 function NoteForm({ event, of, close }: { event: UnitEvent; of: Address; close: () => void }) {
   const [refusal, setRefusal] = useState("");
   const send = async (submitted: SubmitEvent) => {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Overview of the fleet, the worst first.
+// Overview of the fleet, worst first.
 
 import { memo } from "preact/compat";
 import { useMemo } from "preact/hooks";
@@ -19,7 +19,7 @@ interface Column {
   name: string;
   title: string;
   unit?: string;
-  of: (actuator: Actuator) => number | string; // the least comes first
+  of: (actuator: Actuator) => number | string; // sorted in ascending order
 }
 
 const unknownLast = (value?: number) =>
@@ -49,7 +49,7 @@ function dominant(actuator: Actuator): string {
   return name ? labelOf(name) : "";
 }
 
-/** The worst first: by level, then by the time that is left, then by health index. */
+/** Order of actuators, worst first: by level, remaining life and health index. */
 export function byWorst(one: Actuator, other: Actuator): number {
   return levelOf(one).rank - levelOf(other).rank ||
     difference(lifeOf(one, "hours_05"), lifeOf(other, "hours_05")) ||
@@ -93,7 +93,7 @@ export function Fleet({ state }: { state: State }) {
   const hasJoints = all.some(isJoint);
   const joints = view === "grid" ? chosen.filter(isJoint) : [];
   const rows = sorted(view === "grid" ? chosen.filter((one) => !isJoint(one)) : chosen, by);
-  // Advice needs costs; where nobody has set them there is none.
+  // Without costs, there is no advice.
   const isAdvised = all.some(({ advice }) => advice !== undefined && advice.action > 0);
   const columns = COLUMNS.filter(({ name }) => name !== "advice" || isAdvised);
   const count = (name: string) => all.filter((one) => nameOf(one) === name).length;
@@ -172,7 +172,7 @@ export function Fleet({ state }: { state: State }) {
   );
 }
 
-/** Numbers of joints and of actuators whose drive is modelled. */
+/** Numbers of joints and of actuators with a modelled drive, as text. */
 function numbersOf(all: Actuator[]): string {
   const joints = all.filter(isJoint).length;
   const others = all.length - joints;

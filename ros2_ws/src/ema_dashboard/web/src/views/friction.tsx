@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Friction over speed: the band of the healthy records of a joint, and its latest record.
+// Plot of friction over speed: the band of a joint's healthy records, and its latest record.
 
 import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Each fault over the service hours: its tests, what is expected of it, and its limit.
+// Plots of each fault over service hours: its tests, forecast and limit.
 
 import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
@@ -39,7 +39,7 @@ export function History({ actuator, columns }: { actuator: Actuator; columns?: H
   );
 }
 
-/** The tests of one fault, what is expected of it, and its limit. */
+/** Plot of one fault: its tests, forecast and limit. */
 export function Trend({ fault, columns, actuator, height = 210 }: {
   fault: Fault; columns: HistoryColumns; actuator: Actuator; height?: number;
 }) {
@@ -106,7 +106,7 @@ export function Trend({ fault, columns, actuator, height = 210 }: {
   );
 }
 
-/** Scale and unit of a fault: of a joint, friction is its change in per cent. */
+/** Scale and unit of a fault's axis; for a joint, friction is shown as a change in per cent. */
 function axisOf(fault: Fault, { description }: Actuator) {
   const isPercent = description?.drive === UNKNOWN_DRIVE && fault.name === "friction";
   return isPercent ? { scale: (100 * fault.slope) / fault.base, unit: "%", decimals: 1 }

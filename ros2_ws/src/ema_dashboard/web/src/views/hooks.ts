@@ -15,7 +15,7 @@ export function useApp(): App {
   return useContext(AppContext);
 }
 
-/** Draw again when the state has changed. */
+/** Render the component again when the state has changed. */
 export function useUpdates(state: State): void {
   const [, update] = useReducer((count: number) => count + 1, 0);
   useEffect(() => state.subscribe(() => update(undefined as never)), [state]);
@@ -24,7 +24,7 @@ export function useUpdates(state: State): void {
 const ticking = new Set<() => void>();
 setInterval(() => ticking.forEach((one) => one()), 1000);
 
-/** Draw again each second. */
+/** Render the component again every second. */
 export function useSecond(): void {
   const [, update] = useReducer((count: number) => count + 1, 0);
   useEffect(() => {
@@ -34,7 +34,7 @@ export function useSecond(): void {
   }, []);
 }
 
-/** A choice that a reload keeps. */
+/** A setting in local storage, which survives a reload. */
 export function useStored(name: string, initial: string): [string, (value: string) => void] {
   const [value, set] = useState(() => localStorage.getItem(name) ?? initial);
   return [value, (next) => {
@@ -43,7 +43,7 @@ export function useStored(name: string, initial: string): [string, (value: strin
   }];
 }
 
-/** Which colours are shown now; plots are drawn with them. */
+/** The current theme, "light" or "dark", with whose colours plots are drawn. */
 export function useTheme(): string {
   const shown = () => document.documentElement.dataset.theme ?? "light";
   const [theme, set] = useState(shown);
@@ -56,7 +56,7 @@ export function useTheme(): string {
   return theme;
 }
 
-/** Width of an element, and whether it is on the screen. */
+/** Return a reference for an element, its width [px], and whether it is visible on the screen. */
 export function useBox<T extends HTMLElement>(): [{ current: T | null }, number, () => boolean] {
   const ref = useRef<T>(null);
   const [width, setWidth] = useState(0);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Joints grouped by robot, the worst first: level, friction with its trend, and what else changed.
+// Joints grouped by robot, worst first: level, friction with its trend, and other changes.
 
 import { memo } from "preact/compat";
 import type { FrictionTrend } from "../friction_trend.ts";
@@ -52,7 +52,7 @@ function OneRobot({ robot, trends, hasNamespace }: {
   );
 }
 
-/** Number of joints of a robot by level, the worst level first. */
+/** Number of joints of a robot by level, worst level first. */
 function countsOf({ joints }: Robot) {
   const counts = new Map<string, [ReturnType<typeof levelOf>, number]>();
   for (const level of joints.map(levelOf)) {

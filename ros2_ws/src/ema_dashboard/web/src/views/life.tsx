@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Remaining life and removal in words.
+// Texts for remaining life, removal and the reason of a level.
 
 import { lifeHours } from "../format.ts";
 import { ERROR, OK, STALE, type Health, type RemainingUsefulLife } from "../messages.ts";
@@ -27,12 +27,12 @@ export function Life({ life }: { life: RemainingUsefulLife }) {
   );
 }
 
-/** Service hour before which to remove the unit, at the risk of failure that is accepted. */
+/** Service hour by which to remove the unit, for the accepted risk of failure. */
 export function RemoveBefore({ health }: { health: Health }) {
   const known = health.level === STALE ? health.last_level : health.level;
   if (known === ERROR) return <strong>now</strong>;
   const life = health.rul;
-  // Recordings of earlier versions have none.
+  // Old recordings have no removal risk.
   const hours = health.removal_risk > 0 ? health.removal_hours : life.hours_05;
   if (!life.known || !Number.isFinite(hours)) return <span class="soft">no date</span>;
   if (hours < SOON_HOURS) return <strong>now</strong>;
@@ -44,7 +44,7 @@ export function RemoveBefore({ health }: { health: Health }) {
   );
 }
 
-/** Why the level is what it is; after a label that already names its first word, without it. */
+/** Reason for the level, without the leading `label` if that is shown next to it. */
 export function why(health: Health, label = ""): string {
   if (health.cause) {
     return label && health.cause.startsWith(`${label} `)

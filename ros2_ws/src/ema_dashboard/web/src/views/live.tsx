@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Live telemetry of one actuator: drawn as it comes, at most 20 times a second, when it is seen.
+// Live telemetry of one actuator, drawn at most 20 times per second, and only while visible.
 
 import { useEffect, useRef, useState } from "preact/hooks";
 import uPlot from "uplot";
@@ -16,7 +16,7 @@ const EMPTY: uPlot.AlignedData = [[], []];
 const X = "time before the latest sample [s]";
 const xRange = (): [number, number] => [-SHOWN_S, 0];
 
-/** A slot without samples is a gap, for which uPlot has null. */
+/** Scaled values, with null for slots without samples, which uPlot draws as gaps. */
 function withGaps(values: Float64Array, scale: number): (number | null)[] {
   return Array.from(values, (value) => (Number.isNaN(value) ? null : scale * value));
 }
@@ -56,7 +56,7 @@ export function Live({ actuatorKey, description }: {
       timer = setTimeout(() => setSilent(true), 3000);
       if (paused.current || document.hidden) return;
       for (const { plot, isSeen, columns } of plots.current.values()) {
-        // The first ones give the axes their size, wherever the plot is.
+        // The first signals determine the size of the axes, even if the plot is not visible.
         if (!isSeen() && plot.data[0].length > 0) continue;
         const drawn = columns.map((one) => withGaps(signals.values[one], scale.current[one]));
         plot.setData([signals.time, ...drawn] as unknown as uPlot.AlignedData);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small parts that several views share.
+// Small components shared by several views.
 
 import type { ComponentChildren } from "preact";
 import { duration } from "../format.ts";
@@ -11,19 +11,19 @@ import { useApp, useSecond } from "./hooks.ts";
 
 export function levelOf(actuator: Actuator): Level {
   const { health, isSilent } = actuator;
-  // A joint without a baseline has no level, but it may fail.
+  // A joint that is learning has no level unless it fails.
   const isAlarm = health?.level === WARN || health?.level === ERROR;
   if (isLearning(actuator) && !isAlarm && !isSilent) return LEARNING;
   if (!health) return UNKNOWN;
   return levelNow(health.level, health.last_level, isSilent);
 }
 
-/** Level of a fault or requirement: nothing is OK where nothing is heard. */
+/** Level of a fault or requirement: STALE instead of OK while the dashboard is silent. */
 export function itemLevel({ isSilent }: Actuator, level: number): Level {
   return LEVELS[isSilent && level === OK ? STALE : level] ?? UNKNOWN;
 }
 
-/** Say what was known before a level that is not known any more; nothing where it is known. */
+/** Text with the last known level if the level is stale or the dashboard silent; else "". */
 export function silence({ health, isSilent }: Actuator): string {
   if (!health || !(isSilent || health.level === STALE)) return "";
   const { word } = LEVELS[health.last_level] ?? UNKNOWN;
@@ -31,7 +31,8 @@ export function silence({ health, isSilent }: Actuator): string {
   return isSilent ? `no message from the dashboard; ${last}` : last;
 }
 
-// A shape for each level, so that it is told without colours: disc, triangle, octagon, ring, square.
+// A shape for each level, so that levels can be distinguished without colour: disc, triangle, octagon,
+// ring, square.
 const SHAPES = {
   ok: (
     <>
@@ -89,7 +90,7 @@ export function Badge({ level, large = false, size = large ? 36 : 22 }: {
   );
 }
 
-/** Time since the latest test, which goes on by itself. */
+/** Time since the latest test, updated every second. */
 export function Since({ health, suffix = "" }: { health?: Health; suffix?: string }) {
   const { state } = useApp();
   useSecond();
@@ -129,7 +130,7 @@ export function Figure({ label, children, note }: {
   );
 }
 
-/** A share from 0 to 1 as a bar; its number stands beside it. */
+/** A share from 0 to 1 as a bar; the number is shown next to it. */
 export function Bar({ share, level }: { share: number; level: Level }) {
   const width = `${100 * Math.min(Math.max(Number.isFinite(share) ? share : 0, 0), 1)}%`;
   return (

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pause, position and speed of a recording that is played.
+// Controls of a playback: pause, position and rate.
 
 import { useState } from "preact/hooks";
 import { clockTime, dateTime, duration } from "../format.ts";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// uPlot in the page's colours. A plot is described in words for those who do not see it.
+// uPlot in the page's colours. A label describes each plot for screen readers.
 
 import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
@@ -9,11 +9,11 @@ import { useBox, useTheme } from "./hooks.ts";
 export type Colour = (name: string) => string;
 
 export interface PlotProps {
-  label: string; // what it shows, in words
+  label: string; // description for screen readers
   height: number;
   x: string; // quantity and unit
   y: string;
-  series: uPlot.Series[]; // without that of x
+  series: uPlot.Series[]; // without x
   data: uPlot.AlignedData;
   bands?: uPlot.Band[];
   isTime?: boolean;
@@ -25,7 +25,7 @@ export interface PlotProps {
   onPlot?: (plot: uPlot | null, isSeen: () => boolean) => void;
 }
 
-/** A colour of the style sheet, as it is now. */
+/** A colour of the style sheet in the current theme. */
 export const colour: Colour = (name) =>
   getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
@@ -69,7 +69,7 @@ export function Plot(props: PlotProps) {
 const DATE = "\n{YYYY}-{MM}-{DD}";
 const DAY_S = 86_400;
 
-/** Labels of times from a tick distance [s] on; the second is added where a day begins. */
+/** Tick labels by smallest tick distance [s]; the second label is added at the start of a day. */
 const TIMES: uPlot.Axis.Values = [
   [365 * DAY_S, "{YYYY}", null, null, null, null, null, null, 1],
   [28 * DAY_S, "{YYYY}-{MM}", null, null, null, null, null, null, 1],
@@ -98,7 +98,7 @@ function options(latest: { current: PlotProps }, width: number): uPlot.Options {
     },
     axes: [
       {
-        ...axis, label: x, labelSize: 20, size: isTime ? 46 : 30, // a time has its date below
+        ...axis, label: x, labelSize: 20, size: isTime ? 46 : 30, // times have their date below
         ...(isTime ? { values: TIMES, space: 64 } : {}),
       },
       { ...axis, label: y, labelSize: 20, size: 52 },
@@ -116,7 +116,7 @@ function options(latest: { current: PlotProps }, width: number): uPlot.Options {
   };
 }
 
-/** Names of colours become those of the theme. */
+/** A series with colour names replaced by the colours of the theme. */
 function resolved(series: uPlot.Series): uPlot.Series {
   return {
     ...series,
@@ -126,7 +126,7 @@ function resolved(series: uPlot.Series): uPlot.Series {
   };
 }
 
-/** A dashed line across the plot with its text, for limits. */
+/** Draw a dashed horizontal line with a text, for limits. */
 export function line(plot: uPlot, value: number, text: string, stroke: string): void {
   const y = plot.valToPos(value, "y", true);
   const { left, top, width, height } = plot.bbox;
@@ -150,7 +150,7 @@ export function line(plot: uPlot, value: number, text: string, stroke: string): 
   ctx.restore();
 }
 
-/** A line upwards with its text, for the present. */
+/** Draw a vertical line with a text, for the present. */
 export function upright(plot: uPlot, value: number, text: string, stroke: string): void {
   const x = plot.valToPos(value, "x", true);
   const { left, top, width, height } = plot.bbox;
@@ -174,7 +174,7 @@ export function upright(plot: uPlot, value: number, text: string, stroke: string
   ctx.restore();
 }
 
-/** Bars from low to high at each x, for intervals. */
+/** Draw a bar from low to high at each x, for intervals. */
 export function intervals(
   plot: uPlot, x: ArrayLike<number>, low: ArrayLike<number>, high: ArrayLike<number>,
   stroke: string,

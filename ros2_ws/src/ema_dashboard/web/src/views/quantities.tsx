@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The latest record of a unit, compared with its healthy records.
+// Table of the latest record of a unit, compared with its healthy records.
 
 import { dateTime } from "../format.ts";
 import { type FaultEstimate, seconds } from "../messages.ts";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Remaining life over the service hours, with the cone that is left now.
+// Plot of the remaining life over service hours: past predictions and the present prediction.
 
 import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
@@ -50,7 +50,7 @@ function inWords(health: Health | undefined, count: number): string {
     `5 to 95 % ${lifeHours(life.hours_05, life)} to ${lifeHours(life.hours_95, life)} hours`;
 }
 
-/** What was predicted after each test; then the three straight lines down to the ends of life. */
+/** Prediction after each test, and three straight lines from now to the predicted ends of life. */
 function assemble(columns: HistoryColumns, health?: Health) {
   const order = Array.from(columns.hours.keys())
     .filter((i) => Number.isFinite(columns.hours[i]!) && Number.isFinite(columns.rul_50[i]!))
@@ -68,7 +68,7 @@ function assemble(columns: HistoryColumns, health?: Health) {
     ...order.map(() => null), ...ahead.map((x) => Math.max(end - (x - start), 0)),
   ];
   const medians = order.map((i) => columns.rul_50[i]!).filter(Number.isFinite);
-  // The first predictions are the prior's: they may be far above all that follow.
+  // The first predictions come from the prior and may be far above all later predictions.
   const high = [...medians].sort((a, b) => a - b)[Math.floor(0.9 * medians.length)] ?? 1;
   const top = 1.15 * Math.max(high, ...ends, 1);
   const data = [

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of the address behind #, which a reload keeps.
+// The route: the part of the address after #, which survives a reload.
 
 import { useEffect, useState } from "preact/hooks";
 import type { Address } from "../protocol.ts";
@@ -10,7 +10,7 @@ export function addressOf({ namespace, id }: Address): string {
 
 export const ARCHIVE = "#/archive";
 
-/** Parts of an actuator's page, by their place in the address. */
+/** Titles of the parts of an actuator's page, by their name in the address. */
 export const PARTS = {
   faults: "Faults", life: "Life", test: "Last test", evidence: "Evidence", telemetry: "Telemetry",
   events: "Events",
@@ -34,7 +34,7 @@ export function parse(hash: string): Place | null {
   }
 }
 
-/** An actuator, the archive, or null for the fleet that runs. */
+/** The current route: an actuator, the archive, or null for the running fleet. */
 export function useRoute(): Place | "archive" | null {
   const [hash, set] = useState(location.hash);
   useEffect(() => {

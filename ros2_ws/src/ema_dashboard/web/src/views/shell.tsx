@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is around every view: the bar on top, the state of the connection, and the playback.
+// Frame of every view: top bar, state of the connection, and playback controls.
 
 import { useEffect, useLayoutEffect } from "preact/hooks";
 import { duration } from "../format.ts";

@@ -10,7 +10,7 @@ import { Badge, Empty, Section } from "./parts.tsx";
 
 const SILENT_MS = 5000;
 
-/** What a node reports of itself, where its own name for that is of ROS. */
+/** Labels of diagnostic tasks whose names are ROS terms. */
 const TASKS: Record<string, string> = {
   lifecycle: "state", peers: "other nodes", input: "telemetry", identification: "analysis of tests",
   dashboard: "web page",
@@ -62,21 +62,21 @@ export function Diagnostics({ state, of }: { state: State; of?: Address }) {
   );
 }
 
-/** What a status is about: of an actuator without its name, else with the node. */
+/** Label of a status: its task, without the actuator's name on its page, else with the node. */
 function labelOf({ name }: Diagnostic, of: Address | undefined, isMany: boolean): string {
   const [, node = "", task = name] = /^(.*?): (.*)$/.exec(name) ?? [];
   if (of !== undefined) return task.replace(`${of.id} `, "");
   return `${isMany ? node : node.replace(/^.*\//, "")}: ${TASKS[task] ?? task}`;
 }
 
-/** A value of a status, as a number with four digits where it is none of counted things. */
+/** A value of a status as text; numbers other than integers are rounded to four digits. */
 function figure(value: string): string {
   if (value === "nan") return "unknown";
   return value.includes(".") && Number.isFinite(Number(value))
     ? significant(Number(value), 4) : value;
 }
 
-/** A status of a node as a whole, and not of one actuator. */
+/** Whether a status concerns a node as a whole, rather than one actuator. */
 function isOfNode({ name }: Diagnostic): boolean {
   return /: \S+$/.test(name);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Requirements, and the fault vector with its covariance.
+// Tables of requirements and faults, and the fault vector with its covariance.
 
 import { useState } from "preact/hooks";
 import { FAULTS, faultOf, inPercent, isShown, labelOf, physical } from "../faults.ts";
@@ -90,9 +90,9 @@ function Items(
   );
 }
 
-/** That an interval is wider for what came of earlier predictions. */
+/** Note that an interval was widened because earlier predictions were too narrow. */
 function Widening({ item }: { item: FaultHealth }) {
-  // Recordings of earlier versions have none; NaN is unknown.
+  // Old recordings have no widening; NaN is unknown.
   if (!item.rul.known || !(item.widening > WIDENED)) return null;
   const checked = `Of the predictions so far, the root mean square of the normal scores is ` +
     `${fixed(item.calibration, 2)} for the next test and ${fixed(item.calibration_ahead, 2)} ` +
@@ -161,7 +161,7 @@ export function FaultVector({ estimate, description }: {
             </tbody>
           </table>
         </div>
-        {/* A record gives each fault by itself. */}
+        {/* A record has no covariance between faults. */}
         {!isOfRecord(estimate) && (
           <div>
             <div class="choice" role="group" aria-label="Matrix">

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The latest window: measured against estimated, and how far the estimate is to be trusted.
+// The latest window: measured and estimated signals, and quality of the estimate.
 
 import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
@@ -28,7 +28,7 @@ export function LastWindow({ actuator }: { actuator: Actuator }) {
   );
 }
 
-/** The signals of the window, or why there are none. */
+/** The signals of the window, or the reason why there are none. */
 function Shown({ estimate, fit }: { estimate?: FaultEstimate; fit?: WindowFit }) {
   if (estimate?.stretches) {
     return (
@@ -91,7 +91,7 @@ function Trust({ estimate }: { estimate: FaultEstimate }) {
   );
 }
 
-/** A pair in words: faults of one part stand together. */
+/** A pair of explanations as text. */
 function confused({ part, stand_in }: Confusion): string {
   return [part, stand_in].map((names) => names.map(labelOf).join(" and ")).join(" or ");
 }
@@ -119,7 +119,7 @@ function Causes({ title, causes }: { title: string; causes: HiddenCause[] }) {
 function Signals({ fit }: { fit: WindowFit }) {
   const built = useMemo(() => {
     const time = Array.from(fit.position, (_, i) => fit.start + i * fit.period);
-    // A column that is not measured is empty, and has no residual.
+    // The column of a quantity that is not measured is empty and has no residual.
     const shown = (values: Float32Array) => (values.length ? values : time.map(() => null));
     const rest = (one: Float32Array, other: Float32Array) =>
       time.map((_, i) => (one.length === other.length ? one[i]! - other[i]! : null));
