@@ -92,7 +92,7 @@ def measure(
             "plants": _off_nominal(pool, law + wide, plants).summary(),
             "play": play.summary(),
         },
-        "covariance": _covariance(random_noisy.of_those(slice(len(law), None))),
+        "covariance": _covariance(random_noisy.select(slice(len(law), None))),
         "detection": _detection(pool, noisy, healthy, steps),
         "timing": _timing(pool, calibration, timed),
     }
@@ -127,17 +127,17 @@ def _off_nominal(pool: Workers, faulty: list[Case], count: int) -> Trial:
 
 def _covariance(trial: Trial) -> Figures:
     """Return the coverage and the width of the intervals, by component."""
-    known, coverage = trial.known, trial.coverage_by_component()
+    has_interval, coverage = trial.known, trial.coverage_by_component()
     half, wide = trial.coverage_by_component(0.5), trial.quantiles[4] - trial.quantiles[0]
     return {
-        "intervals": int(np.sum(known)),
-        "unobservable": int(np.sum(trial.judged & ~known)),
+        "intervals": int(np.sum(has_interval)),
+        "unobservable": int(np.sum(trial.judged & ~has_interval)),
         "coverage": trial.coverage(),
         "by_component": {
             name: {
                 "coverage": coverage[name],
                 "coverage_of_half": half[name],
-                "half_width_percent": 50.0 * median(wide[known[:, n], n]),
+                "half_width_percent": 50.0 * median(wide[has_interval[:, n], n]),
             }
             for n, name in enumerate(FAULT_NAMES)
         },
@@ -155,8 +155,8 @@ def _detection(pool: Workers, noisy: Variant, windows: int, steps: int) -> Figur
     smallest = dict.fromkeys(DETECTABLE, float("inf"))
     for step in STEPS_PERCENT:
         for fault in [component for component in DETECTABLE if smallest[component] == float("inf")]:
-            some = cases.step(fault, step / 100.0, steps)
-            [trial] = trials(pool, f"{FAULT_NAMES[fault]} of {step:g} %", some, [noisy])
+            tried = cases.step(fault, step / 100.0, steps)
+            [trial] = trials(pool, f"{FAULT_NAMES[fault]} of {step:g} %", tried, [noisy])
             if np.mean(_deviations(trial)[:, fault] > DETECTED_SIGMA) >= POWER:
                 smallest[fault] = step
     return {

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cost of the maintenance advice compared with an oracle, fixed intervals and run-to-failure.
 
-    python benchmarks/advisory.py [--lives N] [--others N] [--json FILE]
+    python benchmarks/advisory.py [--lives N] [--reference N] [--json FILE]
 
 Each simulated life is followed test by test until failure, with estimates drawn at the measured
 errors of the estimator. After each test the tracker, which does not know the growth law, predicts
@@ -191,15 +191,15 @@ def compare(
     }
 
 
-def measure(pool: Workers, lives: int, others: int) -> Figures:
+def measure(pool: Workers, lives: int, reference: int) -> Figures:
     """Measure the cost of the advice; fixed intervals are fitted to other lives."""
     courses = pool.map("lives", follow, lives_of("advised", lives))
-    ends = np.array(pool.map("other lives", end_of, lives_of("advised_others", others)))
+    ends = np.array(pool.map("other lives", end_of, lives_of("advised_others", reference)))
     cases = [
         compare(courses, ends, Costs(removal=1.0, failure=failure, lead_time=lead))
         for failure, lead in product(FAILURES, LEADS)
     ]
-    return {"lives": lives, "others": others, "cases": cases}
+    return {"lives": lives, "reference": reference, "cases": cases}
 
 
 def rows(figures: Figures) -> Iterator[Row]:
@@ -237,7 +237,7 @@ def tables(figures: Figures) -> Iterator[Table]:
     )
 
 
-main = command(measure, "advice", rows, tables, width=150, lives=300, others=1000)
+main = command(measure, "advice", rows, tables, width=150, lives=300, reference=1000)
 
 if __name__ == "__main__":
     main()

@@ -54,14 +54,14 @@ def numbers(figures: dict[str, Any], name: str = "") -> Iterator[tuple[str, floa
 def main(commit: str, script: str, turns: int, arguments: tuple[str, ...]) -> None:
     """Print the figures of both trees."""
     with tempfile.TemporaryDirectory() as folder:
-        other = Path(folder, "other")
+        checkout = Path(folder, "other")
         worktree = ["git", "-C", str(ROOT), "worktree"]
-        subprocess.run([*worktree, "add", "--quiet", "--detach", other, commit], check=True)
+        subprocess.run([*worktree, "add", "--quiet", "--detach", checkout, commit], check=True)
         try:
-            trees = [(other, ROOT)] * turns
+            trees = [(checkout, ROOT)] * turns
             times = [[measured(tree, script, arguments) for tree in both] for both in trees]
         finally:
-            subprocess.run([*worktree, "remove", "--force", other], check=True)
+            subprocess.run([*worktree, "remove", "--force", checkout], check=True)
     rows = []
     for name in times[0][0].keys() & times[0][1].keys():
         before, now = zip(*([entry[name] for entry in both] for both in times), strict=True)

@@ -77,9 +77,11 @@ def measure(pool: Workers, healthy: int, each: int) -> Figures:
         figures[kind] = {
             name: [
                 probabilities_of(baselines[task.unit], test)
-                for task, test in zip(some, pool.map(f"{kind}: {name}", test_of, some), strict=True)
+                for task, test in zip(
+                    chosen, pool.map(f"{kind}: {name}", test_of, chosen), strict=True
+                )
             ]
-            for name, some in {"healthy": later, **tasks}.items()
+            for name, chosen in {"healthy": later, **tasks}.items()
         }
     return figures
 

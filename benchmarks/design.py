@@ -185,7 +185,7 @@ def measure(pool: Workers, repetitions: int, plants: int, tests: int) -> Figures
 
 
 def _scores(of_plants: list[list[dict[str, Any]]]) -> Figures:
-    every = [test for some in of_plants for test in some]
+    every = [test for tests in of_plants for test in tests]
     return {
         "windows": len(every),
         "refused": sum(test["verdict"] == REFUSED for test in every),
@@ -197,7 +197,7 @@ def _scores(of_plants: list[list[dict[str, Any]]]) -> Figures:
 
 def rows(figures: Figures) -> Iterator[Row]:
     """Return the rows of the targets."""
-    first, own = figures["designs"]
+    first, chirp_design = figures["designs"]
     ratios = {name: _of_chirp(first, name) for name in first["wanted"]}
     worst = max(ratios, key=lambda name: ratios[name])
     is_short = first["reached"] and first["ratio"] <= RATIO
@@ -206,7 +206,7 @@ def rows(figures: Figures) -> Iterator[Row]:
     what = "  its sigma over the chirp's, worst component"
     measured = f"{ratios[worst]:.2f} ({worst.replace('_', ' ')})"
     yield Row(what, "<= 1.1", measured, first["reached"])
-    yield untargeted("  within the chirp's own demands", f"{own['ratio']:.2f}")
+    yield untargeted("  within the chirp's own demands", f"{chirp_design['ratio']:.2f}")
     shares = {
         f"{certificate['name']}, {name.replace('_', ' ')}": kept["ratio"]
         for certificate in figures["certificates"]

@@ -47,15 +47,15 @@ def measure(pool: Workers, each: int, repetitions: int) -> Figures:
     }
     figures: Figures = {}
     for drive, description in DESCRIPTIONS.items():
-        other = {"drive": drive, "plant": description.parameters}
+        changes = {"drive": drive, "plant": description.parameters}
         healthy = cases.healthy(HEALTHY_WINDOWS, "calibration")
-        healthy = [replace(case, **other) for case in healthy]
+        healthy = [replace(case, **changes) for case in healthy]
         windows = pool.map(f"{drive}, healthy", noisy_window, healthy)
         calibration = calibrate_model(windows, description)
-        ways = [Variant(calibration, noisy, description=description) for noisy in (False, True)]
-        for name, some in sets.items():
+        variants = [Variant(calibration, noisy, description=description) for noisy in (False, True)]
+        for name, chosen in sets.items():
             results = trials(
-                pool, f"{drive}, {name}", [replace(case, **other) for case in some], ways
+                pool, f"{drive}, {name}", [replace(case, **changes) for case in chosen], variants
             )
             by_drive = figures.setdefault(name, {})
             by_drive[drive] = dict(zip(("ideal", "noisy"), map(_summary, results), strict=True))
@@ -71,10 +71,12 @@ def _summary(trial: Trial) -> Figures:
 def rows(figures: Figures) -> Iterator[Row]:
     """Return the targets of the field-oriented drive, compared with six-step commutation."""
     for name, sensors in (("law", "ideal"), ("law", "noisy"), ("wide", "ideal"), ("wide", "noisy")):
-        mine, other = (figures[name][drive][sensors] for drive in ("field_oriented", "six_step"))
+        errors, six_step = (
+            figures[name][drive][sensors] for drive in ("field_oriented", "six_step")
+        )
         what = f"field-oriented, {name}, {sensors} sensors: median error [%]"
-        measured = f"{mine['median']:.2f} (six-step {other['median']:.2f})"
-        yield at_most(what, mine["median"], _MEDIAN_TARGET_PERCENT, measured)
+        measured = f"{errors['median']:.2f} (six-step {six_step['median']:.2f})"
+        yield at_most(what, errors["median"], _MEDIAN_TARGET_PERCENT, measured)
     covered = figures["wide"]["field_oriented"]["noisy"]["covered"]
     yield at_least("  90 % intervals cover, wide, noisy sensors", covered, 0.85)
     alarms = figures["healthy"]["field_oriented"]["noisy"]

@@ -70,7 +70,7 @@ class Joint(SimulatedJoint):
     """Delay of the effort, in samples of the log."""
     seconds: float = 25.0
     is_varied: bool = False
-    """Amplitude and speed of tests are 0.7 to 1.3 times those of the healthy records."""
+    """Amplitude and speed of tests are 0.7 to 1.3 times the values of the healthy records."""
 
     @property
     def has_command(self) -> bool:

@@ -270,8 +270,8 @@ def outcome(test: Figures) -> str:
         for name, quantity in ours["quantities"].items()
         if quantity["judgement"] == "changed" and name not in CONSEQUENCES
     }
-    others = [quantity for name, quantity in changed.items() if name != wanted]
-    if any(wanted not in quantity["rivals"] for quantity in others):
+    wrong_candidates = [quantity for name, quantity in changed.items() if name != wanted]
+    if any(wanted not in quantity["rivals"] for quantity in wrong_candidates):
         return "wrong"
     if wanted in changed and not changed[wanted]["rivals"]:
         return "named"
@@ -483,7 +483,7 @@ main = command(
     sized=8,
     healthy_trials=0,
     held_out=False,
-    folder=click.Option(["--folder"], type=FOLDER, help="Folder in which the records are kept."),
+    folder=click.Option(["--folder"], type=FOLDER, help="Folder to keep the records in."),
 )
 
 if __name__ == "__main__":

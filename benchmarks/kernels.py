@@ -113,10 +113,10 @@ def cpp_difference() -> float:
     """
     hann, worst = np.hanning(round(2e-3 / SAMPLE_PERIOD) + 2), 0.0
     currents = np.split(np.array(cpp("--current").split(), float), 2)
-    for case, other in zip(FAULTS, currents, strict=True):
+    for case, current in zip(FAULTS, currents, strict=True):
         actuator = SimulatedActuator(sample_period=SAMPLE_PERIOD)
         actuator.faults = fault_vector(FAULTS[case])
-        difference = actuator.advance(COMMAND).current - other
+        difference = actuator.advance(COMMAND).current - current
         worst = max(worst, float(np.abs(np.convolve(difference, hann / hann.sum())).max()))
     return worst
 
@@ -199,7 +199,7 @@ def rows(figures: Figures) -> Iterator[Row]:
             yield at_least("  two cores over one", run["scaling"]["median"], SCALING)
     for case, by_name in figures["reference"].items():
         ratio, time_ns = by_name["C++"]["ratio"]["median"], by_name["numba"]["value"]["median"]
-        what = f"reference step, {case}, time over that of C++"
+        what = f"reference step, {case}, time over C++"
         yield at_most(what, ratio, 1.0, f"{ratio:.2f} ({time_ns:.0f} ns)")
 
 

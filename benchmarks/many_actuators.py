@@ -54,7 +54,7 @@ from ema_ros.topics import ACTUATOR_TOPICS, DESCRIPTION, FAULT_ESTIMATE, NAMESPA
 from ema_sim.actuator import SimulatedActuator
 
 LEAST_ACTUATORS: Final = 100
-"""Actuators that one monitor should be able to follow."""
+"""Number of actuators that a monitor should be able to follow."""
 
 PERIOD_S: Final = 5.0
 TEST_S: Final = 0.7
@@ -144,15 +144,17 @@ def try_out(
             began_s = times.get()
             course = Course(graph, processes)
             graph.wait(until(began_s + _SETTLING * PERIOD_S))
-            others = [publisher.pid or 0, os.getpid()]
-            at_s, before_s = time.time(), [sum(map(cpu_s, some)) for some in (processes, others)]
+            harness = [publisher.pid or 0, os.getpid()]
+            at_s, before_s = time.time(), [sum(map(cpu_s, group)) for group in (processes, harness)]
 
             def is_over() -> bool:
                 course.note()
                 return time.time() > began_s + total * PERIOD_S
 
             graph.wait(is_over)
-            used_s = np.subtract([sum(map(cpu_s, some)) for some in (processes, others)], before_s)
+            used_s = np.subtract(
+                [sum(map(cpu_s, group)) for group in (processes, harness)], before_s
+            )
             cores, other_cores = (used_s / (time.time() - at_s)).tolist()
             graph.wait(lambda: not times.empty())
             late_s = times.get()

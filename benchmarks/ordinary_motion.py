@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import plants as recorded
-from plants import MOTIONS, UNINFORMATIVE, Kind, Recording, found_by_condition
+from plants import MOTIONS, UNINFORMATIVE, Kind, Recording, results_by_condition
 from rich.table import Table
 from script import Figures, Workers, command
 from targets import Row, all_of, grid, percent, share_at_least, share_at_most
@@ -41,7 +41,7 @@ KINDS: Final[tuple[Kind, ...]] = ("own", "foreign")
 _ASSESSED: Final = [n for n, fault in enumerate(FAULTS) if fault.limit is not None]
 
 
-class Found(NamedTuple):
+class Result(NamedTuple):
     """Estimates of one recording, counts of its stretches by outcome, and computing time [s]."""
 
     estimates: list[Estimate]
@@ -49,7 +49,7 @@ class Found(NamedTuple):
     seconds: float
 
 
-def identified(work: tuple[Recording, Calibration]) -> Found:
+def identified(work: tuple[Recording, Calibration]) -> Result:
     """Record a motion. Return the estimates of its stretches."""
     recording, calibration = work
     stretches = recording.stretches()
@@ -58,10 +58,10 @@ def identified(work: tuple[Recording, Calibration]) -> Found:
     steps = [step for stretch in stretches for step in combination.add(stretch)]
     estimates = [step for step in steps if isinstance(step, Estimate)] + combination.finish()
     seconds = time.perf_counter() - started
-    return Found(estimates, combination.tally._asdict(), seconds)
+    return Result(estimates, combination.tally._asdict(), seconds)
 
 
-def accuracy(recordings: Sequence[Recording], results: Sequence[Found]) -> Figures:
+def accuracy(recordings: Sequence[Recording], results: Sequence[Result]) -> Figures:
     """Return errors, coverage and verdicts of the estimates in a condition."""
     pairs = [
         (r.faults, estimate)
@@ -112,9 +112,9 @@ def measure(pool: Workers, plants: int, recordings: int) -> Figures:
         for kind in KINDS
         for motion in UNINFORMATIVE
     }
-    results = found_by_condition(pool, "ordinary motion", with_faults | silent, identified)
+    results = results_by_condition(pool, "ordinary motion", with_faults | silent, identified)
     return {
-        name: {key: accuracy(some, results[key]) for key, some in conditions.items()}
+        name: {key: accuracy(chosen, results[key]) for key, chosen in conditions.items()}
         for name, conditions in (("faults", with_faults), ("uninformative", silent))
     }
 

@@ -185,7 +185,7 @@ class Recording:
         return calibrate_model(windows, ACTUATOR)
 
 
-def found_by_condition(
+def results_by_condition(
     pool: Workers,
     what: str,
     conditions: Mapping[str, Sequence[Recorded]],
@@ -196,14 +196,14 @@ def found_by_condition(
     ``work`` receives a task or recording, and the calibration of its unit. ``what`` labels the
     progress.
     """
-    every = [task for some in conditions.values() for task in some]
+    every = [task for tasks in conditions.values() for task in tasks]
     units = {task.calibration_key: task for task in every}
     made = pool.map(f"{what}: calibrations", methodcaller("calibration"), list(units.values()))
     calibrations = dict(zip(units, made, strict=True))
     results = iter(
         pool.map(what, work, [(task, calibrations[task.calibration_key]) for task in every])
     )
-    return {name: [next(results) for _ in some] for name, some in conditions.items()}
+    return {name: [next(results) for _ in tasks] for name, tasks in conditions.items()}
 
 
 def dealt(kind: Kind, plants: int, count: int) -> list[tuple[int, Unit]]:

@@ -293,8 +293,8 @@ def measure(workers: Workers, folder: Path, picture: Path | None = None) -> Figu
         tasks = sorted(comparisons(trials), key=lambda entry: not entry.labelled)
         judged = workers.map("compare", partial(compared, Path(name)), tasks)
     figures: Figures = {
-        "trials": [test for some in judged for test in some],
-        "reports": [test for some in reports for test in some],
+        "trials": [test for group in judged for test in group],
+        "reports": [test for group in reports for test in group],
         "aircraft": {path.stem: aircraft(path) for path in sorted(folder.glob("aircraft_ema*"))},
     }
     if (folder / "emps_normal.parquet").exists():
@@ -406,9 +406,9 @@ def _emps_rows(results: Figures) -> Iterator[Row]:
         what = f"EMPS: {name} from published value [%]"
         yield at_most(what, 100.0 * abs(error), 100.0 * WITHIN, f"{100.0 * error:+.1f}")
     records = results["records"]
-    own = records["own record"]
-    judged = own["verdict"] == "valid" and not is_open(own)
-    yield Row("EMPS: own record", "valid", own["verdict"], judged)
+    report = records["own record"]
+    judged = report["verdict"] == "valid" and not is_open(report)
+    yield Row("EMPS: own record", "valid", report["verdict"], judged)
     thirds = [record["verdict"] == "valid" for name, record in records.items() if "third" in name]
     yield share_at_least("EMPS: thirds of the own record judged", thirds, 1.0)
     load = records["pulses not measured"]["quantities"]["load"]
@@ -524,8 +524,8 @@ def draw(figures: Figures, path: Path) -> None:
                 if change is not None:
                     points[has_departed(test)].append((at + 0.22 * (place - 1), 100.0 * change))
         marker, colour = "o^s"[place], f"C{place}"
-        for departs, some in points.items():
-            x, y = np.array(some).T
+        for departs, pairs in points.items():
+            x, y = np.array(pairs).T
             face = colour if departs else "none"
             left.plot(x, y, marker, color=colour, mfc=face, ms=4.5, ls="")
         left.plot([], [], marker, color=colour, ls="", label=f"{load} kg")
@@ -562,7 +562,7 @@ main = command(
     tables,
     width=150,
     folder=click.Argument(["folder"], type=FOLDER),
-    picture=click.Option(["--picture"], type=click.Path(path_type=Path), help="Draw both."),
+    picture=click.Option(["--picture"], type=click.Path(path_type=Path), help="Picture to write."),
 )
 
 if __name__ == "__main__":

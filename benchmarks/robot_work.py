@@ -130,13 +130,17 @@ def _wear_outcome(joint: str, worn: _Log, healthy: Any, joints: dict[str, Any]) 
     levels = {
         name: {record["level"] for record in item["records"]} for name, item in joints.items()
     }
-    others = [name for name, found in levels.items() if name != joint and found & {"WARN", "ERROR"}]
+    false_alarms = [
+        name for name, reported in levels.items() if name != joint and reported & {"WARN", "ERROR"}
+    ]
     return {
         "joint": joint,
         "named_at": named,
         "errors": list(_errors(joints[joint], worn, at, float(healthy[at]))),
-        "others": others,
-        "unjudged": [name for name, found in levels.items() if "OK" not in found and name != joint],
+        "others": false_alarms,
+        "unjudged": [
+            name for name, reported in levels.items() if "OK" not in reported and name != joint
+        ],
     }
 
 
@@ -263,8 +267,8 @@ def _cells(outcomes: Sequence[dict[str, Any]], joint: str) -> list[str]:
     named = [100.0 * case["named_at"] for case in cases if case["named_at"] is not None]
     errors = np.array([error for case in cases for error, _ in case["errors"]])
     held = [holds for case in cases for _, holds in case["errors"]]
-    others = [case for case in outcomes if case["joint"] != joint]
-    stale = sum(joint in case["unjudged"] for case in others)
+    other_cases = [case for case in outcomes if case["joint"] != joint]
+    stale = sum(joint in case["unjudged"] for case in other_cases)
     size = "-"
     if len(errors):
         sizes = np.median(np.abs(errors)), np.sqrt(np.mean(errors**2)), np.max(np.abs(errors))
@@ -274,7 +278,7 @@ def _cells(outcomes: Sequence[dict[str, Any]], joint: str) -> list[str]:
         str(len(cases) - len(named)),
         size,
         f"{100.0 * np.mean(held):.0f}" if held else "-",
-        f"{stale} of {len(others)}",
+        f"{stale} of {len(other_cases)}",
     ]
 
 

@@ -128,7 +128,7 @@ def command(
     for name, value in defaults.items():
         is_flag = isinstance(value, bool)
         kind: Any = {"is_flag": True} if is_flag else {"type": type(value)}
-        words = "" if is_flag else f"{value} when not given."
+        words = "" if is_flag else f"Default: {value}."
         flag = f"--{name.replace('_', '-')}"
         parameters.append(click.Option([flag], default=None, help=words, **kind))
     return click.Command(None, callback=run, params=parameters, help=measure.__doc__)

@@ -94,9 +94,9 @@ class Trial:
     def used(self) -> "Trial":
         """Trial of the estimates that are valid or degraded."""
         kept = [estimate.verdict in (VALID, DEGRADED) for estimate in self.estimates]
-        return self.of_those(np.array(kept, dtype=bool))
+        return self.select(np.array(kept, dtype=bool))
 
-    def of_those(self, chosen: Any) -> "Trial":
+    def select(self, chosen: Any) -> "Trial":
         """Return the trial of the estimates that an index or a mask selects."""
         numbers = np.arange(len(self.estimates))[chosen]
         return Trial(self.truth[numbers], [self.estimates[n] for n in numbers])
@@ -173,11 +173,11 @@ class Trial:
     def crps_percent(self) -> float:
         """Return the mean CRPS of known components, from their quantiles [% of the range]."""
         levels = np.array(LEVELS)
-        away, known = self.quantiles, self.known
+        away, mask = self.quantiles, self.known
         # Each level represents the probabilities that are nearest to it.
         edges = np.concatenate([[0.0], (levels[1:] + levels[:-1]) / 2.0, [1.0]])
-        shares = levels[:, None] - (away[:, known] > 0.0)
-        return 100.0 * mean(-2.0 * np.diff(edges) @ (shares * away[:, known]))
+        shares = levels[:, None] - (away[:, mask] > 0.0)
+        return 100.0 * mean(-2.0 * np.diff(edges) @ (shares * away[:, mask]))
 
     def log_score(self) -> float:
         """Return the mean of -ln(density) at the truth [nat].
@@ -223,7 +223,7 @@ def trials(
     """Identify the cases with each variant. Return one trial per variant."""
     results = pool.map(what, Job.estimates, [Job(case, variants) for case in cases])
     truth = [case.faults for case in cases]
-    return [Trial.of(truth, some) for some in zip(*results, strict=True)]
+    return [Trial.of(truth, estimates) for estimates in zip(*results, strict=True)]
 
 
 def quantiles(values: Sequence[float] | NDArray[Any]) -> dict[str, float]:

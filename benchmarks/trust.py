@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 import plants as recorded
 from cases import DETECTABLE
-from plants import HIDDEN, MAY_BE_SILENT, Kind, Task, found_by_condition
+from plants import HIDDEN, MAY_BE_SILENT, Kind, Task, results_by_condition
 from rich.table import Table
 from script import Figures, Workers, command
 from targets import Row, all_of, at_most, grid, percent, share_at_most
@@ -94,8 +94,8 @@ def measure(
         for label, kind in kinds.items()
         for name in HIDDEN
     }
-    both = found_by_condition(pool, "faults", faults, partial(identified, warm=True))
-    healthy = found_by_condition(pool, "hidden causes", alone, partial(identified, warm=False))
+    both = results_by_condition(pool, "faults", faults, partial(identified, warm=True))
+    healthy = results_by_condition(pool, "hidden causes", alone, partial(identified, warm=False))
     starts = {
         start: {
             name: accuracy(faults[name], [estimates[n] for estimates in results])
@@ -111,7 +111,7 @@ def accuracy(tasks: Sequence[Task], estimates: Sequence[Estimate]) -> Figures:
     """Return errors, verdicts and coverage of windows with faults."""
     trial = Trial.of((task.faults for task in tasks), estimates)
     errors, used = trial.errors_percent, trial.used
-    right = trial.of_those(errors <= 100.0 * WRONG)
+    right = trial.select(errors <= 100.0 * WRONG)
     return {
         "windows": len(tasks),
         **quantiles(errors[np.isfinite(errors)]),

@@ -268,15 +268,15 @@ def simulate(
                     held_a = min(max(held_a, -most), most)
                     held_b = min(max(held_b, -most), most)
                     held_c = min(max(held_c, -most), most)
-                    known = half_k * seen_omega
+                    forward = half_k * seen_omega
                     u_a = (
-                        inverter.gain * miss_a + held_a + known * wave_a + R * I_ref * s_a
+                        inverter.gain * miss_a + held_a + forward * wave_a + R * I_ref * s_a
                     ) / half
                     u_b = (
-                        inverter.gain * miss_b + held_b + known * wave_b + R * I_ref * s_b
+                        inverter.gain * miss_b + held_b + forward * wave_b + R * I_ref * s_b
                     ) / half
                     u_c = (
-                        inverter.gain * miss_c + held_c + known * wave_c + R * I_ref * s_c
+                        inverter.gain * miss_c + held_c + forward * wave_c + R * I_ref * s_c
                     ) / half
                     carrier_step = 0
             wait -= 1

@@ -80,8 +80,8 @@ class ForeignPlant:
             If a cause is unknown, or the period is not a whole multiple of the step.
         """
         if unknown := sorted(set(causes) - set(FOREIGN_CAUSES)):
-            known = "" if unknown[0] in CAUSE_BY_NAME else "unknown "
-            raise ValueError(f"the foreign plant cannot have the {known}cause {unknown[0]!r}")
+            adjective = "" if unknown[0] in CAUSE_BY_NAME else "unknown "
+            raise ValueError(f"the foreign plant cannot have the {adjective}cause {unknown[0]!r}")
         steps = round(sample_period / MECHANIC_STEP)
         if steps < 1 or abs(steps * MECHANIC_STEP - sample_period) > 1e-9 * sample_period:
             raise ValueError(

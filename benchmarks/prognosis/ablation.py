@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Benefit of each mechanism of growth: the prognosis without it, on the same lives.
 
-    python -m prognosis.ablation [--own N] [--developed N] [--held-out N] [--unseen N] [--thin N]
+    python -m prognosis.ablation [--own-laws N] [--developed N] [--held-out N] [--unseen N]
+        [--thin N]
 
 Lives to failure follow laws that the tracker has ("own"), laws that it was developed with, among
 them waves and S-shaped growth ("developed"), and laws that were not used in development ("held
@@ -139,12 +140,12 @@ def _score(
             life = tracker.predict().overall
             rows.append((measurement.hours, life.hours_05, life.hours_50, life.hours_95))
     hours, low, median, high = np.array(rows).reshape(-1, 4).T
-    left, known = end - hours, np.isfinite(low)
-    late = known & (hours - start >= 0.5 * (end - start))
+    left, is_predicted = end - hours, np.isfinite(low)
+    late = is_predicted & (hours - start >= 0.5 * (end - start))
     return Score(
         cumulative_relative_accuracy(hours - start, median, end - start),
-        int(np.sum(known & (low <= left) & (left <= high))),
-        int(np.sum(known)),
+        int(np.sum(is_predicted & (low <= left) & (left <= high))),
+        int(np.sum(is_predicted)),
         int(np.sum(late & (low > left))),
         int(np.sum(late)),
     )
@@ -178,7 +179,7 @@ def by_damage(seed: int) -> dict[str, tuple[list[float], list[bool]]]:
 
 def measure(
     pool: Workers,
-    own: int,
+    own_laws: int,
     developed: int,
     held_out: int,
     unseen: int,
@@ -193,14 +194,14 @@ def measure(
     evidence = {str(number): unit for number, unit in enumerate(units)}
     prior = FleetGrowth(grid_digest(limits), evidence).prior(limits)
     cases: dict[str, list[Scored]] = {
-        "own": [*lives.lives_of("growing", own)],
+        "own": [*lives.lives_of("growing", own_laws)],
         "developed": [*foreign_lives.lives_of(SETS["development"], developed)],
         "held out": [*foreign_lives.lives_of(SETS["held out"], held_out)],
         "unseen": [*foreign_lives.lives_of(SETS["unseen"], unseen)],
     }
     scores = {
-        name: pool.map(f"{name} lives", partial(scores_of, fleet=prior, thin=thin), some)
-        for name, some in cases.items()
+        name: pool.map(f"{name} lives", partial(scores_of, fleet=prior, thin=thin), set_cases)
+        for name, set_cases in cases.items()
     }
     still = foreign_lives.constant_lives(constant)
     constant_reports = pool.map("constant lives", partial(reported, thin=thin), still)
@@ -232,9 +233,9 @@ def _changes(full: Array, without: Array) -> tuple[Array, Array]:
 def tables(figures: Figures) -> Iterator[Table]:
     """Return the tables to print."""
     sets = {
-        name: {key: np.array([score[key] for score in some], float) for key in some[0]}
-        for name, some in figures["scores"].items()
-        if some
+        name: {key: np.array([score[key] for score in set_scores], float) for key in set_scores[0]}
+        for name, set_scores in figures["scores"].items()
+        if set_scores
     }
     constant, names = figures["constant"], ("accuracy", "coverage", "too long")
     for name, scores in sets.items():
@@ -278,7 +279,7 @@ main = command(
     measure,
     "ablation",
     tables=tables,
-    own=30,
+    own_laws=30,
     developed=6,
     held_out=7,
     unseen=14,

@@ -107,7 +107,7 @@ def measure(pool: Workers, lives: int, every: int) -> Figures:
         tasks = [(kind, by, seed) for seed in range(lives)]
         each = pool.map(f"{kind}, by {by}", partial(scores, every=every), tasks)
         figures[kind][f"accuracy by {by}"] = mean([mean(scored) for scored, _ in each])
-        figures[kind][f"coverage by {by}"] = mean([flag for _, some in each for flag in some])
+        figures[kind][f"coverage by {by}"] = mean([flag for _, flags in each for flag in flags])
     return figures
 
 

@@ -101,8 +101,8 @@ class ErrorModel:
         ``standardised`` are its errors in units of sigma, ``(8,)``; drawn if None.
         """
         gap = np.sqrt(np.abs(self.truth - healthy_faults()))
-        own = np.sqrt(np.abs(faults - healthy_faults()))
-        distance = np.sum(_WEIGHTS * (gap - own) ** 2, axis=1)
+        wanted = np.sqrt(np.abs(faults - healthy_faults()))
+        distance = np.sum(_WEIGHTS * (gap - wanted) ** 2, axis=1)
         like = int(rng.choice(np.argsort(distance)[:_NEIGHBOURS]))
         sigma = self.sigma[like].copy()
         hidden = ~np.isfinite(sigma)

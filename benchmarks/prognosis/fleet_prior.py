@@ -55,12 +55,12 @@ def scores_of(priors: dict[str, FleetPrior | None], scored: ScoredLife) -> dict[
 def measure(pool: Workers, fleet: int, lives: int) -> Figures:
     """Compare the prognosis of lives without, with a suitable, and with an unsuitable fleet."""
     limits = HealthLimits()
-    known: dict[str, FleetPrior | None] = {WITHOUT: None}
+    priors: dict[str, FleetPrior | None] = {WITHOUT: None}
     for name, stream in ((SAME, "fleet"), (OTHER, "fleet_otherwise")):
         units = pool.map(name, unit_of, lives_of(stream, fleet))
         by_number = {str(number): unit for number, unit in enumerate(units)}
-        known[name] = FleetGrowth(grid_digest(limits), by_number).prior(limits)
-    scores = pool.map("lives", partial(scores_of, known), lives_of("next", lives))
+        priors[name] = FleetGrowth(grid_digest(limits), by_number).prior(limits)
+    scores = pool.map("lives", partial(scores_of, priors), lives_of("next", lives))
     figures = [row for kind in (*TYPICAL, "all") for row in _rows(kind, scores)]
     return {"units": fleet, "lives": lives, "rows": figures}
 

@@ -113,7 +113,10 @@ def tables(figures: Figures) -> Iterator[Table]:
     yield grid(
         f"accuracy over the second half of life, {TRACKER}",
         ("lives", *methods),
-        ((kind, *(of_it[kind]["cra"] for of_it in methods.values())) for kind in methods[TRACKER]),
+        (
+            (kind, *(by_kind[kind]["cra"] for by_kind in methods.values()))
+            for kind in methods[TRACKER]
+        ),
         digits=3,
     )
     keys = ("alpha_lambda_0.75", "coverage", "beyond_late")
@@ -124,8 +127,8 @@ def tables(figures: Figures) -> Iterator[Table]:
             (
                 kind,
                 *(
-                    " / ".join(f"{of_it[kind][key]:.2f}" for key in keys)
-                    for of_it in methods.values()
+                    " / ".join(f"{by_kind[kind][key]:.2f}" for key in keys)
+                    for by_kind in methods.values()
                 ),
             )
             for kind in methods[TRACKER]

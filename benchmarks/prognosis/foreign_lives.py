@@ -127,12 +127,12 @@ def continued(
     ``states``, ``(k, n)``, are the values of n samples at the first of the hours. ``rngs`` are the
     generators of the law and of the noise.
     """
-    own, common = rngs
+    law_rng, noise_rng = rngs
     shares, kept = [share], [states.copy()]
     for start, h in zip(hours[:-1], np.diff(hours), strict=True):
-        step = law.step(shares[-1], float(start), float(h), states, own)
+        step = law.step(shares[-1], float(start), float(h), states, law_rng)
         sigma = math.sqrt(math.log1p(math.expm1(noise**2) * 10.0 / h))
-        factor = np.exp(sigma * common.standard_normal(share.size) - 0.5 * sigma**2)
+        factor = np.exp(sigma * noise_rng.standard_normal(share.size) - 0.5 * sigma**2)
         shares.append(np.minimum(shares[-1] + factor * step, 10.0))
         kept.append(states.copy())
     return np.array(shares), np.array(kept)
@@ -181,17 +181,28 @@ def _drawn(case: ForeignCase, rng: np.random.Generator) -> ForeignLife | None:
     stream = int(rng.integers(10, 1_000_000))
     grown = [_grown(case, case.kind, fault, law, until, repair, noise, stream)]
     if case.variation == "two faults":
-        others = [
+        candidates = [
             name
             for name, kind in kinds.items()
             for name_of_fault in kind.faults
             if name_of_fault != fault
         ]
-        other = str(rng.choice(others))
-        of_it = [name_of_fault for name_of_fault in kinds[other].faults if name_of_fault != fault]
-        second = kinds[other].law(span * rng.uniform(0.9, 1.5), rng)
+        second_kind = str(rng.choice(candidates))
+        second_faults = [
+            name_of_fault for name_of_fault in kinds[second_kind].faults if name_of_fault != fault
+        ]
+        second_law = kinds[second_kind].law(span * rng.uniform(0.9, 1.5), rng)
         grown.append(
-            _grown(case, other, str(rng.choice(of_it)), second, until, 0.0, noise, stream + 1)
+            _grown(
+                case,
+                second_kind,
+                str(rng.choice(second_faults)),
+                second_law,
+                until,
+                0.0,
+                noise,
+                stream + 1,
+            )
         )
     ends = [_end(growth, repair) for growth in grown]
     end = min(ends)

@@ -107,13 +107,13 @@ def measure(pool: Workers, lives: int, constant: int, whole: int, real: int) -> 
             name: {
                 "lives": len(constant_reports),
                 "reported": sum(
-                    entry.has_life or (entry.failing and entry.meets) for entry in of_it
+                    entry.has_life or (entry.failing and entry.meets) for entry in case_reports
                 ),
-                "rightly_failing": sum(entry.failing and not entry.meets for entry in of_it),
-                "failing": sum(not entry.meets for entry in of_it),
+                "rightly_failing": sum(entry.failing and not entry.meets for entry in case_reports),
+                "failing": sum(not entry.meets for entry in case_reports),
             }
             for name in SETTINGS
-            for of_it in [[entry[name] for entry in constant_reports]]
+            for case_reports in [[entry[name] for entry in constant_reports]]
         },
     }
 
@@ -183,8 +183,8 @@ def tables(figures: Figures) -> Iterator[Table | str]:
                     f"{1e3 * entry['seconds']:.2f}",
                 )
                 for kind in next(iter(by_method.values()), ())
-                for name, of_it in by_method.items()
-                for entry in [of_it[kind]]
+                for name, by_kind_of_fault in by_method.items()
+                for entry in [by_kind_of_fault[kind]]
             ),
             digits=3,
         )

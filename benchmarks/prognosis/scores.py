@@ -42,14 +42,14 @@ class LifeScore:
     def of(cls, kind: str, end_hours: float, made: Predictions) -> "LifeScore":
         """Return the scores of the predictions of a life that ends at a service hour [h]."""
         hours, rul = made.hours, made.median
-        known = np.isfinite(rul)
+        is_predicted = np.isfinite(rul)
         late, truth = hours >= 0.5 * end_hours, end_hours - hours
-        first = float(hours[known][0]) if known.any() else math.nan
+        first = float(hours[is_predicted][0]) if is_predicted.any() else math.nan
         in_cone = metrics.cone_probability(hours, made.samples, end_hours)
         in_band = metrics.horizon_probability(hours, made.samples, end_hours)
         begin = float(np.nan_to_num(first))
         cone = [metrics.at_lambda(hours, in_cone, end_hours, share, begin) for share in LAMBDAS]
-        gone = metrics.convergence(hours[known], np.abs(rul - truth)[known], first)
+        gone = metrics.convergence(hours[is_predicted], np.abs(rul - truth)[is_predicted], first)
         there = np.isfinite(made.low)
         return cls(
             kind=kind,
@@ -57,7 +57,7 @@ class LifeScore:
             first_hours=first,
             cra=metrics.cumulative_relative_accuracy(hours, rul, end_hours),
             cra_event_time=metrics.accuracy_on_event_time(hours[late], rul[late], end_hours),
-            unknown_share=float(np.mean(~known[late])),
+            unknown_share=float(np.mean(~is_predicted[late])),
             cone=tuple(cone),
             horizon_share=metrics.prognostic_horizon(hours, in_band, end_hours) / end_hours,
             convergence_share=gone / (end_hours - first),
