@@ -91,7 +91,7 @@ class HeldFile:
         self._file.close()
 
     def is_at(self, path: Path) -> bool:
-        """Return whether the file still exists at ``path``, neither removed nor moved."""
+        """Return whether the open file is still at ``path``, neither removed nor moved."""
         try:
             return os.path.samestat(os.fstat(self._file.fileno()), os.stat(path))
         except FileNotFoundError:

@@ -24,7 +24,10 @@ _CHUNK_BYTES: Final = 768 * 1024
 
 @dataclass(frozen=True)
 class RecorderSettings(Checked):
-    """Settings of a recorder, fixed while a bag is open; named as in rosbag2 where it has them."""
+    """Settings of a recorder, fixed while a bag is open.
+
+    Settings that exist in rosbag2 have the same names.
+    """
 
     output: str = text(
         "",
@@ -175,7 +178,7 @@ class BagRecorder:
     def receive(
         self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None
     ) -> str:
-        """Record or keep a message; return the reason for a snapshot, empty if none is due."""
+        """Record or keep a message; return the reason for a snapshot, or "" if none is due."""
         message = self._read(topic, data)
         if isinstance(message, FaultEstimate) and message.calibration_id:
             name = f"calibration_id of {message.actuator_id}"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading of the contents of an MCAP file, from its index or its intact part.
 
-mcap parses the records. Its readers refuse truncated files and files without an index. A killed
-recorder leaves such files: this module reads them.
+The records are parsed by the library mcap, whose readers refuse truncated files and files without
+an index. A killed recorder leaves such files; this module reads them.
 """
 
 import io
@@ -53,7 +53,7 @@ class Stretch:
     """Position of the first byte in the file."""
 
     stop: int
-    """Position after the last byte."""
+    """Position after the last byte in the file."""
 
     start_ns: int = 2**64
     """Earliest log time of its messages [ns]."""
@@ -180,7 +180,7 @@ def _messages(path: Path, stretch: Stretch, contents: Contents) -> list[Message]
 
 @contextmanager
 def _damage() -> Iterator[None]:
-    """Turn errors of mcap in damaged records into DamageError."""
+    """Convert errors that mcap raises for damaged records to DamageError."""
     try:
         yield
     except CRCValidationError as error:

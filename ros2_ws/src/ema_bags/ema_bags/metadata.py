@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Metadata of a recording in the format of rosbag2.
 
-rosbags writes metadata only with a whole bag, and cannot read damaged metadata.
+The library rosbags writes metadata only with a whole bag, and cannot read damaged metadata.
 """
 
 import os

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Types of the player's services: ``rosbag2_interfaces`` where it is installed.
+"""Types of the player's services: types of ``rosbag2_interfaces`` if it is installed.
 
 Otherwise they are types of ``ema_interfaces`` and ``std_srvs`` with the same fields, and with
 ``success`` and ``message`` in the response of a service that can be refused.

@@ -28,7 +28,7 @@ _OF_ACTUATORS: Final = frozenset(
 
 @dataclass(frozen=True)
 class PlayerSettings(Checked):
-    """Settings of a playback, named as in rosbag2 where it has them."""
+    """Settings of a playback. Settings that exist in rosbag2 have the same names."""
 
     bag: str = text("", "bag to play: a file or a folder")
     rate: float = quantity(1.0, "-", 0.01, 100.0, "playback rate")

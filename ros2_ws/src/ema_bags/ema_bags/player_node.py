@@ -39,7 +39,7 @@ class PlayerNode(ManagedNode):
     ``loop`` is set. A new pass is a jump back in time, published on ``/clock`` and in the state
     like a seek.
 
-    Services pause, step, move and change the rate of an active player. A seek first publishes the
+    Services pause, step, seek and change the rate of an active player. A seek first publishes the
     messages latched at the new time. ``playback_state`` reports the state.
     """
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The publishers of a player, and the wait for their subscribers."""
+"""Publishers of a player, and waiting for their subscribers."""
 
 import threading
 from collections.abc import Iterable
@@ -54,7 +54,7 @@ class PlayerOutputs:
             self.publish(item)
 
     def publish_clock(self, stamp_ns: int) -> None:
-        """Publish a time [ns]."""
+        """Publish a time [ns] on ``/clock``."""
         self._clock.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
 
     def missing(self) -> str:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Quality of service in the format of rosbag2.
 
-rosbags writes it as well, but the conversion of its classes to rclpy needs as much code.
+The library rosbags writes this format as well, but converting its classes to rclpy would take as
+much code.
 """
 
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ from ema_core.yaml_file import parse_yaml
 from ema_ros.topics import ALIVE
 
 RELIABLE_DEPTH: Final = 1000
-"""Messages that a recorder or a player keeps for a slow reader or writer."""
+"""Queue depth of recorders and players, for slow writers or readers [messages]."""
 
 _UNKNOWN_DEPTH = 10  # as in rosbag2: discovery does not report the depth of a publisher
 _INFINITE_NS = 2**63 - 1

@@ -78,7 +78,7 @@ class Bag(Recording):
 
     @property
     def is_whole(self) -> bool:
-        """Whether damage has lost no message in the part read so far.
+        """Whether no message in the part read so far is lost through damage.
 
         A file that was not closed may lack messages.
         """

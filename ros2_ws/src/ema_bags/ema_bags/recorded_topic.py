@@ -108,18 +108,18 @@ class RecordedTopic:
     Parameters
     ----------
     types
-        Names of its message types.
+        Names of the topic's message types.
     publishers
-        Its publishers, at least one.
+        Publishers of the topic, at least one.
 
     Attributes
     ----------
     offer
-        Recorded quality of service of its publishers.
+        Quality of service of the publishers, as recorded.
     request
-        Requested quality of service of its subscription.
+        Quality of service of the subscription.
     is_received
-        Whether the node has a subscription to it.
+        Whether the node has a subscription to the topic.
     incompatible
         Publishing nodes with an incompatible quality of service: nothing is received from them.
 

@@ -60,7 +60,7 @@ class RecorderNode(ManagedNode):
         self._recorded: BagRecorder | None = None
 
     def configure(self) -> None:
-        """Begin the bag."""
+        """Create the bag."""
         self._settings = settings = read(self, RecorderSettings)
         self._wanted = self.full_topic_names(settings.topics)
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)

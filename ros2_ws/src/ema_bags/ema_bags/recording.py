@@ -42,7 +42,7 @@ class Topic:
     """Offered quality of service: a list of profiles in YAML."""
 
     def upgrade(self) -> Callable[[bytes], bytes] | None:
-        """Return the function that upgrades its messages to the installed type.
+        """Return a function that upgrades messages of the topic to the installed type.
 
         Return None if the types are equal, or if the type is not installed.
 
@@ -67,29 +67,29 @@ class MessagePlace(NamedTuple):
     """Time of reception [ns]."""
 
     file: int
-    """Number of its file."""
+    """Index of the file."""
 
     offset: int
-    """First byte of its stretch in the file."""
+    """Position of the stretch in the file."""
 
     number: int
-    """Its number in the stretch."""
+    """Index of the message in the stretch."""
 
 
 class Recorded(NamedTuple):
     """A message of a recording."""
 
     place: MessagePlace
-    """Its position in the recording."""
+    """Position of the message in the recording."""
 
     topic: str
-    """Its topic."""
+    """Topic of the message."""
 
     type_name: str
-    """Its type, such as ``std_msgs/msg/Header``."""
+    """Type of the message, such as ``std_msgs/msg/Header``."""
 
     message: Any
-    """The decoded message, or its bytes."""
+    """The message, decoded or serialised."""
 
     publish_time_ns: int
     """Time of publication [ns]."""

@@ -179,7 +179,7 @@ def decoder(type_name: str, schema: str) -> Callable[[bytes], Any]:
     type_name
         Name of the type.
     schema
-        Its ``ros2msg`` definition, with all contained definitions.
+        Definition of the type (``ros2msg``), with all contained definitions.
 
     Raises
     ------

@@ -100,7 +100,7 @@ def shipped_file(name: str) -> str:
 
 
 def value_of(context: LaunchContext, name: str) -> str:
-    """Return the value of an argument."""
+    """Return the value of a launch argument."""
     return LaunchConfiguration(name).perform(context)
 
 
@@ -111,7 +111,7 @@ def chosen(context: LaunchContext, *names: str) -> dict[str, str]:
 
 
 def flag_of(context: LaunchContext, name: str) -> bool:
-    """Return the value of an argument that is true or false."""
+    """Return the value of a launch argument that is true or false."""
     value = value_of(context, name)
     if value.lower() not in ("true", "false"):
         raise RuntimeError(f"{name}:={value}: expected true or false")

@@ -105,7 +105,10 @@ class FleetDocument:
         self._made: tuple[object, bytes] = None, b""
 
     def __call__(self, query: Mapping[str, str], _: str) -> Made:
-        """Return the summary, or why it is unavailable; ``most`` in the query limits its length."""
+        """Return the summary as JSON, or the reason why there is none.
+
+        ``most`` in the query is the number of units and of models to list.
+        """
         try:
             return Made(self._content(query.get("most", str(_MOST_WORST))), "application/json")
         except (OSError, ValueError) as error:

@@ -24,7 +24,7 @@ _NS_PER_S: Final = 1_000_000_000
 
 
 class KeptMessage(NamedTuple):
-    """Message for later clients, or a function to compute it, with its times [ns]."""
+    """Message for later clients, or a function that computes it, with its times [ns]."""
 
     data: bytes | Callable[[], bytes]
     log_time_ns: int
@@ -177,7 +177,7 @@ class Hub:
                 del kept[key]
 
     def kept(self, number: int) -> dict[str, KeptMessage] | None:
-        """Return the kept messages of a channel by their keys; None for an unknown channel."""
+        """Return the kept messages of a channel by key; None for an unknown channel."""
         with self._lock:
             for channel in self._channels.values():
                 if channel.number == number:

@@ -63,7 +63,7 @@ class MonitorRequests:
 
 
 def read_note(content: Any) -> tuple[str, NoteEvent.Request]:
-    """Parse a client's JSON note. Return namespace and request; ValueError if invalid."""
+    """Parse a client's note in JSON. Return namespace and request; ValueError if invalid."""
     match content:
         case {
             "namespace": str(namespace),
@@ -83,7 +83,7 @@ def read_note(content: Any) -> tuple[str, NoteEvent.Request]:
 
 
 def read_baseline_change(content: Any) -> tuple[str, ChangeBaseline.Request]:
-    """Parse a client's JSON change of a baseline. Return namespace and request.
+    """Parse a client's request in JSON to change a baseline. Return namespace and request.
 
     Raises
     ------

@@ -99,9 +99,9 @@ def read_token(path: str) -> str:
 
 
 def read_address(path: str) -> str:
-    """Read the address from a file; "" without a file. Raises ValueError if it is invalid.
+    """Read the address for alerts from a file; "" without a file. Raises ValueError if invalid.
 
-    It is read from a file, because the address may be secret.
+    The address is read from a file because it may be secret.
     """
     if not path:
         return ""

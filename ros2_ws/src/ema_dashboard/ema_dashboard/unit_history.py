@@ -134,7 +134,7 @@ class ActuatorHistory:
         return message
 
     def serialised(self) -> bytes:
-        """Return the history as a message, serialised."""
+        """Return the history as a serialised message."""
         return serialize_message(self.message())
 
     def _empty(self, *, is_addition: bool) -> UnitHistory:
@@ -302,7 +302,7 @@ def _drop_oldest(items: dict[Any, Any], most: int) -> int:
 
 
 def _test_of(estimate: FaultEstimate) -> UnitTest:
-    """Return an estimate as a test without health."""
+    """Return a test with the values of an estimate; the health is not set."""
     size = len(FAULT_NAMES)
     covariance: Any = estimate.covariance
     variances = [covariance[index * (size + 1)] for index in range(size)]

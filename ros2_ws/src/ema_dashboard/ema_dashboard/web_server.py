@@ -110,13 +110,13 @@ class WebServer:
     def stop(self) -> None:
         """Disconnect all clients and stop serving."""
         self.thread.ending.set()
-        # Effective even if the loop is about to start or restart.
+        # This stops the loop even if it is about to start or restart.
         self._loop.call_soon_threadsafe(self._loop.stop)
         self.thread.end()
-        # If the thread had ended unexpectedly, the call is still in the loop.
+        # If the thread had ended unexpectedly, the call above is still queued in the loop.
         self._loop.call_soon(self._loop.stop)
         self._loop.run_forever()
-        # In this thread, because the thread of the server may have ended.
+        # Close in this thread, because the thread of the server may have ended.
         self._loop.run_until_complete(self._close())
         self._loop.close()
 
@@ -314,7 +314,7 @@ class _Failures(logging.Handler):
 
 
 class _Refusal(asyncio.Protocol):
-    """Protocol that closes connections above the limit at once."""
+    """Protocol that immediately closes connections above the limit."""
 
     def connection_made(self, transport: Any) -> None:
         transport.abort()

@@ -12,7 +12,7 @@ from ema_core.parameters import NEUTRAL, ActuatorParameters
 from ema_core.settings_file import load_settings
 
 UNKNOWN_SERIAL: Final = "unknown"
-"""Serial number of a joint without a specified serial number."""
+"""Serial number of joints whose serial number is not specified."""
 
 _JOINT: Final = "{joint}"
 

@@ -18,7 +18,7 @@ from ema_ros.stamps import stamp_to_message
 def messages_of_cycle(
     description: ActuatorDescription, stamp_ns: int, cycle: int, hours: float, faults: ArrayLike
 ) -> dict[str, Any]:
-    """Return the messages at the start of a test cycle: service life and true faults.
+    """Return the messages at the start of a test cycle: service hours and true faults.
 
     Cycles are numbered from 0.
     """
@@ -47,7 +47,7 @@ def messages_of_block(
 def usage_at_cycle(
     description: ActuatorDescription, stamp_ns: int, hours: float, cycle: int
 ) -> Usage:
-    """Return the service life at the start of a test cycle; the count includes the cycle."""
+    """Return the service hours and cycles at the start of a cycle; the count includes the cycle."""
     message = Usage(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,

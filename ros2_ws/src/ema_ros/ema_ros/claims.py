@@ -44,7 +44,9 @@ class Received(NamedTuple):
 
 
 def worth(health: Any, ended_s: float, *, is_silent: bool = False) -> Any:
-    """Return a health; once it has expired, its level is STALE and ``last_level`` the previous.
+    """Return a health, with its level changed to STALE if it has expired or its monitor is silent.
+
+    The previous level is then in ``last_level``.
 
     Parameters
     ----------
@@ -119,7 +121,7 @@ class Claims:
         now_s
             Monotonic time [s].
         is_silent
-            Returns whether a monitor is silent, from the full name of the topic and the author.
+            Function that returns whether a monitor is silent, given full topic name and author.
         is_real
             Whether time is real; in simulated time, health expires by the ROS clock only.
         """

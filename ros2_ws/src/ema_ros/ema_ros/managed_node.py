@@ -45,7 +45,7 @@ _AUTOSTART_DESCRIPTOR: Final = ParameterDescriptor(
 
 
 class ManagedNode(LifecycleNode):
-    """Lifecycle node.
+    """Lifecycle node that reports its status on ``/diagnostics`` and ``node_status``.
 
     Subclasses implement ``configure``, ``activate``, ``deactivate`` and ``clean_up``. Each may
     refuse with a ValueError or OSError, which is logged and published on ``/diagnostics``; the node

@@ -128,7 +128,7 @@ def nodes_in_touch(node: Node) -> set[str]:
 
 
 def nodes_publishing(node: Node, topic: str) -> set[str]:
-    """Return the full names of the nodes that publish a topic, given by its full name.
+    """Return the full names of the nodes that publish a topic; ``topic`` is its full name.
 
     The name of a node that is not yet discovered ends in ``UNKNOWN_NODE``.
     """

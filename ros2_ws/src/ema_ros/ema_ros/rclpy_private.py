@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All uses of private parts of rclpy.
+"""Access to private parts of rclpy, all in one module.
 
 These are the queued messages of a subscription, the lifecycle state within the process, the end of
 a state machine, errors of ``change_state``, parameter overrides, and the goals of an action server.
@@ -64,10 +64,10 @@ class GoalServer(ActionServer):
             return self._changed.wait_for(lambda: not self._running, timeout_s)
 
     def add_future(self, future: Any) -> None:
-        """Keep the result of a goal from the executor: the goal itself then sends the result."""
+        """Do nothing, so that the goal itself, not the executor, sends the result."""
 
     def remove_future(self, future: Any) -> None:
-        """Do nothing: the executor has no result."""
+        """Do nothing: ``add_future`` gave the executor no result."""
 
     async def _execute_goal(self, execute_callback: Callable[..., Any], goal_handle: Any) -> None:
         with self._changed:

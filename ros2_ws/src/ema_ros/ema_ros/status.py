@@ -22,7 +22,7 @@ CHECK_FUNCTION: Final = "CHECK_FUNCTION"
 OFF_SPEC: Final = "OFF_SPEC"
 MAINTENANCE_REQUIRED: Final = "MAINTENANCE_REQUIRED"
 DIAGNOSTICS_ACTIVE: Final = "DIAGNOSTICS_ACTIVE"
-"""Categories of NAMUR NE 107, and "normal"."""
+"""Categories of NAMUR NE 107, and ``NORMAL`` for none of them."""
 
 _BY_LEVEL: Final = {OK: NORMAL, WARN: CHECK_FUNCTION, ERROR: FAILURE, STALE: CHECK_FUNCTION}
 
@@ -32,7 +32,7 @@ class Task:
     """Status of one task of a node."""
 
     name: str
-    """Constant name of the task."""
+    """Name of the task, which never changes."""
     level: int
     """``OK``, ``WARN``, ``ERROR`` or ``STALE`` of ``ema_core.levels``; ``STALE`` if it is unknown
     or outdated."""
@@ -63,7 +63,7 @@ def status_message(node_name: str, task: Task) -> DiagnosticStatus:
 
 
 def fault_code(name: str) -> str:
-    """Return the fault code of a status: constant and as unique as its name.
+    """Return the fault code of a status, derived from its name and as unique as the name.
 
     The code is independent of the level, so that fault collectors detect when a fault ends.
 

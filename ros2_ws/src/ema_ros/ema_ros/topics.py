@@ -63,7 +63,7 @@ LATCHED_BY_MANY: Final = QoSProfile(
 """Quality of service of subscriptions to latched topics with a publisher per actuator."""
 
 LEASE_S: Final = 6.0
-"""Lease of the liveliness of health [s]. The middleware renews it every two thirds of this time."""
+"""Liveliness lease of publishers of health [s]. The middleware renews it after two thirds of it."""
 
 ALIVE: Final = QoSProfile(
     depth=1,

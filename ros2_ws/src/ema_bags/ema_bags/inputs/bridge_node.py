@@ -110,11 +110,11 @@ class BridgeNode(ManagedNode):
         self._timer = self.add_timer(self._settings.block_s, self._advance)
 
     def deactivate(self) -> None:
-        """Forget the subscriptions."""
+        """Discard the list of subscriptions."""
         self._inputs.clear()
 
     def tasks(self) -> list[Task]:
-        """Return the diagnostic tasks: the joints found, and input and mapping of each actuator."""
+        """Return the diagnostic tasks: search for joints; input and mapping of each actuator."""
         reception = Reception(self.state, self._missing, self._has_source)
         tasks = [self._finding_task()] if self._mapping is None else []
         return [*tasks, *(t for unit in self._actuators.values() for t in unit.tasks(reception))]
@@ -195,8 +195,8 @@ class BridgeNode(ManagedNode):
         self.get_logger().info(f"subscribed to {name}")
 
     def _find(self) -> None:
-        """Search the graph for topics with joints, and bridge the joints that they have."""
-        # The joint states of a monitored actuator show its telemetry.
+        """Search the graph for topics with joint data, and bridge their joints."""
+        # The joint states of a monitored actuator duplicate its telemetry.
         place = f"{self.unit_namespace.strip('/')}/"
         published = self.get_topic_names_and_types()
         monitored = {

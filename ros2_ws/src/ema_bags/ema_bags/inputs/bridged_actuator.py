@@ -25,9 +25,9 @@ class Reception(NamedTuple):
     state: str
     """Lifecycle state of the node."""
     missing: Mapping[str, str]
-    """Reason why a topic cannot be subscribed to, by topic."""
+    """Reason why a topic cannot be subscribed to, keyed by topic."""
     has_source: Callable[[str], bool]
-    """Returns whether a topic has a publisher."""
+    """Function that returns whether a topic has a publisher."""
 
 
 class BridgedActuator:
@@ -42,7 +42,7 @@ class BridgedActuator:
     prefix
         Prefix of the diagnostic task names; "" if the node has a single actuator.
     step_s
-        Interval between calls of `note` [s].
+        Interval between calls to `note` [s].
     silent_s
         Time without messages after which a topic is silent [s].
 

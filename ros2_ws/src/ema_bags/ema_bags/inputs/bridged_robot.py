@@ -27,7 +27,7 @@ class BridgedRobot:
     hardware_of
         Function that returns the hardware ID of a unit.
     step_s
-        Interval between calls of `note` [s].
+        Interval between calls to `note` [s].
     has_prefix
         Whether the names of diagnostic tasks begin with the name of the actuator.
 

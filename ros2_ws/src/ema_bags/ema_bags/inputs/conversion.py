@@ -187,7 +187,7 @@ def _of_phases(raw: Mapping[str, NDArray[np.float64]], is_sinusoidal: bool) -> N
 
 
 def decoded(raw: NDArray[np.float64], encoding: str) -> NDArray[np.float64]:
-    """Convert unsigned register values to signed numbers."""
+    """Convert unsigned register values to signed numbers; see ``ENCODINGS``."""
     bit, times = ENCODINGS[encoding]
     if not bit:
         return raw

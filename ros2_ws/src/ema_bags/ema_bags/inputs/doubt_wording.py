@@ -76,5 +76,5 @@ _WORDS: Final[dict[DoubtKind, Callable[[Doubt], str]]] = {
 
 
 def doubt_text(doubt: Doubt) -> str:
-    """Return a doubt as a clause of a sentence."""
+    """Return the text of a doubt, without capital and full stop."""
     return _WORDS[doubt.kind](doubt)

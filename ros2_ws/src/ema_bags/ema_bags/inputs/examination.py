@@ -66,7 +66,7 @@ class Timing:
     rate_hz: float
     """Sample rate measured from the stamps [Hz]."""
     jitter_s: float
-    """Robust standard deviation of the stamps [s]."""
+    """Robust standard deviation of the stamps from regular stamps [s]."""
     duration_s: float
     """Time from the first to the last sample [s]."""
     samples: int
@@ -167,7 +167,7 @@ class JointExamination:
     doubts: tuple[Doubt, ...]
     """Doubts about the joint as a whole; those about one column are in ``columns``."""
     timing: Timing | None
-    """None if the samples could not be read; ``problem`` is the reason."""
+    """Sample rate and losses; None if the samples could not be read, with ``problem`` as reason."""
     relations: Relations | None
     motion: Motion | None
     wraps: int

@@ -49,7 +49,7 @@ class Pace(NamedTuple):
 
 
 class Excursions(NamedTuple):
-    """Excursions of a series."""
+    """Excursions found in a series."""
 
     parts: list[tuple[int, int]]
     """Start and end (exclusive) of each excursion."""

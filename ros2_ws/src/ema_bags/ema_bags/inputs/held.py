@@ -16,16 +16,17 @@ _TOGETHER: Final = 0.9
 
 
 def find_held(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, int]:
-    """Return the number of samples per update of each sensor column, if greater than 1."""
+    """Return the number of samples per update, for sensor columns that repeat their values."""
     present = {name: columns[name] for name in SENSORS if len(columns.get(name, ()))}
     by_column = {name: held_samples(values) for name, values in present.items()}
     return {name: held for name, held in by_column.items() if held > 1}
 
 
 def renewed_rows(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.int64] | None:
-    """Return the rows at which all sensor columns are updated together, or None.
+    """Return the rows at which the sensor columns are updated, if all are updated together.
 
-    While no value changes, rows are spaced by the update period.
+    Return None if values are not repeated, or columns are updated at different times. While no
+    value changes, rows are spaced by the update period.
     """
     present = [columns[name] for name in SENSORS if len(columns.get(name, ()))]
     held = find_held(columns)

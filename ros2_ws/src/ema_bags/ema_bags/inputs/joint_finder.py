@@ -28,7 +28,7 @@ FIND_S: Final = 1.0
 """Time from the first message of a joint until its columns are decided [s]."""
 
 MOST_JOINTS: Final = 100
-"""Default of the largest number of joints that are found."""
+"""Default limit of the number of joints."""
 
 _EFFORTS: Final = frozenset(path for _, paths in PATHS["current"] for path in paths)
 _LEAST_MESSAGES: Final = 10
@@ -52,7 +52,7 @@ class JointGroup(NamedTuple):
 
 @dataclass
 class _Joint:
-    """Values of one joint on one topic so far."""
+    """Fields of one joint received so far on one topic."""
 
     first_ns: int
     latest_ns: int
@@ -219,7 +219,7 @@ class JointFinder:
         )
 
     def _undecidable(self, now_ns: int) -> int:
-        """Return the number of joints with too few messages yet."""
+        """Return the number of joints with too few messages to decide."""
         return sum(
             not joint.is_decidable(now_ns)
             for state in self._topics.values()

@@ -70,7 +70,7 @@ PATHS: Final[dict[str, tuple[tuple[str, tuple[str, ...]], ...]]] = {
         (DYNAMIC_JOINT_STATE, (_INTERFACE % "temperature", _INTERFACE % "motor_temperature")),
     ),
 }
-"""Message types and field paths of each quantity, the preferred first."""
+"""Message types and field paths of each quantity, in order of preference."""
 
 
 class Reading(NamedTuple):

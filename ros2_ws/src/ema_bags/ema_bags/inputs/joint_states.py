@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of a robot's joint states once for all its joints."""
+"""Reading of joint state messages, once for all joints of a robot."""
 
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
@@ -32,7 +32,7 @@ def reads_joint_states(mapping: ColumnMapping) -> bool:
 
 
 def _is_common(mapping: ColumnMapping, item: Source) -> bool:
-    """Return whether a source is a payload that has a topic of its own."""
+    """Return whether a source is a payload on a separate topic."""
     of_joints = {source.topic for _, source in mapping.telemetry_sources()}
     return item is mapping.payload and item.topic not in of_joints and not item.names_topic
 
@@ -51,7 +51,7 @@ class _Row(NamedTuple):
 
 
 class _Topic:
-    """Mapped fields of one topic, and the messages received since the last call."""
+    """Mapped fields of one topic, and messages not yet distributed."""
 
     def __init__(self, *, is_common: bool) -> None:
         self.is_common = is_common  # one value for all joints
@@ -198,7 +198,7 @@ class JointColumns:
     types
         Message type by topic; empty if the mapping does not state the type.
     fields
-        Mapped field by key, of each topic.
+        Mapped fields of each topic, keyed as in ``ColumnMapping.wanted``.
 
     Attributes
     ----------

@@ -71,7 +71,7 @@ class JointTopics:
 
     Joints may appear in any order and on several topics: ``sensor_msgs/msg/JointState``,
     ``control_msgs/msg/DynamicJointState``, the controller states of ros2_control, and commands as
-    ``std_msgs`` numbers. A topic ``payload`` has the payload of the robot in its namespace.
+    ``std_msgs`` numbers. A topic named ``payload`` has the payload of the robot in its namespace.
     """
 
     def __init__(self) -> None:

@@ -66,7 +66,7 @@ class Series:
 
 @dataclass
 class _Topic:
-    """Field readers of one topic, and the samples read since the last call."""
+    """Field readers of one topic, and samples not yet taken."""
 
     clock: FieldPath | None
     readers: dict[str, tuple[FieldPath, str]] = field(default_factory=dict)

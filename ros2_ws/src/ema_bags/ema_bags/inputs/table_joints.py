@@ -40,7 +40,7 @@ _JOINT_SIDE: Final = frozenset(("joint", "link", "load", "output", "gear", "user
 
 
 class _Recognised(NamedTuple):
-    """Columns of one joint, identified from its motion."""
+    """Columns of one joint, identified from the motion."""
 
     joint: JointColumns | None
     alternatives: tuple[JointColumns, ...] = ()

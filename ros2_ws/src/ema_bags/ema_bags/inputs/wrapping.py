@@ -25,7 +25,7 @@ _FULL: Final = 0.9
 
 @dataclass
 class _Angle:
-    """Unwrapping state of an angle, in source units."""
+    """State of the unwrapping of an angle, in source units."""
 
     turn: float
     """Size of a full turn; infinity for a length."""
