@@ -181,8 +181,8 @@ class Explainer:
         _, *rows = self._objective.residuals(points)
         worse, named = [0.0], []
         for (group, stand_in, point), row in zip(replacements, rows, strict=True):
-            there = Linearisation(point, row, at.jacobian)
-            worse.append(evidence.against(there, at, REMEMBERED_EVIDENCE))
+            replaced = Linearisation(point, row, at.jacobian)
+            worse.append(evidence.against(replaced, at, REMEMBERED_EVIDENCE))
             penalty = evidence.penalty(including(excluding(kept, group), stand_in))
             if worse[-1] + penalty - evidence.penalty(kept) < _ABOUT and self._can_afford_more:
                 trial = including(excluding(kept | self._always, group), stand_in)
@@ -285,19 +285,21 @@ class Explainer:
 
     @property
     def _can_afford_more(self) -> bool:
-        left = self._most_evaluations - self._objective.evaluations
-        return left >= (1 + _STOPPING.iterations) * self._objective.linearisation_evaluations
+        remaining = self._most_evaluations - self._objective.evaluations
+        return remaining >= (1 + _STOPPING.iterations) * self._objective.linearisation_evaluations
 
     def _is_doubtful(self, at: Linearisation, kept: Components) -> bool:
         """Return whether the window is unexplained, or only explained by an unusual cause."""
         if not self._suspects:
             return False
-        away = np.abs(self._objective.cause_sigmas(at.point))
-        if np.any(away[kept[self._causes.start :]] > DOUBTFUL_SIGMAS):
+        distances = np.abs(self._objective.cause_sigmas(at.point))
+        if np.any(distances[kept[self._causes.start :]] > DOUBTFUL_SIGMAS):
             return True
         shown = [cause for cause in self._suspects if kept[cause]]
         motor = [cause for cause in shown if self._prior(cause).name in _WEAKER]
-        if np.any(away[np.array(motor, dtype=int) - self._causes.start] > DOUBTFUL_MOTOR_SIGMAS):
+        if np.any(
+            distances[np.array(motor, dtype=int) - self._causes.start] > DOUBTFUL_MOTOR_SIGMAS
+        ):
             return True
         # If one of these explanations is right, it needs no further cause.
         are_all_shorted = bool(np.all(kept[SHORT_CIRCUITS]))
@@ -345,10 +347,10 @@ class Explainer:
         The fit begins at the best of several ``starts``, ``(m, d)``.
         """
         point = self._descended(starts, trial)
-        there = self._objective.linearise(point, trial)
-        if not np.all(np.isfinite(there.jacobian)):
+        fitted = self._objective.linearise(point, trial)
+        if not np.all(np.isfinite(fitted.jacobian)):
             return None  # two phases without turns: the model has no finite response
-        reduced, shown = self._reduced(there, trial)
+        reduced, shown = self._reduced(fitted, trial)
         penalty = self._evidence.penalty(shown) - self._evidence.penalty(kept)
         if self._evidence.against(reduced, at) >= -(penalty or REPLACED_EVIDENCE):
             return None

@@ -173,11 +173,11 @@ class Inference:
             If the covariance cannot be computed.
         """
         objective, window, settings = self._objective, self._window, self._settings
-        left = settings.budget - objective.unit_evaluations - 2
+        remaining = settings.budget - objective.unit_evaluations - 2
         explainer = Explainer(
             objective,
             self._always,
-            most_evaluations=left,
+            most_evaluations=remaining,
             seeds={"position_offset": (window.start_offset,)} if self._knowledge is None else {},
             remembered=self._remembered if self._memory.causes else None,
         )
@@ -264,8 +264,8 @@ class Inference:
         """
         explanations = explanation.open
         steps = explanations.steps[:, _FAULTS]
-        away = explanation.at.point[_FAULTS] + steps - self._objective.healthy[_FAULTS]
-        present = ~np.isclose(away, 0.0)
+        departures = explanation.at.point[_FAULTS] + steps - self._objective.healthy[_FAULTS]
+        present = ~np.isclose(departures, 0.0)
         present[:, PLANE] = np.any(present[:, PLANE], axis=1, keepdims=True)
         turn = turn_of(faults) * SPANS
         means, widths = faults + steps @ turn.T, np.sqrt(np.diag(turn @ covariance @ turn.T))
@@ -382,8 +382,8 @@ class Inference:
     def _is_at_bound(self, cause: CauseEstimate) -> bool:
         """Return whether a cause is a sensor error at a bound of the search."""
         prior = next(item for item in self._objective.hidden_causes if item.name == cause.name)
-        away = abs(cause.value - prior.expected)
-        return prior.cause.place == Place.SENSOR and away > _AT_BOUND * prior.reach
+        distance = abs(cause.value - prior.expected)
+        return prior.cause.place == Place.SENSOR and distance > _AT_BOUND * prior.reach
 
     def _misfit(self, at: Linearisation) -> Misfit:
         """Return the misfit at the estimate and at the healthy point."""

@@ -302,8 +302,10 @@ class Objective:
 
         It is the part of the cost due to their priors and the relations, divided by ``noise``.
         """
-        left = (point[..., self.first_cause :] - 0.5) @ self._related.T + self._unrelated
-        return np.sum(self._unusual(point) ** 2, axis=-1) + np.sum(left**2, axis=-1)
+        relation_residuals = (
+            point[..., self.first_cause :] - 0.5
+        ) @ self._related.T + self._unrelated
+        return np.sum(self._unusual(point) ** 2, axis=-1) + np.sum(relation_residuals**2, axis=-1)
 
     def _unusual(self, point: Array) -> Array:
         """Return the prior residuals of hidden causes with unit variance, ``(..., n_causes)``.
@@ -311,13 +313,13 @@ class Objective:
         Their squares are -2 ln of the density relative to its maximum. The density is normal up to
         the tail and a power law beyond, with a continuous slope.
         """
-        away = self.cause_sigmas(point)
-        distances = np.abs(away)
+        offsets = self.cause_sigmas(point)
+        distances = np.abs(offsets)
         if np.any(is_far := distances > self._tails):
-            tails = np.broadcast_to(self._tails, away.shape)[is_far]
+            tails = np.broadcast_to(self._tails, offsets.shape)[is_far]
             lengths = tails * np.sqrt(1.0 + 2.0 * np.log(distances[is_far] / tails))
-            away[is_far] = np.copysign(lengths, away[is_far])
-        return away
+            offsets[is_far] = np.copysign(lengths, offsets[is_far])
+        return offsets
 
     def cause_sigmas(self, point: Array) -> Array:
         """Return the distances of hidden causes from their priors, ``(..., n_causes)`` [sigma]."""

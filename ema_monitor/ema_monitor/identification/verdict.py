@@ -53,8 +53,8 @@ class Misfit(NamedTuple):
         """
         if math.isnan(self.goodness):
             return math.nan
-        left, departure = np.maximum(np.nansum(self.powers - 1.0, axis=0), 0.0).tolist()
-        return math.sqrt(left / departure) if departure > 0.0 else float(left > 0.0)
+        unexplained, departure = np.maximum(np.nansum(self.powers - 1.0, axis=0), 0.0).tolist()
+        return math.sqrt(unexplained / departure) if departure > 0.0 else float(unexplained > 0.0)
 
 
 def goodness_limit(faults: Array, limit: float) -> float:

@@ -57,9 +57,9 @@ def _rise(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> float
     weighted = np.linalg.solve(covariance, line)
     errors = np.linalg.inv(line.T @ weighted)
     _, slope = coefficients = errors @ (weighted.T @ values)
-    left = values - line @ coefficients
+    residuals = values - line @ coefficients
     freedom = _WEIGHT + count - 2
-    scale = (_WEIGHT + float(left @ np.linalg.solve(covariance, left))) / freedom
+    scale = (_WEIGHT + float(residuals @ np.linalg.solve(covariance, residuals))) / freedom
     sigma = math.sqrt(scale * errors[1, 1])
     rise = float(slope) * (count - 1)
     is_rise = rise >= _LEAST_RISE and slope > sigma * student_t.isf(_UNLIKELY, freedom)

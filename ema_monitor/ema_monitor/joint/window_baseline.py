@@ -92,10 +92,10 @@ class WindowBaseline:
         for window in windows:
             if not (healthy := self._like(window.motion)):
                 raise ValueError(f"no healthy window has its motion, {window.motion}")
-            away = _distance(healthy, _load(window.values))
-            if away > _LARGE_LOAD * _running(healthy):
+            distance = _distance(healthy, _load(window.values))
+            if distance > _LARGE_LOAD * _running(healthy):
                 raise ValueError(
-                    f"its load differs by {away:.2g} A from the healthy windows: "
+                    f"its load differs by {distance:.2g} A from the healthy windows: "
                     "calibrate with healthy bags of this load, too (`ema calibrate`)"
                 )
 
@@ -240,8 +240,8 @@ def _judged(
     by_state = examples_by_state([*tests, *_tests(labelled, size)])
     if len(by_state) < 2:
         return departure
-    if (away := _distance([*healthy, *labelled], load)) > _SAME_LOAD * running:
-        words = f"the load is new, {away:.2g} A from the healthy and labelled windows"
+    if (distance := _distance([*healthy, *labelled], load)) > _SAME_LOAD * running:
+        words = f"the load is new, {distance:.2g} A from the healthy and labelled windows"
         return replace(departure, unnamed=f"no state is named: {words}")
     return replace(departure, states=probabilities(by_state, tested, WINDOW_FIGURES))
 
