@@ -72,7 +72,7 @@ def report(run: Run, tmp_path: Path) -> Callable[..., tuple[Any, Page]]:
         (EFFORT_UP, "Changed: Effort at the same motion rose 22.0 % (", 3),
         (NOTHING, "Unknown: ", 3),
         (NO_FRICTION, "Unknown: Coulomb friction is not judged: one direction only", 3),
-        (COARSE, "Unknown: changes of Coulomb friction show above 35 % only; its warning", 3),
+        (COARSE, "Unknown: only changes of Coulomb friction above 35 % would show; its warning", 3),
     ],
 )
 def test_first_line_follows_from_the_judgements(

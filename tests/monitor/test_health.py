@@ -241,7 +241,7 @@ def test_ok_needs_a_smallest_change_below_the_warning_limit():
     health = health_of(comparison(unchanged(FRICTION, 0.35)))
     assert (health.level, health.confidence) == (STALE, 0.0)
     assert np.isnan(health.health_index)
-    assert "show above 35 % only; its warning limit is 20 %" in health.reason
+    assert "above 35 % would show; its warning limit is 20 %" in health.reason
     assert OK not in {one.level for one in (*health.faults, *health.requirements)}
     wide = replace(LIMITS, warn_share=0.4)
     assert health_of(comparison(unchanged(FRICTION, 0.35)), wide).level == OK

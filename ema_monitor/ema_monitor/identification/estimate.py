@@ -342,7 +342,7 @@ def estimate_of(record: Mapping[str, Any]) -> Estimate:
         # None becomes NaN.
         values[name] = np.array(record[name], dtype=np.float64)
         if values[name].shape != _SHAPES[name]:
-            raise ValueError(f"{name} has shape {values[name].shape}")
+            raise ValueError(f"{name} has shape {values[name].shape}, expected {_SHAPES[name]}")
     for name in _FLAGS:
         values[name] = np.isin(FAULT_NAMES, record[name])
     for name in _CAUSES:

@@ -121,7 +121,7 @@ def why_no_level(comparison: Comparison, warn_limit: float) -> str:
     smallest = smallest_text(friction)
     if not smallest:
         return f"the smallest detectable change of {label} is unknown; {limit}"
-    return f"changes of {label} show above {smallest} only; {limit}"
+    return f"only changes of {label} above {smallest} would show; {limit}"
 
 
 def label_of(name: str) -> str:
@@ -374,7 +374,7 @@ def _lag_sentences(lag_s: float) -> list[str]:
     relation = "later" if lag_s > 0.0 else "earlier"
     return [
         f"the effort is {1e3 * abs(lag_s):.0f} ms {relation} than the motion and the described "
-        "acquisition explain, which is corrected: check filters and clocks of effort and position"
+        "acquisition explain; the lag is corrected: check filters and clocks of effort and position"
     ]
 
 

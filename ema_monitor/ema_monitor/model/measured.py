@@ -110,7 +110,7 @@ def _parsed(text: str) -> CauseEstimate:
             raise ValueError
         return CauseEstimate(name.strip(), float(value), float(sigma))
     except ValueError:
-        raise ValueError(f"measured cause {text!r}: expected {GRAMMAR}, two numbers") from None
+        raise ValueError(f"measured cause {text!r}: expected {GRAMMAR} with two numbers") from None
 
 
 def _checked(measured: CauseEstimate) -> CauseEstimate:

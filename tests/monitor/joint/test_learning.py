@@ -155,7 +155,7 @@ def test_calibration_remarks_a_large_lag(lag_s):
     size = abs(1e3 * baseline.preparation.lag_s)
     expected = (
         f"the effort is {size:.0f} ms {way} than the motion and the described "
-        "acquisition explain, which is corrected"
+        "acquisition explain; the lag is corrected"
     )
     assert [one.split(":")[0] for one in remarks] == ([expected] if lag_s else [])
 
