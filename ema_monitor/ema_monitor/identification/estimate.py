@@ -293,9 +293,10 @@ def refusal(
 
 
 def estimate_values(estimate: Estimate) -> dict[str, Any]:
-    """Return all fields of an estimate, and its ``reason``, as exact plain values by name.
+    """Return all fields of an estimate, and its ``reason``, as plain Python values by name.
 
-    Faults become a mapping by name; flags become a list of the flagged faults.
+    Numbers are not rounded. Faults become a mapping by name; flags become a list of the flagged
+    faults.
     """
     values = {item.name: getattr(estimate, item.name) for item in fields(Estimate)}
     values["faults"] = estimate.faults._asdict()
@@ -379,5 +380,5 @@ def plain(value: Any) -> Any:
 
 
 def read_number(value: float | str | None) -> float:
-    """Return a number from the result of ``plain``."""
+    """Return the float from which ``plain`` made a JSON value: NaN for None."""
     return math.nan if value is None else float(value)

@@ -54,7 +54,7 @@ class Explanations(NamedTuple):
 
     @property
     def spread(self) -> Array:
-        """Second moment about the estimate, ``(d, d)``."""
+        """Second moment of the explanations about the estimate, in the unit box, ``(d, d)``."""
         return (self.steps.T * self.weights) @ self.steps
 
 

@@ -26,7 +26,7 @@ Scatter = tuple[float, float]
 
 
 class LeastSquares:
-    """Difference of the current, sample by sample (eq. 6.3 of the thesis times the period).
+    """Difference of measured and modelled current (eq. 6.3 of the thesis, times the period).
 
     All other distance measures derive from this class and have the same parameters.
 

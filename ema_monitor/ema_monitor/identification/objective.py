@@ -294,7 +294,7 @@ class Objective:
 
     @property
     def priors(self) -> int:
-        """Number of prior residuals, at the end of a row."""
+        """Number of prior residuals, which come last in a row of residuals."""
         return len(self.relations.values) + len(self._knowledge_rows) + len(self._sigmas)
 
     def surprise(self, point: Array) -> Array:

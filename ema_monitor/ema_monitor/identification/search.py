@@ -137,7 +137,7 @@ class ModelIdentification:
         return (yield from self._check_scale(result, window, calibration))
 
     def estimate(self) -> Estimate:
-        """Return the estimate without reporting progress."""
+        """Run the identification and return its estimate, without reporting progress."""
         search = self.run()
         while True:
             try:

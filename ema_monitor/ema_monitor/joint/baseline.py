@@ -85,7 +85,7 @@ class Baseline:
 
     @cached_property
     def days(self) -> tuple[int, ...]:
-        """Day of each record."""
+        """Day of each record, counted from 1970-01-01; 0 without a date."""
         return tuple(record.day for record in self.records)
 
     @cached_property
@@ -194,7 +194,13 @@ class Baseline:
         return self.with_labels((*kept, LabelledRecord(state, record)))
 
     def without(self, state: str) -> "Baseline":
-        """Return the baseline without a state; ValueError if no record is labelled with it."""
+        """Return the baseline without the records labelled ``state``.
+
+        Raises
+        ------
+        ValueError
+            If no record has this label.
+        """
         kept = [label for label in self.labelled if label.state != state]
         if len(kept) == len(self.labelled):
             raise ValueError(unknown_name("state", state, self.states().keys() - {HEALTHY}))

@@ -136,7 +136,7 @@ class Comparison:
     """Healthy records that would lower the smallest detectable changes, the most useful first."""
 
     def __getitem__(self, name: str) -> QuantityChange:
-        """Return the change of a quantity."""
+        """Return the change of the quantity ``name``."""
         return next(quantity for quantity in self.quantities if quantity.name == name)
 
     @property

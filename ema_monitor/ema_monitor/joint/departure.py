@@ -81,12 +81,12 @@ class Change(NamedTuple):
 
     @property
     def change_text(self) -> str:
-        """Change with its sign and unit."""
+        """Change of the figure as text, with sign and unit."""
         return self._text(self.test.change, "+")
 
     @property
     def smallest_text(self) -> str:
-        """Smallest detectable change, with its unit."""
+        """Smallest detectable change as text, with its unit."""
         return self._text(self.smallest_change)
 
     def _text(self, change: float, sign: str = "") -> str:
@@ -127,7 +127,7 @@ class Departure:
 
     @property
     def is_significant(self) -> bool:
-        """Whether the test departs."""
+        """Whether the test departs significantly from the healthy tests."""
         return self.probability < self.significance
 
     @property

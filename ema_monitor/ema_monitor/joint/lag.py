@@ -212,7 +212,7 @@ def aligned(fine: Fine, lag: EffortLag) -> Fine:
 
 
 def _parabola(squares: Array, width: float) -> tuple[float, float, float]:
-    """Return curvature and slope at the middle of three values, and the minimum."""
+    """Return curvature and slope at the middle of three values, and their parabola's minimum."""
     before, middle, after = squares.tolist()
     curvature = max((before - 2.0 * middle + after) / width**2, _TINY * middle / width**2)
     slope = (after - before) / (2.0 * width)

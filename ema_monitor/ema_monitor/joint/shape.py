@@ -176,7 +176,7 @@ def _rms(column: Array) -> float:
 
 
 class _Terms(NamedTuple):
-    """Terms of a candidate model."""
+    """Terms of a candidate effort model."""
 
     sine: bool = False
     cosine: bool = False

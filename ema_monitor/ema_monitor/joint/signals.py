@@ -124,7 +124,7 @@ class Signals:
         return chosen
 
     def at(self, chosen: Flags) -> "Signals":
-        """Return the chosen rows."""
+        """Return the rows whose flag in ``chosen``, ``(n,)``, is set."""
         return replace(self, **{name: getattr(self, name)[chosen] for name in _COLUMNS})
 
 

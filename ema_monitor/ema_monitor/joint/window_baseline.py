@@ -112,7 +112,13 @@ class WindowBaseline:
         return type(self)((*self.healthy, *kept))
 
     def without(self, state: str) -> Self:
-        """Return the baseline without a state; ValueError if no test is labelled with it."""
+        """Return the baseline without the tests labelled ``state``.
+
+        Raises
+        ------
+        ValueError
+            If no test has this label.
+        """
         kept = tuple(window for window in self.windows if not window.test or window.state != state)
         if len(kept) == len(self.windows):
             raise ValueError(unknown_name("state", state, self.states().keys() - {HEALTHY}))

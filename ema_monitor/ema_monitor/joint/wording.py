@@ -138,7 +138,7 @@ def change_text(quantity: QuantityChange) -> str:
 
 
 def interval_text(quantity: QuantityChange) -> str:
-    """Return the 90 % interval with its unit, as "+11.0 to +19.4 %"; "" if it is not estimated."""
+    """Return the 90 % interval with unit, such as "+11.0 to +19.4 %"; "" if it is not estimated."""
     ends = quantity.low, quantity.high
     if not (quantity.is_estimated and all(map(math.isfinite, ends))):
         return ""

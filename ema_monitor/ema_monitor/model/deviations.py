@@ -19,7 +19,7 @@ from ema_core.parameters import ActuatorParameters, PlantConstants
 
 
 class Deviations(NamedTuple):
-    """Deviations by name; each is 0 for the nominal model.
+    """Deviations of a unit or window from the nominal model, for which each deviation is 0.
 
     The first seven and the last six are hidden causes (`ema_core.causes`). ``lift`` is the lift of
     the idle phase [A] and ``loop_delay`` the delay of the current loop [s] (M12);

@@ -88,8 +88,8 @@ def fast_constants(
 ) -> FastDrive:
     """Return the constants of the fast form for an integration step ``dt`` [s].
 
-    ``lift`` [A] is the lift of the healthy motor, ``loop_delay`` [s] the delay of the current loop
-    (M12).
+    ``lift`` [A] is the lift of the healthy motor, ``loop_delay`` [s] the delay of the current loop;
+    both are defined in ``docs/model.md``, M12.
     """
     N = np.stack([motor.N_a, motor.N_b, motor.N_c])
     k, angle = 0.5 * motor.k_e * N, np.add.outer(_PHASE_ANGLES, motor.phi)
@@ -249,7 +249,10 @@ def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
 
 @kernel()
 def lifted_current(drive: FastDrive, pair: DrivenPair, I):
-    """Return the equivalent current: the pair current plus the lift of the idle phase (M12) [A]."""
+    """Return the equivalent current: the pair current plus the lift of the idle phase [A].
+
+    The lift is defined in ``docs/model.md``, M12.
+    """
     return I + pair.lift * clip(drive.ripples * I, 1.0)
 
 

@@ -58,7 +58,7 @@ class FieldOrientedDrive(NamedTuple):
 def field_oriented_constants(
     motor: MotorConstants, loop: CurrentLoop, dt: float, loop_delay: PerLane = 0.0
 ) -> FieldOrientedDrive:
-    """Return the constants of a field-oriented drive for an integration step ``dt`` [s] (M35).
+    """Return the constants of a field-oriented drive for an integration step ``dt`` [s].
 
     ``loop`` is the nominal loop; ``loop_delay`` is added to its time constant [s].
     """
@@ -122,7 +122,7 @@ def at_angle(harmonics, cos_2, sin_2):
 
 @kernel()
 def torque_constant(drive: FieldOrientedDrive, cos, sin, cos_2, sin_2):
-    """Return the torque per ampere of the q axis [N.m/A] (M35)."""
+    """Return the torque per ampere of the q axis [N.m/A] (``docs/model.md``, M35)."""
     K = at_angle(drive.K, cos_2, sin_2)
     return K + (
         at_angle(drive.K_cos, cos_2, sin_2) * cos + at_angle(drive.K_sin, cos_2, sin_2) * sin
@@ -134,7 +134,7 @@ def field_oriented_drive(drive: FieldOrientedDrive, stage, cos, sin, currents, I
     """Return current and loop integral [A, V], torque and torque ripple [N.m] after one step.
 
     ``currents`` are the current and the loop integral before the step; ``cos`` and ``sin`` belong
-    to the angle theta_m. The PWM is averaged and has no ripple (M35).
+    to the angle theta_m. The PWM is averaged and has no ripple (``docs/model.md``, M35).
     """
     I, z = currents
     cos_2, sin_2 = times_angle(cos, sin, 2 * drive.poles)
