@@ -70,9 +70,9 @@ class DifferentialEvolution(Population):
         return np.where(from_donor, donors, self._x)
 
     def _partners(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return the indices of two partners for each target, which differ from it, ``(n,)`` each.
+        """Return the indices of two partners for each target, ``(n,)`` each.
 
-        The partners of a target differ from each other as well.
+        The target and its partners are three different individuals.
         """
         n = len(self._x)
         ahead = self._rng.integers(1, n, size=n)

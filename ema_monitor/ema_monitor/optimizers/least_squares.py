@@ -79,7 +79,7 @@ class ScreenedLeastSquares:
             self._asked = asked
 
     def _search(self) -> Iterator[Array]:
-        """Yield the points to evaluate next; `tell` stores the results before it resumes."""
+        """Yield the points to evaluate next; `tell` stores the results, then resumes the search."""
         stopping = _STOPPING._replace(good_cost=self._hints.good_cost)
         for size, starts in _SCREENS:
             before = self._best_cost
