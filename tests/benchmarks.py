@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Modules of the benchmarks, which are no package."""
+"""Import of the benchmarks, which are not a package."""
 
 import importlib
 from pathlib import Path

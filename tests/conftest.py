@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environment of all tests: ROS nodes of a test see no other nodes, and messages check fields."""
+"""Environment of all tests: an isolated ROS domain, and messages that check their fields."""
 
 import os
 import signal
@@ -20,33 +20,33 @@ from .scheduling import pytest_collection_modifyitems, pytest_xdist_make_schedul
 
 __all__ = ["pytest_collection_modifyitems", "pytest_testnodedown", "pytest_xdist_make_scheduler"]
 
-# Started in the background by a shell, tests and the programs that they start would ignore Ctrl-C.
+# In the background of a shell, the tests and the programs that they start would ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Both are kept until the process ends. Histories and calibrations of the user stay as they are.
+# Both exist until the process ends. The user's histories and calibrations are not touched.
 _domain = Domain()
 _home = tempfile.TemporaryDirectory(prefix="ema_ros_home_", ignore_cleanup_errors=True)
 
 os.environ |= {
     "ROS_DOMAIN_ID": str(_domain.number),
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-    # Otherwise an int in a float64 field is sent as another number, without a word.
+    # Otherwise an int in a float64 field is silently sent as another number.
     "ROS_PYTHON_CHECK_FIELDS": "1",
     "ROS_HOME": _home.name,
-    # Whatever the shell has: participants of one process must not deliver to each other directly.
+    # Participants of one process must not deliver to each other directly.
     "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).parents[1] / "tools" / "fastdds.xml"),
-    # Of the workers of pytest and of what they start.
+    # Threads of numerical libraries in the workers of pytest and their child processes.
     **array_environment(),
 }
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add an option that shows that tests need no ROS."""
+    """Add the option ``--without-ros``, which shows that tests do not need ROS."""
     parser.addoption("--without-ros", action="store_true", help="fail where rclpy is imported")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Hide ROS if asked to."""
+    """Make ``import rclpy`` fail with ``--without-ros``."""
     if config.getoption("--without-ros", default=False):
         if "rclpy" in sys.modules:
             raise pytest.UsageError("rclpy is imported already")
@@ -55,7 +55,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session")
 def ema() -> Callable[..., Result]:
-    """Return what runs a command in this process; only its tests need ``ema_cli``."""
+    """Return ``commands.ema``, imported here because only these tests need ``ema_cli``."""
     from .commands import ema
 
     return ema

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a test may not leave behind: DDS participants and threads of Python."""
+"""Check that a test leaves no DDS participants and no Python threads behind."""
 
 import threading
 import time
@@ -7,17 +7,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-# Threads of nodes may finish a kernel first, on whatever cores a busy machine has left.
+# Threads of nodes may have to finish a kernel first, on a busy machine.
 DEADLINE_S = 60.0
 
 
 def participants() -> set[str]:
-    """Return the event threads of Fast DDS in this process: each participant has one."""
+    """Return the event threads of Fast DDS in this process, one for each participant."""
     found = set()
     for folder in Path("/proc/self/task").iterdir():
         try:
             name = (folder / "comm").read_text()
-        except OSError:  # it has just ended
+        except OSError:  # the thread has just ended
             continue
         if name.startswith("dds.ev."):
             found.add(f"DDS participant (thread {folder.name})")
@@ -25,16 +25,16 @@ def participants() -> set[str]:
 
 
 def threads() -> set[threading.Thread]:
-    """Return the threads of Python, but for the pool of the monitor model: a process keeps it."""
+    """Return the Python threads, except the pool of the monitor model, which stays alive."""
     return {item for item in threading.enumerate() if not item.name.startswith("model_")}
 
 
 @contextmanager
 def nothing_left(deadline_s: float = DEADLINE_S) -> Iterator[None]:
-    """Fail if participants or threads that began within are still there after a deadline.
+    """Fail if participants or threads that began in the context outlive a deadline.
 
-    Nothing is left to the garbage collector: it would destroy a participant in the midst of
-    another test, and Fast DDS may then wait for ever while it holds the interpreter's lock.
+    They must not be left to the garbage collector. It would destroy a participant during another
+    test, and Fast DDS may then wait forever while it holds the interpreter lock.
     """
     participants_before, threads_before = participants(), threads()
     yield

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes that a crashed or killed worker of xdist has left."""
+"""Cleanup of processes that a crashed or killed worker of xdist left behind."""
 
 import os
 import signal
@@ -12,13 +12,13 @@ import pytest
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node: Any) -> None:
-    """Kill what a worker has started and not ended; nobody else would."""
+    """Kill all processes that a worker started and did not end."""
     marks = (
         f"PYTEST_XDIST_TESTRUNUID={node.workerinput['testrunuid']}\0".encode(),
         f"PYTEST_XDIST_WORKER={node.workerinput['workerid']}\0".encode(),
     )
     for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):  # it is another user's, or has just ended
+        with suppress(OSError):  # of another user, or just ended
             environment = (folder / "environ").read_bytes() + b"\0"
             if all(mark in environment for mark in marks):
                 os.kill(int(folder.name), signal.SIGKILL)

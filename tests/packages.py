@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the packages of the repository are: those of the library, and those for ROS alone."""
+"""Folders of the packages in the repository."""
 
 from pathlib import Path
 
@@ -9,4 +9,4 @@ FOLDERS = {
     for place in ("ema_*", "ros2_ws/src/*")
     for path in sorted(ROOT.glob(f"{place}/package.xml"))
 }
-"""Folder of each package by its name."""
+"""Folder of each package by name."""

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pages that the commands write, read strictly."""
+"""Strict parser for the HTML pages that the commands write."""
 
 from html.parser import HTMLParser
 from pathlib import Path
 
 _EMPTY = {"meta", "img", "br", "path", "use"}
-"""Elements without an end; those of a picture are written as XML."""
+"""Elements without an end tag. Elements of pictures are written as XML."""
 
 
 class Page(HTMLParser):
-    """A page: its texts by element, its attributes, its tables with exact figures.
+    """A parsed page: texts by element, attributes, and tables with exact values.
 
-    An element that is not closed, or in another order, is an error.
+    Elements that are not closed, or closed in the wrong order, are errors.
     """
 
     def __init__(self, path: Path) -> None:
@@ -61,13 +61,13 @@ class Page(HTMLParser):
             self.tables[self._caption][-1][-1] += data
 
     def values(self, name: str) -> list[str]:
-        """Return the values of an attribute, of whatever element."""
+        """Return the values of an attribute in all elements."""
         return [value for _, one, value in self.attributes if one == name]
 
     def table(self, beginning: str) -> list[list[str]]:
-        """Return the cells of a table below its head."""
+        """Return the cells of a table without its head; its caption starts with ``beginning``."""
         return next(rows for name, rows in self.tables.items() if name.startswith(beginning))[1:]
 
     def exactly(self, beginning: str) -> list[list[float]]:
-        """Return the figures of a table below its head."""
+        """Return the exact values of a table without its head."""
         return next(rows for name, rows in self.figures.items() if name.startswith(beginning))[1:]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Waiting for conditions: on a busy machine everything comes, though late."""
+"""Waiting for conditions, with deadlines that a busy machine meets."""
 
 import math
 import subprocess
@@ -14,21 +14,21 @@ DEADLINE_S = 90.0
 
 
 def wait_for(condition: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S) -> Any:
-    """Wait until a condition holds, and return what it returned.
+    """Wait until a condition is true, and return its value.
 
     Parameters
     ----------
     condition
-        Asked again and again.
+        Function to call repeatedly.
     what
-        What is waited for, for the message.
+        Description of the condition for the error message.
     deadline_s
-        How long at most [s].
+        Longest time to wait [s].
 
     Raises
     ------
     AssertionError
-        If it does not hold in time.
+        If the condition is not true in time.
     """
     pause, end_s = threading.Event(), time.monotonic() + deadline_s
     while not (result := condition()):
@@ -38,7 +38,7 @@ def wait_for(condition: Callable[[], Any], what: str, deadline_s: float = DEADLI
 
 
 class SimulatedTime(threading.Event):
-    """A clock that stands still unless somebody waits; as an event, it may be set at a time."""
+    """A clock that advances only during ``wait``; an event that sets itself at a time."""
 
     def __init__(self, set_at_s: float = math.inf) -> None:
         super().__init__()
@@ -62,7 +62,7 @@ class SimulatedTime(threading.Event):
 
 @contextmanager
 def started(command: list[Any], **options: Any) -> Iterator[subprocess.Popen[Any]]:
-    """Start a process as ``subprocess.Popen`` does; what has not ended in the end is killed."""
+    """Start a process like ``subprocess.Popen``, and kill it on exit from the context."""
     with subprocess.Popen(command, **options) as process:
         try:
             yield process

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A case of an attack: it is repeated by its seed and number."""
+"""A case of an attack, reproducible from its seed and number."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -10,18 +10,18 @@ import numpy as np
 
 @dataclass
 class Case:
-    """One case: what it is made of, and what was found in it.
+    """One case of an attack, its counts and its failures.
 
     Attributes
     ----------
     seed, number
-        All that is random in a case follows from these: it is repeated by them.
+        All random choices of a case follow from these.
     folder
-        An empty folder of its own, which is kept where the case fails.
+        A folder for the files of the case.
     counts
-        How often what happened, by name; summed over all cases.
+        Numbers of events by name.
     failures
-        What did not hold, in words.
+        Descriptions of the requirements that failed.
     """
 
     seed: int
@@ -31,18 +31,18 @@ class Case:
     failures: list[str] = field(default_factory=list)
 
     def rng(self) -> np.random.Generator:
-        """Return its generator, from the start."""
+        """Return a new random generator of the case, in its initial state."""
         return np.random.default_rng([self.seed, self.number])
 
     def count(self, what: str, times: int = 1) -> None:
-        """Add to a count."""
+        """Add to the count of an event."""
         self.counts[what] += times
 
     def fail(self, what: str) -> None:
-        """Note what did not hold; the case goes on."""
+        """Record a failure; the case continues."""
         self.failures.append(what)
 
     def require(self, holds: bool, what: str) -> None:
-        """Note what does not hold."""
+        """Record a failure if a requirement does not hold."""
         if not holds:
             self.fail(what)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cases of attacks: a few with a fixed seed, or as many as EMA_ATTACKS says (`make campaign`)."""
+"""Cases of attacks: one with a fixed seed, or EMA_ATTACKS cases (`make campaign`)."""
 
 import os
 from collections.abc import Callable
@@ -14,14 +14,14 @@ CASES = int(os.environ.get("EMA_ATTACKS", "1"))
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Repeat what attacks, by the number of its case."""
+    """Repeat tests with the argument ``case_number`` for each case."""
     if "case_number" in metafunc.fixturenames:
         metafunc.parametrize("case_number", range(CASES))
 
 
 @pytest.fixture
 def case_of(tmp_path: Path) -> Callable[..., Case]:
-    """Make a case by its number and seed."""
+    """Return a function that makes a case from its number and seed."""
 
     def make(number: int = 0, seed: int = SEED) -> Case:
         return Case(seed, number, tmp_path)

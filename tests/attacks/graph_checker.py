@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rules that what a graph published has to keep, whatever happened to its nodes and links.
+"""Rules for the messages of a graph, which must hold under all disturbances of nodes and links.
 
-Nothing here needs ROS: what was published is held against the rules. What a record cannot show, as
-what was sent while its recorder was out of touch, is excused by what the status of recorder and
-monitor counted, and by the times in which the recorder said that it stood still, and by nothing
-else: what is lost without a word is a violation.
+The rules are checked on recorded messages and need no ROS. Messages sent while the recorder was
+disconnected are missing in a record. They are excused only by the counts in the statuses of
+recorder and monitor, and by the times in which the recorder reported a standstill. Any other loss
+is a violation, because it was not reported.
 """
 
 import statistics
@@ -18,13 +18,13 @@ from .case import Case
 from .graph_record import Answer, Block, FoundWindow, GraphRecord, HealthNote, StatusNote
 
 ANSWER_S: Final = 15.0
-"""Time after a window's last sample within which it is answered [s], under load as well."""
+"""Longest time from a window's last sample to its answer, also under load [s]."""
 
 LEASE_S: Final = 5.0
-"""Time after which a node that says nothing is taken for gone, by ``tools/fastdds.xml`` [s]."""
+"""Time after which a silent node counts as gone, as in ``tools/fastdds.xml`` [s]."""
 
 DISCOVERY_S: Final = 10.0
-"""Time after which a recorder has found all topics [s]."""
+"""Time within which a recorder discovers all topics [s]."""
 
 _STATUS_S: Final = 2.5
 _NS: Final = 1_000_000_000
@@ -36,7 +36,7 @@ _STAMP_NS: Final = 1_000
 
 
 class Lost(NamedTuple):
-    """How many messages recorders said that they had lost of what rules need."""
+    """Numbers of messages that recorders reported as lost, by topic that the rules need."""
 
     telemetry: int
     estimates: int
@@ -44,41 +44,41 @@ class Lost(NamedTuple):
 
 @dataclass
 class Run:
-    """What a monitor said of an actuator between two starts of its node."""
+    """Messages of a monitor about an actuator between two starts of its node."""
 
     statuses: list[StatusNote] = field(default_factory=list)
     answers: list[Answer] = field(default_factory=list)
 
     @property
     def first_ns(self) -> int:
-        """When its first status was sent [ns]."""
+        """Time at which the first status was sent [ns]."""
         return self.statuses[0].sent_ns
 
     @property
     def last_ns(self) -> int:
-        """When its last status was sent [ns]."""
+        """Time at which the last status was sent [ns]."""
         return self.statuses[-1].sent_ns
 
     @property
     def heard_ns(self) -> int:
-        """When its answers are recorded from: a recorder finds one topic after the other [ns]."""
+        """Time from which answers are recorded [ns]; a recorder discovers topics one by one."""
         latest_ns = self.first_ns + round(DISCOVERY_S * _NS)
         return min([latest_ns, *(item.sent_ns for item in self.answers)])
 
     def counted(self) -> list[StatusNote]:
-        """Return the statuses from which on its answers are recorded."""
+        """Return the statuses from the time on from which answers are recorded."""
         heard_ns = self.heard_ns if self.statuses else 0
         return [item for item in self.statuses if item.sent_ns >= heard_ns]
 
     def around(self, start_ns: int, end_ns: int) -> tuple[StatusNote, StatusNote] | None:
-        """Return the last status before a time and the first after another; None without both."""
+        """Return the last status before ``start_ns`` and the first after ``end_ns``, or None."""
         before = [one for one in self.statuses if one.sent_ns <= start_ns]
         after = [one for one in self.statuses if one.sent_ns >= end_ns]
         return (before[-1], after[0]) if before and after else None
 
 
 def check(case: Case, record: GraphRecord, what: str = "") -> None:
-    """Note the rules that what a graph published does not keep, and how much was checked."""
+    """Check the rules on a record. Add violations, and counts of windows and runs, to a case."""
     lost = Lost(lost_messages(record, "telemetry"), lost_messages(record, "fault_estimate"))
     for name in record.actuators():
         one = _Actuator(record, name)
@@ -90,7 +90,7 @@ def check(case: Case, record: GraphRecord, what: str = "") -> None:
 
 
 def lost_messages(record: GraphRecord, topic: str = "") -> int:
-    """Return how many messages recorders said that they had lost."""
+    """Return the number of messages that recorders reported as lost, on a topic or on all."""
     latest = {
         status.name: status for status in record.statuses if status.name.endswith(": recording")
     }
@@ -106,7 +106,7 @@ def _lost_on(status: StatusNote, topic: str) -> int:
 
 
 class _Actuator:
-    """What a record has of one actuator."""
+    """Messages of a record that concern one actuator."""
 
     def __init__(self, record: GraphRecord, name: str) -> None:
         self.name = name
@@ -128,9 +128,9 @@ class _Actuator:
         ]
 
     def unheard_ns(self, start_ns: int, end_ns: int) -> list[int]:
-        """Return how long the recorder heard nothing between two times, each time it stood still.
+        """Return the durations without reception between two times, one per standstill [ns].
 
-        After a longer standstill than the lease of DDS it has to be found again.
+        After a standstill longer than the lease of DDS, the recorder has to be discovered again.
         """
         spans = []
         for first, last in self._standstills:
@@ -140,26 +140,26 @@ class _Actuator:
         return spans
 
     def unheard(self, start_ns: int, end_ns: int) -> int:
-        """Return how many answers may have come while the recorder heard nothing."""
+        """Return the number of answers that may have been sent while the recorder was deaf."""
         steps = [late.sent_ns - early.sent_ns for early, late in pairwise(self.answers)]
         period_ns = max(statistics.median(steps or [_NS]), _NS / 10)
         return sum(1 + int(span / period_ns) for span in self.unheard_ns(start_ns, end_ns))
 
     def times_sent(self, time_ns: int) -> int:
-        """Return how many blocks were sent that hold a time."""
+        """Return the number of blocks that contain a time."""
         return sum(
             block.stamp_ns - _STAMP_NS <= time_ns <= _end_ns(block) + _STAMP_NS
             for block in self.blocks
         )
 
     def goes_back_between(self, early_ns: int, late_ns: int) -> bool:
-        """Return whether telemetry went back while things were sent, or shortly before."""
+        """Return whether telemetry went back in time between two times, or shortly before."""
         margin = round(ANSWER_S * _NS)
         return any(early_ns - margin <= at_ns <= late_ns for at_ns in self.jumps_ns)
 
 
 def _runs(statuses: list[StatusNote]) -> list[Run]:
-    """Return the runs of a monitor: where its counts begin anew, it has."""
+    """Return the runs of a monitor. A new run begins where its counts restart."""
     runs: list[Run] = []
     for status in statuses:
         if "blocks" not in status.values:
@@ -171,10 +171,10 @@ def _runs(statuses: list[StatusNote]) -> list[Run]:
 
 
 def _begins_anew(before: StatusNote, status: StatusNote) -> bool:
-    """Return whether a status is of a later run than the one before.
+    """Return whether a status belongs to a later run than the previous status.
 
-    Two threads of a monitor publish: one that was made a moment earlier may come later. To start
-    again takes longer than that.
+    Two threads of a monitor publish, so statuses may arrive in the wrong order. A restart takes
+    longer than that.
     """
     fell = any(status.count(key) < before.count(key) for key in _COUNTS)
     is_far = before.count("blocks") - status.count("blocks") > _MOST_LATE
@@ -182,7 +182,7 @@ def _begins_anew(before: StatusNote, status: StatusNote) -> bool:
 
 
 def _deal(answers: list[Answer], runs: list[Run]) -> None:
-    """Give each run its answers: between two runs the number of the window decides."""
+    """Assign the answers to runs. Between two runs the number of the window decides."""
     place = 0
     for answer in answers:
         while place + 1 < len(runs) and answer.sent_ns >= runs[place + 1].first_ns:
@@ -236,7 +236,7 @@ def _unanswered(one: _Actuator, lost: Lost) -> Iterator[str]:
 
 
 def _counted(one: _Actuator, run: Run, lost: Lost) -> Iterator[str]:
-    """Compare what a run counted with what it answered, some time before its end."""
+    """Compare the counted windows of a run with its answers, some time before its end."""
     old = [item for item in run.counted() if run.last_ns - item.sent_ns > ANSWER_S * _NS]
     if len(old) < 2:
         return
@@ -251,13 +251,13 @@ def _counted(one: _Actuator, run: Run, lost: Lost) -> Iterator[str]:
 
 
 def _had_to_answer(one: _Actuator, window: FoundWindow) -> bool:
-    """Return whether a monitor ran in time, heard all of a window and had time to answer."""
+    """Return whether a monitor was running, received all of a window and had time to answer."""
     duration_ns = window.end_ns - window.start_ns
     start_ns = window.sent_ns - duration_ns - round(_STATUS_S * _NS)
     if window.sent_ns + ANSWER_S * _NS > one.end_ns:
         return False
     for run in one.runs:
-        # A monitor that stood still hears of a loss later.
+        # A monitor that stood still detects a loss later.
         found = run.around(start_ns, window.sent_ns + round(ANSWER_S * _NS))
         if found is None:
             continue
@@ -297,7 +297,7 @@ def _refused_health(one: _Actuator, lost: Lost) -> Iterator[str]:
 
 
 def _is_resumed(one: _Actuator, health: HealthNote) -> bool:
-    """Return whether a health is of a test before the record, in the history of the unit."""
+    """Return whether a health belongs to a test in the unit's history, before the record."""
     return not one.blocks or health.stamp_ns < one.blocks[0].stamp_ns
 
 
@@ -328,7 +328,7 @@ def _stamps(one: _Actuator, _: Lost) -> Iterator[str]:
 
 
 def _found_only(status: StatusNote) -> int:
-    """Return how many windows were found and not answered yet, by what a status counts."""
+    """Return the number of windows that a status counts as found and not yet answered."""
     answered = status.count("estimates valid") + status.count("estimates invalid")
     return status.count("windows") - answered
 
@@ -347,14 +347,14 @@ def _counters(one: _Actuator, lost: Lost) -> Iterator[str]:
                 for item in run.answers
                 if item.valid == wanted and first.sent_ns < item.sent_ns <= last.sent_ns
             ]
-            # One may be between its answer and its count at either end.
+            # At either end, a window may be between its answer and its count.
             if not -1 <= counted - len(within) <= 1 + unseen:
                 yield f"{counted} {key} were counted, {len(within)} published"
         dropped = last.count("windows dropped") - first.count("windows dropped")
         reported = sum(
             item.dropped and first.sent_ns < item.sent_ns <= last.sent_ns for item in run.answers
         )
-        # A window is counted when it is dropped, and its answer waits behind those before it.
+        # A window is counted when it is dropped, but its answer waits behind earlier answers.
         if not -1 - _found_only(first) <= dropped - reported <= 1 + _found_only(last) + unseen:
             yield f"{dropped} windows dropped were counted, {reported} published"
     stretches = _stretches(one.blocks, one.told_jumps_ns)
@@ -371,7 +371,7 @@ def _published(stretch: list[Block]) -> int:
 
 
 def _stretches(blocks: list[Block], jumps_ns: list[int]) -> Iterator[list[Block]]:
-    """Yield the blocks between two starts of their publisher, or jumps of a replay."""
+    """Yield the stretches of blocks between starts of their publisher or jumps of a replay."""
     stretch: list[Block] = []
     for block in blocks:
         if stretch and (

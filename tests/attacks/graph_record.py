@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a graph published, as plain values, read from a bag of all its topics."""
+"""Messages of a graph as plain values, read from a bag of all its topics."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
@@ -29,7 +29,7 @@ _DROPPED: Final = "dropped: "
 
 @dataclass(frozen=True)
 class Block:
-    """A block of telemetry; ``sent_ns`` is when it was sent, of the machine's clock [ns]."""
+    """A block of telemetry; ``sent_ns`` is its publication time by the machine's clock [ns]."""
 
     actuator_id: str
     stamp_ns: int
@@ -53,13 +53,13 @@ class Answer:
 
     @property
     def dropped(self) -> bool:
-        """Whether the window gave way to later ones."""
+        """True if the window was dropped for later ones."""
         return self.reason.startswith(_DROPPED)
 
 
 @dataclass(frozen=True)
 class HealthNote:
-    """A ``health``."""
+    """A message of the topic ``health``."""
 
     actuator_id: str
     stamp_ns: int
@@ -75,13 +75,13 @@ class StatusNote:
     sent_ns: int
 
     def count(self, key: str) -> int:
-        """Return a figure of it; 0 where there is none."""
+        """Return a count in the status; 0 if it has none."""
         return int(self.values.get(key, "0"))
 
 
 @dataclass(frozen=True)
 class FoundWindow:
-    """A window that the recorded telemetry has; ``sent_ns`` is when its last block was sent."""
+    """A window in the recorded telemetry; ``sent_ns`` is the time of its last block [ns]."""
 
     actuator_id: str
     start_ns: int
@@ -91,18 +91,18 @@ class FoundWindow:
 
 @dataclass
 class GraphRecord:
-    """What a graph published, each list in the order in which it was sent.
+    """Messages of a graph; each list is in the order of publication.
 
     Attributes
     ----------
     clock_ns
-        Times on ``/clock`` [ns]; empty where time is that of the machine.
+        Times on ``/clock`` [ns]; empty without simulated time.
     jumps_ns
-        When a player said that it goes on elsewhere [ns].
+        Times at which a player reported a jump [ns].
     end_ns
-        When the last message was sent [ns].
+        Time of the last message [ns].
     standstills
-        Log times between which the recorder says that it stood still [ns].
+        Log times of begin and end of each standstill that the recorder reported [ns].
     """
 
     blocks: list[Block] = field(default_factory=list)
@@ -122,12 +122,12 @@ class GraphRecord:
 
 
 def read_graph(path: Path) -> GraphRecord:
-    """Return what a graph published.
+    """Read the messages of a graph from a bag.
 
     Raises
     ------
     ValueError, FileNotFoundError
-        As of ``ema_bags.reader.Bag``.
+        If the bag cannot be read.
     """
     bag = Bag(path)
     record = GraphRecord()
@@ -137,7 +137,7 @@ def read_graph(path: Path) -> GraphRecord:
     known: set[tuple[str, int, int]] = set()
     for item in bag.messages(bag.topics_of(*_TYPES)):
         sent_ns = item.publish_time_ns
-        # What is latched comes again to who was out of touch.
+        # A recorder that was disconnected receives latched messages again.
         key = (item.topic, sent_ns, hash(str(getattr(item.message, "actuator_id", ""))))
         if item.type_name.endswith(("Health", "FaultEstimate")):
             if key in known:

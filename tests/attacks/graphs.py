@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Graphs under disturbances, recorded and held against the rules of the checker.
+"""Graphs under disturbances, recorded and checked by the rules of ``graph_checker``.
 
-A case is one graph under one disturbance at random moments: partitions, restarts, time that goes
-back and forth, subscribers that do not take what they asked for, and four times the load.
+A case is one graph under one disturbance at random times: partitions, restarts, jumps of time, slow
+subscribers, or four times the load.
 """
 
 import multiprocessing
@@ -31,7 +31,7 @@ from .graph_record import read_graph
 
 _SETTLED_S: Final = 12.0
 _DISTURBED_S: Final = 18.0
-"""How long a graph goes on before, and after, it is disturbed [s]: longer than answers may take."""
+"""Time that a graph runs before and after a disturbance [s]: longer than answers may take."""
 
 _BUSY: Final = 4
 _ACTUATORS: Final = 4
@@ -39,7 +39,7 @@ _TAKES_S: Final = 1.0
 
 
 def run_condition(case: Case, name: str) -> None:
-    """Record a graph under a disturbance, and check what it published."""
+    """Record a graph under a disturbance, and check its messages."""
     bag = case.folder / "bag"
     with Graph(case.folder / "graph") as graph:
         try:
@@ -54,20 +54,20 @@ def run_condition(case: Case, name: str) -> None:
 
 
 def end_graph(case: Case, graph: Graph, what: str = "") -> None:
-    """Ask all nodes to end, the last one first, and note those that do not end well."""
+    """Stop all nodes, the last one first, and record failures to end."""
     for node in reversed(list(graph.processes)):
         code = graph.stop(node)
         case.require(code == 0, f"{what}{node} ended with code {code}")
 
 
 def check_record(case: Case, bag: Path, what: str = "") -> None:
-    """Hold what a graph published against the rules."""
+    """Check the recorded messages of a graph against the rules."""
     check(case, read_graph(bag), what)
     case.require(case.counts["windows"] > 0, f"{what}no window was answered in the record")
 
 
 def start_actuators(graph: Graph, names: Sequence[str], seeds: Iterable[int]) -> None:
-    """Start actuators whose topics are the common ones, and wait until each was identified."""
+    """Start actuators that publish on the same topics, and wait until each is identified."""
     for number, (name, seed) in enumerate(zip(names, seeds, strict=False)):
         topics = [f"{topic}:={NAMESPACE}/{topic}" for topic in ACTUATOR_TOPICS]
         graph.start(
@@ -84,7 +84,7 @@ def start_actuators(graph: Graph, names: Sequence[str], seeds: Iterable[int]) ->
 
 
 def _begin(graph: Graph, bag: Path, actuators: int = 1) -> None:
-    """Start actuators, a monitor and a recorder, and wait until each actuator was identified."""
+    """Start actuators, a monitor and a recorder, and wait until each actuator is identified."""
     names = ["flap"] if actuators == 1 else [f"flap_{number}" for number in range(actuators)]
     graph.start("monitor")
     graph.start("recorder", output=bag)
@@ -106,7 +106,7 @@ def _standstill(victim: str) -> Callable[..., None]:
         _begin(graph, bag)
         graph.wait(rng.uniform(0.3, 1.0) * _SETTLED_S)
         graph.pause(victim)
-        # Shorter and longer than the lease of 5 s after which a node is taken for gone.
+        # Shorter or longer than the lease of 5 s, after which a node counts as gone.
         graph.wait(rng.uniform(1.0, 9.0))
         graph.resume(victim)
         _goes_on(graph)
@@ -130,7 +130,7 @@ def _restart(victim: str) -> Callable[..., None]:
 
 
 def _clock_jumps(graph: Graph, rng: np.random.Generator, bag: Path) -> None:
-    """Play a recorded graph with seeks back and forward, and record monitor and player anew."""
+    """Play a recorded graph with seeks back and forth, and record monitor and player again."""
     source = bag.with_name("source")
     _begin(graph, source)
     graph.wait(_SETTLED_S)
@@ -146,7 +146,7 @@ def _clock_jumps(graph: Graph, rng: np.random.Generator, bag: Path) -> None:
     seek = PLAYBACK_SERVICES["seek"]
     client = graph.node.create_client(seek, f"{NAMESPACE}/player/seek")
     for _ in range(4):
-        # Back and forward, to any moment of the bag.
+        # Seek to a random time of the bag.
         to_ns = first_ns + round(1e9 * rng.uniform(0.5, 0.6 * _SETTLED_S))
         request = seek.Request(time=stamp_to_message(to_ns))
         answer = client.call_async(request)
@@ -159,7 +159,7 @@ def _clock_jumps(graph: Graph, rng: np.random.Generator, bag: Path) -> None:
 
 
 def _slow_consumers(graph: Graph, rng: np.random.Generator, bag: Path) -> None:
-    """Subscribe, reliably, and take a message a second."""
+    """Run a graph with reliable subscribers that take one message per second."""
     _begin(graph, bag)
     with _slow_subscribers(graph) as received:
         graph.wait(_SETTLED_S)
@@ -170,7 +170,7 @@ def _slow_consumers(graph: Graph, rng: np.random.Generator, bag: Path) -> None:
 
 @contextmanager
 def _slow_subscribers(graph: Graph) -> Iterator[Counter[str]]:
-    """Take a message a second in all, in a thread; give how many of each topic were taken."""
+    """Take one message per second in a thread. Yield the counts of taken messages by topic."""
     node = Node("slow", namespace="/test", context=graph.node.context)
     received: Counter[str] = Counter()
     ending = threading.Event()
@@ -208,7 +208,7 @@ def _slow_subscribers(graph: Graph) -> Iterator[Counter[str]]:
 
 
 def _load(graph: Graph, rng: np.random.Generator, bag: Path) -> None:
-    """Four actuators in place of one, and four processes that take what processors there are."""
+    """Run a graph with four actuators instead of one, and four processes that load the cores."""
     _begin(graph, bag, _ACTUATORS)
     with _busy(_BUSY):
         graph.wait(_SETTLED_S)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a killed node may have lost: the open chunk of a bag, the current test of a history."""
+"""Checks of the data that killed nodes lose: the open chunk of a bag, the last test of a history.
+
+Nothing else may be lost.
+"""
 
 from pathlib import Path
 from typing import Final
@@ -14,9 +17,9 @@ from .graph_checker import check
 from .graph_record import read_graph
 
 LATE_S: Final = 0.5
-"""How much more than ``flush_s`` a killed recorder may have lost [s].
+"""Largest loss of a killed recorder in addition to ``flush_s`` [s].
 
-What is on its way to it is lost as well, and with all processors busy its threads wait for one.
+Messages on the way to the recorder are also lost, and its threads may wait for a busy processor.
 """
 
 MOST_LOST_S: Final = RecorderSettings().flush_s + LATE_S
@@ -25,14 +28,14 @@ TELEMETRY: Final = "/ema/telemetry"
 
 
 def measure_loss(case: Case, path: Path, graph: Graph, killed_s: float, *, is_due: bool) -> None:
-    """Compare what was sent until a kill with what the bag has; telemetry may be due in it."""
+    """Compare the telemetry sent until a kill with the bag; ``is_due`` if it must have some."""
     recorded: set[int] = set()
     try:
         bag = Bag(path)
         if TELEMETRY in bag.topics:
             recorded = {item.publish_time_ns for item in bag.raw_messages([TELEMETRY])}
     except (FileNotFoundError, ValueError):
-        pass  # as check_bag says
+        pass  # check_bag reports it
     if not recorded:
         if is_due:
             case.fail(f"{path.name} has no telemetry, although it was recorded")
@@ -52,7 +55,7 @@ def measure_loss(case: Case, path: Path, graph: Graph, killed_s: float, *, is_du
 
 
 def check_bag(case: Case, path: Path, *, is_closed: bool, is_due: bool = True) -> None:
-    """Read a bag; one in which nothing is due may be missing or empty."""
+    """Check that a bag can be read. It may be missing or empty unless ``is_due``."""
     try:
         bag = Bag(path)
         count = sum(1 for _ in bag.messages())
@@ -61,7 +64,7 @@ def check_bag(case: Case, path: Path, *, is_closed: bool, is_due: bool = True) -
         case.count("messages read back", count)
         check(case, read_graph(path), f"{path.name}: ")
     except (FileNotFoundError, ValueError) as error:
-        # Else it was killed before the file, or anything in it, was there.
+        # Otherwise the recorder was killed before it wrote anything.
         if is_due or not (isinstance(error, FileNotFoundError) or "empty" in str(error)):
             case.fail(f"{path.name} cannot be read: {error}")
 
@@ -69,11 +72,13 @@ def check_bag(case: Case, path: Path, *, is_closed: bool, is_due: bool = True) -
 def check_history(
     case: Case, path: Path, unit: tuple[str, str], answered: list[int], known: set[int]
 ) -> set[int]:
-    """Compare what was answered until a kill with what the history has.
+    """Compare the tests answered until a kill with the history.
+
+    ``known`` are tests that are already known to be missing.
 
     Returns
     -------
-        Stamps of those that are not in it [ns].
+        Stamps of the tests that are missing in the history [ns].
     """
     if not path.exists():
         if len(answered) > 1:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that are killed, or stand still, at random moments: what is lost, and whether all goes on.
+"""Nodes that are killed or paused at random times: lost data, and recovery of the graph.
 
-All but the actuator are killed in turn, and one stands still for 10 s. After each kill: what was
-recorded and kept until then is there, each goes on after a restart, and others say who is missing.
+All nodes but the actuator are killed in turn, and one is paused for 10 s. After each kill, the data
+recorded and stored before it exists, the node works again after a restart, and the other nodes
+report which node is missing.
 """
 
 import time
@@ -27,11 +28,11 @@ _SHARES: Final = (0.4, 0.4, 0.2)
 _UNIT: Final = ("flap", "SIM-0001")
 _GONE_WITHIN_S: Final = 20.0
 _LONGEST_WAIT_S: Final = 3.0
-"""A node lives for up to so long before it is killed: two test cycles [s]."""
+"""Longest life of a node before it is killed [s]: two test cycles."""
 
 
 class NodeKills:
-    """One graph, and what is done to it."""
+    """A graph whose nodes are killed and paused."""
 
     def __init__(self, case: Case) -> None:
         self._case = case
@@ -39,10 +40,10 @@ class NodeKills:
         self._folder = case.folder
         self._bags: list[Path] = []
         self._lost_tests: set[int] = set()
-        self._recording_s: float | None = None  # since when the recorder is known to record
+        self._recording_s: float | None = None  # time since which the recorder certainly records
 
     def run(self) -> None:
-        """Kill and check; a failure that ends the case is noted with its reason."""
+        """Kill and check the nodes. Record a failure that ends the case with its reason."""
         for what, step in (("live", self._live), ("replay", self._replay)):
             with Graph(self._folder / what) as graph:
                 try:
@@ -62,7 +63,7 @@ class NodeKills:
         for kill in range(_LIVE_KILLS):
             victim = str(self._rng.choice(_LIVE, p=_SHARES))
             early = self._rng.random() < 0.1
-            # Now and then while it starts; else at any moment of its life.
+            # Occasionally during its start, otherwise at any time of its life.
             if not early:
                 self._wait_until_back(graph, victim)
             graph.wait(self._rng.uniform(0.0, _LONGEST_WAIT_S))
@@ -86,7 +87,7 @@ class NodeKills:
             graph.start(name, port=0)
 
     def _wait_until_back(self, graph: Graph, name: str, since_s: float = 0.0) -> None:
-        """Wait until a node that was started last works."""
+        """Wait until a node works after its last start."""
         began_s = max(graph.began_s[name], since_s)
         works: dict[str, Callable[[], Any]] = {
             "monitor": lambda: graph.valid_since(began_s),
@@ -164,7 +165,7 @@ class NodeKills:
         )
 
     def _replay(self, graph: Graph) -> None:
-        """Play what was recorded, with the player killed, into a monitor in simulated time."""
+        """Play the last bag into a monitor in simulated time, and kill the player."""
         bag = str(self._bags[-1])
         graph.start("monitor", use_sim_time=True)
         graph.wait_for(lambda: graph.says("/ema/monitor: lifecycle", "active"), "the monitor")
@@ -186,7 +187,7 @@ class NodeKills:
 
 
 def in_touch(graph: Graph, victim: str, since_s: float = 0.0) -> list[str]:
-    """Return the nodes that say, after a time [s], that they are in touch with another one."""
+    """Return the nodes whose status, after a time [s], lists another node as present."""
     statuses = {name: graph.status.get(f"/ema/{name}: peers") for name in graph.processes}
     return [
         name

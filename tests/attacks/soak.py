@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Graphs that go on for hours: whether memory, threads, descriptors or shared memory grow.
+"""Graphs that run for hours: growth of memory, threads, descriptors and shared memory.
 
-Four actuators, a monitor, a recorder and a dashboard. Memory is that of anonymous pages; its slope
-that of a line through all samples after ten minutes, or a third of a shorter run, with a standard
-deviation for dependent samples. A monitor keeps its tests besides. Two hours leave a bag of 6 GB.
+A graph has four actuators, a monitor, a recorder and a dashboard. Memory means anonymous pages. Its
+slope is the slope of a line through all samples after ten minutes, or after a third of a shorter
+run, with a standard deviation for dependent samples. A monitor may also grow by its stored tests.
+Two hours produce a bag of 6 GB.
 """
 
 import time
@@ -22,7 +23,7 @@ from .graphs import check_record, end_graph, start_actuators
 SETTLED_MIN: Final = 10.0
 MOST_MB_PER_MIN: Final = 0.05
 TEST_MB: Final = 20.0 / 3650
-"""What a test may take in a monitor [MB]: ten years of daily ones at most 20 MB."""
+"""Largest memory of a test in a monitor [MB]: 20 MB for ten years of daily tests."""
 _ACTUATORS: Final = 4
 _SAMPLE_S: Final = 5.0
 _MB: Final = 1e-6
@@ -33,7 +34,7 @@ _SECTOR_BYTES: Final = 512
 
 @dataclass(frozen=True)
 class Sample:
-    """What a process takes, minutes after the start: memory [MB], threads and descriptors."""
+    """Memory [MB], threads and descriptors of a process, some minutes after the start."""
 
     minute: float
     memory_mb: float
@@ -43,16 +44,16 @@ class Sample:
 
 @dataclass(frozen=True)
 class Growth:
-    """How a process grew over the time that is judged.
+    """Growth of a process over the time that is judged.
 
     Attributes
     ----------
     memory_mb
-        At the end [MB].
+        Memory at the end [MB].
     slope, sigma
         Growth of the memory and its standard deviation [MB/min].
     threads, descriptors
-        Growth of their numbers from the first to the last third.
+        Growth of the number of threads and descriptors from the first to the last third.
     """
 
     memory_mb: float
@@ -62,7 +63,10 @@ class Growth:
     descriptors: int
 
     def grows(self, tests_mb: float) -> bool:
-        """Whether it grows by more than it may beside what its tests take [MB/min]."""
+        """Return whether the process grows more than allowed.
+
+        ``tests_mb`` is the growth that its tests explain [MB/min].
+        """
         return (
             self.slope - _SIGMAS * self.sigma > MOST_MB_PER_MIN + tests_mb
             or self.threads > 0
@@ -71,12 +75,12 @@ class Growth:
 
     @property
     def is_judged(self) -> bool:
-        """Whether its slope is known well enough to tell what it may grow by."""
+        """True if the slope is accurate enough to detect the largest allowed growth."""
         return self.sigma * _SIGMAS <= MOST_MB_PER_MIN
 
 
 def run(case: Case, minutes: float) -> None:
-    """Let the graph of a case go on for so many minutes, and judge its processes."""
+    """Run the graph of a case for some minutes, and judge the growth of its processes."""
     bag = case.folder / "bag"
     course: dict[str, list[Sample]] = {}
     shared: list[int] = []
@@ -103,7 +107,7 @@ def run(case: Case, minutes: float) -> None:
 def _judge(
     case: Case, course: dict[str, list[Sample]], shared: list[int], minutes: float, tests: float
 ) -> None:
-    """Print how each process grew, and say which grew too much by the tests of a minute."""
+    """Print the growth of each process, and record failures; ``tests`` is tests per minute."""
     settled = min(SETTLED_MIN, minutes / 3.0)
     for name, samples in course.items():
         one = growth_of(samples, settled)
@@ -131,7 +135,7 @@ def _begin(graph: Graph, case: Case, bag: Path) -> None:
 
 
 def _lost(graph: Graph) -> list[str]:
-    """Return what the nodes say that they lost."""
+    """Return the losses that the nodes report."""
     found = []
     for name, status in graph.status.items():
         for key in ("samples lost", "windows dropped", "lost messages", "dropped messages"):
@@ -141,16 +145,16 @@ def _lost(graph: Graph) -> list[str]:
 
 
 def sample_of(name: str, pid: int, minute: float) -> Sample:
-    """Return what a process of a name takes now; AssertionError when it has died."""
+    """Return a sample of a process; AssertionError if it has died."""
     try:
         return sample(pid, minute)
     except (FileNotFoundError, ProcessLookupError, ValueError, IndexError) as error:
-        # One that was not waited for yet has no memory any more: its file is empty.
+        # The file of a process that ended and was not waited for is empty.
         raise AssertionError(f"{name} died after {minute:.1f} min") from error
 
 
 def sample(pid: int, minute: float) -> Sample:
-    """Return what a process takes now."""
+    """Return the current memory, threads and descriptors of a process."""
     folder = Path(f"/proc/{pid}")
     rollup = (folder / "smaps_rollup").read_text()
     own_kib = int(rollup.partition("\nAnonymous:")[2].split()[0])
@@ -163,13 +167,13 @@ def sample(pid: int, minute: float) -> Sample:
 
 
 def shared_bytes(pids: Iterable[int]) -> int:
-    """Return how much shared memory of Fast DDS some processes have [B]."""
+    """Return the shared memory of Fast DDS that processes have mapped [B]."""
     paths = set()
     for pid in pids:
         try:
             maps = Path(f"/proc/{pid}/maps").read_text(encoding="utf-8")
         except (FileNotFoundError, ProcessLookupError):
-            continue  # it has died, as its next sample says
+            continue  # it has died, which its next sample reports
         for line in maps.splitlines():
             if (at := line.find(_SHARED)) >= 0:
                 paths.add(Path(line[at:].removesuffix(" (deleted)")))
@@ -177,7 +181,7 @@ def shared_bytes(pids: Iterable[int]) -> int:
 
 
 def growth_of(samples: list[Sample], settled_min: float) -> Growth:
-    """Return how a process grew after a time for settling [min]."""
+    """Return the growth of a process after a settling time [min]."""
     judged = [one for one in samples if one.minute >= settled_min]
     minutes = np.array([one.minute for one in judged])
     memory = np.array([one.memory_mb for one in judged])
@@ -192,10 +196,10 @@ def growth_of(samples: list[Sample], settled_min: float) -> Growth:
 
 
 def line(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the slope of a straight line and its standard deviation.
+    """Return the slope of a straight line through points, and its standard deviation.
 
-    Residuals of memory are not independent: their number is reduced by their correlation from one
-    to the next, as of an autoregressive process of the first order.
+    The residuals are dependent. Their effective number follows from their lag-1 correlation, as for
+    a first-order autoregressive process.
     """
     if len(x) < 4:
         return 0.0, float("inf")

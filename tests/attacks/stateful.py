@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random walks through the states of something, by hypothesis."""
+"""Random walks through the states of an object, by hypothesis."""
 
 from typing import Any, cast
 
@@ -8,7 +8,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, run_state_mach
 
 
 class Walk(RuleBasedStateMachine):
-    """A walk, which counts its steps; a subclass has rules."""
+    """A walk that counts its steps. Subclasses define the rules."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -16,12 +16,12 @@ class Walk(RuleBasedStateMachine):
 
     @invariant()
     def step(self) -> None:
-        """Count a step."""
+        """Count a step of the walk."""
         self._steps += 1
 
 
 def walk(kind: type[Walk], seed: int, walks: int, steps: int) -> None:
-    """Do a number of walks, each of so many steps; a failing one is shortened and told."""
+    """Run random walks of a number of steps. hypothesis shortens and prints a failing walk."""
     settings = hypothesis.settings(
         max_examples=walks,
         stateful_step_count=steps,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A burst of large messages leaves no memory behind in the nodes that receive it."""
+"""Nodes release their memory after a burst of large messages."""
 
 import re
 from array import array
@@ -20,7 +20,7 @@ from ..waiting import started, wait_for
 @pytest.mark.parametrize("name", ["monitor", "recorder"])
 def test_memory_of_a_burst_is_given_back(tmp_path: Path, name: str):
     message_class, qos = ACTUATOR_TOPICS[TELEMETRY]
-    # Its columns differ in length: it is received, and not kept.
+    # The columns differ in length, so the node receives the message and discards it.
     large = serialize_message(message_class(command=array("d", bytes(16_000_000))))
     arguments = ["--ros-args", "-r", f"__ns:={NAMESPACE}", "-p", f"output:={tmp_path / 'bag'}"]
     command = [program(name), *arguments[: None if name == "recorder" else 3]]

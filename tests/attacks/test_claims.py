@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What had no right to say OK, and did: failed, unknown, mixed up and silent units."""
+"""Units that are failed, unknown, mixed up or silent must not be reported as OK."""
 
 import json
 from dataclasses import replace
@@ -32,7 +32,7 @@ def telemetry(faults: dict[str, float], day: float, **options: Any) -> Telemetry
 
 
 def write(path: Path, *parts: tuple[ActuatorDescription, Telemetry]) -> None:
-    """Write a bag of one or several units, one after the other."""
+    """Write a bag with the telemetry of one or several units, one after the other."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with BagWriter(path) as writer:
         for name, (message_class, qos) in topics.ACTUATOR_TOPICS.items():
@@ -58,7 +58,7 @@ def asked(archive: Path, question: str) -> list[dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def opened(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three healthy tests, then two with an open phase."""
+    """Folder of bags with three healthy tests, then two tests with an open phase."""
     folder = tmp_path_factory.mktemp("opened") / "bags"
     for day in range(5):
         causes = {"open_phase_a": 1.0} if day > 2 else ()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An archive is made of bags: what is missing or damaged of it is noticed, and made again."""
+"""Missing or damaged parts of an archive are detected, and recomputed from the bags."""
 
 import random
 from pathlib import Path
@@ -59,7 +59,7 @@ def test_damaged_store_is_an_error_with_its_remedy(archive: Path, content: bytes
 
 
 def test_no_flipped_byte_and_no_cut_changes_what_an_archive_states(archive: Path):
-    """Wherever it is, it is noticed, or belongs to nothing that is read."""
+    """Each damage is reported, or lies in a part of the file that is not read."""
     path = archive / FILE
     whole, rng = path.read_bytes(), random.Random(3)
     with Store(archive, writes=False) as store, store.reading() as db:
@@ -87,7 +87,7 @@ def contents(path: Path, tables: list[str]) -> list[str]:
 
 
 def is_noticed(archive: Path, tables: list[str], rows: list[str]) -> bool:
-    """Whether status names the damage; if not, all rows are as they were."""
+    """Return whether the status reports damage; if not, check that all rows are unchanged."""
     status = ema("archive", "status", archive)
     if status.exit_code == 0 and "damaged" not in status.stdout:
         assert contents(archive / FILE, tables) == rows

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that others may have written raise nothing that is not documented."""
+"""Changed input files raise documented exceptions only."""
 
 import random
 from collections.abc import Callable
@@ -31,7 +31,7 @@ DESCRIPTION = (
 
 
 def change_bytes(data: bytes, rng: random.Random) -> bytes:
-    """Turn bits, leave out and repeat parts, or cut off the end."""
+    """Return data with flipped bits, removed or repeated parts, or a truncated end."""
     changed = bytearray(data)
     for _ in range(rng.randint(1, 8)):
         place, size = rng.randrange(len(changed)), rng.randint(1, 64)
@@ -48,7 +48,7 @@ def change_bytes(data: bytes, rng: random.Random) -> bytes:
 
 
 def change_yaml(data: bytes, rng: random.Random) -> bytes:
-    """Put strange values in the places of others; the file stays YAML."""
+    """Return YAML in which some values are replaced by strange ones."""
     content = deepcopy(_parsed(data))
     for _ in range(rng.randint(1, 3)):
         at = content

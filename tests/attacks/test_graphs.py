@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""In a disturbed graph each window is answered once, and nothing is lost silently."""
+"""In a disturbed graph each window is answered once, and every loss is reported."""
 
 import os
 
@@ -31,7 +31,7 @@ def test_disturbed_graph_keeps_all_rules(case_of, condition, case_number):
 
 @pytest.mark.long
 def test_no_process_grows(case_of):
-    """A soak of EMA_SOAK_MINUTES: a slope of fewer than 30 is not known well enough to judge."""
+    """Soak for EMA_SOAK_MINUTES; with fewer than 30 the slope is too inaccurate to judge."""
     case = case_of()
     soak(case, float(os.environ.get("EMA_SOAK_MINUTES", "40")))
     assert case.failures == []

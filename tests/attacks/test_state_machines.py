@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What holds does so in all orders of steps."""
+"""Invariants hold for all orders of steps."""
 
 import pytest
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nobody says OK who does not know: three units, their monitor, and whoever shows their health."""
+"""OK is reported only with evidence, by a monitor of three units and all sinks of their health."""
 
 import math
 import tempfile
@@ -50,13 +50,13 @@ from .stateful import Walk
 _S = 10**9
 _LIMIT_S = 30.0
 _AUTHOR = "/ema/monitor"
-# A tracker that knows the laws is made in no time; levels do not depend on its samples.
+# A tracker with known laws is created quickly; levels do not depend on its samples.
 _TRACKER = TrackerSettings(laws=NOMINAL_LAWS, samples=100)
 _PLAIN = PrognosisSettings(tracker=_TRACKER, good_for_s=_LIMIT_S)
 _SETTINGS = {
     "flap": replace(_PLAIN, service=Service(hours_per_cycle=10.0)),
     "rudder": _PLAIN,
-    # A drive without a clock.
+    # This drive has no clock.
     "tab": replace(_PLAIN, has_clock=False),
 }
 _ARCHIVED = ArchiveSettings(
@@ -71,7 +71,7 @@ _KINDS = {
     "failed": {"valid": False, "failed": True},
 }
 
-# What the motion of a test hides: a fault may be there.
+# Components that the motion of a test hides, so that they may have a fault.
 _HIDDEN = {"blind": ("backlash",)}
 
 _COURSES = [
@@ -84,17 +84,17 @@ _POWER_ON_NS = 100 * _S
 
 
 class Tested(NamedTuple):
-    """The newest test of a unit in fact: when it was measured [s], and its kind."""
+    """The true newest test of a unit: its time [s] and kind."""
 
     measured_s: float
     kind: str
 
 
 class Claimed(Walk):
-    """A monitor of three units, a dashboard and a terminal that show them, and its histories.
+    """A monitor of three units with histories, and a dashboard and a terminal that show them.
 
-    ``clock_s`` is the time in fact, and never goes back; ``now_ns`` is that of the clock of the
-    machine, by which nodes and drives stamp. A drive may begin to count at each power-on instead.
+    ``clock_s`` is the true time, which never goes back. ``now_ns`` is the time of the machine's
+    clock, which nodes and drives use for stamps. A drive may count from its power-on instead.
     """
 
     def __init__(self) -> None:
@@ -102,28 +102,28 @@ class Claimed(Walk):
         memory = "/dev/shm" if Path("/dev/shm").is_dir() else None
         self._folder = tempfile.TemporaryDirectory(prefix="walk_", dir=memory)
         self.now_ns, self.clock_s = FIRST_NS, 1000.0
-        # Of drives that count from power-on: when that was [s].
+        # Time of the power-on of drives that count from it [s].
         self.power_on_s: dict[str, float] = {"tab": 900.0}
-        # When the clock of the machine was set, and by how much [s].
+        # Time and size of each step of the machine's clock [s].
         self.steps: list[tuple[float, float]] = []
         self.newest: dict[str, Tested] = {}
         self.lost: dict[str, Tested] = {}
-        # When each unit was last tested without a hidden fault in fact [s].
+        # True time of the last test of each unit that hides no component [s].
         self.seen_s: dict[str, float] = dict.fromkeys(_UNITS, -math.inf)
         self.reported: dict[str, list[Estimate]] = {name: [] for name in _UNITS}
         self.latched: dict[str, Health] = {}
-        # The run of the machine; and since when the clock is followed in fact [s].
+        # Boot of the machine, and true time since which the clock is followed [s].
         self.boot = "boot 0"
         self.followed_s = self.clock_s
         self.calibration = 0
         self.is_running = self.is_active = False
-        # The unit tested last, and whether nobody has read its recording since.
+        # Unit tested last, and whether its recording is unread since then.
         self.tested, self.unread = _UNITS[0], False
         self._come()
         self._start()
 
     def _come(self) -> None:
-        """A dashboard and a terminal that know nothing yet; they get what is latched."""
+        """Start a dashboard and a terminal, which receive the latched messages."""
         self.claims, self.healths = Claims(), LatestHealths()
         self.metrics, self.page = Metrics(Totals), dict[str, int]()
         for health in self.latched.values():
@@ -142,7 +142,7 @@ class Claimed(Walk):
         self._show(health)
 
     def _moment(self) -> Moment:
-        """Read the clock as the monitor does, which ends claims where it has gone back."""
+        """Read the clock as the monitor does, which ends claims if the clock went back."""
         moment, back_ns = self.receiver_clock.read()
         if back_ns:
             for actuator in self.actuators.values():
@@ -152,7 +152,7 @@ class Claimed(Walk):
         return moment
 
     def _start(self) -> None:
-        """Start a monitor; it reads the histories that are there."""
+        """Start a monitor, which reads the existing histories."""
         self.is_running = self.is_active = True
         self.units, self.actuators = {}, {}
         self.arrivals = dict[str, Arrivals]()
@@ -173,7 +173,7 @@ class Claimed(Walk):
             moment = self._moment()
             finder, arrivals = WindowFinder(TriggerSettings()), Arrivals()
             actuator = ActuatorStatus(name, finder, self._publish, moment.steady_ns, arrivals)
-            # The drive sends telemetry while it moves or rests.
+            # The drive sends telemetry during motion and rest.
             for before in range(20, 0, -1):
                 end_ns = self._stamp_ns(name, 0.1 * before)
                 steady_ns = round((self.clock_s - 0.1 * before) * _S)
@@ -187,7 +187,7 @@ class Claimed(Walk):
         self._report()
 
     def _report(self) -> None:
-        """What a monitor and the others do each second."""
+        """Do the periodic work of monitor, dashboard and terminal."""
         if self.is_running:
             moment = self._moment()
             for actuator in self.actuators.values():
@@ -199,7 +199,7 @@ class Claimed(Walk):
                 self.metrics.note("/ema", held)
 
     def _is_silent(self, _: str, author: str) -> bool:
-        """Return whether the lease of the monitor is over, which ends soon after the monitor."""
+        """Return whether the lease of the monitor is over; it ends soon after the monitor."""
         return author == _AUTHOR and not self.is_running
 
     def _pass(self, seconds: float) -> None:
@@ -208,7 +208,7 @@ class Claimed(Walk):
         self._report()
 
     def _stamp_ns(self, name: str, ago_s: float = 0.0) -> int:
-        """Return what the drive of a unit stamps, or has stamped."""
+        """Return the stamp of a unit's drive for the time ``ago_s`` before now [ns]."""
         ago_ns = round(ago_s * _S)
         if name in self.power_on_s:
             up_s = self.clock_s - self.power_on_s[name]
@@ -217,7 +217,7 @@ class Claimed(Walk):
         return self.now_ns - ago_ns - round(sum(later) * _S)
 
     def _arrive(self, name: str, end_ns: int, pace: float) -> bool:
-        """Receive the telemetry of a test, up to now; return whether that shows that it is new."""
+        """Receive the telemetry of a test. Return whether its arrival shows that it is new."""
         arrivals, now_ns, block_ns = self.arrivals[name], self.clock_s * _S, _S // 10
         for before in range(5, 0, -1):
             block_end_ns = end_ns - (before - 1) * block_ns
@@ -226,9 +226,9 @@ class Claimed(Walk):
         return arrivals.are_live(end_ns)
 
     def _test(self, name: str, kind: str, ago_s: float = 0.0, pace: float = 1.0) -> None:
-        """Test a unit, or receive a test that ended some time ago.
+        """Test a unit, or receive a test that ended ``ago_s`` before now.
 
-        Telemetry comes while it is measured, or faster, down to a pace of 0: at once.
+        ``pace`` 1 receives the telemetry in real time, 0 all at once.
         """
         made = made_test(len(self.reported[name]), **_KINDS[kind])
         if kind in _HIDDEN:
@@ -264,7 +264,7 @@ class Claimed(Walk):
         pace=st.sampled_from((1.0, 1.0, 0.7, 0.0)),
     )
     def test(self, name: str, kinds: Sequence[str], pace: float = 1.0) -> None:
-        """Tests of which the last ends now."""
+        """Test a unit several times; the last test ends now."""
         for kind in kinds:
             self._pass(10.0)
             self._test(name, kind, pace=pace)
@@ -272,7 +272,7 @@ class Claimed(Walk):
     @precondition(lambda self: self.is_running and self.is_active)
     @rule(name=st.sampled_from(_UNITS), faulty=st.booleans())
     def test_well(self, name: str, *, faulty: bool) -> None:
-        """Healthy tests, after which it may be OK, and perhaps a faulty one."""
+        """Test a unit three times healthy, so that it may be OK, and optionally once faulty."""
         self.test(name, ["good"] * 3 + ["faulty"] * faulty)
 
     @precondition(lambda self: self.is_running and self.is_active)
@@ -282,10 +282,10 @@ class Claimed(Walk):
         pace=st.sampled_from((0.0, 0.3)),
     )
     def test_late(self, kind: str, late_s: float, pace: float) -> None:
-        """A stored test that ended before the last one of a unit, a moment or long before.
+        """Receive a stored test that ended ``late_s`` before the last test of its unit.
 
-        It is sent faster than it was measured. A monitor without files of before does not know
-        how the clock was set then: such a test may look new.
+        It is sent faster than it was measured. A monitor without earlier files does not know
+        earlier steps of the clock, so that such a test may look new.
         """
         name = self.tested
         self._pass(1.0)
@@ -297,36 +297,36 @@ class Claimed(Walk):
 
     @rule(seconds=st.sampled_from((1.0, 6.0, 40.0)))
     def wait(self, seconds: float) -> None:
-        """Nothing comes for a while."""
+        """Receive nothing for a while."""
         self._pass(seconds)
 
     @rule(seconds=st.sampled_from((-3600.0, -600.0, -20.0, -2.0, 5.0, 3600.0)))
     def step_clock(self, seconds: float) -> None:
-        """The clock of the machine is set."""
+        """Set the clock of the machine."""
         self.now_ns += round(seconds * _S)
         self.steps.append((self.clock_s, seconds))
         self._report()
 
     @rule(name=st.sampled_from(_UNITS), passed_s=st.sampled_from((0.0, 0.5, 10.0)))
     def power_on(self, name: str, passed_s: float) -> None:
-        """A drive counts its stamps from its power-on, which was some time ago."""
+        """Let a drive count its stamps from a power-on ``passed_s`` ago."""
         self.power_on_s[name] = self.clock_s - passed_s
 
     @precondition(lambda self: "flap" in self.power_on_s)
     @rule()
     def set_drive_clock(self) -> None:
-        """The drive gets a clock, as all others have."""
+        """Give the drive a clock, as the other drives have."""
         del self.power_on_s["flap"]
 
     @rule()
     def recalibrate(self) -> None:
-        """Tests are by another calibration from now on."""
+        """Use another calibration for the tests from now on."""
         self.calibration += 1
 
     @precondition(lambda self: self.is_running)
     @rule()
     def kill(self) -> None:
-        """The monitor is gone, and what it had latched; who heard it still has that."""
+        """Kill the monitor. Its latched messages are gone, but receivers still have them."""
         self.is_running = self.is_active = False
         self.latched.clear()
         for unit in self.units.values():
@@ -336,7 +336,7 @@ class Claimed(Walk):
     @precondition(lambda self: self.is_running and self.is_active)
     @rule()
     def deactivate(self) -> None:
-        """The monitor is told to stop."""
+        """Deactivate the monitor."""
         self.is_active = False
         for actuator in self.actuators.values():
             actuator.health.withdraw("the monitor is not active")
@@ -345,7 +345,7 @@ class Claimed(Walk):
     @precondition(lambda self: not self.is_active)
     @rule(disk=st.booleans(), reboot=st.booleans())
     def start_again(self, *, disk: bool, reboot: bool) -> None:
-        """The monitor is started, or its machine, with its histories or without."""
+        """Restart the monitor or its machine, with or without its histories."""
         for unit in self.units.values():
             unit.history.close()
         if not disk:
@@ -361,20 +361,20 @@ class Claimed(Walk):
 
     @rule()
     def come(self) -> None:
-        """A dashboard and a terminal that were not there before."""
+        """Start another dashboard and terminal."""
         self._come()
         self._report()
 
     @precondition(lambda self: self.unread)
     @rule()
     def read(self) -> None:
-        """Commands and an archive read a recording of all tests of the unit tested last."""
+        """Read a recording of all tests of the unit tested last, by commands and an archive."""
         self.unread = False
         self._read_archive(self.tested)
         self._read_command(self.tested)
 
     def _read_command(self, name: str) -> None:
-        """What a command says is that of the newest test."""
+        """Check that a command reports the level of the newest test."""
         tests = self.reported[name]
         stamped = (StampedTest(one.start_ns, one.end_ns, "bag", "bag") for one in tests)
         if unordered(stamped):
@@ -391,7 +391,7 @@ class Claimed(Walk):
         self._read_report(name, ordered, levels)
 
     def _read_report(self, name: str, tests: Sequence[Estimate], levels: Sequence[int]) -> None:
-        """The report of these tests says of the unit what the command says."""
+        """Check that the report of these tests has the same level as the command."""
         description = self.actuators[name].finder.description
         record = UnitRecord(description, [], [], [], [])
         settings = replace(_SETTINGS[name], good_for_s=0.0)
@@ -427,7 +427,7 @@ class Claimed(Walk):
     @precondition(lambda self: self.is_running and self.is_active)
     @rule(name=st.sampled_from(_UNITS))
     def predict(self, name: str) -> None:
-        """A client asks the monitor for a prediction."""
+        """Request a prediction from the monitor."""
         unit = self.units[name]
         if unit.history.entries:
             outlook = self.actuators[name].health.worth(
@@ -436,7 +436,7 @@ class Claimed(Walk):
             assert self._knows(name) or outlook.health.level != OK, "a prediction says OK"
 
     def _knows(self, name: str) -> bool:
-        """Return whether a unit may be said to be OK."""
+        """Return whether there is evidence that a unit is OK."""
         measured_s, kind = self.newest.get(name, self.lost.get(name, Tested(-math.inf, "")))
         since_s = min(measured_s, self.seen_s[name])
         is_good = kind in ("good", "blind")
@@ -444,7 +444,7 @@ class Claimed(Walk):
 
     @invariant()
     def nobody_says_ok_who_does_not_know(self) -> None:
-        """Each sink is asked of each unit, and all say the same."""
+        """Check the levels of each unit in all sinks, which must agree."""
         levels = self._levels()
         for name in _UNITS:
             if not self._knows(name):
@@ -453,10 +453,10 @@ class Claimed(Walk):
                 ]
                 assert printed == [], f"{name} is said to be OK by {', '.join(printed)}"
         for name, health in self.latched.items():
-            # Beside a warning there is no index of 1.
+            # A unit with a warning has no index of 1.
             assert health.level not in (WARN, ERROR) or not health.health_index > 0.99
             printed = {sink: level for (unit, sink), level in levels.items() if unit == name}
-            # Who shows it may let it expire a moment before its monitor does.
+            # A sink may let a claim expire shortly before the monitor does.
             assert set(printed.values()) <= {health.level, STALE}, f"{name}: {printed}"
             assert printed.get("status", health.level) == health.level, f"{name}: {printed}"
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lifecycle of a node: whatever is asked of it in whatever order, it answers and survives."""
+"""Lifecycle of a node: it answers and survives all requests in any order."""
 
 from hypothesis import strategies as st
 from hypothesis.stateful import invariant, precondition, rule
@@ -19,7 +19,7 @@ _STEPS = {
     Transition.TRANSITION_CLEANUP: ("clean_up", "inactive", "unconfigured"),
     200: ("what there is not", "never", "never"),
 }
-# The others end what was begun: when that fails, the node lets go of all that it has.
+# The other transitions release resources. If they fail, the node releases everything.
 _MAY_BE_REFUSED = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
 _SHUTDOWN = {
     "unconfigured": Transition.TRANSITION_UNCONFIGURED_SHUTDOWN,
@@ -31,7 +31,7 @@ _how = st.sampled_from(("", "", "", "", "refused", "broken"))
 
 
 class _Node(ManagedNode):
-    """A node whose steps fail as they are told to."""
+    """A node whose steps raise the exception ``error``, if set."""
 
     def __init__(self, context: Context) -> None:
         super().__init__("walked", context=context)
@@ -62,7 +62,7 @@ class _Node(ManagedNode):
 
 
 class Lifecycle(Walk):
-    """A node, and the state that it is to be in."""
+    """A node, and its expected state."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -78,7 +78,7 @@ class Lifecycle(Walk):
 
     @rule(transition=st.sampled_from(sorted(_STEPS)), how=_how)
     def ask(self, transition: int, how: str) -> None:
-        """Ask for a transition, as any client may; its step may fail."""
+        """Request a transition, as any client may; its step may fail."""
         _, begin, end = _STEPS[transition]
         is_possible = self.state == begin
         self.node.error = _ERRORS[how] if is_possible else None
@@ -95,19 +95,19 @@ class Lifecycle(Walk):
     @precondition(lambda self: self._steps > 15 and self.state != "finalized")
     @rule()
     def shut_down(self) -> None:
-        """Shut it down, late."""
+        """Shut the node down, late in the walk."""
         assert self._ask(_SHUTDOWN[self.state])
         assert self.node.finished.is_set()
         self.state = "finalized"
 
     @invariant()
     def state_is_right(self) -> None:
-        """The node is in the state that follows, and has what belongs to it."""
+        """Check that the node is in the expected state."""
         assert self.node.state == self.state, f"{self.node.state}, expected {self.state}"
         assert self.node.is_configured == (self.state in ("inactive", "active"))
 
     def teardown(self) -> None:
-        """Let go of the node."""
+        """Destroy the node."""
         super().teardown()
         self.node.destroy_node()
         self.context.try_shutdown()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The prognosis of a unit: tests, repairs, counts that are revoked, restarts and replays."""
+"""Prognosis of a unit under tests, repairs, revoked counts, restarts and replays."""
 
 import math
 import shutil
@@ -28,7 +28,7 @@ _COUNTS = ("none", "right", "right", "right", "high", "low")
 
 
 class Prognosis(Walk):
-    """A unit whose friction grows, and what was told of it."""
+    """A unit whose friction grows, and the tests reported for it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -75,12 +75,12 @@ class Prognosis(Walk):
 
     @rule()
     def refuse(self) -> None:
-        """A test without a valid estimate."""
+        """Report a test without a valid estimate."""
         self._test("right", valid=False)
 
     @rule(valid=st.booleans())
     def come_late(self, *, valid: bool) -> None:
-        """A test that comes after a later one: the newest one still leads."""
+        """Report a test after a later one: the newest test still sets the level."""
         held = self._test("right", valid=valid, held=True)
         self._test("right")
         self.reported.append(held)
@@ -88,36 +88,36 @@ class Prognosis(Walk):
         self._tell(*held)
         assert _claim(self.outlook) == _claim(before), "a late test leads"
         if self.outlook and before and self.outlook.health.level == before.health.level == OK:
-            # It may show a fault later than the tests before it, never earlier.
+            # A late test may only make the oldest evidence newer, never older.
             assert self.outlook.claim.oldest_ns >= before.claim.oldest_ns
         if self.outlook and before and self.outlook.health.level != before.health.level:
-            # At the edge of a level: it moves a value that it makes sharper, and by no more.
+            # At the edge of a level, a late test may move a value by at most its sigma.
             for now, then in zip(self.outlook.health.faults, before.health.faults, strict=True):
                 assert abs(now.value - then.value) <= then.sigma, f"a late test leads {now.name}"
 
     @rule(size=st.sampled_from((-0.3, 0.3)))
     def err(self, size: float) -> None:
-        """A test that is off, once."""
+        """Report a single test with a large error."""
         self._test("right", size)
         self._test("right")
 
     @rule(change=st.sampled_from((-1.0, 0.2)))
     def change(self, change: float) -> None:
-        """A repair, or a sudden fault, for good; the next tests show it."""
+        """Repair the unit, or give it a sudden permanent fault, which the next tests show."""
         self.friction = max(self.friction + change, 0.0)
         for _ in range(3):
             self._test("right")
 
     @rule()
     def replace_counter(self) -> None:
-        """Another counter of service hours, by which all later counts are lower or higher."""
+        """Replace the counter of service hours, so that later counts are lower or higher."""
         self.offset_hours += 0.5 * _HOURS * self.number * (-1 if self.offset_hours > 0 else 1)
         for _ in range(3):
             self._test("right")
 
     @rule(which=st.integers(0, 30))
     def test_again(self, which: int) -> None:
-        """A test that came already changes nothing."""
+        """Report a test again, which must change nothing."""
         if not self.reported:
             return
         history = self.prognostics.history
@@ -128,13 +128,13 @@ class Prognosis(Walk):
 
     @rule()
     def start_again(self) -> None:
-        """Close and open the history: the same is said as before."""
+        """Close and open the history; the outlook must not change."""
         self.prognostics.history.close()
         self._open()
 
     @rule()
     def kill(self) -> None:
-        """Open a copy of the files as they are: every test is in it."""
+        """Open a copy of the current files, as after a kill; it must have every test."""
         copy = self.path.with_name(f"copy_{self._steps}.sqlite")
         for suffix in ("", "-wal"):
             source = self.path.with_name(self.path.name + suffix)
@@ -154,7 +154,7 @@ class Prognosis(Walk):
 
     @rule()
     def replay(self) -> None:
-        """All tests once more, into a history in memory: the same is said."""
+        """Replay all tests into a history in memory; the outlook must be the same."""
         twin = Unit(History(*UNIT))
         last = None
         for estimate, count in self.reported:
@@ -164,7 +164,7 @@ class Prognosis(Walk):
 
     @invariant()
     def hours_never_go_back(self) -> None:
-        """Service hours ascend; the file has every test."""
+        """Check that service hours ascend and that the file has every valid test once."""
         hours = [test.hours for test in self.prognostics.growth.service.used]
         assert hours == sorted(hours), "service hours go back"
         assert not self.prognostics.history.problem, self.prognostics.history.problem
@@ -185,5 +185,5 @@ def _claim(outlook: Outlook | None) -> object:
 
 
 def _said(outlook: Outlook | None) -> str:
-    """Return everything in an outlook but its events, each figure to its last digit."""
+    """Return an outlook without its events as a text, with all digits."""
     return repr(outlook and replace(outlook, events=()))

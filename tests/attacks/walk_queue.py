@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The queue of windows: each is identified, or answered otherwise, once and in its order."""
+"""Queue of windows: each window is identified or otherwise answered, once and in order."""
 
 from collections import Counter
 
@@ -24,13 +24,13 @@ _unit = st.sampled_from(sorted(_UNITS))
 
 
 class Queue(Walk):
-    """A queue, and what it was given and gave."""
+    """A queue, and the segments that were added to and taken from it."""
 
     def __init__(self) -> None:
         super().__init__()
         self.queue = WindowQueue()
         self.number = 0
-        # What waits, by actuator: numbers, and which of them are windows still.
+        # Numbers of the waiting segments by actuator, and of the windows among them.
         self.waiting: dict[str, list[int]] = {name: [] for name in _UNITS}
         self.whole: set[int] = set()
         self.answers: Counter[int] = Counter()
@@ -69,19 +69,19 @@ class Queue(Walk):
 
     @rule(name=_unit, stretch=st.booleans(), most=st.sampled_from((1, 2, 3, None)))
     def add_window(self, name: str, stretch: bool, most: int | None) -> None:
-        """Add a window."""
+        """Add a window to the queue."""
         self._add(name, refused=False, stretch=stretch, most=most)
 
     @rule(name=_unit, count=st.sampled_from((1, 3, 130)), most=st.sampled_from((1, 2, None)))
     def add_refusals(self, name: str, count: int, most: int | None) -> None:
-        """Add refusals, of a burst as well."""
+        """Add refusals to the queue, also a burst of them."""
         for _ in range(count):
             self._add(name, refused=True, stretch=False, most=most)
 
     @precondition(lambda self: any(self.waiting.values()) or self.queue.is_closed)
     @rule()
     def take(self) -> None:
-        """Take the next window, as the thread that identifies does."""
+        """Take the next segment, as the identification thread does."""
         segment = self.queue.next()
         if self.queue.is_closed:
             assert segment is None, "a closed queue gave a window"
@@ -98,7 +98,7 @@ class Queue(Walk):
     @precondition(lambda self: self.current is not None)
     @rule(abandoned=st.booleans())
     def finish(self, abandoned: bool) -> None:
-        """Publish what was taken, unless it was abandoned before."""
+        """Publish the taken segment, unless it was abandoned before."""
         current, self.current = self.current, None
         assert current is not None
         if abandoned:
@@ -109,7 +109,7 @@ class Queue(Walk):
 
     @rule(name=_unit)
     def forget(self, name: str) -> None:
-        """Let go of an actuator."""
+        """Forget an actuator and its segments."""
         self.queue.forget(name)
         self.gone.update(self.waiting[name])
         self.waiting[name] = []
@@ -119,7 +119,7 @@ class Queue(Walk):
     @precondition(lambda self: self._steps > 15)
     @rule()
     def close(self) -> None:
-        """Close it: all that waits is given back, in order."""
+        """Close the queue, which must return all waiting segments in order."""
         left = self.queue.close()
         found: dict[str, list[int]] = {name: [] for name in _UNITS}
         for item in left:
@@ -130,7 +130,7 @@ class Queue(Walk):
 
     @invariant()
     def counts_are_right(self) -> None:
-        """Each window is answered once, waits, or is known to be gone; none twice."""
+        """Check that each segment is answered once, waiting, or counted as dropped."""
         waiting = [number for numbers in self.waiting.values() for number in numbers]
         assert all(count == 1 for count in self.answers.values()), "a window was answered twice"
         assert len(self.queue) == sum(number in self.whole for number in waiting)

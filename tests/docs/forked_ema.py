@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema`` for the shell of a test: each is a copy of one process, which has imported all before.
+"""Server for ``ema`` in the shells of tests: forks of a process that has imported everything.
 
-A program of its own, given the path of the socket at which it listens.
+The argument of the program is the path of its socket.
 """
 
 import json
@@ -25,7 +25,7 @@ with socket.socket(socket.AF_UNIX) as connection:
 
 
 def serve(path: str) -> None:
-    """Run the command lines that clients send, one after the other."""
+    """Run the command lines of clients, one after the other."""
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(path)
         server.listen()
@@ -43,7 +43,7 @@ def serve(path: str) -> None:
 
 
 def run(folder: str, *arguments: str, files: list[int]) -> int:
-    """Run a command line in a folder with the standard files of the client; return its code."""
+    """Run a command line in a folder with the client's standard files. Return its exit code."""
     for number, file in enumerate(files):
         os.dup2(file, number)
     os.chdir(folder)
@@ -59,7 +59,7 @@ def run(folder: str, *arguments: str, files: list[int]) -> int:
 
 
 def warm_up() -> None:
-    """Import what commands import, and load their kernels."""
+    """Import the modules of the commands, and load their kernels."""
     with TemporaryDirectory() as folder:
         bag = Path(folder, "bag.mcap")
         for words in (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The quality of each package is declared, and links between documents lead somewhere."""
+"""The quality of each package is declared, and links between documents are valid."""
 
 import re
 from pathlib import Path
@@ -15,7 +15,7 @@ LINK = re.compile(r"\]\(([^)#]+)(?:#([^)]*))?\)")
 
 
 def anchors(text: str) -> set[str]:
-    """Return the anchors of the headings of a document."""
+    """Return the anchors of the headings in a document."""
     titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
     return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
 

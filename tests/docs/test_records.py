@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A field of an estimate or health has one name, in message, JSON and table, and on its page."""
+"""Fields of estimates and healths have the same names in messages, JSON, tables and document."""
 
 from dataclasses import fields, is_dataclass
 from pathlib import Path

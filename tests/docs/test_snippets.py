@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What README and guides show is what happens.
+"""The commands and code in README and guides produce the output that is shown.
 
-Blocks of ``python`` in a document run one after the other, and so do blocks of ``sh``, in a folder
-of their own. A block of ``text`` after one is its output, figures to a few per cent; a line that
-ends in ``...`` shows its beginning. ``<!-- not run: reason -->`` before a block leaves it out, and
-``<!-- long: reason -->`` leaves it to the tests marked so.
+Blocks of ``python`` in a document run one after the other, and so do blocks of ``sh``, in a
+temporary folder. A block of ``text`` after a block is its output. Words must be equal, numbers
+agree to a few per cent. A line that ends in ``...`` shows only the beginning. ``<!-- not run:
+reason -->`` before a block skips it, and ``<!-- long: reason -->`` runs it only in tests marked
+``long``.
 """
 
 import contextlib
@@ -48,7 +49,7 @@ class Snippet(NamedTuple):
 
 
 def snippets(document: Path, kind: str, *, with_long: bool = False) -> list[Snippet]:
-    """Return the blocks of a kind that are run, each with the output that the document shows."""
+    """Return the blocks of a kind that run, each with the output that the document shows."""
     text = document.read_text(encoding="utf-8")
     found: list[Snippet] = []
     is_run = False
@@ -65,7 +66,7 @@ def snippets(document: Path, kind: str, *, with_long: bool = False) -> list[Snip
 
 
 def assert_shown(snippet: Snippet, output: str) -> None:
-    """Compare an output with the one that is shown: words exactly, figures nearly."""
+    """Compare an output with the shown output: words exactly, numbers approximately."""
     shown = [line for line in snippet.output.splitlines() if line.strip()]
     actual = [line for line in output.splitlines() if line.strip()]
     assert len(actual) == len(shown), output
@@ -84,7 +85,7 @@ def assert_shown(snippet: Snippet, output: str) -> None:
 
 @pytest.fixture(scope="module")
 def quick_ema(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Folder with an ``ema`` that does not import everything each time."""
+    """Return a folder with an ``ema`` that does not import everything at each call."""
     folder = tmp_path_factory.mktemp("bin")
     client, path = folder / "ema", folder / "socket"
     client.write_text(CLIENT.format(python=sys.executable, path=str(path)))
@@ -112,7 +113,7 @@ def test_python_in_the_document_does_what_it_shows(workplace, name):
     names: dict[str, object] = {}
     for snippet in snippets(ROOT / name, "python"):
         printed = io.StringIO()
-        # So that a traceback names the line of the document.
+        # Empty lines, so that a traceback names the line of the document.
         source = "\n" * snippet.line + snippet.text
         with contextlib.redirect_stdout(printed):
             exec(compile(source, name, "exec"), names)
@@ -128,14 +129,14 @@ def test_shell_commands_in_the_document_do_what_it_shows(workplace, quick_ema, n
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["docs/first-diagnosis.md", "docs/plan-a-test.md"])
 def test_long_shell_commands_do_what_the_document_shows(workplace, quick_ema, name):
-    """With those before them, whose files they need."""
+    """They run with the commands before them, whose files they need."""
     found = snippets(ROOT / name, "sh", with_long=True)
     assert len(found) > len(snippets(ROOT / name, "sh"))
     run_shell(name, found, quick_ema)
 
 
 def run_shell(name: str, found: list[Snippet], quick_ema: Path) -> None:
-    """Run blocks one after the other and compare their outputs."""
+    """Run blocks in a shell one after the other, and compare their outputs."""
     environment = os.environ | {"PATH": f"{quick_ema}:{os.environ['PATH']}"}
     for snippet in found:
         command = ["bash", "-euc", snippet.text]
@@ -146,7 +147,7 @@ def run_shell(name: str, found: list[Snippet], quick_ema: Path) -> None:
 
 
 def test_documents_write_files_of_different_names():
-    """A reader who follows them in one folder never calibrates or diagnoses another one's bag."""
+    """A reader who follows several documents in a folder never reads another document's bag."""
     writers: dict[str, set[str]] = {}
     for name in DOCUMENTS:
         text = "".join(match["text"] for match in BLOCK.finditer((ROOT / name).read_text()))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No description that is taken makes an array that takes all memory: it is refused by name."""
+"""Descriptions that would need arrays of excessive size are refused with a reason."""
 
 import tracemalloc
 from collections.abc import Callable
@@ -35,7 +35,7 @@ def cycle_of(command: Command, period: float, **parameters: float) -> Callable[[
         (cycle_of(Command(duration=3600.0), 1e-6), "duration = 3600 s at sample_period = 1e-06 s"),
         (cycle_of(Command(), 1e-9), "rad/s and sample_period = 1e-09 s: 4e"),
         (
-            # Hardly held in its place: the approach would last for days.
+            # With such a weak position control, the approach would last for days.
             cycle_of(Command(), 1e-4, GAP=1e-6, theta_stop=1e6, G_prop=1.0),
             "an approach from .* rad below at 0.005 rad/s",
         ),
@@ -61,6 +61,6 @@ def test_what_would_take_all_memory_is_refused_by_name(call: Callable[[], Any], 
 
 @pytest.mark.slow
 def test_just_within_the_bound_there_is_little_more_than_it():
-    """The bound is of bytes: 200 s at 100 kHz."""
+    """The bound is in bytes; here it corresponds to 200 s at 100 kHz."""
     command = Command("step", duration=160.0)
     assert peak_bytes(lambda: build_cycle(command, 1e-5)) < 4 * MOST_BYTES

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``colcon test`` of a package needs only the packages of this project that it declares."""
+"""``colcon test`` of a package needs only the declared packages of this project."""
 
 import ast
 import xml.etree.ElementTree as ElementTree
@@ -23,7 +23,7 @@ def files_of(folder: Path, root: Path) -> list[Path]:
 
 
 def imported(path: Path, statements: list[ast.AST], root: Path) -> Iterator[str]:
-    """Yield the full names of modules, and of what is imported from them."""
+    """Yield the full names of imported modules, and of the objects imported from modules."""
     for item in statements:
         if isinstance(item, ast.Import):
             yield from (alias.name for alias in item.names)
@@ -34,10 +34,10 @@ def imported(path: Path, statements: list[ast.AST], root: Path) -> Iterator[str]
 
 
 def needed(folder: Path, root: Path = ROOT) -> dict[str, set[str]]:
-    """Return the packages of this project that the tests of a package import, and their files.
+    """Return the packages of this project that a package's tests import, with the importing files.
 
-    The files are the package's tests, their conftest files, and the modules of ``tests`` that they
-    import. The imports within a fixture count if a test requests the fixture.
+    These are the package's tests, their conftest files, and the modules of ``tests`` that they
+    import. Imports within a fixture count if a test requests the fixture.
     """
     found: dict[str, set[str]] = {}
     tests = files_of(folder, root)
@@ -73,7 +73,7 @@ def needed(folder: Path, root: Path = ROOT) -> dict[str, set[str]]:
             elif path in tests and one.name.startswith("test"):
                 requested |= {item.arg for item in one.args.args}
         visit(path, [one for one in nodes if one not in lazy])
-        # An autouse fixture is requested by all tests.
+        # All tests request an autouse fixture.
         wanted = [
             (path, one)
             for path, one in fixtures
@@ -120,7 +120,7 @@ def test_dependencies_have_no_circle():
 
 
 def test_imports_are_found_in_files_modules_and_requested_fixtures(tmp_path: Path):
-    """In a test, a module, a conftest file and a fixture, but not in a fixture of other tests."""
+    """They are found in tests, modules, conftest files and requested fixtures only."""
     folder = tmp_path / "ema_core"
     for path, text in {
         "ema_core/setup.py": "",

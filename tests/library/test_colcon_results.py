@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``make colcon-test`` fails if a package has no test, which colcon itself takes for success."""
+"""``make colcon-test`` fails if a package has no test; colcon alone would report success."""
 
 import subprocess
 import sys
@@ -17,7 +17,7 @@ def checked(results: str) -> subprocess.CompletedProcess[str]:
 
 
 def colcon_results(folder: Path, tests: dict[str, int]) -> str:
-    """Return what colcon lists of JUnit files with these numbers of tests."""
+    """Return the output of colcon for JUnit files with these numbers of tests by package."""
     (folder / "build").mkdir()
     for package, number in tests.items():
         path = folder / "build" / package / "pytest.xml"

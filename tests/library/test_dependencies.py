@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Imports of each package, its setup.cfg and package.xml, and the install of a workspace agree."""
+"""Imports, setup.cfg and package.xml of each package agree with the files in requirements."""
 
 import ast
 import re
@@ -31,20 +31,20 @@ WITHOUT_KEY = {
 }
 """Modules that rosdep cannot install on Ubuntu 24.04.
 
-It has no key for them, no package for the key (numba), or a key for pip, which Ubuntu 24.04 refuses
-outside of a virtual environment.
+rosdep has no key for them, no package for the key (numba), or a key for pip, which Ubuntu 24.04
+refuses outside of a virtual environment.
 """
 
 OPTIONAL = {"rosbag2_interfaces"}
-"""Modules that are used where they are installed."""
+"""Modules that are used only if they are installed."""
 
 KEYS = {"prometheus_client": "python3-prometheus-client"}
-"""Keys of rosdep that are not ``python3-`` and the name of the module."""
+"""Keys of rosdep that differ from ``python3-`` and the name of the module."""
 
 
 RUNTIME = ROOT / "requirements" / "runtime.in"
 NOT_LISTED = {"llvmlite", "markupsafe", "distributed"}
-"""Versions that numba and jinja2 choose, and the extra ``dask``, which is in ``dev.in``."""
+"""Packages whose version numba or jinja2 chooses, and the extra ``dask``, listed in ``dev.in``."""
 
 
 def is_ros(module: str) -> bool:
@@ -54,7 +54,7 @@ def is_ros(module: str) -> bool:
 
 
 def is_node(path: Path) -> bool:
-    """Whether a module is for nodes only, as the import contracts have it."""
+    """Return whether a module is for nodes only, by the rule of the import contracts."""
     return path.stem.endswith("_node") or path.parent.name == "node"
 
 
@@ -70,27 +70,27 @@ def imports_of(path: Path) -> set[str]:
 
 
 def imports(folder: Path, *, nodes: bool) -> set[str]:
-    """Return the modules from elsewhere that a package imports, with its nodes or without."""
+    """Return the external modules that a package imports, with or without its nodes."""
     files = (folder / folder.name).rglob("*.py")
     modules = (imports_of(path) for path in files if nodes or not is_node(path))
     return set().union(*modules) - {folder.name}
 
 
 def dependencies(folder: Path) -> set[str]:
-    """Return the dependencies in a package.xml for running."""
+    """Return the run-time dependencies in a package.xml."""
     root = ElementTree.parse(folder / "package.xml").getroot()
     return {item.text or "" for item in root.iter("exec_depend")}
 
 
 def requirements(folder: Path) -> list[Requirement]:
-    """Return the requirements in a setup.cfg for running, extras included."""
+    """Return the run-time requirements in a setup.cfg, including extras."""
     declared = read_configuration(folder / "setup.cfg")["options"]
     extras = [lines for name, lines in declared["extras_require"].items() if name != "test"]
     return [Requirement(one) for every in (declared["install_requires"], *extras) for one in every]
 
 
 def disagreements(folder: Path, workspace: str) -> set[str]:
-    """Return FILE: NAME for each dependency that one side has, and the imports lack or add."""
+    """Return "FILE: NAME" for each dependency in which a file and the imports differ."""
     imported = {name for name in imports(folder, nodes=False) if not is_ros(name)}
     required = {item.name for item in requirements(folder)}
     modules = imports(folder, nodes=True) - OPTIONAL
@@ -168,11 +168,11 @@ def test_workspace_requires_nothing_that_no_package_requires():
 
 
 def not_in_both(runtime: str) -> set[str]:
-    """Return the packages that either ``runtime.in`` or the setup.cfg of all packages lacks."""
+    """Return the distributions that are in ``runtime.in`` or in a setup.cfg, but not in both."""
     lines = (line.partition("#")[0].strip() for line in runtime.splitlines())
     pinned = {Requirement(line).name for line in lines if line}
     required = {item.name for package in PACKAGES for item in requirements(FOLDERS[package])}
-    # mcap imports lz4 where a bag is compressed by it.
+    # mcap imports lz4 for bags that are compressed with it.
     return {name for name in required if not name.startswith("ema_")} ^ (pinned - {"lz4"})
 
 
@@ -208,7 +208,7 @@ def test_document_installs_the_requirements_of_a_workspace():
 
 
 def test_clone_in_a_workspace_has_each_package_once():
-    # As rosdep looks for them: it stops at a name that is there twice.
+    # rosdep finds packages in the same manner, and stops at a duplicate name.
     packages = find_packages(ROOT)
     assert {item.name: ROOT / path for path, item in packages.items()} == FOLDERS
     for item in packages.values():
@@ -221,7 +221,7 @@ def test_package_has_a_changelog_that_a_release_takes(package, tmp_path):
     copy = tmp_path / "CHANGELOG.rst"
     changelog = get_changelog_from_path(str(FOLDERS[package]))
     assert changelog is not None
-    # What catkin_prepare_release does, and then bloom.
+    # The steps of catkin_prepare_release, and then of bloom.
     label = get_forthcoming_label(changelog.rst)
     update_changelog_sections({package: (copy, changelog, label)}, "9.9.9")
     released = get_changelog_from_path(str(copy))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each import contract of the repository fails on an import that breaks it."""
+"""Each import contract of the repository fails for an import that breaks it."""
 
 import os
 import re
@@ -52,15 +52,14 @@ FORBIDDEN = {
         "ema_monitor.unit",
     ),
 }
-"""A module, new or not, and what it imports against a contract, by the name of the contract."""
+"""A module and an import that breaks a contract, by the name of the contract."""
 
 
 @pytest.fixture(scope="module")
 def broken(tmp_path_factory) -> dict[str, str]:
-    """Reports of the contracts that forbidden imports break, by name.
+    """Reports of the contracts, by name, with the imports of ``FORBIDDEN`` added.
 
-    They are those of ``FORBIDDEN``, and a circle of two modules of ``ema_sim``. Imports for types
-    alone count as well.
+    A cycle of two modules of ``ema_sim`` is added as well. Imports under TYPE_CHECKING count.
     """
     folder = tmp_path_factory.mktemp("contracts")
     skipped = shutil.ignore_patterns("web", "page", "__pycache__")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The packages as libraries: what they offer, and what it costs to import them."""
+"""The packages as libraries: their public names and the modules that they import."""
 
 import ast
 import subprocess

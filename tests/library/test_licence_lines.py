@@ -35,7 +35,7 @@ def test_each_source_file_names_its_licence():
 
 
 def test_definitions_of_messages_begin_with_their_description():
-    """Each bag has their text, and `ros2 interface show` prints it from its first line."""
+    """Bags contain their text, and `ros2 interface show` prints it from the first line."""
     for kind in ("msg", "srv", "action"):
         paths = [*(ROOT / "ema_interfaces" / kind).glob(f"*.{kind}")]
         assert paths

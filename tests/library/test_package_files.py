@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that all packages share are up to date, and ``colcon test`` finds tests in each package."""
+"""Shared files of the packages are up to date, and ``colcon test`` finds tests in each package."""
 
 import importlib.util
 import re
@@ -114,7 +114,7 @@ def test_colcon_finds_tests(package):
         assert path.is_file() or list(path.glob("test_*.py"))
     if (folder / "setup.py").exists():
         extras = read_configuration(folder / "setup.cfg")["options"]["extras_require"]
-        # Without it, colcon runs no pytest.
+        # colcon runs pytest only with this extra.
         assert extras["test"][:2] == ["pytest>=9,<10", "pytest-xdist>=3.8,<4"]
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What libraries do not promise is used in three files, and does there what it is used for.
+"""Only three files use private interfaces of libraries, and the interfaces still work.
 
-Lanes, operation by operation, are tested in
-``tests/core/test_simd.py``, the cache of kernels in ``tests/core/test_jit.py``.
+``tests/core/test_simd.py`` tests the operations of lanes, ``tests/core/test_jit.py`` the cache of
+kernels.
 """
 
 import re
@@ -43,7 +43,7 @@ def test_numba_asks_a_vector_what_becomes_one(number: types.Type):
 
 
 def test_conversion_ranks_a_vector_after_the_number_itself():
-    """Otherwise a sum of numbers in a kernel would be one of vectors."""
+    """Otherwise the sum of numbers in a kernel would be a vector."""
     assert Conversion.exact < Conversion.promote < Conversion.safe < Conversion.unsafe
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contexts and nodes of the tests, destroyed at their ends."""
+"""Contexts and nodes of tests, destroyed at the end of each test."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -13,20 +13,20 @@ from ema_ros import managed_node
 
 from .spinning import Spinning, end, made, ros_context
 
-# Tests wait for what nodes report; those of real graphs have their second.
+# Tests wait for reports of nodes. Nodes in real graphs report once per second.
 managed_node._REPORT_S = 0.2  # pyright: ignore[reportPrivateUsage, reportConstantRedefinition]
 
 
 @pytest.fixture
 def context() -> Iterator[Context]:
-    """A context in the domain of this process."""
+    """Return a ROS context in the domain of this process."""
     with ros_context() as context:
         yield context
 
 
 @pytest.fixture
 def graph(context: Context) -> Iterator[Spinning]:
-    """Nodes of a test, and what serves them."""
+    """Return the nodes of a test with their executor."""
     graph = Spinning(context)
     yield graph
     graph.close()
@@ -34,7 +34,7 @@ def graph(context: Context) -> Iterator[Spinning]:
 
 @pytest.fixture
 def make_node(context: Context) -> Iterator[Callable[..., Any]]:
-    """Make nodes: of a name and further arguments, or of another class (``kind=``)."""
+    """Return a function that makes a node; ``kind`` is its class, ``Node`` by default."""
     with ExitStack() as nodes:
 
         def make(*arguments: Any, kind: type[Node] = Node, **more: Any) -> Any:

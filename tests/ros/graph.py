@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A graph of node processes in a domain of its own, with an observer beside them."""
+"""A graph of node processes in a separate domain, with an observer node."""
 
 import os
 import signal
@@ -24,7 +24,7 @@ from .spinning import end, ros_context, spinning
 
 
 class Status(NamedTuple):
-    """The latest status of a task; ``came_s`` is when it came [s]."""
+    """The latest status of a task; ``came_s`` is its time of reception [s]."""
 
     level: int
     message: str
@@ -33,22 +33,22 @@ class Status(NamedTuple):
 
 
 class Graph:
-    """Starts nodes as processes, stops, kills and pauses them, and listens to what they say.
+    """A graph that starts, stops, kills and pauses node processes, and records their messages.
 
     Attributes
     ----------
     processes
-        Those that were started and not ended, by name.
+        Running processes by name.
     began_s
-        When each was started last, of the machine's clock [s].
+        Time of the last start of each process by the machine's clock [s].
     received
-        All estimates so far, and when each came [s].
+        All estimates so far, each with its time of reception [s].
     status
-        Latest status by its name.
+        Latest status by name.
     reported
-        All messages that differ of each status, in their order.
+        Messages of each status in order, without repetitions.
     blocks
-        When each block of telemetry was sent [ns], and received [s].
+        Time at which each telemetry block was sent [ns], and received [s].
     """
 
     def __init__(self, folder: Path) -> None:
@@ -69,7 +69,7 @@ class Graph:
             context = opened.enter_context(ros_context(self._domain.number))
             self.node = Node("observer", namespace="/test", context=context)
             opened.callback(end, self.node)
-            # Typed as rclpy has it: with two arguments it is given what is known of the message.
+            # rclpy passes the message information to callbacks with two arguments.
             note_block: Any = self._note_block
             listen = self.node.create_subscription
             listen(FaultEstimate, f"{NAMESPACE}/fault_estimate", self._note_estimate, STREAM)
@@ -89,7 +89,7 @@ class Graph:
 
     @property
     def domain_id(self) -> int:
-        """Domain of all nodes."""
+        """ROS domain of all nodes."""
         return self._domain.number
 
     @property
@@ -100,9 +100,9 @@ class Graph:
     def start(
         self, name: str, node: str = "", remaps: Sequence[str] = (), **parameters: Any
     ) -> None:
-        """Start a node with parameters; a dot in the name of one is two underscores here.
+        """Start a node with parameters; write two underscores for a dot in their names.
 
-        A monitor keeps no history unless told where.
+        A monitor keeps no history unless ``history_folder`` is given.
         """
         if (node or name) == "monitor":
             parameters = {"history_folder": "", **parameters}
@@ -115,7 +115,7 @@ class Graph:
         self.start_other(name, [program(node or name), "--ros-args", *words])
 
     def start_other(self, name: str, command: list[Any]) -> None:
-        """Start what is no node of ours, in the same domain."""
+        """Start any other program in the same domain."""
         environment = os.environ | {
             "ROS_DOMAIN_ID": str(self.domain_id),
             "ROS_HOME": str(self.folder / "ros_home"),
@@ -127,12 +127,12 @@ class Graph:
             )
 
     def kill(self, name: str) -> float:
-        """Kill a node with signal 9; return when that was done, of the machine's clock [s]."""
+        """Kill a node with SIGKILL. Return the time by the machine's clock [s]."""
         assert self.stop(name, signal.SIGKILL) == -signal.SIGKILL
         return time.time()
 
     def stop(self, name: str, number: signal.Signals = signal.SIGINT) -> int:
-        """Send a signal to a node; return its exit code once it has ended."""
+        """Send a signal to a node. Wait until it ends and return its exit code."""
         self.processes[name].send_signal(number)
         return self.exit_code(name)
 
@@ -146,19 +146,19 @@ class Graph:
         return code
 
     def pause(self, name: str) -> None:
-        """Let a node stand still, without its knowledge."""
+        """Pause the process of a node by SIGSTOP."""
         self.processes[name].send_signal(signal.SIGSTOP)
 
     def resume(self, name: str) -> None:
-        """Let a node go on that stands still."""
+        """Resume a paused node."""
         self.processes[name].send_signal(signal.SIGCONT)
 
     def log(self, name: str) -> Path:
-        """Return the file that holds what a node prints."""
+        """Return the path of the log of a node's output."""
         return self.folder / f"{name}.log"
 
     def failures(self) -> list[str]:
-        """Return the last lines of the logs that have a traceback."""
+        """Return the last line of each log that contains a traceback."""
         return [
             f"{path.name}: {text.strip().splitlines()[-1]}"
             for path in sorted(self.folder.glob("*.log"))
@@ -168,7 +168,7 @@ class Graph:
     def wait_for(
         self, condition: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S
     ) -> Any:
-        """Wait until a condition holds, while all nodes live, and return what it returned."""
+        """Wait until a condition is true, and return its value. Fail if a node ends."""
 
         def holds() -> Any:
             result = condition()
@@ -183,18 +183,18 @@ class Graph:
             raise AssertionError(f"{error}; status: {self.status}\n{logs}") from error
 
     def wait(self, seconds: float) -> None:
-        """Let time go by [s], while all nodes have to live."""
+        """Wait for some seconds. Fail if a node ends."""
         end_s = time.monotonic() + seconds
         self.wait_for(lambda: time.monotonic() >= end_s, "the time", seconds + DEADLINE_S)
 
     def check_alive(self) -> None:
-        """Fail when a node has ended by itself."""
+        """Fail if a node has ended by itself."""
         for name, process in self.processes.items():
             code = process.poll()
             assert code is None, f"{name} has ended by itself with code {code}"
 
     def says(self, status: str, text: str, since_s: float = 0.0) -> bool:
-        """Return whether a status has a text in its message and came after a time [s]."""
+        """Return whether a status contains a text in its message and came after a time [s]."""
         found = self.status.get(status)
         return found is not None and found.came_s > since_s and text in found.message
 

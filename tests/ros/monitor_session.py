@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A monitor in this process, and what other nodes send it, ask of it and hear from it."""
+"""A monitor in the test process, with a probe that communicates with it like other nodes."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
@@ -36,38 +36,38 @@ CYCLE = build_cycle(THESIS_CHIRP, FLAP.sample_period)
 
 
 class Source:
-    """Telemetry of one simulated actuator, a test cycle at a time, each joining the one before."""
+    """Telemetry of a simulated actuator in consecutive test cycles."""
 
     def __init__(self, *, stamp_ns: int = START_NS, **faults: float) -> None:
         self.actuator = SimulatedActuator(stamp_ns=stamp_ns)
         self.set(**faults)
 
     def set(self, **faults: float) -> None:
-        """Set the faults of the cycles to come; others are healthy."""
+        """Set the faults of the next cycles; components that are not named are healthy."""
         self.actuator.faults = fault_vector(faults)
 
     def cycle(self, size: int = 500) -> list[Telemetry]:
-        """The next test cycle, in blocks of a size."""
+        """Return the next test cycle in blocks of ``size`` samples."""
         whole = self.actuator.advance(CYCLE.samples)
         stops = [*range(size, len(whole), size), len(whole)]
         return [whole.part(start, stop) for start, stop in zip([0, *stops], stops, strict=False)]
 
 
 def in_window(blocks: list[Telemetry]) -> int:
-    """The number of a block in the midst of the window of a cycle of blocks."""
+    """Return the index of the block in the middle of the window of a cycle."""
     middle = blocks[0].first_index + (CYCLE.start + CYCLE.stop) // 2
     return next(i for i, b in enumerate(blocks) if b.first_index + len(b) > middle)
 
 
 def corrupted(block: Telemetry, column: str, sample: int, value: float) -> Telemetry:
-    """A block with one sample of one column replaced."""
+    """Return a block with one sample of a column replaced."""
     values = getattr(block, column).copy()
     values[sample] = value
     return replace(block, **{column: values})
 
 
 class MonitorSession(Probe):
-    """A monitor node and a probe beside it, both spun in the background."""
+    """A monitor node and a probe, both spun in the background."""
 
     def __init__(self, context: Context, node: MonitorNode) -> None:
         super().__init__(context, node)
@@ -83,7 +83,7 @@ class MonitorSession(Probe):
             self.subscribe(message_class, name, qos)
 
     def at_end(self, callback: Callable[[], Any]) -> None:
-        """Call something before the probe is destroyed."""
+        """Register a function to call before the probe is destroyed."""
         self._at_end.append(callback)
 
     def close(self) -> None:
@@ -91,7 +91,7 @@ class MonitorSession(Probe):
             callback()
 
     def bring_up(self) -> None:
-        """Bring the node up and wait until it hears what is published."""
+        """Configure and activate the node, and wait until its subscriptions are matched."""
         assert self.node.bring_up()
         self.until_subscribed()
 
@@ -103,7 +103,7 @@ class MonitorSession(Probe):
         self.send(topics.DESCRIPTION, description_to_message(description))
 
     def mount(self, description: ActuatorDescription = FLAP) -> None:
-        """Describe a unit, and wait until the monitor knows of it."""
+        """Publish a description, and wait until the monitor has it."""
         actuators = self.node.actuators
         self.describe(description)
         wait_for(
@@ -112,7 +112,7 @@ class MonitorSession(Probe):
         )
 
     def describe_from_a_node_of_its_own(self, description: ActuatorDescription) -> None:
-        """Publish a description as another actuator does, to whoever listens now or later."""
+        """Publish a latched description by another publisher, as another actuator does."""
         message_class, qos = topics.ACTUATOR_TOPICS[topics.DESCRIPTION]
         publisher = self.probe.create_publisher(message_class, topics.DESCRIPTION, qos)
         publisher.publish(description_to_message(description))
@@ -132,7 +132,7 @@ class MonitorSession(Probe):
         return [item for item in self.received(topics.HEALTH) if item.actuator_id == actuator_id]
 
     def next_estimate(self, timeout_s: float = DEADLINE_S) -> FaultEstimate:
-        """Wait for one more estimate than have been returned by this method so far."""
+        """Wait for the next estimate that this method has not returned yet."""
         self._estimates_awaited += 1
         number = self._estimates_awaited
         return self.until(lambda: self.estimates()[number - 1 : number], timeout_s)[0]
@@ -143,7 +143,7 @@ class MonitorSession(Probe):
         return self.call(ChangeState, "/ema/monitor/change_state", request).success
 
     def set_parameters(self, **values: Any) -> list[Any]:
-        """Set parameters as another node does, and return the answers."""
+        """Set parameters by the service of the node, and return the results."""
         request = SetParameters.Request(
             parameters=[
                 Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
@@ -153,7 +153,7 @@ class MonitorSession(Probe):
 
 
 class Goal:
-    """A goal of an action, by default ``identify_faults``, that has been sent to a monitor."""
+    """A goal sent to an action of a monitor, by default ``identify_faults``."""
 
     def __init__(
         self,
@@ -191,13 +191,13 @@ class Goal:
 def monitor(
     parameters: dict[str, Any] | None = None, *, up: bool = True
 ) -> Iterator[MonitorSession]:
-    """A monitor with these parameters in a domain of its own, brought up unless asked not to be.
+    """Yield a monitor with these parameters in a separate domain; active unless ``up`` is False.
 
-    It keeps no history unless a parameter names a folder, for all sources begin at the same stamp;
-    a history takes tests of any stamp, for that one is long ago. And its health does not grow stale
-    while a busy machine takes its time.
+    It keeps its history in memory unless a parameter names a folder, because all sources start at
+    the same stamp. This stamp is long ago, so the history accepts tests of any stamp. Its health
+    does not become stale on a busy machine.
     """
-    # A health that is published before they are fitted is published again.
+    # Fit them first: a health that is published before is published again.
     requirements_of(Calibration.builtin().unit_parameters, RequirementLimits())
     given = {
         "history_folder": "memory",

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calls of a player's services, whose types have the fields of a refusal or are rosbag2's."""
+"""Calls of a player's services, whose types are of ema_interfaces or of rosbag2.
+
+Types of ema_interfaces have the fields ``success`` and ``message``.
+"""
 
 from typing import Any
 
@@ -9,7 +12,7 @@ from .spinning import Spinning
 
 
 def ask(graph: Spinning, name: str, **fields: Any) -> Any:
-    """Return the answer of a service of the player."""
+    """Call a service of the player and return its answer."""
     return graph.call(PLAYBACK_SERVICES[name], f"player/{name}", **fields)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contexts, nodes and executors in the process of the test, each destroyed when it is over."""
+"""Contexts, nodes and executors in the test process, which are destroyed after use."""
 
 import contextlib
 import threading
@@ -24,12 +24,12 @@ from ..waiting import DEADLINE_S, wait_for
 
 
 def fail(error: Exception) -> None:
-    """Let a test fail by what a callback raised in a thread."""
+    """Raise an exception of a callback, so that the test fails."""
     raise error
 
 
 def figures(status: DiagnosticStatus) -> dict[str, float]:
-    """Return the figures in a status, without its codes."""
+    """Return the numbers in a status by key, without its codes."""
     codes = ("fault_code", "ne107")
     return {item.key: float(item.value) for item in status.values if item.key not in codes}
 
@@ -38,7 +38,7 @@ def figures(status: DiagnosticStatus) -> dict[str, float]:
 def ros_context(
     domain_id: int | None = None, arguments: list[str] | None = None
 ) -> Iterator[Context]:
-    """A context in a domain, that of this process unless another one is given."""
+    """Yield a ROS context in a domain, by default the domain of this process."""
     context = Context()
     context.init(arguments, domain_id=domain_id)
     try:
@@ -49,14 +49,14 @@ def ros_context(
 
 @contextlib.contextmanager
 def spinning(executor: Executor, *nodes: Node) -> Iterator[None]:
-    """Serve nodes in a thread; afterwards both the thread and the executor have ended."""
+    """Spin nodes in a thread. On exit, stop the thread and shut the executor down."""
     for node in nodes:
         executor.add_node(node)
     ending = threading.Event()
 
     def spin() -> None:
         while not ending.is_set():
-            # What is destroyed while the executor looks at it raises, and is of no concern.
+            # An entity that is destroyed during the call raises, which is harmless.
             with contextlib.suppress(InvalidHandle):
                 executor.spin_once(timeout_sec=0.1)
 
@@ -71,10 +71,10 @@ def spinning(executor: Executor, *nodes: Node) -> Iterator[None]:
 
 
 def where_it_spins(node: Node, call: Callable[[], Any]) -> Any:
-    """Call something in the thread that serves a node, and return what it returned.
+    """Call a function in the thread that spins a node, and return its result.
 
-    rclpy's client of an action sends a request before it notes that it waits for the answer: in
-    another thread, an answer that comes between is dropped, and never comes again.
+    The action client of rclpy sends a request before it registers that it waits for the answer. If
+    another thread sends the request, an answer that arrives in between is lost.
     """
     assert node.executor is not None
     task = node.executor.create_task(call)
@@ -83,9 +83,9 @@ def where_it_spins(node: Node, call: Callable[[], Any]) -> Any:
 
 
 def wait_for_match(node: Node, *publishers: Publisher) -> None:
-    """Wait until publishers and the subscriptions of a node know of each other.
+    """Wait until publishers and the subscriptions of a node are matched.
 
-    A subscription learns of its match after the publisher; until then it loses what is not latched.
+    A subscription is matched after its publisher; before, it loses messages that are not latched.
     """
     names = [item.topic_name for item in publishers]
 
@@ -99,7 +99,7 @@ def wait_for_match(node: Node, *publishers: Publisher) -> None:
 
 
 def made(kind: type[Any], *arguments: Any, **more: Any) -> Any:
-    """Return a new node; one that refuses what it is given is destroyed before that is told."""
+    """Return a new node. If its constructor raises ValueError, destroy it before raising."""
     node = object.__new__(kind)
     try:
         node.__init__(*arguments, **more)
@@ -110,7 +110,7 @@ def made(kind: type[Any], *arguments: Any, **more: Any) -> Any:
 
 
 def end(node: Node) -> None:
-    """Stop what a node does, if it has a lifecycle, and destroy it."""
+    """Shut a node down, if it has a lifecycle, and destroy it."""
     if isinstance(node, ManagedNode):
         node.stopping.set()
         if node.state in ("active", "inactive"):
@@ -119,7 +119,7 @@ def end(node: Node) -> None:
 
 
 class Probe:
-    """A node beside the one that is tested: what it hears of it, and what it asks of it."""
+    """A node that receives messages of the tested node and calls its services."""
 
     def __init__(self, context: Context, node: Any) -> None:
         self.node = node
@@ -131,10 +131,10 @@ class Probe:
         self.subscribe(DiagnosticArray, "/diagnostics", 100)
 
     def close(self) -> None:
-        """Do what is to be done between the end of all service and that of the nodes."""
+        """Clean up after all spinning has stopped and before the nodes are destroyed."""
 
     def fail(self, error: BaseException) -> None:
-        """Note what a callback of the node raised, for `until` to report."""
+        """Record an exception of a callback of the node, which ``until`` reports."""
         with self._changed:
             self.failures.append(error)
             self._changed.notify_all()
@@ -154,7 +154,7 @@ class Probe:
             return list(self._received[key])
 
     def until(self, condition: Callable[[], Any], timeout_s: float = DEADLINE_S) -> Any:
-        """Wait for what must come, and return it; no callback may have failed meanwhile."""
+        """Wait until a condition is true, and return its value. Fail if a callback fails."""
         with self._changed:
             found = self._changed.wait_for(lambda: condition() or self.failures, timeout_s)
         failures, self.failures = self.failures, []
@@ -163,7 +163,7 @@ class Probe:
         return condition()
 
     def statuses(self, task: str) -> list[DiagnosticStatus]:
-        """What has been reported of a task so far, the latest last."""
+        """Return all statuses of a task so far, in order."""
         return [
             status
             for array in self.received("/diagnostics")
@@ -174,7 +174,7 @@ class Probe:
     def until_status(
         self, task: str, text: str, level: bytes | None = None, *, since: int = 0
     ) -> DiagnosticStatus:
-        """Wait until a status says something."""
+        """Wait until a task has a status with a text and, if given, a level; return it."""
 
         def matching() -> list[DiagnosticStatus]:
             return [
@@ -212,7 +212,7 @@ def probed(
     parameters: dict[str, Any],
     domain_id: int | None = None,
 ) -> Iterator[P]:
-    """A node with parameters and a probe beside it, each served in a thread of its own."""
+    """Yield the probe of a new node with parameters; each is spun in a separate thread."""
     with contextlib.ExitStack() as opened:
         context = opened.enter_context(ros_context(domain_id))
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
@@ -223,13 +223,13 @@ def probed(
         opened.callback(probe.close)
         opened.enter_context(spinning(NodeExecutor(probe.fail, context=context), node))
         opened.enter_context(spinning(SingleThreadedExecutor(context=context), probe.probe))
-        # Calls that wait have to return before the executors are shut down.
+        # Waiting calls have to return before the executors are shut down.
         opened.callback(node.stopping.set)
         yield probe
 
 
 class Spinning:
-    """Nodes of a test, and the executor that serves them."""
+    """Nodes of a test, and the executor that spins them."""
 
     def __init__(self, context: Context) -> None:
         self.context = context
@@ -247,14 +247,14 @@ class Spinning:
         return node
 
     def managed(self, kind: type[ManagedNode], **parameters: Any) -> Any:
-        """Return a node with parameters, which is not yet brought up."""
+        """Return a new lifecycle node with parameters, not yet configured."""
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         return self.add(
             made(kind, context=self.context, namespace=NAMESPACE, parameter_overrides=overrides)
         )
 
     def listen(self, kind: type, topic: str, qos: QoSProfile) -> list[Any]:
-        """Return where messages come in."""
+        """Subscribe to a topic. Return the list to which received messages are appended."""
         arrived: list[Any] = []
         self.node(f"listener_{len(self.nodes)}").create_subscription(
             kind, topic, arrived.append, qos
@@ -262,7 +262,7 @@ class Spinning:
         return arrived
 
     def statuses(self) -> dict[str, DiagnosticStatus]:
-        """Return where the latest status of each name comes in."""
+        """Subscribe to /diagnostics. Return a mapping that receives the latest status by name."""
         reported: dict[str, DiagnosticStatus] = {}
 
         def note(message: DiagnosticArray) -> None:
@@ -272,7 +272,7 @@ class Spinning:
         return reported
 
     def call(self, kind: Any, name: str, **fields: Any) -> Any:
-        """Return the answer of a service."""
+        """Call a service and return its answer."""
         client = self.node(f"client_{len(self.nodes)}").create_client(kind, name)
         wait_for(client.service_is_ready, f"service {name}")
         future = client.call_async(kind.Request(**fields))

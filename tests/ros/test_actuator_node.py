@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated actuator's node, in this process, as another node sees it."""
+"""Interface of the simulated actuator's node to other nodes."""
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -35,7 +35,7 @@ from ema_sim.growth import Growth, grow
 
 from .spinning import Probe, figures, probed
 
-# A step of 20 ms between 1.1 s of approach and return; 1.17 s in all with the pause.
+# A step of 20 ms, and 1.1 s of approach and return; 1.17 s in total with the pause.
 SHORT = {"command.shape": "step", "command.amplitude": 1e-3, "command.duration": 0.02}
 PAUSE = {"pause_s": 0.05}
 CYCLE_SAMPLES = len(build_cycle(Command("step", 1e-3, 0.02), 1e-4).samples) + 500
@@ -52,7 +52,7 @@ def _kernels():
 
 
 class Listener(Probe):
-    """What other nodes receive from an actuator node."""
+    """A probe that receives the messages of an actuator node."""
 
     def __init__(self, context: Context, node: ActuatorNode) -> None:
         super().__init__(context, node)
@@ -71,13 +71,13 @@ class Listener(Probe):
 
 
 def listening(**parameters: Any) -> AbstractContextManager[Listener]:
-    """Listen to a node with these parameters that has still to be brought up."""
+    """Return a context with the listener of a new node that is not yet configured."""
     return probed(ActuatorNode, Listener, {**SHORT, **PAUSE, **parameters})
 
 
 @contextmanager
 def running(**parameters: Any) -> Iterator[Listener]:
-    """Listen to a node that has been brought up."""
+    """Yield the listener of a new, active node."""
     with listening(**parameters) as listener:
         assert listener.node.bring_up()
         yield listener
@@ -99,9 +99,9 @@ def two_cycles_in_real_time() -> Listener:
 
 @pytest.fixture(scope="module")
 def real_time() -> Listener:
-    """What came of two cycles with noise and faults; the node has gone.
+    """Messages of two cycles with noise and faults; the node has ended.
 
-    However late it is on a busy machine, its schedule is never shifted here.
+    Its schedule is never shifted here, even if it is late on a busy machine.
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner, "TOLERANCE_S", 1e6)
@@ -151,7 +151,7 @@ def test_samples_are_those_of_the_bench_with_these_settings(real_time):
     tau = description.parameters.tau
     joints = {stamp_from_message(j.header.stamp): j for j in real_time.received("joint_states")}
     compared = [b for b in real_time.blocks()[:200] if int(b.stamps_ns[-1]) in joints]
-    # A slow receiver loses joint states: only ten are kept for it.
+    # A slow receiver loses joint states, because the queue has a depth of ten.
     assert len(compared) >= 0.5 * 200
     for block in compared:
         joint = joints[int(block.stamps_ns[-1])]
@@ -164,7 +164,7 @@ def test_samples_are_those_of_the_bench_with_these_settings(real_time):
 
 def test_late_joiner_learns_who_the_actuator_is_and_its_faults(real_time):
     [description] = real_time.received("late actuator_description")
-    # Its parameters are the nominal ones: the resistance is for the monitor to find.
+    # The description has the nominal parameters: the monitor has to find the resistance.
     assert description_from_message(description) == ActuatorDescription()
     usage = real_time.received("late usage")[0]
     assert (usage.actuator_id, usage.serial_number) == ("flap", "SIM-0001")
@@ -195,7 +195,7 @@ def test_faults_are_set_and_grow_from_the_next_cycle_on():
         listener.until(lambda: len(listener.received("simulated_faults")) >= called + 4)
         truths = listener.truths()
         listener.until(lambda: len(listener.received("usage")) >= len(truths))
-    # New faults are not a new unit: its service life goes on.
+    # New faults are not a new unit: its service life continues.
     hours = [count.flight_hours for count in listener.received("usage")[: called + 4]]
     assert hours[0] == 0.0
     assert set(np.diff(hours)) == {50.0, 20.0}
@@ -226,7 +226,7 @@ def test_command_is_set_from_the_next_cycle_on():
 
 
 def test_impossible_faults_are_refused_by_name_and_simulated_time_is_on_the_clock():
-    """At a rate of 4."""
+    """The simulation runs at four times real time."""
     healthy, wrong = (faults_to_message(healthy_faults()) for _ in range(2))
     wrong.friction = 1.5
     twice = [growth("gain", "linear", 0.1)] * 2
@@ -249,7 +249,7 @@ def test_impossible_faults_are_refused_by_name_and_simulated_time_is_on_the_cloc
             return {int(block.stamps_ns[-1]) for block in listener.blocks()}
 
         listener.until(lambda: len(clocks()) >= 100)
-        # No topic comes before another one: the blocks of the first may still be on their way.
+        # There is no order between topics: blocks of the first clocks may still be on their way.
         listener.until(lambda: len(ends().intersection(clocks()[:100])) > 90)
         assert clocks() == sorted(clocks())
 
@@ -270,13 +270,13 @@ def test_it_states_once_that_it_cannot_keep_up_and_by_how_much(capfd):
 
 
 def test_deactivated_it_is_silent_and_activated_it_begins_a_new_cycle():
-    # A pause so long that no other cycle begins by itself.
+    # The pause is so long that no other cycle starts by itself.
     with running(pause_s=20.0) as listener:
         listener.until(lambda: len(listener.received("telemetry")) > 5)
         listener.node.trigger_deactivate()
         listener.node.trigger_activate()
         listener.until(lambda: [truth.cycle for truth in listener.truths()] == [0, 1])
-        # Cleaned up and configured anew, it is a new actuator.
+        # After cleanup and configuration it is a new actuator.
         listener.node.trigger_deactivate()
         listener.node.trigger_cleanup()
         assert listener.node.bring_up()
@@ -302,7 +302,7 @@ def test_causes_are_set_like_faults_and_refused_by_name():
 
 
 def impossible(**parameters: Any) -> str:
-    """Return with what words a node refuses parameters, when made or when configured."""
+    """Return the message with which a node refuses parameters, at construction or configuration."""
     try:
         with listening(**parameters) as listener:
             assert not listener.node.bring_up()

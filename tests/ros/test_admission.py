@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which actuators a monitor follows: a list, a share of all, and no more than a number."""
+"""Selection of the actuators that a monitor follows: a list, a shard, and a limit."""
 
 from types import SimpleNamespace
 from typing import Any, cast
@@ -21,7 +21,7 @@ def admission(
 
 
 def test_shard_of_an_actuator_is_the_same_for_ever():
-    # From `hashlib.blake2b(name.encode(), digest_size=8)`, read as a big-endian number.
+    # Computed from `hashlib.blake2b(name.encode(), digest_size=8)`, as a big-endian number.
     assert [shard_of(name, 4) for name in ("flap", "left", "Klappe links")] == [2, 3, 1]
     assert shard_of("flap", 1) == 0
 
@@ -31,7 +31,7 @@ def test_every_actuator_is_of_one_shard_and_shards_are_about_equal(count):
     shards = [Shard(index, count) for index in range(count)]
     found = [[shard.has(name) for shard in shards].index(True) for name in NAMES]
     assert all(sum(shard.has(name) for shard in shards) == 1 for name in NAMES)
-    # Binomial: beyond four standard deviations of the mean in one of 15,000 draws.
+    # Binomial: one of 15,000 draws deviates by more than four standard deviations.
     mean = len(NAMES) / count
     sigma = (mean * (1.0 - 1.0 / count)) ** 0.5
     assert all(abs(found.count(index) - mean) < 4.0 * sigma for index in range(count))
@@ -79,7 +79,7 @@ def test_listed_actuators_of_other_shards_are_stated_and_others_are_ignored():
     figures = made.figures(mine)
     assert figures["messages of other shards"] == len(others)
     assert figures["messages of unlisted actuators"] == 1
-    # Neither is wrong.
+    # Neither is an error.
     assert made.status(mine) == (OK, f"{len(mine)} actuators monitored")
 
 

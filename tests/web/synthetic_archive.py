@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write tables of a drawn fleet into a folder, and print their summary as the dashboard serves it.
+"""Write tables of a random fleet to a folder, and print the summary that the dashboard serves.
 
 python synthetic_archive.py FOLDER [UNITS]
 """
@@ -23,7 +23,7 @@ FAULTS = ("friction", "backlash", "eccentricity", "short_circuit_b", "overshoot"
 
 
 def write(folder: Path, count: int) -> None:
-    """Write the tables of so many units, whose lives are drawn from a law of wear."""
+    """Write the tables of ``count`` units, whose lives are drawn from a law of wear."""
     rng = np.random.default_rng(19)
     rows: dict[str, list[dict[str, Any]]] = {"units": [], "lives": [], "months": []}
     for number in range(count):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a made-up fleet, as monitor and actuators would publish them, for tests of the page.
+"""Synthetic messages of a fleet, as monitor and actuators publish them, for tests of the page.
 
-The figures are plausible, and consistent with each other; no model is computed.
+The values are plausible and consistent with each other, but not computed by a model.
 """
 
 import math
@@ -58,9 +58,9 @@ class Unit:
     Attributes
     ----------
     worst
-        Number of the fault that grows.
+        Index of the fault that grows, in the list of faults with a limit.
     share
-        Share of the way to its limit now.
+        Current share of its limit.
     """
 
     actuator_id: str
@@ -78,7 +78,7 @@ class Unit:
         return f"SN-{abs(hash_of(self.actuator_id)) % 9000 + 1000}"
 
     def shares(self, test: float) -> np.ndarray:
-        """Share of the way to its limit of each limited fault after a test."""
+        """Return the share of its limit for each fault with a limit, after a test."""
         shares = np.full(len(_LIMITED), 0.02)
         growth = math.exp(3.0 * (test - self.tests) / max(self.tests, 1))
         shares[self.worst] = self.share * growth
@@ -93,7 +93,7 @@ class Unit:
         return np.array([values[name] for name in FAULT_NAMES])
 
     def life_hours(self, test: float) -> tuple[float, float, float]:
-        """5, 50 and 95 % quantiles of the remaining life."""
+        """Return the 5, 50 and 95 % quantiles of the remaining life after a test [h]."""
         share = float(self.shares(test)[self.worst])
         if share >= 1.0:
             return 0.0, 0.0, 0.0
@@ -108,12 +108,12 @@ class Unit:
 
 
 def hash_of(text: str) -> int:
-    """Return a number for a text that is the same in each process."""
+    """Return a hash of a text that is equal in all processes."""
     return int.from_bytes(text.encode(), "big") % 1_000_003
 
 
 def fleet(count: int, seed: int = 0) -> list[Unit]:
-    """Return units of which some are worn, in no order of their wear."""
+    """Return units, some of them worn, in random order of wear."""
     rng = np.random.default_rng(seed)
     names = ["left_outboard_flap", "left_inboard_flap", "right_inboard_flap", "right_outboard_flap"]
     names += ["left_aileron", "right_aileron", "elevator", "rudder", "stabilizer_trim"]
@@ -127,7 +127,7 @@ def fleet(count: int, seed: int = 0) -> list[Unit]:
 
 
 def message_of(unit: Unit, kind: Any, stamp_ns: int, /, **fields: Any) -> Any:
-    """Return a message of a unit with a stamp."""
+    """Return a message of a kind with the name, serial number and stamp of a unit."""
     message = kind(actuator_id=unit.actuator_id, **fields)
     message.header.stamp = stamp_to_message(stamp_ns)
     if hasattr(message, "serial_number"):
@@ -253,7 +253,7 @@ def _covariance(rng: np.random.Generator) -> np.ndarray:
 def estimate(
     unit: Unit, stamp_ns: int, refused: str = "", verdict: int = FaultEstimate.REFUSED
 ) -> FaultEstimate:
-    """Return the estimate of the latest window of a unit; a reason makes it an invalid one."""
+    """Return the estimate of the latest window of a unit; invalid with a reason ``refused``."""
     values = np.clip(unit.values(unit.tests) + SIGMA * unit.rng.normal(size=8), 0.0, 1.0)
     insignificant = sum(1 << k for k, f in enumerate(FAULTS) if abs(values[k] - f.healthy) < 0.02)
     causes = []
@@ -294,7 +294,7 @@ def estimate(
 
 
 def forecast(unit: Unit, stamp_ns: int) -> HealthForecast:
-    """Return the quantiles of all faults at 30 hours to the end of life."""
+    """Return the quantiles of all faults at 30 times until the end of life."""
     low, middle, high = unit.life_hours(unit.tests)
     end = max(1.1 * middle, 10.0)
     hours = np.linspace(0.0, end, 30)
@@ -329,13 +329,13 @@ def forecast(unit: Unit, stamp_ns: int) -> HealthForecast:
 
 
 def advice(unit: Unit, stamp_ns: int) -> Advice:
-    """Return what to do with a unit: remove, inspect or continue, by its remaining life."""
+    """Return the advice for a unit: remove, inspect or continue, by its remaining life."""
     low, middle, _ = unit.life_hours(unit.tests)
     hours = unit.tests * HOURS_PER_TEST
     action = Advice.REMOVE if low < 60.0 else Advice.INSPECT if low < 200.0 else Advice.CONTINUE
     from_now = min(low, 0.8 * middle) if action != Advice.CONTINUE else HOURS_PER_TEST
     grounds = "risk of failure until a removal can follow the next test, in 20 h"
-    words = {  # those of the monitor (ema_monitor.prognosis.advice)
+    words = {  # as in ema_monitor.prognosis.advice
         Advice.REMOVE: f"the removal must not wait: 41 % {grounds}; 21.3 EUR/h if the decision "
         "waits, 11.4 EUR/h if not",
         Advice.INSPECT: "an inspection now, which measures friction, reduces the expected cost "
@@ -359,7 +359,7 @@ def advice(unit: Unit, stamp_ns: int) -> Advice:
 
 
 def history(unit: Unit, now_ns: int, period_s: float, first: int = 1) -> UnitHistory:
-    """Return the tests of a unit up to its latest one, and what happened to it."""
+    """Return the tests of a unit from number ``first`` to the latest, and its events."""
     tests = []
     for number in range(first, unit.tests + 1):
         rng = np.random.default_rng([hash_of(unit.actuator_id), number])
@@ -403,7 +403,7 @@ def history(unit: Unit, now_ns: int, period_s: float, first: int = 1) -> UnitHis
 
 
 def addition(unit: Unit, now_ns: int, kind: str, text: str) -> UnitHistory:
-    """Return a new event of a unit, as the dashboard tells those present of it."""
+    """Add an event to a unit. Return it as the message that the dashboard sends to its clients."""
     event = UnitEvent(stamp=stamp_to_message(now_ns), flight_hours=math.nan, kind=kind, text=text)
     unit.events.append(event)
     message = UnitHistory(actuator_id=unit.actuator_id, serial_number=unit.serial_number)
@@ -420,7 +420,7 @@ def _chirp(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def window_fit(unit: Unit, stamp_ns: int) -> WindowFit:
-    """Return measured and estimated signals of half a second, 400 values."""
+    """Return measured and estimated signals of half a second, with 400 values each."""
     t = np.linspace(0.0, 0.5, 400, endpoint=False)
     command, speed, current = _chirp(t)
     rng = unit.rng
@@ -445,7 +445,7 @@ _COMMAND, _SPEED, _CURRENT = _chirp(_T % 0.5)
 
 
 def block(unit: Unit, number: int, stamp_ns: int) -> TelemetryBlock:
-    """Return a block of 10 ms, whose first sample ended at the stamp."""
+    """Return a block of 10 ms; its first sample ends at the stamp."""
     start = number * BLOCK % len(_T)
     part = slice(start, start + BLOCK)
     noise = unit.rng.normal(size=BLOCK)
@@ -463,7 +463,7 @@ def block(unit: Unit, number: int, stamp_ns: int) -> TelemetryBlock:
 
 
 def diagnostics(units: list[Unit], now_ns: int) -> DiagnosticArray:
-    """Return the status that the monitor reports each second."""
+    """Return the status that a monitor reports each second."""
     found = []
 
     def status(level: int, task: str, text: str, unit: Unit | None = None, **values: str) -> None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of made-up joints of robots, as a monitor would publish them, for tests of the page.
+"""Synthetic messages of robot joints, as a monitor publishes them, for tests of the page.
 
-The figures are plausible, and consistent with each other; no model is computed.
+The values are plausible and consistent with each other, but not computed by a model.
 """
 
 import math
@@ -44,14 +44,14 @@ class Joint(made.Unit):
     """A joint whose friction grows from record to record, or that is learning."""
 
     change: float = 0.0
-    """Change of friction now."""
+    """Current relative change of friction [-]."""
     changed: tuple[tuple[str, float, str], ...] = ()
     """Other changed quantities: name, change and unit."""
     records: int = 12
     needed: int = 0
     reason: str = ""
     author: str = "Ada Lovelace"
-    """Who accepted the baseline; empty while the joint learns."""
+    """Person who accepted the baseline; "" while the joint learns."""
     temperature: float = math.nan
 
     @property
@@ -59,7 +59,7 @@ class Joint(made.Unit):
         return not self.author
 
     def change_at(self, test: int) -> float:
-        """Change of friction of a record, with its scatter."""
+        """Return the relative change of friction in a record, with scatter [-]."""
         growth = math.exp(4.0 * (test - self.tests) / max(self.tests, 1))
         noise = np.random.default_rng([made.hash_of(self.actuator_id), test]).normal()
         return self.change * growth + SIGMA * float(noise)
@@ -72,7 +72,7 @@ class Joint(made.Unit):
 
 
 def robots(count: int, seed: int = 0) -> list[Joint]:
-    """Return joints in all states; beyond the first fourteen they are of robots of six joints."""
+    """Return joints in all states; from the fifteenth on they belong to six-joint robots."""
     rng = np.random.default_rng(seed)
     fields: dict[str, dict[str, Any]] = {
         "left/elbow": {"change": 0.96, "temperature": 31.0},
@@ -106,7 +106,7 @@ def description(joint: Joint, now_ns: int) -> ActuatorDescription:
 
 
 def baseline(joint: Joint, now_ns: int) -> BaselineStatus:
-    """Return the status of the baseline of a joint."""
+    """Return the baseline status of a joint."""
     is_known = joint.records >= FEWEST
     same_day = 0.3 / math.sqrt(joint.records) if is_known else math.nan
     advice = ["3 more healthy records on 2 more days would lower 22 % to 12 %"] if is_known else []
@@ -167,7 +167,7 @@ def _quantities(joint: Joint) -> list[QuantityChange]:
 
 
 def estimate(joint: Joint, now_ns: int) -> FaultEstimate:
-    """Return the comparison of the latest record, or the progress of learning as a refusal."""
+    """Return the comparison of the latest record, or a refusal with the progress of learning."""
     measured = []
     if math.isfinite(joint.temperature):
         measured = [HiddenCause(name="winding_temperature", unit="K", sigma=2.0)]
@@ -255,7 +255,7 @@ def health(joint: Joint, now_ns: int) -> Health:
 
 
 def curve(joint: Joint, now_ns: int) -> FrictionCurve:
-    """Return friction over speed: Stribeck and viscous friction, of which the former has grown."""
+    """Return friction over speed, with grown Coulomb friction."""
     half = np.linspace(0.08, 1.34, 12)
     speed = np.concatenate([-half[::-1], half])
     friction = np.sign(speed) * (0.8 + 0.25 * np.exp(-((speed / 0.2) ** 2))) + 0.3 * speed
@@ -270,7 +270,7 @@ def curve(joint: Joint, now_ns: int) -> FrictionCurve:
 
 
 def history(joint: Joint, now_ns: int, period_s: float, first: int = 1) -> UnitHistory:
-    """Return the records of a joint up to its latest one; none while it learns."""
+    """Return the records of a joint from ``first`` to the latest; empty while it learns."""
     tests = []
     for number in range(first, joint.tests + 1) if not joint.is_learning else ():
         faults, sigmas = np.full(8, math.nan), np.full(8, math.nan)
@@ -306,7 +306,7 @@ def history(joint: Joint, now_ns: int, period_s: float, first: int = 1) -> UnitH
 
 
 def change_baseline(joint: Joint, request: ChangeBaseline.Request) -> None:
-    """Change a baseline as a monitor does; ValueError if it refuses."""
+    """Change a baseline as a monitor does; ValueError if the change is refused."""
     prefix = "/ema/monitor/change_baseline: "
     if request.change == ChangeBaseline.Request.ACCEPT:
         if joint.reason:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A server of made-up messages in the protocol of the dashboard node, for tests of the page.
+"""A server of synthetic messages in the protocol of the dashboard node, for tests of the page.
 
-It is told what to do by a line of JSON each on its standard input, and answers each with one:
+It reads orders as lines of JSON from standard input, and answers each with a line of JSON:
 
     {"do": "start", "port": 0}            {"port": 40123}
     {"do": "set", "actuator": "rudder", "level": 2, "share": 1.2, "costs": false}
@@ -84,7 +84,7 @@ class Server:
     def judge(
         self, unit: made.Unit, now_ns: int, refused: str = "", verdict: int = REFUSED
     ) -> None:
-        """Publish what follows from a window of a unit."""
+        """Publish estimate, health, forecast and advice for a window of a unit."""
         if isinstance(unit, joints.Joint):
             self.compare(unit, now_ns)
             return
@@ -96,7 +96,7 @@ class Server:
         self.keep("window_fit", unit, made.window_fit(unit, now_ns))
 
     def compare(self, joint: joints.Joint, now_ns: int) -> None:
-        """Publish what follows from a record of a joint."""
+        """Publish baseline, estimate, health and friction curve for a record of a joint."""
         self.keep("baseline", joint, joints.baseline(joint, now_ns))
         self.keep("fault_estimate", joint, joints.estimate(joint, now_ns))
         self.keep("health", joint, joints.health(joint, now_ns))
@@ -164,18 +164,18 @@ class Server:
         return made.history(unit, now_ns, self.period_s, first)
 
     def ask(self, data: bytes) -> None:
-        """Note what is asked of the playback."""
+        """Record a request to the playback."""
         _, command, speed, seeks, seek_ns, _ = struct.unpack_from("<BBfBQI", data)
         asked = {"command": ("play", "pause")[command], "speed": speed}
         self.requests.append(asked | {"seek": seek_ns if seeks else None})
 
     def run(self, period_s: float, telemetry: float, opened: str) -> None:
-        """Test all units in turn each period; stream each while it tests, and one all the time.
+        """Test all units in turn in each period; ``opened`` streams all the time.
 
         Parameters
         ----------
         telemetry
-            Share of the units that stream while they test.
+            Share of the units that stream during their tests.
         """
         self.running = threading.Event()
         for target in (self._tests, self._telemetry):
@@ -203,7 +203,7 @@ class Server:
         streaming = set(range(int(share * len(units))))
         start, number = time.monotonic(), 0
         first_ns = time.time_ns()
-        # Serialised once: a server of a fleet would be busy with making these messages alone.
+        # Serialised once: for a fleet, creating these messages would take all time.
         kept = {}
         while not ended.wait(0.002):
             while number < (time.monotonic() - start) * 100.0:
@@ -219,7 +219,7 @@ class Server:
                 number += 1
 
     def move(self, unit: made.Unit, stretches: int) -> None:
-        """Publish an estimate of stretches of ordinary motion, as a monitor does without a fit."""
+        """Publish an estimate from stretches of ordinary motion, which has no fit."""
         unit.window += 1
         estimate = made.estimate(unit, time.time_ns())
         estimate.stretches = stretches
@@ -241,7 +241,7 @@ class Server:
         self.send("unit_history", addition)
 
     def obey(self, order: dict[str, Any]) -> dict[str, Any]:
-        """Do what a line says; return the answer."""
+        """Carry out an order and return the answer."""
         unit = self.units.get(order.get("actuator", ""))
         match order["do"]:
             case "start":
@@ -299,7 +299,7 @@ def full_name(topic: str) -> str:
 
 
 def plain(message: Any) -> Any:
-    """Return a message as plain values; what is not a finite number is null."""
+    """Return a message as plain values; numbers that are not finite become None."""
     if hasattr(message, "get_fields_and_field_types"):
         return {
             name: plain(getattr(message, name)) for name in message.get_fields_and_field_types()

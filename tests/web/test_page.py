@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the shipped page has of the project, without a browser."""
+"""The packaged page agrees with the registries and messages; no browser is needed."""
 
 import json
 from importlib.resources import files

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clients of the dashboard: they speak the protocol of Foxglove over a real connection."""
+"""Clients of the dashboard, which use the protocol of Foxglove over a real connection."""
 
 import asyncio
 import json
@@ -20,7 +20,7 @@ SUBPROTOCOL = "foxglove.sdk.v1"
 
 
 class Web:
-    """An event loop in a thread, with a session of HTTP."""
+    """An event loop in a thread, with an HTTP session."""
 
     def __enter__(self) -> Self:
         self._loop = asyncio.new_event_loop()
@@ -36,17 +36,17 @@ class Web:
         self._loop.close()
 
     def run(self, work: Coroutine[Any, Any, Any]) -> Any:
-        """Wait for a coroutine and return what it returns."""
+        """Run a coroutine and return its result."""
         return asyncio.run_coroutine_threadsafe(work, self._loop).result(DEADLINE_S)
 
     def begin(self, work: Coroutine[Any, Any, Any]) -> Any:
-        """Begin a coroutine; its future can be cancelled."""
+        """Start a coroutine and return its future, which can be cancelled."""
         return asyncio.run_coroutine_threadsafe(work, self._loop)
 
     def get(
         self, url: str, method: str = "get", **options: Any
     ) -> tuple[int, dict[str, str], bytes]:
-        """Return status, headers and content of an answer."""
+        """Return status, headers and content of the answer to an HTTP request."""
 
         async def request() -> tuple[int, dict[str, str], bytes]:
             async with self.session.request(
@@ -57,7 +57,7 @@ class Web:
         return self.run(request())
 
     def view(self, url: str, **options: Any) -> "Viewer":
-        """Return a new client of a dashboard."""
+        """Connect a new client to a dashboard."""
         return Viewer(self, url, **options)
 
     async def _open(self) -> ClientSession:
@@ -65,16 +65,16 @@ class Web:
 
 
 class Viewer:
-    """A client: what it was told of channels, and what came on those it looks at.
+    """A client of the dashboard, with its channels and received messages.
 
     Attributes
     ----------
     channels
-        What was advertised, by topic.
+        Advertised channels, by topic.
     received
-        Log times [ns] and messages, decoded by the schema that was advertised, by topic.
+        Log times [ns] and messages by topic, decoded by the advertised schema.
     reported
-        Other messages of the protocol, in their order.
+        Other messages of the protocol, in order.
     """
 
     def __init__(self, web: Web, url: str, **options: Any) -> None:
@@ -95,7 +95,7 @@ class Viewer:
             self._reading.result(DEADLINE_S)
 
     def look_at(self, *topics: str) -> None:
-        """Subscribe to topics once they are advertised."""
+        """Subscribe to topics as soon as they are advertised."""
         for topic in topics:
             wait_for(lambda topic=topic: topic in self.channels, f"{topic} is advertised")
             number = len(self._topics) + 1
@@ -109,7 +109,7 @@ class Viewer:
         self.send({"op": "unsubscribe", "subscriptionIds": numbers})
 
     def send(self, message: Any) -> None:
-        """Send a message: an object as JSON, or bytes."""
+        """Send bytes, a text, or an object as JSON."""
         if isinstance(message, bytes):
             self._web.run(self.socket.send_bytes(message))
         else:
@@ -119,18 +119,18 @@ class Viewer:
     def control(
         self, *, play: bool, speed: float = 1.0, seek_ns: int | None = None, request: str = "r"
     ) -> None:
-        """Control a playback."""
+        """Send a request to the playback."""
         word = request.encode()
         fields = (3, 0 if play else 1, speed, seek_ns is not None, seek_ns or 0, len(word))
         self.send(struct.pack("<BBfBQI", *fields) + word)
 
     def wait_for(self, topic: str, count: int = 1) -> list[Any]:
-        """Wait for a number of messages on a topic; return all that came."""
+        """Wait for ``count`` messages on a topic. Return all messages received so far."""
         wait_for(lambda: len(self.received[topic]) >= count, f"{count} messages on {topic}")
         return [message for _, message in self.received[topic]]
 
     def wait_until_heard(self, topic: str, is_meant: Callable[[Any], bool]) -> None:
-        """Wait for a message of which a condition holds."""
+        """Wait for a message that satisfies a condition."""
         received = self.received[topic]
         wait_for(lambda: any(is_meant(message) for _, message in received), f"the one on {topic}")
 

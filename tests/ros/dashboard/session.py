@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A dashboard in the process of a test, beside the nodes that it shows."""
+"""A dashboard in the test process, together with the nodes that it shows."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from .client import Viewer, Web
 
 
 class DashboardSession(Spinning):
-    """Nodes of a test, a dashboard that shows them, and its clients."""
+    """The nodes of a test, dashboards that show them, and their clients."""
 
     def __init__(self, context: Context, web: Web) -> None:
         super().__init__(context)
@@ -22,7 +22,7 @@ class DashboardSession(Spinning):
         self.source = self.node("source")
 
     def dashboard(self, **parameters: Any) -> DashboardNode:
-        """Return a dashboard that serves, at a port of the system's choice unless one is given."""
+        """Return an active dashboard, by default at a free port."""
         node = self.unconfigured(**parameters)
         assert node.bring_up()
         return node
@@ -32,14 +32,14 @@ class DashboardSession(Spinning):
         return self.managed(DashboardNode, **{"port": 0, **parameters})
 
     def view(self, node: DashboardNode, *topics: str, **options: Any) -> Viewer:
-        """Return a client that looks at topics."""
+        """Return a new client that subscribes to topics."""
         viewer = self.web.view(node.address, **options)
         self.viewers.append(viewer)
         viewer.look_at(*topics)
         return viewer
 
     def leave(self) -> None:
-        """Let all clients leave."""
+        """Disconnect all clients."""
         while self.viewers:
             self.viewers.pop().close()
 
@@ -49,11 +49,11 @@ class DashboardSession(Spinning):
 
 
 def values(node: DashboardNode) -> dict[str, Any]:
-    """Return the figures of the status of a dashboard."""
+    """Return the values in the status of a dashboard."""
     (task,) = node.tasks()
     return dict(task.values)
 
 
 def wait_for_value(node: DashboardNode, name: str, value: Any) -> None:
-    """Wait until a figure of the status has a value."""
+    """Wait until an entry in the status of a dashboard has a value."""
     wait_for(lambda: values(node)[name] == value, f"{name} is {value}: {values(node)}")

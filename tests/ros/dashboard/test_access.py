@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The dashboard serves those whom it should, and goes on serving them whatever others do."""
+"""The dashboard serves permitted clients only, and hostile clients do not disturb them."""
 
 import asyncio
 import json
@@ -49,7 +49,7 @@ def _shared(web: Web) -> Iterator[tuple[DashboardSession, DashboardNode]]:
 
 @pytest.fixture
 def served(_shared) -> Iterator[tuple[DashboardSession, DashboardNode]]:
-    """A dashboard as it is by default, for tests that leave it so; the clients of each leave."""
+    """A shared dashboard with default parameters, which tests must not change."""
     yield _shared
     _shared[0].leave()
 
@@ -59,7 +59,7 @@ def port_of(node: DashboardNode) -> int:
 
 
 def refused_handshake(web: Web, url: str, protocol: str = SUBPROTOCOL, **headers: str) -> int:
-    """Return the status with which a WebSocket is refused; 101 when it is not."""
+    """Return the HTTP status with which a WebSocket is refused; 101 if it is accepted."""
 
     async def connect() -> int:
         try:
@@ -72,10 +72,10 @@ def refused_handshake(web: Web, url: str, protocol: str = SUBPROTOCOL, **headers
 
 
 def refusal(session: DashboardSession, **parameters: Any) -> str:
-    """Return why a dashboard does not come up."""
+    """Return the reason why a dashboard with these parameters does not start."""
     node = session.unconfigured(**parameters)
     assert not node.bring_up()
-    task = node._lifecycle_task()  # what /diagnostics says
+    task = node._lifecycle_task()  # published on /diagnostics
     assert task.level == ERROR
     return task.message
 
@@ -146,7 +146,7 @@ def test_a_refusal_states_which_check_it_was(session, web, token_file):
     node = session.dashboard(token_file=str(token_file))
 
     def reported(**headers: str) -> tuple[int, str]:
-        # As the page asks when its WebSocket is refused, which a browser does not explain.
+        # The page sends this request after its WebSocket is refused, to learn the reason.
         async def ask() -> tuple[int, str]:
             async with web.session.post(node.address, headers=headers) as answer:
                 return answer.status, await answer.text()
@@ -210,14 +210,14 @@ def test_clients_beyond_the_limit_are_refused_and_places_become_free(session, we
     node = session.dashboard(most_clients=2)
     viewers = [session.view(node) for _ in range(2)]
     assert refused_handshake(web, node.address) == 503
-    assert web.get(node.address)[0] == 200  # the page itself is none of them
+    assert web.get(node.address)[0] == 200  # the limit does not apply to the page itself
     viewers[0].close()
     wait_for_value(node, "clients", 1)
     assert refused_handshake(web, node.address) == 101
 
 
 async def hostile(web: Web, url: str, frames: list[str | bytes]) -> int | None:
-    """Send frames to a dashboard without ever reading; return how it closed."""
+    """Send frames to a dashboard, then read until it closes. Return the close code."""
     with suppress(ConnectionError, ClientError):
         async with web.session.ws_connect(url, protocols=(SUBPROTOCOL,)) as connection:
             with suppress(ConnectionError, ClientError):
@@ -311,12 +311,12 @@ def test_connections_without_a_request_are_closed(session, web, monkeypatch):
 
 
 def deaf_client(port: int) -> socket.socket:
-    """Return a connection that asks for the page again and again, and never reads."""
+    """Return a connection that requests the page repeatedly and never reads."""
     connection = socket.socket()
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     connection.connect(("127.0.0.1", port))
     connection.setblocking(False)
-    with suppress(BlockingIOError):  # more than the kernel's buffers hold of the answers
+    with suppress(BlockingIOError):  # the answers exceed the kernel's buffers
         request = f"GET /main.js HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n"
         connection.send(request.encode() * 200)
     return connection
@@ -344,7 +344,7 @@ def test_the_oldest_messages_make_room_and_the_protocol_stays():
         for number in range(30):
             box.take(bytes([number] * 10), droppable=True)
         box.take(bytes(101), droppable=True)
-        assert box.dropped == 22  # 9 of 30 fit beside the 8 characters, and the last never does
+        assert box.dropped == 22  # 9 of 30 fit next to the 8 characters, and the last never fits
         assert box.waiting_bytes == 98
         assert list(box._protocol) == ["protocol"]
         assert [frame[0] for frame in box._messages] == list(range(21, 30))
@@ -368,20 +368,20 @@ def test_more_is_kept_than_may_wait_and_a_new_client_gets_all_of_it(session, web
     topic, count = "/ema/unit_history", 40
     viewer = session.view(node)
     wait_for(lambda: topic in viewer.channels, "the channel")
-    for number in range(count):  # 100 kB each: four times what may wait, made when asked for
+    for number in range(count):  # 100 kB each: four times the buffer, created on request
         message = UnitHistory(actuator_id=str(number), serial_number="x" * 100_000)
         node._hub.keep(topic, str(number), partial(serialize_message, message), 0)
     viewer.look_at(topic)
     viewer.wait_until_heard(topic, lambda message: message.actuator_id == str(count - 1))
     received = [message.actuator_id for _, message in viewer.received[topic]]
-    # Beside them it has the histories of actuators of other tests, whose health is latched.
+    # It also receives histories of actuators of other tests, whose health is latched.
     own = [str(number) for number in range(count)]
     assert [name for name in received if name in own] == own
     assert values(node)["dropped messages"] == 0
 
 
 def printed(node: DashboardNode, request: bytes) -> bytes:
-    """Return what is answered to bytes on a connection of their own."""
+    """Send bytes on a new connection. Return the answer."""
     with socket.create_connection(("127.0.0.1", port_of(node)), timeout=30.0) as connection:
         connection.sendall(request)
         with suppress(ConnectionError):

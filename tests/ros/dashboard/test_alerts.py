@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A change of level reaches an HTTP server, again after it has failed."""
+"""Changes of level are posted to an HTTP server, with retries after failures."""
 
 import json
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -43,7 +43,7 @@ def test_each_change_of_level_is_posted_until_it_is_taken(
             wait_for(lambda at=level: levels.get(("/ema", "flap")) == at, f"level {level}")
         wait_for_value(node, "alerts sent", 3)
         changes = [(one["before"], one["level"]) for one in received]
-        # The first of them was refused twice.
+        # The server refused the first change twice.
         assert changes == [("STALE", "OK")] * 3 + [("OK", "WARN"), ("WARN", "ERROR")]
         assert received[-1]["reason"] == "friction 0.4"
         assert received[-1]["remaining_hours"] is None
@@ -51,7 +51,7 @@ def test_each_change_of_level_is_posted_until_it_is_taken(
         output.publish(Health(level=OK, **FLAP))
         wait_for_value(node, "alerts lost", 1)
         assert "status 500" in node.tasks()[0].message
-        # What a player shows is of the past, also before the player tells its range.
+        # Messages of a player concern the past, also before it publishes its range.
         player = session.source.create_publisher(PlaybackState, "playback_state", topics.LATCHED)
         wait_for(node._is_playback, "the player")
         output.publish(Health(level=WARN, **FLAP | {"actuator_id": "of_a_bag"}))

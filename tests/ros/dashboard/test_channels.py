@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the nodes publish reaches clients of the dashboard as it was published."""
+"""Published messages reach the clients of the dashboard unchanged."""
 
 import array
 from typing import Any
@@ -75,7 +75,7 @@ def test_values_arrive_as_they_were_published(session):
     status = session.source.create_publisher(DiagnosticArray, "/diagnostics", 10)
     names = ("/ema/telemetry", "/ema/window_fit", "/ema/health", "/diagnostics")
     viewer = session.view(session.dashboard(), *names)
-    for publisher in (telemetry, status):  # received only while somebody looks
+    for publisher in (telemetry, status):  # received only while a client subscribes
         wait_for(lambda publisher=publisher: publisher.get_subscription_count(), "subscription")
     samples = array.array("d", [0.1, -1e300, 5e-324])
     block = TelemetryBlock(actuator_id="flap", sample_period=1e-4, first_index=2**62)
@@ -90,7 +90,7 @@ def test_values_arrive_as_they_were_published(session):
     ):
         publisher.publish(message)
     for name, message in zip(names, (block, window, health("flap"), array_of_status), strict=True):
-        # As text, NaN is NaN. On /diagnostics the dashboard reports as well.
+        # Compare texts, as NaN differs from NaN. The dashboard also publishes on /diagnostics.
         viewer.wait_until_heard(
             name, lambda received, sent=message: str(plain(received)) == str(plain(sent))
         )
@@ -103,7 +103,7 @@ def test_a_late_client_gets_the_latest_of_each_actuator_and_nobody_else_gets_it_
     messages = (health("left", 0.5), health("left", 0.25), health("right", 0.75))
     for number, message in enumerate(messages):
         outputs[number // 2].publish(message)
-        # What comes as a client subscribes may come twice, rather than not at all.
+        # A message that arrives during the subscription may be delivered twice, but is not lost.
         early.wait_until_heard(
             "/ema/health",
             lambda received, sent=messages[number]: str(plain(received)) == str(plain(sent)),
@@ -139,7 +139,7 @@ def test_several_namespaces_are_shown(session):
     viewer = session.view(
         session.dashboard(namespaces=["/ema", "/second"]), "/ema/health", "/second/health"
     )
-    # What comes as a client subscribes may come twice.
+    # A message that arrives during the subscription may be delivered twice.
     first, second = viewer.wait_for("/ema/health")[0], viewer.wait_for("/second/health")[0]
     assert (first.health_index, second.health_index) == (0.25, 0.5)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a monitor stated is shown for as long as it is good and the monitor is alive."""
+"""Claims of a monitor are shown while they are valid and the monitor is alive."""
 
 import pytest
 
@@ -29,7 +29,7 @@ def test_who_comes_after_a_monitor_has_gone_receives_nothing_that_it_stated(
     viewer = session.view(node, "/ema/health")
 
     def is_shown(level: int) -> bool:
-        # Whoever publishes the status of a monitor does not keep it alive.
+        # The status of a monitor, published by another node, does not keep the monitor alive.
         status.publish(NodeStatus(node="/ema/monitor", kind=NodeStatus.MONITOR))
         received = viewer.received["/ema/health"]
         return bool(received) and received[-1][1].level == level

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A page that is loaded anew shows the whole history of a unit, from the monitor and since."""
+"""A reloaded page shows the whole history of a unit: the monitor's history and later tests."""
 
 import math
 from collections.abc import Callable
@@ -29,7 +29,7 @@ HISTORY = "/ema/unit_history"
 
 
 class Monitor:
-    """The part of a monitor that the history rests on."""
+    """A fake monitor that publishes estimates and healths and answers GetHistory."""
 
     def __init__(self, session: DashboardSession, tests: int = 3, name: str = "monitor") -> None:
         self.node = session.node(name)
@@ -143,7 +143,7 @@ def test_a_monitor_that_begins_again_while_it_is_asked_is_asked_again(session):
     viewer = session.view(dashboard, HISTORY)
 
     def begin_anew() -> None:
-        # The answer to this question is on its way.
+        # The answer to this request is still on its way.
         if monitor.asked == 1:
             monitor.tests = 6
             dashboard._histories["/ema"].note(estimate(5, 0))
@@ -174,7 +174,7 @@ def test_without_a_monitor_that_has_histories_the_tests_since_are_shown(session)
     estimates = session.source.create_publisher(FaultEstimate, "fault_estimate", topics.STATE)
     healths = session.source.create_publisher(Health, "health", topics.ALIVE)
     watcher = session.view(node, "/ema/health", "/ema/fault_estimate")
-    # The health first: topics have no order between each other.
+    # Publish the health first: there is no order between topics.
     healths.publish(health(4))
     watcher.wait_for("/ema/health")
     wait_for(estimates.get_subscription_count, "a subscription")
@@ -227,12 +227,12 @@ def test_what_only_the_dashboard_sees_stays_in_the_history():
     [gap] = news(history).events
     assert (gap.kind, gap.text, gap.flight_hours) == ("gap", "1 sample of telemetry missing", 50.0)
     base = UnitHistory(actuator_id="flap", serial_number="1", tests=[unit_test(5), unit_test(9)])
-    history.set_base(base)  # as when the monitor is asked again
+    history.set_base(base)  # as after another request to the monitor
     assert history.message().events == [missing, restart, gap]
 
 
 def test_refusal_that_mentions_a_calibration_is_no_event_of_the_calibration():
-    """Its reason may compare the record with the calibration."""
+    """The reason may compare the record with the calibration."""
     history = ActuatorHistory("flap", "1")
     refused = estimate(6, 1)
     refused.valid, refused.verdict = False, FaultEstimate.REFUSED
@@ -289,7 +289,7 @@ def test_a_gap_is_reported_at_once_and_shown_after_a_reload(session):
 
     def is_told() -> bool:
         lost(3)
-        lost(8)  # of one stamp: the same event, however often
+        lost(8)  # same stamp: the same event, even if repeated
         return latest(viewer).is_addition
 
     wait_for(is_told, "what is new")

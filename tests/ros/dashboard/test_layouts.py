@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The layouts for Foxglove, Lichtblick and PlotJuggler show what is really published."""
+"""The layouts for Foxglove, Lichtblick and PlotJuggler refer to existing topics and fields."""
 
 import json
 import re
@@ -21,7 +21,7 @@ _TEXTS = {"topicPath", "topicToRender"}
 
 
 def field_type(kind: Any, names: list[str]) -> str:
-    """Return the type of a field that is reached by a path; KeyError when there is none."""
+    """Return the type of the field at a path; KeyError if it does not exist."""
     for number, name in enumerate(names):
         found = kind.get_fields_and_field_types()[re.sub(r"\[[\d:]*\]$", "", name)]
         element = re.fullmatch(r"(?:sequence<)?([\w/]+)(?:, \d+)?(?:>|\[\d+\])?", found)
@@ -36,7 +36,7 @@ def field_type(kind: Any, names: list[str]) -> str:
 
 
 def studio_paths(name: str) -> Iterator[str]:
-    """Return the paths in a layout of Foxglove or Lichtblick."""
+    """Yield the paths in a layout of Foxglove or Lichtblick."""
     panels = json.loads((FOLDER / name).read_text())["configById"]
     for panel in panels.values():
         yield from (path["value"] for path in panel.get("paths", []))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the dashboard knows of actuators and nodes is there as metrics, and Grafana shows these."""
+"""The dashboard exposes metrics of actuators and nodes, and the Grafana layout queries them."""
 
 import json
 import math
@@ -51,13 +51,13 @@ WITHOUT_UNIT = {
 
 
 def parsed(text: bytes, accept: str = OPEN_METRICS) -> dict[str, Metric]:
-    """Return the families that a client of the format reads, by name."""
+    """Return the metric families in a text, parsed by the client of its format, by name."""
     parser = open_metrics if accept == OPEN_METRICS else plain_text
     return {one.name: one for one in parser.text_string_to_metric_families(text.decode())}
 
 
 def values(families: dict[str, Metric]) -> dict[tuple[str, ...], float]:
-    """Return the values by the name of the sample and its labels' values in a fixed order."""
+    """Return values by name of the sample and values of its labels, in the order of LABELS."""
     return {
         (sample.name, *(sample.labels[name] for name in LABELS if name in sample.labels)): (
             sample.value
@@ -111,7 +111,7 @@ NODE_STATUS = (
 
 @pytest.fixture
 def metrics() -> Metrics:
-    """Return metrics that have heard something of each kind."""
+    """Return metrics that have received a message of each kind."""
     found = Metrics(lambda: OWN)
     found.note("/ema", ActuatorDescription(actuator_id="flap", serial_number="7", model="F-1"))
     for computing_s in (0.01, 0.07, 0.09, 99.0, math.nan):
@@ -141,7 +141,7 @@ def test_the_figures_of_a_graph_reach_a_client(session: DashboardSession, web):
     healths.publish(health())
     index = ("ema_health_index_ratio", "/ema", "flap")
     wait_for(lambda: read().get(index) == 0.75, "health")
-    # Of what is not latched the first message may come before the subscription.
+    # A message that is not latched is lost before the subscription.
     wait_for(lambda: estimates.get_subscription_count(), "a subscription")
     estimates.publish(estimate(0.3))
     count = ("ema_estimate_computing_seconds_count", "/ema", "flap")
@@ -155,7 +155,7 @@ def test_the_figures_of_a_graph_reach_a_client(session: DashboardSession, web):
     seconds = cycle((60, 40))
 
     def has_jumped_back() -> bool:
-        # One message of two may be lost: they are best effort.
+        # Messages are sent by best effort and may be lost.
         clock.publish(_clock(next(seconds)))
         return index not in read()
 
@@ -278,5 +278,5 @@ def test_grafana_asks_for_metrics_and_labels_that_are_there(metrics):
             assert set(re.findall(r"(\w+)=", selectors)) <= labels[name], query
         (grouped,) = re.findall(r" by \(([^)]*)\)", query) or [""]
         assert set(grouped.split(", ")) - {""} <= labels[found[0][0]], query
-    # All that is lost is shown.
+    # Each counter of losses is shown.
     assert {name for name in labels if "_lost" in name or "_dropped" in name} <= asked

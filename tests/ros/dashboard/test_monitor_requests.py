@@ -90,7 +90,7 @@ def test_baseline_is_changed_by_the_monitor_of_the_joint(session):
     monitor.refuses = lambda _: "2 records: a baseline needs at least 3 records"
     status, reason = posted()
     assert status == 400
-    # The reason of the monitor that has the joint is not lost behind that of another one.
+    # The reason of the joint's monitor is reported, although another monitor refuses too.
     assert "/ema/monitor/change_baseline: 2 records: a baseline needs at least 3 records" in reason
     assert len(monitor.requests) == 2
     assert posted(namespace="/elsewhere") == (400, "this namespace is not shown by the dashboard\n")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A replay is driven by its services, and from Foxglove by way of the dashboard."""
+"""A replay is controlled by its services, and by Foxglove through the dashboard."""
 
 import queue
 import struct
@@ -33,7 +33,7 @@ LAST = 2000  # twenty seconds
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Numbered blocks of telemetry; the health of two actuators at 0 and 1 s and every 5 s."""
+    """Bag of numbered telemetry blocks, and healths of two actuators every 5 s."""
     path = tmp_path_factory.mktemp("bag") / "flight.mcap"
     with BagWriter(path) as writer:
         writer.add_topic("/ema/telemetry", TelemetryBlock, topics.STREAM)
@@ -57,7 +57,7 @@ def health(actuator_id: str, stamp_ns: int) -> Health:
 
 
 class Replay:
-    """A player, and what came of it."""
+    """A player, and the messages received from it."""
 
     def __init__(self, session: DashboardSession, bag: Path, **parameters: Any) -> None:
         self.player: PlayerNode = session.managed(PlayerNode, bag=str(bag), **parameters)
@@ -68,7 +68,7 @@ class Replay:
         listen = session.node("listener").create_subscription
         listen(PlaybackState, "playback_state", self.states.append, topics.LATCHED)
         listen(Health, "health", self.healths.append, topics.LATCHED_BY_MANY)
-        # As deep as the bag is long: a busy machine loses nothing.
+        # The depth covers the whole bag, so that a busy machine loses nothing.
         every = QoSProfile(depth=LAST + 1, reliability=ReliabilityPolicy.RELIABLE)
         listen(TelemetryBlock, "telemetry", self._note_block, every)
         assert self.player.bring_up()
@@ -142,7 +142,7 @@ def test_a_player_that_stays_at_the_end_can_be_moved_back(session, bag):
 
 
 def reconnected(session: DashboardSession, node: Any) -> Viewer:
-    """Return a client that is offered the control of a playback."""
+    """Return a new client to which the server offers playback control."""
 
     def connect() -> Viewer | None:
         viewer = session.view(node)
@@ -154,7 +154,7 @@ def reconnected(session: DashboardSession, node: Any) -> Viewer:
 
 
 def reported(viewer: Viewer, request: str) -> dict[str, Any]:
-    """Wait for the state that answers a request."""
+    """Wait for the playback state that answers a request, and return it."""
 
     def answers() -> list[dict[str, Any]]:
         return [item for item in viewer.reported if item.get("request") == request]
@@ -189,7 +189,7 @@ def test_a_replay_is_driven_from_foxglove(session, bag):
     wait_for(lambda: len(viewer.received["/ema/telemetry"]) > 10, "telemetry from there on")
     at_ns, block = viewer.received["/ema/telemetry"][0]
     assert block.first_index >= 1200
-    # The time of the graph: that of the bag, up to the step of the clock.
+    # Log times are in the time of the bag, up to a step of the clock.
     assert abs(at_ns - (START_NS + block.first_index * STEP_NS)) < 10**9
 
     viewer.control(play=False, speed=4.0, seek_ns=START_NS + 2 * 10**9, request="back")
@@ -197,7 +197,7 @@ def test_a_replay_is_driven_from_foxglove(session, bag):
     late = reconnected(session, node)
     late.look_at("/ema/health")
     stamps = {m.header.stamp.sec - START_NS // 10**9 for m in late.wait_for("/ema/health", 2)}
-    assert stamps == {0, 1}  # nothing of what is later than the new time
+    assert stamps == {0, 1}  # nothing later than the new time
 
 
 def test_what_the_player_refuses_changes_nothing_and_is_answered(session, bag):
@@ -228,7 +228,7 @@ def test_an_answer_reports_how_the_player_stands_after_what_was_asked(session, m
     control.note_state(PlaybackState(status=PlaybackState.PLAYING, rate=1.0, position=at(3.0)))
     fields = (3, 1, 2.0, 1, START_NS + 5 * 10**9, 4)
     node._hub.in_loop(control.ask, struct.pack("<BBfBQI", *fields) + b"late")
-    # The services have answered; what they do is told one after the other, and late.
+    # The services have answered; the states that show their effects follow late, one by one.
     assert asked.wait(DEADLINE_S)
     for rate, seconds in ((1.0, 3.0), (2.0, 3.0), (2.0, 5.0)):
         state = PlaybackState(status=PlaybackState.PAUSED, rate=rate, position=at(seconds))
@@ -241,7 +241,7 @@ def test_an_answer_reports_how_the_player_stands_after_what_was_asked(session, m
 def test_player_whose_name_is_not_known_yet_is_waited_for(
     session: DashboardSession, monkeypatch: pytest.MonkeyPatch
 ):
-    """So the middleware gives it between the discovery of a publisher and that of its node."""
+    """The middleware reports such a name until it has discovered the node of a publisher."""
     node = session.dashboard()
     players: list[str] = []
     unknown = SimpleNamespace(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Behind a proxy that adds TLS and a path of its own, page and data are served as without one."""
+"""A proxy that adds TLS and a path serves page and data of the dashboard."""
 
 import re
 import shutil
@@ -62,7 +62,7 @@ def free_port() -> int:
 def proxied(
     session: DashboardSession, certificate: tuple[Path, Path], tmp_path: Path
 ) -> Iterator[tuple[DashboardNode, str]]:
-    """A dashboard with a token and its address at a proxy."""
+    """Yield a dashboard with a token, and its address at a proxy."""
     port, (pem, key) = free_port(), certificate
     (tmp_path / "token").write_text(TOKEN, encoding="ascii")
     node = session.dashboard(

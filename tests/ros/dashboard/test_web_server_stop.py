@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The web server stops at any moment, also while its thread begins again."""
+"""The web server stops at any time, also while its thread restarts."""
 
 import asyncio
 import socket
