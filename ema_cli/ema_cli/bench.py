@@ -28,7 +28,7 @@ _OWN_FIGURES: Final[dict[str, dict[str, Any]]] = {
     "swing": {"start_frequency": 10.0, "end_frequency": 14.0},
     "moves": {"duration": 10.0},
 }
-"""Default parameters of command shapes that differ from a chirp's."""
+"""Default parameters of command shapes, where they differ from the chirp's."""
 
 COMMAND_OPTION: Final = click.option(
     "--command",
@@ -43,7 +43,7 @@ COMMAND_OPTION: Final = click.option(
 
 @dataclass(frozen=True)
 class Bench:
-    """A simulated actuator on its test bench."""
+    """Settings of a simulated actuator on its test bench."""
 
     OPTIONS: ClassVar[tuple[Callable[[ClickCommand], ClickCommand], ...]] = (
         click.option(
@@ -79,7 +79,7 @@ class Bench:
     """True parameters of the plant."""
     settings: BenchSettings
     resolutions: dict[str, float]
-    """Resolution of the published columns, by name."""
+    """Resolution of the published columns, keyed by name; unlisted columns are exact."""
     command: Command
     actuator_file: Path | None
     sample_rate: float | None
@@ -119,7 +119,7 @@ class Bench:
 
 
 def _command(shape: str | None, parameters: Parameters) -> Command:
-    """Return the command of a given shape and parameters, or from a CSV file."""
+    """Return the command with a shape (None for the default) and parameters, or from a CSV file."""
     shape = shape or str(parameters.values.get("command.shape", THESIS_CHIRP.shape))
     if shape.endswith(".csv"):
         figures = [name for name in _FIGURES if f"command.{name}" in parameters.values]
@@ -149,7 +149,7 @@ def _column(path: Path) -> list[float]:
         try:
             samples.append(float(row[-1]))
         except ValueError as error:
-            # A first line without a number is a heading.
+            # A first row without a number is a heading.
             if number > 0:
                 raise ValueError(
                     f"{path}: row {number + 1} ends with {row[-1]!r}, expected an angle [rad]"
@@ -165,7 +165,7 @@ def save_command(path: Path, command: Command, comment: str) -> None:
     path
         YAML file to write.
     command
-        Command of any shape but ``custom``.
+        Command of any shape except ``custom``.
     comment
         Comment lines on the origin of the command.
     """

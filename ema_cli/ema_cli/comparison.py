@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identification of a window by several algorithms from the same start."""
+"""Identification of a window with several algorithms from the same starting point."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ from ema_monitor.windows.window import Window
 
 @dataclass(frozen=True, eq=False)
 class ComparedRun:
-    """Result of one algorithm."""
+    """Result of an algorithm for a window."""
 
     estimate: Estimate
     evaluations: list[int]
@@ -44,7 +44,7 @@ class AlgorithmComparison:
 
     recorded: RecordedWindow
     runs: list[ComparedRun]
-    """One result per algorithm, in the requested order."""
+    """Results of the algorithms, in the requested order."""
     truth: NDArray[np.float64] | None = None
     """True faults of the window, ``(8,)``; None if the bag does not record them."""
     fitness_at_truth: float | None = None
@@ -52,21 +52,27 @@ class AlgorithmComparison:
 
     @property
     def best(self) -> ComparedRun | None:
-        """Run of lowest cost among valid runs, or else among all runs; None without an estimate."""
+        """Run with the lowest cost among valid runs, else among all runs; None without any run."""
         fitted = [run for run in self.runs if np.isfinite(run.estimate.fitness)]
         return min(
             fitted, key=lambda run: (not run.estimate.valid, run.estimate.fitness), default=None
         )
 
     def error_percent(self, run: ComparedRun) -> float:
-        """Return the error of a run's estimate [%]; NaN without truth or estimate."""
+        """Return the error of a run's estimate in percent of the fault ranges; NaN if unknown."""
         if self.truth is None:
             return float("nan")
         return estimation_error(run.estimate.faults, self.truth)
 
 
 def choose_window(bag_windows: BagWindows, number: int | None) -> RecordedWindow:
-    """Return a window by number; by default the first usable window, or else the first."""
+    """Return the window with a number; None selects the first usable window, else the first.
+
+    Raises
+    ------
+    ValueError
+        If the bag has no window with this number.
+    """
     if number is not None:
         if number >= len(bag_windows.windows):
             windows = counted(len(bag_windows.windows), "window")
@@ -86,10 +92,10 @@ def compare_algorithms(
     options: Identifying,
     truth: NDArray[np.float64] | None,
 ) -> AlgorithmComparison:
-    """Identify a window with each algorithm from the healthy point, with a progress bar."""
+    """Identify a window with each algorithm from the healthy fault vector, with a progress bar."""
     window = recorded.window
     with deferred_signals() as stop, progress_bar() as progress:
-        # So that the computing time of the first algorithm includes no compilation.
+        # Compile first, so that the computing time of the first algorithm excludes compilation.
         compile_kernels([calibration.form])
         runs = []
         for algorithm in algorithms:

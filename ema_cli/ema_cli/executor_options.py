@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Executor options, shared by commands that run many tasks."""
+"""Options that select the executor, for commands that run many tasks."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,7 +16,7 @@ from ema_monitor.model.threads import available_cpus, limit_threads
 
 @dataclass(frozen=True)
 class ExecutorOptions:
-    """Kind of executor, number of parallel local tasks, and cluster scheduler."""
+    """Kind of executor, number of parallel local tasks, and address of a Dask scheduler."""
 
     kind: str
     number: int
@@ -24,7 +24,7 @@ class ExecutorOptions:
 
     @contextmanager
     def open(self, stopped: Callable[[], str], kept: str) -> Iterator[Workers]:
-        """Yield the workers. An interrupt or lost workers end the command with one line.
+        """Yield the workers. If interrupted or if workers are lost, end with a one-line message.
 
         Parameters
         ----------
@@ -45,7 +45,7 @@ class ExecutorOptions:
 
 @contextmanager
 def stops_in_a_line(stopped: Callable[[], str], kept: str) -> Iterator[None]:
-    """Report an interrupt or lost workers in one line.
+    """Convert an interrupt, or the loss of workers, to a one-line error message.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def stops_in_a_line(stopped: Callable[[], str], kept: str) -> Iterator[None]:
 
 
 def executor_options(command: Command) -> Command:
-    """Add executor options to a command, which receives them as argument ``executor``."""
+    """Add executor options to a command, which receives them as the argument ``executor``."""
 
     @click.option(
         "--executor",

@@ -46,7 +46,7 @@ _COMMANDS: Final = {
     "demo": "Watch a simulated actuator wear out, live and on the dashboard, then in a picture.",
     "completion": "Print the shell completion script for SHELL.",
 }
-"""Commands and their help summaries, so that help imports no command module."""
+"""Commands with their help summaries, so that ``ema --help`` imports no command module."""
 
 _GROUPS: Final = {
     "Simulate": ("simulate", "lives", "certify", "design"),

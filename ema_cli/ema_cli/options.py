@@ -13,12 +13,12 @@ UNUSABLE: Final = 1
 """Exit code: the input cannot be used."""
 
 REFUSED: Final = 3
-"""Exit code: some windows have no valid estimate. (click uses 2 for wrong usage.)"""
+"""Exit code: a result is refused or missing. (click uses 2 for wrong usage.)"""
 
 
 @contextmanager
 def errors_as_one_line() -> Iterator[None]:
-    """Convert input errors to a one-line error with exit code ``UNUSABLE``."""
+    """Convert ValueError and OSError to a one-line error with exit code ``UNUSABLE``."""
     try:
         yield
     except BrokenPipeError:  # the reader has closed the pipe: click ends quietly
@@ -34,7 +34,7 @@ def errors_as_one_line() -> Iterator[None]:
 
 @contextmanager
 def values_of_options() -> Iterator[None]:
-    """Convert invalid option values to usage errors, exit code 2."""
+    """Convert ValueError, raised for an invalid option value, to a usage error (exit code 2)."""
     try:
         yield
     except ValueError as error:
@@ -63,7 +63,7 @@ class Assignments(click.ParamType):
     name = "name=value"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> list[tuple[str, float]]:
-        """Return the pairs in order."""
+        """Return the pairs of name and value, in order."""
         if not isinstance(value, str):
             return value
         pairs = []
@@ -81,7 +81,10 @@ class Assignments(click.ParamType):
 def assignments_option(
     option: str, name: str, meaning: str, kind: click.ParamType | None = None
 ) -> Callable[..., Any]:
-    """Return a repeatable option whose pairs form one mapping without repeated names."""
+    """Return a repeatable option of ``name=value`` pairs; the command receives a dict.
+
+    A repeated name is a usage error. ``name`` is the argument of the command, ``meaning`` the help.
+    """
 
     def merged(
         _: click.Context, __: click.Parameter, groups: tuple[list[tuple[str, float]], ...]
@@ -99,7 +102,7 @@ def assignments_option(
 
 
 def network_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the option ``--network`` to a command, as argument ``network``."""
+    """Add the option ``--network`` to a command, which receives it as the argument ``network``."""
     return click.option(
         "--network",
         is_flag=True,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Output checks: never overwrite an input; overwrite any other file only if requested."""
+"""Output options and checks: no input is overwritten, other files only with ``--replace``."""
 
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -14,13 +14,16 @@ if TYPE_CHECKING:
     from ema_bags.writer import BagWriter
 
 BAG_TO_WRITE: Final = "Bag to write: a single file if the name ends in .mcap, else a folder"
-"""Help text of the option ``output`` for commands that write a bag."""
+"""Help text of the option ``--output`` of commands that write a bag."""
 
 
 def output_option(
     meaning: str, *, required: bool = True, dir_okay: bool = True, **more: Any
 ) -> Callable[..., Any]:
-    """Return the options ``output`` (path to write) and ``overwrite`` (replace the file)."""
+    """Return a decorator that adds ``--output`` and ``--replace`` to a command.
+
+    The command receives the arguments ``output`` and ``overwrite``. ``meaning`` is the help text.
+    """
     more |= {"required": required, "type": click.Path(path_type=Path, dir_okay=dir_okay)}
     output = click.option("-o", "--output", help=f"{meaning}.", **more)
     replace = click.option("--replace", "overwrite", is_flag=True, help="Overwrite OUTPUT.")
@@ -28,7 +31,7 @@ def output_option(
 
 
 def require_apart(output: Path, inputs: Iterable[Path]) -> None:
-    """Refuse an output that is an input, or inside an input folder, under any path."""
+    """Raise ValueError if an output is an input or in an input folder, under any path."""
     if not output.exists():
         return
     for path in filter(Path.exists, inputs):
@@ -40,7 +43,7 @@ def require_apart(output: Path, inputs: Iterable[Path]) -> None:
 def require_free(
     output: Path, inputs: Iterable[Path], *, overwrite: bool, endings: Sequence[str] = ()
 ) -> None:
-    """Check an output path before any work is done.
+    """Check that an output can be written, before any work is done.
 
     Parameters
     ----------
@@ -70,7 +73,7 @@ def require_free(
 
 
 def _as_stamp(_: click.Context, __: click.Parameter, moment: datetime) -> int:
-    """Convert a UTC date and time to nanoseconds; message stamps end in January 2038."""
+    """Convert a UTC date to a timestamp [ns]; ROS timestamps end in January 2038."""
     if not 1970 <= moment.year < 2038:
         raise click.BadParameter(f"{moment:%Y-%m-%d}: expected a date from 1970 to 2037")
     return int(moment.replace(tzinfo=UTC).timestamp()) * 1_000_000_000
@@ -89,8 +92,16 @@ START_OPTION: Final = click.option(
 
 @contextmanager
 def new_bag(path: Path, *, overwrite: bool = False) -> Iterator["BagWriter"]:
-    """Yield a bag to write to; remove it if it stays incomplete."""
-    from ema_bags.writer import BagWriter  # ROS only where a bag is written
+    """Yield a new bag to write to; remove it if writing fails.
+
+    Raises
+    ------
+    ValueError
+        If ``path`` exists and is not overwritten.
+    OSError
+        If the bag cannot be written.
+    """
+    from ema_bags.writer import BagWriter  # imports ROS only if a bag is written
 
     try:
         with BagWriter(path, overwrite=overwrite) as bag:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command settings by node parameter name: ``-p NAME=VALUE`` and ``--params FILE``."""
+"""Settings of commands by node parameters: ``-p NAME=VALUE`` and ``--params FILE``."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ _SECTION: Final = "ros__parameters"
 
 @dataclass(frozen=True)
 class Parameters:
-    """Specified parameter values by name; may include values a command does not use."""
+    """Specified parameter values, keyed by name, including values that the command does not use."""
 
     values: Mapping[str, Any]
 
@@ -37,7 +37,9 @@ class Parameters:
         return Parameters({**self.values, **{k: v for k, v in options.items() if v is not None}})
 
     def over(self, settings: Settings, prefix: str = "") -> Settings:
-        """Return settings overridden by the specified values.
+        """Return settings with the specified parameters replaced.
+
+        ``prefix`` is the prefix of their parameter names.
 
         Raises
         ------
@@ -54,7 +56,7 @@ class Parameters:
             raise click.UsageError(f"{prefix}{error}") from error
 
     def path(self, name: str) -> Path | None:
-        """Return the path set by a parameter; None if the parameter is not specified."""
+        """Return a parameter as a path, or None if it is not specified."""
         text = self.values.get(name)
         return Path(text).expanduser() if text else None
 
@@ -68,7 +70,7 @@ def settings_options(
     ----------
     kind
         Class with the click options in ``OPTIONS``, dataclasses and prefixes of the parameters in
-        ``SECTIONS``, and a class method ``of(parameters, **options)`` that makes the argument.
+        ``SECTIONS``, and a class method ``of(parameters, **options)`` that creates the argument.
     node
         Name of the node with these parameters.
     more
@@ -128,7 +130,7 @@ def settings_options(
 
 
 def names_of(sections: Iterable[tuple[Any, str]]) -> list[str]:
-    """Return the prefixed parameter names of dataclasses."""
+    """Return the parameter names, with prefix, for pairs of dataclass and prefix."""
     return [item.name for item in _of_dataclasses(sections)]
 
 
@@ -139,7 +141,13 @@ def _of_dataclasses(sections: Iterable[tuple[Any, str]]) -> list[SettingsParamet
 def _assigned(
     assignments: Iterable[str], parameters: Sequence[SettingsParameter]
 ) -> dict[str, Any]:
-    """Parse ``NAME=VALUE`` or ROS's ``NAME:=VALUE``, with the value in YAML."""
+    """Parse assignments ``NAME=VALUE``, or ``NAME:=VALUE`` as in ROS, with the value in YAML.
+
+    Raises
+    ------
+    ValueError
+        If an assignment is malformed or repeated, or its name is unknown.
+    """
     names = [item.name for item in parameters]
     assigned: dict[str, Any] = {}
     for text in assignments:
@@ -157,7 +165,7 @@ def _assigned(
 
 
 def instead_of(option: str, command: click.Command) -> str:
-    """Return a suggestion for an unknown option, for an error text; empty if there is none."""
+    """Return a suggestion for an unknown option, to append to an error, or "" if there is none."""
     name = as_identifier(option.lstrip("-")).removeprefix("no_")
     has = {word for item in command.params for word in item.opts}
     if (same := f"--{name.replace('_', '-')}") in has:
@@ -177,7 +185,7 @@ def instead_of(option: str, command: click.Command) -> str:
 
 def value_of(text: str) -> Any:
     """Parse a YAML value; return the text itself if it is not valid YAML."""
-    import yaml  # only where there is a value
+    import yaml  # imported only if there is a value
 
     try:
         return yaml.safe_load(text)
@@ -186,7 +194,13 @@ def value_of(text: str) -> Any:
 
 
 def parameters_in(path: Path, node: str) -> Iterator[tuple[str, Any]]:
-    """Yield name and value of each of a node's parameters in a file, in any namespace."""
+    """Yield name and value of a node's parameters in a parameter file, from any namespace.
+
+    Raises
+    ------
+    ValueError
+        If the file is not YAML.
+    """
     from ema_core.yaml_file import load_yaml
 
     try:

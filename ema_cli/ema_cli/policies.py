@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SROS2 policies, one file per node, with permitted topics, services and actions.
+"""SROS2 policies of all nodes, with the topics, services and actions that each node may use.
 
 python -m ema_cli.policies [--namespace /left] [--mapping mapping.yaml] [-o FOLDER]
 """
@@ -84,7 +84,7 @@ class GraphNames:
     """Namespace and name of the node."""
     publishes: tuple[str, ...] = ()
     subscribes: tuple[str, ...] = ()
-    """Topics; a trailing ``*`` matches any suffix."""
+    """Topics that the node publishes and subscribes to; a trailing ``*`` matches any suffix."""
     replies: tuple[str, ...] = ()
     requests: tuple[str, ...] = ()
     """Services that the node offers, and services that it calls."""
@@ -103,7 +103,7 @@ def node_access(
     *,
     bridges_temperature: bool = False,
 ) -> Mapping[str, GraphNames]:
-    """Return the topics, services and actions of each node, by the name of the node.
+    """Return the topics, services and actions of each node, keyed by the name of the node.
 
     Parameters
     ----------
@@ -146,10 +146,10 @@ def node_access(
             executes=("calibrate", "identify_faults"),
         ),
         _node(prefix, "recorder", subscribes=(everything, DIAGNOSTICS), replies=("snapshot",)),
-        # A bag may hold any topic to which a recorder subscribes.
+        # A bag may contain any topic to which a recorder subscribes.
         _node(prefix, "player", publishes=(everything, CLOCK), replies=_STEERING),
         _node(prefix, "dashboard", subscribes=shown, requests=full(_ASKED_BY_DASHBOARD)),
-        # Nodes of commands, which publish nothing, in namespaces of their names.
+        # Nodes of commands publish nothing; the namespace of each equals its name.
         _node("/watch", "watch", subscribes=full(_WATCHED), is_managed=False),
         _node(
             "/baseline",
@@ -180,7 +180,7 @@ def _node(
     executes: Iterable[str] = (),
     is_managed: bool = True,
 ) -> GraphNames:
-    """Return a node's names, including those common to all nodes or lifecycle nodes."""
+    """Return the names of a node, including the names common to all nodes or lifecycle nodes."""
     local = f"{prefix}/{name}/"
     services = (*_OF_ALL, *(_OF_LIFECYCLES if is_managed else ()), *replies)
     status = (DIAGNOSTICS, f"{prefix}/{topics.NODE_STATUS}", f"{local}transition_event")
@@ -200,7 +200,7 @@ def _sorted(*names: str) -> tuple[str, ...]:
 
 
 def policy(access: GraphNames) -> str:
-    """Return a node's policy, which permits only its topics, services and actions."""
+    """Return the XML of a node's policy, which permits only its topics, services and actions."""
     root = ElementTree.Element("policy", version=_VERSION)
     enclaves = ElementTree.SubElement(root, "enclaves")
     enclave = ElementTree.SubElement(enclaves, "enclave", path=access.enclave)

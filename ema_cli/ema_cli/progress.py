@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Progress on standard error, as a bar or as lines."""
+"""Display of progress on standard error, as a bar or as lines."""
 
 import sys
 import threading
@@ -21,9 +21,9 @@ LINES_S: Final = 10.0
 
 
 class _Lines:
-    """Progress reported as lines about the newest task, with the interface of a bar.
+    """Replacement for a progress bar that prints lines about the newest task.
 
-    A thread prints the lines, as a task may report nothing for minutes.
+    A thread prints the lines, because a task may report nothing for minutes.
     """
 
     def __init__(self) -> None:
@@ -78,12 +78,13 @@ class _Lines:
 
 
 def progress_bar() -> AbstractContextManager["Progress"]:
-    """Return a progress bar; without a terminal, lines after 5 s and then every 10 s.
+    """Return a progress bar as a context manager.
 
-    A task may report its ``state``.
+    Without a terminal, it prints a line after 5 s and then every 10 s. The field ``state`` of a
+    task is shown with it.
     """
     if not sys.stderr.isatty():
-        # rich is imported for a terminal only: its import takes as long as `ema info`.
+        # Import rich only for a terminal: the import takes as long as `ema info`.
         return cast("Progress", _Lines())
     from rich.console import Console
     from rich.progress import (

@@ -32,7 +32,7 @@ from ema_sim.lives import NOISE_OF_DISTURBED, SimulatedLife, constant_life, run_
 from ema_sim.sensors import Sensors
 
 _NS_PER_HOUR: Final = 3_600_000_000_000
-# The last test takes seconds: a day before the end.
+# The last start of a test is a day before the end of timestamps, because a test takes seconds.
 _LAST_STAMP_NS: Final = (2**31 - 86_400) * 1_000_000_000
 _GAP_BLOCKS: Final = 3
 _MEASURED: Final = ("faults", "covariance", "unobservable", "goodness_of_fit")
@@ -40,7 +40,7 @@ _PART: Final = ".part"
 
 
 def unit_of_life(seed: int, number: int) -> ActuatorDescription:
-    """Return the built-in actuator with the serial number of a life."""
+    """Return the description of the unit in a life: the built-in actuator with a serial number."""
     built_in = ActuatorDescription()
     return replace(built_in, serial_number=f"{built_in.serial_number}-{seed}-{number:04d}")
 
@@ -55,20 +55,20 @@ def calibration_of_life(unit: ActuatorDescription) -> Calibration:
 
 @dataclass(frozen=True, eq=False)
 class LifeTest:
-    """One measured test of a life."""
+    """A measured test of a life."""
 
     number: int
     """Running number from 0, counting missing tests."""
     hours: float
     """Service hour [h]."""
     start_ns: int
-    """Start stamp: ``hours`` after the start of the life [ns]."""
+    """Timestamp of the start, ``hours`` after the start of the life [ns]."""
     faults: NDArray[np.float64]
     """True faults, ``(8,)``."""
     window: str
-    """Quality of its window, a ``WindowKind`` of ``ema_sim.lives``."""
+    """Quality of the window, a ``WindowKind`` of ``ema_sim.lives``."""
     blocks: list[Telemetry]
-    """Telemetry; blocks are missing in a gap."""
+    """Telemetry, without the blocks in a gap."""
 
 
 def simulated_tests(
@@ -77,7 +77,7 @@ def simulated_tests(
     rng: np.random.Generator,
     begin_ns: int = 0,
 ) -> Iterator[LifeTest]:
-    """Simulate the tests of a life except missing ones; the life starts at ``begin_ns``."""
+    """Simulate the tests of a life that starts at ``begin_ns``, and yield all but missing tests."""
     bench = ActuatorBench(description, BenchSettings(hours_per_cycle=0.0))
     noise = Sensors(NOISE_OF_DISTURBED, {}, rng)
     for number, (hours, faults, window) in enumerate(
@@ -91,14 +91,14 @@ def simulated_tests(
         if window == "noisy":
             blocks = [noise.measure(block) for block in blocks]
         if window == "gap":
-            # Inside the window, which begins at 0.8 s of the 1.7 s and is half a second long.
+            # A gap inside the window, which lasts from 0.8 s to 1.3 s of 1.7 s.
             at = 3 * len(blocks) // 5
             del blocks[at : at + _GAP_BLOCKS]
         yield LifeTest(number, float(hours), start_ns, faults, window, blocks)
 
 
 def write_test(path: Path, test: LifeTest, description: ActuatorDescription) -> None:
-    """Write a test with its true faults and the service life before it."""
+    """Write a test to a bag, with its true faults and the service hours before it."""
     with new_bag(path) as writer, SimulatedActuatorBag(writer, description, test.start_ns) as bag:
         bag.begin_cycle(test.number, test.faults, test.hours)
         for block in test.blocks:
@@ -108,7 +108,7 @@ def write_test(path: Path, test: LifeTest, description: ActuatorDescription) -> 
 def with_estimates(
     tests: Iterable[LifeTest], description: ActuatorDescription
 ) -> Iterator[tuple[LifeTest, Estimate]]:
-    """Yield an actuator's tests with the estimates of a monitor, valid or not."""
+    """Yield each test of an actuator with the estimate of a monitor, whether valid or not."""
     calibration, diagnosis = calibration_of_life(description), Diagnosis()
     for test in tests:
         finder = WindowFinder(TriggerSettings(), description)
@@ -120,7 +120,7 @@ def with_estimates(
 
 
 def as_line(test: LifeTest, estimate: Estimate) -> str:
-    """Return a test and its estimate as a line of JSON; NaN and infinity are null."""
+    """Return a test and its estimate as a line of JSON, with null for NaN and infinity."""
     record = estimate_record(estimate)
     content = {
         "test": test.number,
@@ -136,13 +136,13 @@ def as_line(test: LifeTest, estimate: Estimate) -> str:
 
 @dataclass(frozen=True)
 class LifeJob:
-    """Job to simulate one life."""
+    """Job to simulate a life."""
 
     folder: Path
     """Parent folder of the output."""
     seed: int
     number: int
-    """Common seed and number of this life, which determine all random values."""
+    """Seed of all lives and number of this life, which determine all random values."""
     kind: str | None
     """Dominant fault; drawn if None."""
     form: str
@@ -150,7 +150,7 @@ class LifeJob:
     is_constant: bool
     with_repair: bool
     start_ns: int = 0
-    """Stamp of the start of the life [ns]."""
+    """Timestamp of the start of the life [ns]."""
 
     @property
     def name(self) -> str:
@@ -159,7 +159,10 @@ class LifeJob:
 
 
 def make_life(job: LifeJob) -> dict[str, object]:
-    """Simulate a life on one core. Return its row, with None for a missing end or repair."""
+    """Simulate a life on one core, write it, and return its row in the table of lives.
+
+    The end and the repair are None in a life without them.
+    """
     limit_threads(1)
     of_life, of_sensors = np.random.default_rng([job.seed, job.number]).spawn(2)
     limits = {name: HealthLimits().of(name) for name in COMPONENTS}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests of a simulated actuator, returned as windows without a bag."""
+"""Test rig with a simulated actuator, which returns tests as windows without writing a bag."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -19,7 +19,7 @@ from ema_sim.bench import ActuatorBench
 
 
 class SimulatedRig(ActuatorRig):
-    """Runs tests of a simulated actuator."""
+    """Test rig with a simulated actuator; ``on_cycle`` is called after each test cycle."""
 
     def __init__(self, options: Bench, on_cycle: Callable[[], None]) -> None:
         self._options = options
@@ -45,7 +45,7 @@ class SimulatedRig(ActuatorRig):
         cycles
             Number of test cycles.
         causes
-            Hidden causes by name.
+            Hidden causes, keyed by name.
 
         Raises
         ------

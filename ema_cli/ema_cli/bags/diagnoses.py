@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Diagnoses and true faults by test cycle, live or from a bag."""
+"""Diagnoses of windows, with the true faults of their test cycles, live or from a bag."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,13 +22,13 @@ _LONGEST_LATENCY_S: Final = 600.0
 
 @dataclass
 class DiagnosedWindow:
-    """The diagnosis of one window."""
+    """Diagnosis of a window."""
 
     window: int
     """Running number of the window."""
     start_ns: int
     end_ns: int
-    """Stamps of the window's first and last sample [ns]."""
+    """Timestamps of the window's first and last sample [ns]."""
     faults: NDArray[np.float64]
     sigma: NDArray[np.float64]
     """Estimate and its standard deviation, ``(8,)``; NaN without an estimate."""
@@ -55,18 +55,21 @@ class DiagnosisLog:
 
     actuator_id: str = ""
     serial_number: str = ""
-    """Identification of the actuator; empty before the first estimate."""
+    """Identity of the actuator; empty before the first estimate."""
     truths: list[StampedFaults] = field(default_factory=list)
-    """True faults by test cycle, in order."""
+    """True faults of the test cycles, in chronological order."""
     limits: dict[str, float] = field(default_factory=dict)
-    """Values at which life ends, by fault."""
+    """Values at which life ends, keyed by fault."""
     remarks: list[str] = field(default_factory=list)
     """Defects of the bag."""
     _diagnosed: dict[int, DiagnosedWindow] = field(default_factory=dict)
     _levels: dict[int, tuple[int, str]] = field(default_factory=dict)
 
     def add(self, type_name: str, message: Any, received_ns: int) -> None:
-        """Add a message, unless its actuator differs from the first estimate's."""
+        """Add a message, unless it belongs to another actuator than the first estimate.
+
+        ``received_ns`` is the time of reception [ns].
+        """
         if type_name == ESTIMATE_TYPE:
             self.actuator_id = self.actuator_id or message.actuator_id
             if message.actuator_id == self.actuator_id:
@@ -83,20 +86,20 @@ class DiagnosisLog:
                     valid=message.valid,
                     reason=message.reason,
                     latency_s=(received_ns - end_ns) * 1e-9,
-                    # Bags of earlier versions have none.
+                    # Bags of earlier versions have no quantities.
                     quantities=tuple(map(quantity_of, getattr(message, "quantities", ()))),
                 )
         elif type_name == TRUE_FAULTS_TYPE:
             self.truths.append(stamped_faults_from_message(message))
         elif type_name == HEALTH_TYPE and message.actuator_id == self.actuator_id:
             stamp_ns = stamp_from_message(message.header.stamp)
-            # A health published again for its window may judge more, unless it has become stale.
+            # A repeated health message may assess more faults, unless it has become stale.
             if message.level != STALE or stamp_ns not in self._levels:
                 self._levels[stamp_ns] = message.level, message.cause
             self.limits.update({item.name: item.limit for item in message.faults})
 
     def diagnoses(self) -> list[DiagnosedWindow]:
-        """Return the diagnoses, each with the true faults of its cycle if recorded."""
+        """Return the diagnoses in chronological order, with recorded true faults and levels."""
         truths = [item for item in self.truths if item.actuator_id == self.actuator_id]
         windows = [self._diagnosed[end_ns] for end_ns in sorted(self._diagnosed)]
         for window in windows:
@@ -108,12 +111,12 @@ class DiagnosisLog:
 
 
 def quantity_of(message: Any) -> QuantityChange:
-    """Convert an ``ema_interfaces/msg/QuantityChange``.
+    """Convert an ``ema_interfaces/msg/QuantityChange`` message.
 
     Raises
     ------
     ValueError
-        If its judgement has an unknown number.
+        If the number of the judgement is unknown.
     """
     if message.judgement >= len(JUDGEMENTS):
         raise ValueError(f"quantities: judgement = {message.judgement}, expected 0, 1 or 2")
@@ -131,7 +134,14 @@ def quantity_of(message: Any) -> QuantityChange:
 
 
 def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
-    """Read the history of an actuator from a bag."""
+    """Read the diagnoses of an actuator from a bag.
+
+    Raises
+    ------
+    ValueError
+        If the bag has no estimates of the actuator, or estimates of several actuators and
+        ``actuator_id`` is None.
+    """
     bag = Bag(path)
     topics = bag.topics_of(ESTIMATE_TYPE, TRUE_FAULTS_TYPE, HEALTH_TYPE)
     recorded = list(bag.messages(topics))
@@ -156,6 +166,6 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
 
 
 def has_latency(diagnoses: list[DiagnosedWindow]) -> bool:
-    """Return whether latencies are meaningful, because stamps and reception share a clock."""
+    """Return whether latencies are meaningful: timestamps and reception times share a clock."""
     latencies = np.array([window.latency_s for window in diagnoses])
     return bool(np.all((latencies >= 0.0) & (latencies < _LONGEST_LATENCY_S)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Guided mapping: guessed from a file, overridden by entries, completed by answers."""
+"""Guided mapping: guessed from a file, overridden by options, completed by the user's answers."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -33,20 +33,20 @@ _SECTIONS: Final[dict[str, tuple[Any, tuple[str, ...], str]]] = {
     "temperature": (TemperatureSource, ("unit",), "not measured"),
     "clock": (Clock, ("unit",), "there is no time column, only a rate"),
 }
-"""By quantity: type of its source, entries to ask for, and meaning of "none"."""
+"""Type of the source, entries to ask for, and meaning of an omitted source, keyed by quantity."""
 
 
 def mapping_of(
     source: InputFile, description: ActuatorDescription, entries: Sequence[str], *, asks: bool
 ) -> ColumnMapping:
-    """Return the mapping for a file: guessed, overridden by entries, completed by answers.
+    """Return the mapping for a file: guessed, overridden by entries, completed by user input.
 
     Parameters
     ----------
     source
-        File to be mapped.
+        The file.
     description
-        Actuator of the telemetry.
+        Description of the actuator.
     entries
         Entries such as ``position.unit=mm``; the user is not asked for these.
     asks
@@ -83,7 +83,7 @@ def mapping_of(
 
 
 def _clock(is_set: dict[str, str]) -> Clock | None:
-    """Return the clock; None if neither its source nor its rate is set."""
+    """Return the clock in the entries, or None if neither its source nor its rate is set."""
     start = "clock."
     texts = {key[len(start) :]: text for key, text in is_set.items() if key.startswith(start)}
     if not {"source", "rate_hz"} & texts.keys():
@@ -93,7 +93,7 @@ def _clock(is_set: dict[str, str]) -> Clock | None:
 
 
 def _ask(content: dict[str, Any], is_set: dict[str, str]) -> None:
-    """Ask for each missing entry, with the guess as default."""
+    """Ask the user for each missing entry, with the guess as default."""
     for name, (kind, entries, none) in _SECTIONS.items():
         section = content.get(name, {})
         if name == "error" and "command" in content:

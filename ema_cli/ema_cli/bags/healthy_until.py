@@ -13,7 +13,7 @@ _SECONDS: Final = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86_400.0}
 
 @dataclass(frozen=True)
 class HealthyUntil:
-    """End of the healthy records."""
+    """End of the healthy records. A record is healthy if it meets all three conditions."""
 
     time_ns: float = math.inf
     """Time before which records are healthy [ns]."""
@@ -54,9 +54,9 @@ class HealthyUntil:
         Parameters
         ----------
         end_ns
-            End of the record [ns].
+            Timestamp of the record's last sample [ns].
         first_ns
-            First stamp of all records [ns].
+            Timestamp of the first sample of all records [ns].
         number
             Number of the record, from 0.
         """

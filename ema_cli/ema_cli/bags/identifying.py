@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identification of the windows of a bag: its options, and the estimates."""
+"""Identification of the windows in a bag: command options, and computation of the estimates."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ SEED_OPTION: Final = click.option(
 
 @dataclass(frozen=True)
 class Identifying(ReadingOptions):
-    """Command options: part of a bag to read, and settings of the identification."""
+    """Command options that select the part of a bag to read, and set the identification."""
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
         *ReadingOptions.OPTIONS,
@@ -81,7 +81,13 @@ class Identifying(ReadingOptions):
         )
 
     def with_calibration_beside(self, bags: Iterable[Path]) -> Self:
-        """Return these options, with the calibration in the bags' folder if none is set."""
+        """Return the options with the calibration in the bags' folder, unless one is set.
+
+        Raises
+        ------
+        ValueError
+            If several folders of the bags have a calibration.
+        """
         if self.calibration_file is not None:
             return self
         folders = {bag.parent.resolve(): bag.parent for bag in bags}
@@ -100,7 +106,7 @@ class Identifying(ReadingOptions):
         return Calibration.builtin() if file is None else load_calibration(file)
 
     def calibration_of_model(self) -> Calibration:
-        """Return the calibration. Raises ValueError if it is unusable or of an unknown drive."""
+        """Return the calibration. Raises ValueError if it is unusable or has no drive model."""
         calibration = self.calibration()
         if isinstance(calibration, Calibration):
             return calibration
@@ -111,17 +117,17 @@ class Identifying(ReadingOptions):
 
     @property
     def calibration_source(self) -> str:
-        """Description of the calibration's source."""
+        """Path of the calibration, or a phrase for the shipped calibration."""
         return str(self.calibration_file or "shipped, for the built-in actuator")
 
     def estimate(
         self, windows: Sequence[RecordedWindow], calibration: AnyCalibration
     ) -> list[Estimate]:
-        """Return the estimates for one actuator's windows, as a monitor would compute them.
+        """Return the estimates for the windows of an actuator, as a monitor would compute them.
 
-        Stretches of ordinary motion are combined; the outcome is printed.
+        Stretches of ordinary motion are combined; their number is printed on standard error.
         """
-        # So that the computing time of the first estimate does not include compilation.
+        # Compile first, so that the computing time of the first estimate excludes compilation.
         compile_kernels([calibration.form])
         diagnosis, estimates = Diagnosis(), list[Diagnosed]()
         combining = self.combining if self.any_motion else None
@@ -147,7 +153,7 @@ class Identifying(ReadingOptions):
 
 
 def as_object(estimate: Estimate, bag_windows: BagWindows) -> dict[str, Any]:
-    """Return an estimate as plain values; NaN becomes null."""
+    """Return an estimate as plain values for JSON; NaN becomes None."""
     return estimate_record(estimate) | {
         "sigma": by_fault(estimate.sigma),
         "excitation_limit": MIN_TRAVEL,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Course of a joint: a baseline of its healthy records, and later records compared with it."""
+"""Course of a joint: baseline from its healthy records, and comparison of later records."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -32,56 +32,57 @@ from ema_monitor.windows.window import Window
 _PAUSE_NS: Final = 6_000_000_000  # longer than the rest that ends a record
 
 WORK: Final = TriggerSettings(record_s=60.0, record_rest_s=600.0)
-"""Settings for records of ordinary work, as in ``attach.yaml`` of ema_bringup: a record has several
-strokes in both directions even if the work pauses."""
+"""Settings for records of ordinary work, as in ``attach.yaml`` of ema_bringup. The long rest lets a
+record have several strokes in both directions even if the work pauses."""
 
 
 @dataclass
 class JointCourse:
-    """Records of one joint over time."""
+    """Records of a joint over time."""
 
     description: ActuatorDescription
     """Description of the joint."""
     is_dated: bool = True
-    """Whether the stamps have a date; otherwise they continue from file to file."""
+    """Whether the timestamps have a date; otherwise they continue from file to file."""
     calibration: JointCalibration | None = None
-    """Baseline of the healthy records; None without."""
+    """Baseline from the healthy records; None if it could not be fitted."""
     why_no_baseline: str = ""
-    """Why the healthy records make no baseline; empty if they do."""
+    """Why there is no baseline; empty if there is one."""
     healthy: int = 0
     """Number of healthy records."""
     estimates: list[Estimate] = field(default_factory=list)
-    """Comparisons of the later records, and refusals; without skipped ends of motions."""
+    """Comparisons and refusals of the later records, in order; skipped records are omitted."""
     outlooks: dict[int, Outlook] = field(default_factory=dict)
-    """Health after each of the later records that gave one, by the record's end [ns]."""
+    """Health after a later record, keyed by the end of the record [ns]; records that do not change
+    health are omitted."""
     remarks: list[str] = field(default_factory=list)
-    """Defects of the recordings, and why motion is not a record."""
+    """Defects of the recordings, and reasons why motion is not used as a record."""
     unread: list[str] = field(default_factory=list)
-    """Why recordings were not read; empty if all were."""
+    """Reasons why recordings were not read; empty if all were read."""
 
     @property
     def advice(self) -> str:
-        """Advice for an uncertain size of changes of friction; empty if it is certain."""
+        """Advice on how to make changes of friction more certain; "" if none is needed."""
         return friction_advice(self.calibration.baseline) if self.calibration else ""
 
     @property
     def baseline_doubt(self) -> str:
-        """Why the healthy records may not be healthy; empty if nothing suggests it."""
+        """Why the healthy records may not be healthy; "" if there is no sign of it."""
         return refusal_of(self.calibration) if self.calibration else ""
 
     @property
     def level(self) -> int:
-        """Level after the latest record; STALE if nothing was judged."""
+        """Level after the latest record; STALE if no record was compared."""
         return self.level_after(max(self.outlooks, default=0))
 
     def level_after(self, end_ns: int) -> int:
-        """Return the level after the record with this end [ns]; STALE if it gave none."""
+        """Return the level after the record that ends at ``end_ns``; STALE if it has no level."""
         outlook = self.outlooks.get(end_ns)
         return outlook.health.level if outlook else STALE
 
     @property
     def reason(self) -> str:
-        """Why the level is what it is; empty for OK."""
+        """Reason for the level; empty for OK."""
         if self.why_no_baseline:
             return self.why_no_baseline
         if not self.estimates:
@@ -92,7 +93,7 @@ class JointCourse:
 
     @property
     def level_since_ns(self) -> int:
-        """Stamp of the record since which the level is the same [ns]; 0 if none."""
+        """End of the first record with the current level [ns]; 0 if there is no level."""
         since_ns = 0
         for end_ns, outlook in reversed(self.outlooks.items()):
             if outlook.health.level != self.level:
@@ -102,12 +103,12 @@ class JointCourse:
 
     @property
     def valid(self) -> list[Estimate]:
-        """The comparisons with a result."""
+        """Estimates of the records that were compared with the baseline."""
         return [estimate for estimate in self.estimates if estimate.comparison is not None]
 
     @property
     def friction(self) -> QuantityChange | None:
-        """Change of Coulomb friction in the latest compared record; None without."""
+        """Change of Coulomb friction in the latest compared record; None without such a record."""
         valid = self.valid
         return valid[-1].comparison[FRICTION] if valid and valid[-1].comparison else None
 
@@ -126,14 +127,14 @@ def follow_joint(joint: RobotJoint, until: HealthyUntil) -> JointCourse:
     Parameters
     ----------
     joint
-        The joint; its dated recordings are sorted by time, others remain in order.
+        The joint. If all its recordings have dates, they are sorted by time.
     until
         End of the healthy records.
 
     Raises
     ------
     ValueError
-        If no recording can be read; the message names them.
+        If no recording can be read; the message names the recordings.
     """
     remarks: list[str] = []
     unread: list[str] = []
@@ -170,20 +171,20 @@ def follow_joint(joint: RobotJoint, until: HealthyUntil) -> JointCourse:
 
 
 def _first_stamp(record: Imported) -> int:
-    """Return the first stamp of an imported recording [ns]; 0 if it has no samples."""
+    """Return the first timestamp of an imported recording [ns]; 0 if it has no samples."""
     first = next(iter(record.blocks()), None)
     return 0 if first is None else first.stamp_ns
 
 
 def _imported(joint: RobotJoint, remarks: list[str], unread: list[str]) -> list[Imported]:
-    """Return a joint's telemetry by file, at the rate of the first file if the rates are similar.
+    """Return a joint's telemetry from each file, resampled to the first file's rate if similar.
 
-    Defects are added to ``remarks``, and why files were not read to both lists.
+    Defects are appended to ``remarks``, and the reasons for unread files to both lists.
 
     Raises
     ------
     ValueError
-        If no file has the joint.
+        If no file can be read.
     """
     records: list[Imported] = []
     mapping, description = joint.mapping, joint.description
@@ -210,7 +211,7 @@ def _imported(joint: RobotJoint, remarks: list[str], unread: list[str]) -> list[
 def _segments(
     intake: Intake, records: Iterable[Imported], course: JointCourse
 ) -> Iterator[Segment]:
-    """Yield the records in all recordings; times without a date continue from file to file."""
+    """Yield the records in all recordings. Timestamps without a date continue from file to file."""
     end_ns = 0
     for record in records:
         shift_ns: int | None = None
@@ -233,7 +234,10 @@ def _windows(events: Iterable[Segment | Defect], course: JointCourse) -> Iterato
 
 
 def _learn(course: JointCourse, healthy: Sequence[Window], first_ns: int | None) -> None:
-    """Fit the baseline of a course to its healthy records; ``first_ns`` is the first record's."""
+    """Fit the baseline of a course to its healthy records.
+
+    ``first_ns`` is the start of the first record [ns], or None if there is no record.
+    """
     course.healthy = len(healthy)
     if first_ns is None:
         course.why_no_baseline = "no record: the recordings have no motion of 2 s or more"
@@ -252,7 +256,7 @@ def _learn(course: JointCourse, healthy: Sequence[Window], first_ns: int | None)
 def _compare(
     course: JointCourse, unit: Unit, intake: Intake, segment: Segment, settings: PrognosisSettings
 ) -> None:
-    """Compare a record with the baseline, and add it to the course."""
+    """Compare a record with the baseline, and add the result to the course."""
     assert course.calibration is not None
     estimate = identify(segment.window, segment.description, course.calibration)
     if estimate.verdict == SKIPPED:

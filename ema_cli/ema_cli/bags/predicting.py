@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options for a unit's prognosis, in addition to the identification options."""
+"""Command options for the prognosis of a unit, in addition to the identification options."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -51,7 +51,7 @@ GROWTH_OPTIONS: Final[tuple[Callable[[Command], Command], ...]] = (
     ),
     LIMIT_OPTION,
 )
-"""Inputs to health and life other than tests."""
+"""Options for the inputs to health and life other than tests."""
 
 
 def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
@@ -62,7 +62,7 @@ def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> 
 
 @dataclass(frozen=True)
 class Predicting(Identifying):
-    """Command options: settings for the identification and prognosis of a unit."""
+    """Command options that set the identification and prognosis of a unit."""
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
         *Identifying.OPTIONS,
@@ -100,7 +100,7 @@ class Predicting(Identifying):
 
     prognosis: PrognosisSettings = PrognosisSettings()  # noqa: RUF009 - frozen
     costs: Costs | None = None
-    """Costs to compute an advice; None without advice."""
+    """Costs from which an advice is computed; None for no advice."""
     at_hours: float | None = None
     """Service hour of the prognosis [h]; None for the last test."""
     archive: Path | None = None
@@ -137,7 +137,13 @@ def with_growth(
     laws: tuple[str, ...] = (),
     costs: Mapping[str, float] = MappingProxyType({}),
 ) -> Parameters:
-    """Return parameters extended by the limits, growth laws and costs from options."""
+    """Return parameters extended by the limits, growth laws and costs in options.
+
+    Raises
+    ------
+    click.UsageError
+        If a name is unknown, or a fault has several laws.
+    """
     values: dict[str, Any] = {}
     by_limit = {name.partition(".")[2]: name for name in names_of(_LIMITS)}
     by_cost = {item.name: f"costs.{item.name}" for item in fields(Costs) if item.name != "unit"}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of the windows in a bag, and the options to select them."""
+"""Detection of the windows in a bag, and command options that select them."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
@@ -57,10 +57,10 @@ class ReadingOptions(Checked):
     topic: str | None = None
     any_motion: bool = False
     accept_defects: bool = False
-    """Whether options override the bag: ``actuator_file`` replaces the bag's description, and a
+    """Whether to continue despite defects: ``actuator_file`` overrides the bag's description, and a
     calibration is used even if it does not fit."""
     measured: tuple[str, ...] = ()
-    """Measured hidden causes as strings, applied to all windows."""
+    """Measured hidden causes of all windows, in the notation `GRAMMAR`."""
     measured_max_age_s: float = quantity(
         MAX_AGE_S,
         "s",
@@ -86,16 +86,19 @@ ReadingOptions.SECTIONS = ((TriggerSettings, ""), (ReadingOptions, ""))
 MEASURED_OPTION: Final = click.option(
     "--measured", multiple=True, help=f"Measured hidden cause, {GRAMMAR}: load_torque=0.1:0.005."
 )
-"""Option for commands that identify windows."""
+"""Option of commands that identify windows."""
 
 
 def open_recording(path: Path, source: ReadingOptions) -> tuple[Recording, ReadingOptions]:
-    """Open a bag, or a table with the mapping in its folder. Return it with its options."""
+    """Open a bag, or a table with the mapping in its folder; return it with its options.
+
+    For a table, the actuator file is already applied: the returned options omit it.
+    """
     if path.suffix.lower() not in TABLES:
-        from ema_bags.reader import Bag  # rosbags and mcap only for bags
+        from ema_bags.reader import Bag  # imports rosbags and mcap only for bags
 
         return Bag(path), source
-    from ema_cli.bags.records import table_recordings  # the import only for tables
+    from ema_cli.bags.records import table_recordings  # imported only for tables
 
     [(_, recording)] = table_recordings(path, source.actuator_file)
     return recording, replace(source, actuator_file=None)
@@ -113,12 +116,21 @@ def read_windows(
 
     Parameters
     ----------
+    path
+        Path of the bag or table.
+    source
+        Options that select the part to read.
     on_block
         Called with each block of telemetry.
     bag
         Bag or table recording, if already open.
     with_duty
         Whether to measure the duty.
+
+    Raises
+    ------
+    ValueError
+        If the telemetry cannot be read or has no description.
     """
     with values_of_options():
         measured = measured_causes_of(source.measured)
@@ -160,12 +172,12 @@ def read_windows(
 def identifiable_windows(
     path: Path, source: ReadingOptions, bag: Recording | None = None
 ) -> BagWindows:
-    """Read a bag that must have at least one window, and print the remarks.
+    """Detect the windows in a bag, at least one, and print the remarks.
 
     Raises
     ------
     ValueError
-        If the bag has no window; the message describes the command or the position.
+        If the bag has no window; the message states the reason.
     """
     windows = read_windows(path, source, bag=bag)
     for remark in windows.remarks:
@@ -176,7 +188,7 @@ def identifiable_windows(
 
 
 def why_no_window(path: Path, bag_windows: BagWindows, source: ReadingOptions) -> str:
-    """Return the reason why no window began, from the command or the position."""
+    """Return the reason why a bag has no window, from the motion of command or position."""
     settings = source.trigger
     if bag_windows.description.drive == "unknown":
         reason = bag_windows.obstacle or (
@@ -212,13 +224,16 @@ def why_no_window(path: Path, bag_windows: BagWindows, source: ReadingOptions) -
 def _choose_description(
     file: Path, recorded: tuple[ActuatorDescription, ...], *, accept: bool
 ) -> tuple[ActuatorDescription | None, str]:
-    """Return the description to use for a bag (None for its own) and a warning."""
-    from ema_ros.actuator_file import load_description  # YAML only where there is a file
+    """Return the description to use instead of the bag's descriptions, and a warning.
+
+    The description is None if the bag's descriptions are used.
+    """
+    from ema_ros.actuator_file import load_description  # imports YAML only if there is a file
 
     described = load_description(file)
     if not recorded:
         return described, ""
-    # Compared with the last recorded description, by which the actuator is reported.
+    # Compare with the last recorded description, which reports use.
     differences = "; ".join(differing(recorded[-1], described, "the bag", "the file"))
     if not differences:
         return None, ""
@@ -232,7 +247,7 @@ def _choose_description(
 
 
 def differing(first: Any, second: Any, first_place: str, second_place: str) -> Iterator[str]:
-    """Yield name, unit and both values of each field that differs, as a string."""
+    """Yield a string with name, unit and both values of each field that differs."""
     for field in fields(first):
         there, here = getattr(first, field.name), getattr(second, field.name)
         if field.name in ("parameters", "acquisition"):

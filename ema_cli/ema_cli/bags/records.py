@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of third-party records by a mapping, usually from the same folder."""
+"""Reading of third-party recordings with a mapping, usually from the same folder."""
 
 import heapq
 from collections import deque
@@ -83,22 +83,29 @@ def actuators_of(
 ) -> list[tuple[ColumnMapping, ActuatorDescription]]:
     """Return mapping and description of each joint, or of a single actuator.
 
-    Each joint's name is its actuator's name, and replaces ``{joint}`` in the file name. Without a
-    file, a single actuator is the built-in one, and joints have an unknown drive.
+    The name of a joint becomes the name of its actuator, and replaces ``{joint}`` in the file name.
+    Without a file, a single actuator is the built-in actuator, and joints have an unknown drive.
     """
     descriptions = load_descriptions(str(actuator_file or ""), mapping.joints)
     return [(mapping.of_joint(unit.actuator_id), unit) for unit in descriptions]
 
 
 def described(actuator_file: Path | None) -> ActuatorDescription:
-    """Return the description in a file; without a file, the built-in actuator."""
+    """Return the description in a file, or the built-in actuator's without a file."""
     return load_description(actuator_file) if actuator_file else ActuatorDescription()
 
 
 def read_record(
     source: InputFile, mapping: ColumnMapping, description: ActuatorDescription, *, accepts: bool
 ) -> Imported:
-    """Return the telemetry of a file. Print its defects, and refuse them unless accepted."""
+    """Return the telemetry of a file and print its defects.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be imported, or has defects and neither ``accepts`` nor the mapping
+        accepts them.
+    """
     file = f"{source.path}, joint {mapping.joint}" if mapping.joint else source.path
     imported = imported_by(source, mapping, description)
     for remark in source.remarks:
@@ -116,7 +123,7 @@ def read_record(
 
 
 def differs_slightly(sample_period: float, expected: float) -> bool:
-    """Return whether a sample period differs only as the clocks of two loggers do."""
+    """Return whether a sample period differs from another by at most 10 %, as between loggers."""
     return sample_period != expected and abs(sample_period / expected - 1.0) < _SIMILAR_RATE
 
 
@@ -127,9 +134,9 @@ def read_records(
     *,
     accepts: bool,
 ) -> list[Imported]:
-    """Return the telemetry of files, resampled to the first file's rate if rates are similar.
+    """Return the telemetry of files, resampled to the first file's rate if the rates are similar.
 
-    The clocks of loggers differ by a few per cent.
+    The rates of two loggers may differ by a few per cent.
 
     Parameters
     ----------
@@ -161,7 +168,13 @@ def imported_by(
     description: ActuatorDescription,
     period: float | None = None,
 ) -> Imported:
-    """Return the telemetry of a file, optionally resampled to ``period``; errors name the file."""
+    """Return the telemetry of a file, optionally resampled to ``period`` [s].
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be imported; the message names the file.
+    """
     try:
         return import_series(source.series(mapping), mapping, description, period)
     except ValueError as error:
@@ -174,7 +187,10 @@ def imported_by(
 def write_records(
     path: Path, actuators: Sequence[Sequence[Imported]], *, overwrite: bool = False
 ) -> None:
-    """Write descriptions and telemetry of actuators to a bag, each actuator's files in sequence."""
+    """Write descriptions and telemetry of actuators to a bag.
+
+    ``actuators`` has the files of each actuator, which are written one after another.
+    """
     from ema_ros import topics
 
     kinds = {name: topics.ACTUATOR_TOPICS[name] for name in (topics.DESCRIPTION, topics.TELEMETRY)}
@@ -194,7 +210,7 @@ def _full_name(topic: str) -> str:
 def _messages(
     actuators: Sequence[Sequence[Imported]], block_s: float
 ) -> Iterator[tuple[str, Any, int, int]]:
-    """Yield topic, message, reception time and stamp [ns], in order of reception."""
+    """Yield topic, message, reception time and timestamp [ns], in order of reception."""
     of_each = (_messages_of_actuator(records, block_s) for records in actuators)
     return heapq.merge(*of_each, key=lambda item: item[2])
 
@@ -202,7 +218,7 @@ def _messages(
 def _messages_of_actuator(
     records: Sequence[Imported], block_s: float
 ) -> Iterator[tuple[str, Any, int, int]]:
-    """Yield topic, message, reception time and stamp [ns] of one actuator, file by file."""
+    """Yield topic, message, reception time and timestamp [ns] for an actuator, file by file."""
     from ema_ros.messages import description_to_message, measured_to_message, telemetry_to_message
     from ema_ros.stamps import stamp_from_message
 
@@ -217,14 +233,14 @@ def _messages_of_actuator(
                 message = description_to_message(description, end_ns)
                 yield topic_names.DESCRIPTION, message, end_ns, end_ns
             elif not shift and block.first_index <= index and record is not records[0]:
-                # The next file: at least one sample is missing before it, and its time continues.
+                # Another file begins: leave a gap of a sample before it, and continue the time.
                 shift = index + 1
                 if block.stamp_ns <= end_ns:
                     shift_ns = end_ns + _PAUSE_NS - block.stamp_ns
             moved = replace(
                 block, stamp_ns=block.stamp_ns + shift_ns, first_index=block.first_index + shift
             )
-            # A temperature precedes its telemetry.
+            # A temperature is written before the telemetry of the same time.
             before_ns = block.stamp_at(len(block) - 1) - record.shift_ns
             while rises and rises[0].stamp_ns <= before_ns:
                 rise = rises.popleft()
@@ -232,7 +248,7 @@ def _messages_of_actuator(
                 measured = measured_to_message(at_ns, [rise.cause], description.actuator_id)
                 yield topic_names.MEASURED_CAUSES, measured, end_ns, at_ns
             message = telemetry_to_message(moved, description.actuator_id)
-            # Times of reception increase even where stamps go back.
+            # Reception times never decrease, even if timestamps do.
             end_ns = max(end_ns, moved.stamp_at(len(moved) - 1))
             index = max(index, moved.first_index + len(moved) - 1)
             yield topic_names.TELEMETRY, message, end_ns, stamp_from_message(message.header.stamp)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of a robot: files in order of their names, and the mapping of each of its joints."""
+"""Recordings of a robot: search for files, and the mapping of each joint in them."""
 
 import re
 from collections.abc import Sequence
@@ -21,27 +21,26 @@ _ACTUATOR_FILE: Final = "actuator.yaml"
 
 
 class RobotJoint(NamedTuple):
-    """A joint of recordings."""
+    """A joint with its recordings."""
 
     mapping: ColumnMapping
     """Mapping of the joint."""
     description: ActuatorDescription
     """Description with the joint's name."""
     paths: list[Path]
-    """Recordings with the joint, and recordings that cannot be read."""
+    """Recordings that contain the joint, and recordings that cannot be read."""
 
 
 def find_recordings(paths: Sequence[Path]) -> list[Path]:
-    """Return the recordings in files and folders, in the order of their names.
+    """Return the recordings in files and folders, sorted by name within each folder.
 
-    Numbers in names are ordered by their values: ``run_2`` is before ``run_10``.
-
-    A folder is a bag or a data set, or contains recordings.
+    Numbers in names are ordered by their values: ``run_2`` is before ``run_10``. A folder is a bag
+    or a data set, or contains recordings.
 
     Raises
     ------
     ValueError
-        If a path does not exist or holds no recording.
+        If a path does not exist, or is a folder without recordings.
     """
     recordings: list[Path] = []
     for path in paths:
@@ -56,7 +55,7 @@ def find_recordings(paths: Sequence[Path]) -> list[Path]:
 
 
 def _numbered(path: Path) -> list[tuple[int, str]]:
-    """Return a key that orders numbers in names by their values."""
+    """Return a sort key that orders numbers in names by their values."""
     parts = re.split(r"([0-9]+)", path.name)
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
@@ -73,11 +72,11 @@ def joints_of(
     joints: Sequence[str],
     effort_unit: str | None = None,
 ) -> list[RobotJoint]:
-    """Return the joints of recordings, each with its mapping in the first recording that has it.
+    """Return the joints of recordings, each with the mapping from the first recording with it.
 
-    A joint without a name has the name in ``actuator.yaml`` next to its recording, else the name of
-    the only recording, or of the folder of several. Tables with the columns of an earlier one are
-    not examined again: they have its joints.
+    A joint without a name is named after ``actuator.yaml`` next to its recording, else after the
+    recording if there is only one, else after the folder. A table with the same columns as an
+    earlier table is not examined again: it has the same joints.
 
     Parameters
     ----------
@@ -88,12 +87,12 @@ def joints_of(
     joints
         Patterns of the names of the joints, such as ``left/*``; empty for all.
     effort_unit
-        Unit of the effort; None as mapped or recognised.
+        Unit of the effort; None for the mapped or recognised unit.
 
     Raises
     ------
     ValueError
-        If no recording holds a joint, or no joint has one of these names.
+        If no recording contains a joint, or a pattern matches no joint.
     """
     mapping = load_mapping(mapping_file) if mapping_file else None
     recognised: dict[str, RobotJoint] = {}
@@ -136,7 +135,7 @@ def joints_of(
 
 
 def _described(joint: str, path: Path, *, is_alone: bool) -> ActuatorDescription:
-    """Return the description of a joint of a recording; its drive is unknown."""
+    """Return the description of a joint in a recording; its drive is unknown."""
     file = path.with_name(_ACTUATOR_FILE)
     described = load_description(file) if file.is_file() else None
     parameters = UNKNOWN_JOINT.parameters
@@ -154,7 +153,7 @@ def _described(joint: str, path: Path, *, is_alone: bool) -> ActuatorDescription
 
 
 def _with_unit(mapping: ColumnMapping, effort_unit: str | None) -> ColumnMapping:
-    """Return a mapping whose effort has a unit, if one is given."""
+    """Return a mapping with the unit of its effort replaced, unless ``effort_unit`` is None."""
     if effort_unit is None or mapping.current is None:
         return mapping
     return replace(mapping, current=replace(mapping.current, unit=effort_unit))

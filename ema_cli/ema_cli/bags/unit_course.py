@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Course of one unit: its tests from bags, with health, life and true faults."""
+"""Course of a unit: its tests from bags, with health, life and true faults."""
 
 import filecmp
 import math
@@ -43,25 +43,25 @@ _ONE_UNIT: Final = "expected bags of a single unit"
 
 @dataclass(frozen=True)
 class UnitRecord:
-    """Tests of one unit as recorded in its bags."""
+    """Tests of a unit as recorded in its bags."""
 
     description: ActuatorDescription
     """The last description of the unit."""
     windows: list[RecordedWindow]
-    """Windows of all bags, including unusable windows, in order of time."""
+    """Windows of all bags, including unusable windows, in chronological order."""
     counts: list[Count]
-    """Counts of the service life, in order of time."""
+    """Counts of service hours and cycles, in chronological order."""
     truths: list[StampedFaults]
-    """True faults by test cycle, in order of time, as far as the bags record them."""
+    """True faults of the test cycles, in chronological order, if the bags record them."""
     remarks: list[str]
     """Defects of bags, and omitted bags."""
     bags: dict[int, Path] = field(default_factory=dict)
-    """Bag of each window, by the window's last stamp."""
+    """Bag of each window, keyed by the window's last timestamp [ns]."""
     flown: list[tuple[int, FlownDuty]] = field(default_factory=list)
-    """Duty up to the end of each window, by stamp [ns], in order of time."""
+    """Duty up to the end of each window, with its timestamp [ns], in chronological order."""
 
     def until(self, hours: float) -> Self:
-        """Return the record up to a service hour [h]."""
+        """Return the record up to a service hour [h]; raise ValueError if it has no test."""
         later = min(
             (count.stamp_ns for count in self.counts if count.hours > hours), default=math.inf
         )
@@ -73,7 +73,13 @@ class UnitRecord:
 
 
 def find_bags(paths: Iterable[Path]) -> list[Path]:
-    """Return the bags in files and folders without duplicates."""
+    """Return the bags in files and folders without duplicates.
+
+    Raises
+    ------
+    ValueError
+        If a folder contains no bag.
+    """
     bags_by_path: dict[Path, Path] = {}
     for path in paths:
         bags = _bags_in(path)
@@ -97,7 +103,22 @@ def find_bags(paths: Iterable[Path]) -> list[Path]:
 def read_unit(
     paths: Iterable[Path], source: ReadingOptions, *, skips_unreadable: bool = False
 ) -> UnitRecord:
-    """Read the tests of one unit from bags."""
+    """Read the tests of a unit from bags.
+
+    Parameters
+    ----------
+    paths
+        Bags, or folders of bags.
+    source
+        Options that select the part of each bag to read.
+    skips_unreadable
+        Whether an unreadable bag becomes a remark instead of an error.
+
+    Raises
+    ------
+    ValueError, OSError
+        If there is no test, the bags belong to several units, or the order of tests is unknown.
+    """
     read: list[tuple[Path, BagWindows]] = []
     counts: list[Count] = []
     remarks: list[str] = []
@@ -142,7 +163,7 @@ def read_unit(
     tests = [(path, item) for path, bag_windows in read for item in bag_windows.windows]
     if not tests:
         raise ValueError(f"no windows to diagnose: {'; '.join(remarks)}")
-    # The history needs repeated windows too: the second window of one bag and stamp.
+    # The history also needs repeated windows, such as a second window at the same time in a bag.
     stamped = (StampedTest(test.start_ns, test.end_ns, str(path), path) for path, test in tests)
     if reasons := unordered(stamped):
         raise ValueError(text_of(next(iter(reasons.values()))))
@@ -204,14 +225,14 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class Course:
-    """Tests of one unit, with health and life after each test."""
+    """Tests of a unit, with health and life after each test."""
 
     record: UnitRecord
     options: Predicting
     """Options of the identification and the prognosis."""
     calibration: AnyCalibration
     steps: list[Step]
-    """Tests in order of time, including refused tests; combinations for ordinary motion."""
+    """Tests in chronological order, including refused tests; combined stretches are one test."""
     growth: GrowthRecord
     """Record of the growth after the last test."""
     scenarios: tuple[tuple[Scenario, Outlook], ...] = ()
@@ -219,34 +240,34 @@ class Course:
 
     @property
     def estimates(self) -> list[Estimate]:
-        """The estimates of all tests."""
+        """Estimates of all tests."""
         return [step.estimate for step in self.steps]
 
     @property
     def valid(self) -> list[Step]:
-        """The valid tests."""
+        """Valid tests."""
         return [step for step in self.steps if step.estimate.valid]
 
     @property
     def outlooks(self) -> list[Outlook]:
-        """Health and life after each valid test; tables and pictures need at least one."""
+        """Health and life after each valid test."""
         return [step.outlook for step in self.valid if step.outlook is not None]
 
     @property
     def now(self) -> Outlook:
-        """Health and life after the newest test, valid or refused."""
+        """Health and life after the newest test, whether valid or refused."""
         outlooks = (step.outlook for step in reversed(self.steps) if step.outlook is not None)
         return next(outlooks, unknown_outlook("no tests yet"))
 
     @property
     def hours(self) -> NDArray[np.float64]:
-        """Service hours of each valid test [h], ``(n,)``; NaN where unknown or refused."""
+        """Service hours at each valid test [h], ``(n,)``; NaN if unknown."""
         hours = self.growth.service.by_stamp()
         return np.array([hours.get(outlook.stamp_ns, np.nan) for outlook in self.outlooks])
 
     @cached_property
     def advice(self) -> Advice | None:
-        """The cheapest action after the last test; None without costs or a valid test."""
+        """Cheapest action after the last test; None without costs or a valid test."""
         if self.options.costs is None or not self.outlooks:
             return None
         return advise(self.outlooks[-1], self.options.costs)
@@ -255,11 +276,14 @@ class Course:
 def diagnose_unit(
     paths: Sequence[Path], options: Predicting, *, skips_unreadable: bool = False
 ) -> Course:
-    """Identify the tests in bags and track health and life. Print remarks to standard error."""
+    """Identify the tests of a unit in bags and track health and life; print remarks on stderr.
+
+    ``paths`` and ``skips_unreadable`` are as in `read_unit`.
+    """
     record = read_unit(paths, options, skips_unreadable=skips_unreadable)
     if options.at_hours is not None:
         record = record.until(options.at_hours)
-    # The bags first: bags of two units are refused before a calibration is searched for.
+    # After reading, so that bags of two units are refused before a calibration is searched for.
     options = options.with_calibration_beside(find_bags(paths))
     calibration = options.calibration()
     for remark in record.remarks:
@@ -277,7 +301,7 @@ def follow(
     calibration: AnyCalibration,
     options: Predicting,
 ) -> Course:
-    """Track health and life of a unit test by test, with a progress bar."""
+    """Track health and life of a unit from test to test, with a progress bar."""
     settings, parameters = options.prognosis, calibration.unit_parameters
     unit = Unit(History(*record.description.unit_key), settings)
     with progress_bar() as progress:
@@ -291,7 +315,7 @@ def follow(
 
 
 def true_faults(course: Course) -> NDArray[np.float64]:
-    """Return the true faults of each valid test, ``(n, 8)``; NaN where they are not recorded."""
+    """Return the true faults at each valid test, ``(n, 8)``; NaN if they are not recorded."""
     truths = (truth_at(course.record.truths, step.estimate.start_ns) for step in course.valid)
     unknown = np.full(N_FAULTS, np.nan)
     rows = [unknown if truth is None else truth.faults for truth in truths]
@@ -302,14 +326,14 @@ def true_remaining_life(course: Course) -> NDArray[np.float64]:
     """Return the true remaining life at each valid test [h], ``(n,)``.
 
     Life ends when a true fault reaches its limit, or when a required performance, computed by the
-    monitor's model from the true faults, fails. Between tests, the share of the way to the limit is
-    interpolated linearly. The life is NaN where the hour or the end is unknown.
+    monitor's model from the true faults, is not met. Between tests, the relative distance to the
+    limit is interpolated linearly. The life is NaN where the hour or the end is unknown.
     """
     hours = course.hours
     share = _share_of_the_way(course, true_faults(course))
     left = np.full(len(hours), np.nan)
     end, later = math.nan, None
-    # Backwards: the remaining life of a test lasts until the next end after it.
+    # Backwards, because the remaining life at a test ends at the next end after it.
     for i in np.flatnonzero(np.isfinite(hours) & np.isfinite(share))[::-1]:
         if share[i] >= 1.0:
             end = hours[i]
@@ -322,7 +346,10 @@ def true_remaining_life(course: Course) -> NDArray[np.float64]:
 
 
 def _share_of_the_way(course: Course, faults: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the largest share of the way to a limit at each valid test, ``(n,)`` [-]."""
+    """Return the largest relative distance from healthy at each valid test, ``(n,)`` [-].
+
+    It is 1 if a fault has reached its limit, or a required performance has no reserve.
+    """
     settings, parameters = course.options.prognosis, course.calibration.unit_parameters
     shares = [
         abs(faults[:, number] - fault.healthy) / settings.limits.of(fault.name)

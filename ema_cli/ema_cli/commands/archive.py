@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema archive``: tables of the results of a fleet's bags, their update and queries."""
+"""``ema archive``: store the results of a fleet's bags in tables, update and query them."""
 
 import json
 import sys
@@ -42,7 +42,7 @@ _USUAL_REASON: Final = (
 
 @dataclass(frozen=True)
 class GivenSettings:
-    """Archive settings from the command line; settings not specified remain unchanged."""
+    """Archive settings from the command line; unspecified settings remain unchanged."""
 
     OPTIONS: ClassVar[tuple[Callable[[Command], Command], ...]] = (
         click.option(
@@ -73,7 +73,7 @@ class GivenSettings:
         return cls(with_growth(parameters, **growth))
 
     def applied_to(self, settings: ArchiveSettings) -> ArchiveSettings:
-        """Return updated settings. Raises ValueError for an unknown or out-of-range setting."""
+        """Return settings updated with the options; raise ValueError if a setting is invalid."""
         parameters, source = (
             self.parameters,
             ReadingOptions(measured_max_age_s=settings.measured_max_age_s),
@@ -82,7 +82,7 @@ class GivenSettings:
             settings,
             calibration=parameters.values.get("calibration_file") or settings.calibration,
             measured_max_age_s=parameters.over(source).measured_max_age_s,
-            # An archive holds test cycles, and the rows of a bag follow from the bag alone.
+            # An archive stores test cycles, and the rows of a bag depend on that bag only.
             trigger=replace(parameters.over(settings.trigger), windows=TEST_CYCLE),
             search=replace(parameters.over(settings.search), warm_start=False),
             prognosis=prognosis_over(settings.prognosis, parameters),
@@ -281,7 +281,7 @@ def _plain(value: Any) -> Any:
 
 def _print(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     if not sys.stdout.isatty():
-        # For other programs: whole values, separated by tabs.
+        # For other programs: complete values, separated by tabs.
         click.echo("\t".join(names))
         for row in rows:
             click.echo("\t".join(" ".join(str(_plain(value)).split()) for value in row))

@@ -113,7 +113,7 @@ def attach(
         return
     _refuse_options(context, ("healthy", "mapping_file", "html", "as_json"), "needs RECORDINGS")
     with deferred_signals(*ENDING) as stop:
-        # Imported here, since signals must be recorded before slow imports.
+        # Imported here, because signals must be deferred before slow imports.
         from ema_cli.processes.attach_run import AttachOptions, run_attach
 
         options = AttachOptions(
@@ -130,7 +130,7 @@ def _until(text: str) -> HealthyUntil:
 
 
 def _refuse_options(context: click.Context, names: Sequence[str], why: str) -> None:
-    """Raise UsageError if one of these options is given on the command line."""
+    """Raise UsageError if the command line has one of the options ``names``."""
     for option in context.command.params:
         source = context.get_parameter_source(option.name or "")
         if option.name in names and source is ParameterSource.COMMANDLINE:
@@ -150,8 +150,8 @@ class _Recorded(NamedTuple):
 
 
 def _attach_recordings(recorded: _Recorded, command: str, *, as_json: bool) -> None:
-    """Print the joints of recordings, and exit with 3 unless all are OK."""
-    # Imported here, since only recordings need these modules.
+    """Compare the joints in recordings, print their state, and exit with 3 unless all are OK."""
+    # Imported here, because only recordings need these modules.
     from ema_cli.bags.joint_course import follow_joint
     from ema_cli.bags.robot_files import find_recordings, joints_of
     from ema_cli.show.joint_table import joint_table, mapping_of, warnings_of

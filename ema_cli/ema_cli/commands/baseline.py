@@ -26,7 +26,7 @@ _MONITOR: Final = "/ema/monitor"
 
 
 def _places(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that choose a monitor or a folder."""
+    """Add the options that select a monitor or a folder to a command."""
     folder = click.option(
         "--folder",
         type=click.Path(path_type=Path, file_okay=False),
@@ -42,7 +42,7 @@ def _places(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _changing(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the arguments of a change."""
+    """Add the arguments of a change of a baseline to a command."""
     joint = click.argument("joint")
     person = click.option(
         "--person", default=getpass.getuser, help="Name of the person, stored in the history."
@@ -126,7 +126,7 @@ def _change(
 
 
 class _Folder:
-    """Baselines in a folder, without a monitor."""
+    """Baselines in a folder that no monitor uses."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -190,7 +190,7 @@ class _Monitor:
         return by_name[joint]
 
     def changes(self, item: Baseline) -> list[Change] | None:
-        # The monitor may have another folder; on this machine it usually has the default one.
+        # The monitor may use another folder; on this machine it usually uses the default folder.
         return changes_of(default_folder(), item.actuator_id, item.serial_number) or None
 
     def change(self, item: Baseline, kind: Kind, person: str, note: str, *, force: bool) -> str:
@@ -209,7 +209,7 @@ class _Monitor:
 
 @contextmanager
 def _source(folder: Path | None, monitor: str, *, network: bool) -> Iterator[_Folder | _Monitor]:
-    """Yield the running monitor, or else the folder."""
+    """Yield the running monitor, or a folder if ``folder`` is set or no monitor is running."""
     if folder is not None:
         yield _Folder(folder)
         return

@@ -104,9 +104,10 @@ def calibrate(
 def _require_same(
     first: Path, expected: ActuatorDescription, bag: Path, described: ActuatorDescription
 ) -> None:
-    """Raise ``ValueError`` naming the difference if two bags belong to different actuators.
+    """Raise ``ValueError`` with the differences if two bags belong to different actuators.
 
-    Records of an unknown drive may differ in rate: each is filtered to the same band.
+    Records of an unknown drive may differ in sample rate, because they are filtered to the same
+    band.
     """
     same = described
     if expected.drive == described.drive == "unknown":
@@ -119,7 +120,7 @@ def _require_same(
 
 
 def _names(bag: Path, windows: Sequence[RecordedWindow]) -> list[str]:
-    """Return a name for each window: the bag, plus a number if the bag has several windows."""
+    """Return a name for each window: the bag, with a number if the bag has several windows."""
     several = len(windows) > 1
     return [f"record {item.number} of {bag}" if several else str(bag) for item in windows]
 
@@ -127,12 +128,12 @@ def _names(bag: Path, windows: Sequence[RecordedWindow]) -> list[str]:
 def _remarks(
     windows: Sequence[RecordedWindow], names: Sequence[str], calibration: JointCalibration
 ) -> Iterator[str]:
-    """Yield remarks on unused records and on records that differ from the rest."""
+    """Yield remarks about unused records and about records that differ from the rest."""
     used: list[str] = []
     stamps = Counter(item.start_ns for item in windows)
     of_records = {record.stamp_ns for record in calibration.baseline.records}
     for item, name in zip(windows, names, strict=True):
-        # Files without dates have the same stamps.
+        # Files without dates may have equal timestamps.
         if item.start_ns in of_records and stamps[item.start_ns] == 1:
             used.append(name)
         elif isinstance(window := item.window, Window):
@@ -147,7 +148,7 @@ def _remarks(
 
 
 def _with_labels(calibration: AnyCalibration, output: Path) -> AnyCalibration:
-    """Return a calibration with the labels of the replaced calibration of the same unit."""
+    """Return a calibration with the labels of the calibration that it replaces in ``output``."""
     if not output.exists():
         return calibration
     try:

@@ -97,7 +97,7 @@ def check(
 
 
 def _is_topic(source: str) -> bool:
-    """Return whether a source is a topic rather than an absolute path of a file."""
+    """Return whether a source is a topic, and not the absolute path of an existing file."""
     return source.startswith("/") and not Path(source).exists()
 
 
@@ -109,7 +109,7 @@ def _listened(
     *,
     network: bool,
 ) -> Examination:
-    """Examine topics of a running robot."""
+    """Collect messages of a running robot from topics and examine them."""
     from ema_bags.inputs.examine import examine_topics
     from ema_cli.processes.joint_listener import collect
     from ema_cli.processes.reach import set_reach

@@ -29,7 +29,7 @@ class _Algorithms(click.ParamType):
     name = "names"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> list[str]:
-        """Return the names in order, without duplicates."""
+        """Split the value at commas and return the names; refuse duplicates."""
         choice = NameChoice("algorithm", ALGORITHMS)
         names = [choice.convert(name, param, ctx) for name in value.split(",")]
         for name in names:

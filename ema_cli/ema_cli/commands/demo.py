@@ -42,7 +42,7 @@ def demo(duration_s: float | None, robot: bool, output: Path | None, network: bo
     their healthy motion, and names the joints whose friction rises.
     """
     with deferred_signals(*ENDING) as stop:
-        # Imported here, since signals must be recorded before slow imports.
+        # Imported here, because signals must be deferred before slow imports.
         if robot:
             from ema_cli.processes.robot_demo import run_robot_demo
 

@@ -29,7 +29,7 @@ class WantedSigmas(Assignments):
     name = "sigma"
 
     def convert(self, value, param, ctx):
-        """Return pairs of fault name and standard deviation."""
+        """Return the standard deviations, keyed by fault."""
         if isinstance(value, str) and "=" not in value:
             value = ",".join(f"{name}={value}" for name in COMPONENTS)
         return super().convert(value, param, ctx)
@@ -162,7 +162,7 @@ def _next_steps(output: Path, options: Bench) -> str:
         f"  ema calibrate healthy.mcap --params {output} -o calibration.yaml",
         f"  ema estimate case.mcap --params {output} --calibration calibration.yaml",
     ]
-    # Nodes read the sample rate from the file of the actuator only.
+    # Nodes read the sample rate only from the actuator file.
     if not rate:
         file_option = f" -p actuator_file:={file}" if file else ""
         steps.append(

@@ -72,14 +72,14 @@ def estimate(bag: Path, options: Identifying, as_json: bool, verbose: bool) -> N
             click.echo(
                 "calibrate this unit: `ema calibrate HEALTHY_BAG -o FILE`, then --calibration FILE"
             )
-    # A live recording ends at any time: an incomplete last window is no failure.
+    # A live recording may end at any time: an incomplete last window is not a failure.
     looked_at = [result for result in estimates if result.verdict != SKIPPED]
     if not looked_at or not all(map(_is_answer, looked_at)):
         sys.exit(REFUSED)
 
 
 def _is_answer(estimate: Estimate) -> bool:
-    """Return whether an estimate is valid, has not departed, and judges friction."""
+    """Return whether an estimate is valid, is not a departure, and determines friction."""
     is_open = estimate.comparison is not None and not estimate.comparison[FRICTION].is_judged
     return estimate.valid and estimate.verdict != DEPARTED and not is_open
 
@@ -97,7 +97,7 @@ def _significant(estimate: Estimate) -> list[int]:
 
 
 def _line(number: int, estimate: Estimate, bag_windows: BagWindows) -> str:
-    """Return the estimate of a window as one line."""
+    """Format the estimate of a window as one line."""
     place = f"{number:4d} {bag_windows.seconds(estimate.start_ns):10.2f} s"
     if estimate.is_of_record:
         place += f" to {bag_windows.seconds(estimate.end_ns):.2f} s"

@@ -80,7 +80,7 @@ def import_(
         mapping = mapping_of(source, described(actuator_file), entries, asks=guide)
     assert mapping is not None
     if written is not None:
-        # Before the data are checked: the answers are kept even if the data are refused.
+        # Written before the data are checked, so that the answers are kept if they are refused.
         written.write_text(mapping_text(mapping), encoding="utf-8")
         click.echo(f"{written}: the mapping")
     sources = [open_input(file, mapping) for file in files]
@@ -118,7 +118,7 @@ def _beside(bag: Path, suffix: str) -> Path:
 
 
 def _draw(bag: Path, picture: Path) -> None:
-    """Draw the imported telemetry as a picture in the same folder."""
+    """Draw the telemetry of an imported bag as a picture."""
     from ema_cli.figures.files import save_picture
     from ema_cli.figures.telemetry import Outline, draw_telemetry
 

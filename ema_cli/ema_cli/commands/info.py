@@ -16,7 +16,7 @@ from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.trigger import Refusal
 
 _OF_UNKNOWN: Final = ("tau", "k_t", "lead")
-"""Parameters allowed in a description with ``drive: unknown``."""
+"""Parameters of a description with ``drive: unknown`` that are used."""
 
 
 @click.command()
@@ -30,7 +30,7 @@ def info(bag: Path, options: ReadingOptions) -> None:
     click.echo(text_table(("topic", "type", "messages"), rows))
     if contents.writers:
         click.echo(f"written by {', '.join(contents.writers)}")
-    # Defects of the bag are reported once, even if an actuator cannot be read.
+    # Each defect of the bag is reported once, also if an actuator cannot be read.
     remarks: dict[str, None] = {}
     present, chosen = described_actuators(contents), [options]
     if options.actuator_id is None and len(present) > 1:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema label``: label tests of a unit in a known state."""
+"""``ema label``: label tests of a unit with the state that it was in."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -27,7 +27,7 @@ from ema_monitor.windows.trigger import Refusal
 _HEALTHY = (HEALTHY, "normal", "nan", "none", "")
 
 _Test = tuple[int, tuple[WindowFigures, ...]]
-"""Stamp of a test [ns] and features of its windows."""
+"""Timestamp of a test [ns] and features of its windows."""
 
 
 @click.command()
@@ -106,7 +106,7 @@ def _tests_of(
     table: Path, columns: list[str], options: ReadingOptions
 ) -> Iterator[tuple[str, Recording]]:
     """Yield state and recording of each test in a table, skipping healthy tests."""
-    from ema_cli.bags.records import table_recordings  # the import only for tables
+    from ema_cli.bags.records import table_recordings  # imported only for tables
 
     for (state, *_), recording in table_recordings(table, options.actuator_file, columns):
         if state.strip().lower() not in _HEALTHY:
@@ -114,7 +114,7 @@ def _tests_of(
 
 
 def _checked(state: str) -> str:
-    """Return the stripped name of a state. Raises ValueError for the healthy state."""
+    """Return the name of a state without surrounding blanks. Raises ValueError for healthy."""
     name = state.strip()
     if name.lower() in (*_HEALTHY, NONE_OF_THESE):
         raise ValueError(
@@ -130,7 +130,7 @@ def _with_bag(
     options: ReadingOptions,
     part: Recording | None,
 ) -> AnyCalibration:
-    """Return the calibration with the tests of a bag, or of part of a table, added."""
+    """Return the calibration with the tests of a bag, or a part of a table, added to a state."""
     bag_windows = identifiable_windows(bag, options, part)
     if mismatch := calibration.unit_mismatch(bag_windows.description):
         raise ValueError(differences_text(mismatch))
@@ -161,7 +161,7 @@ def _with_bag(
 def _with_history(
     calibration: AnyCalibration, state: str, path: Path, chosen: tuple[str, ...]
 ) -> AnyCalibration:
-    """Return the calibration with tests of a history labelled with a state."""
+    """Return the calibration with tests of a history added to a state."""
     if isinstance(calibration, JointCalibration):
         raise ValueError("histories do not contain the features of records; label the bags instead")
     baseline = calibration.baseline

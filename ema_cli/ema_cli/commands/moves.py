@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema moves``: diagnosis from figures of whole moves, for drives that log no samples."""
+"""``ema moves``: diagnosis from measurements of whole moves, for drives that log no samples."""
 
 import json
 from pathlib import Path

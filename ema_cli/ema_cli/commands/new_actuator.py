@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema new-actuator``: describe an actuator from the figures of its data sheet."""
+"""``ema new-actuator``: describe an actuator with the values in its data sheet."""
 
 import json
 from collections.abc import Callable
@@ -34,7 +34,7 @@ _FIGURES: Final[dict[str, tuple[str, str, Callable[[float], dict[str, Any]]]]] =
     "mass": ("kg", "Mass moved by the rod", lambda x: {"J_u": f"{x} kg"}),
     "sample-rate": ("Hz", "Sample rate", lambda x: {"sample_period": 1 / x}),
 }
-"""Data sheet values: unit, meaning, and function to derive description entries."""
+"""Values in a data sheet: unit, meaning, and function that derives parameters, keyed by option."""
 _OF_LINEAR: Final = ("stroke", "rod-speed", "rod-friction", "rod-play", "mass")
 _TOLERANCE: Final = 0.1
 _POSITIVE: Final = click.FloatRange(0.0, min_open=True)

@@ -78,7 +78,7 @@ def _draw_estimate(bag_windows: BagWindows, number: int, options: Identifying) -
         what, window = "window", choose_window(bag_windows, number)
         if isinstance(window.place, Refusal):
             raise ValueError(f"window {number} cannot be used: {window.place.reason}")
-        # With the earlier windows, since a warm search starts from their estimates.
+        # Include the earlier windows, because a warm search starts from their estimates.
         windows = windows[: number + 1]
     calibration = options.calibration_of_model()
     estimates = options.estimate(windows, calibration)

@@ -94,7 +94,7 @@ def predict(
         if scenarios:
             Console().print(table_of_scenarios(scenarios))
     if output is not None:
-        # After the figures, which remain even if the disk is full.
+        # After the results are printed: a full disk affects only the picture.
         save_picture(draw_course(course), output)
         if not as_json:
             click.echo(f"{output}")

@@ -51,7 +51,7 @@ def recover(bag: Path, output: Path, overwrite: bool) -> None:
             try:
                 message = checks[item.topic](item.message)
                 for name in ("log_time_ns", "publish_time_ns"):
-                    # MCAP permits later stamps, rosbag2 does not.
+                    # MCAP permits later times, rosbag2 does not.
                     if (time_ns := getattr(item, name)) >= 2**63:
                         what = name.removesuffix("_ns")
                         raise ValueError(f"{what} = {time_ns} ns is outside [0, 2^63) ns")
@@ -66,7 +66,10 @@ def recover(bag: Path, output: Path, overwrite: bool) -> None:
 
 
 def _checked(topic: Topic) -> Callable[[bytes], bytes]:
-    """Return a function that upgrades and checks a recorded message. Raises ValueError if none."""
+    """Return a function that upgrades a recorded message of a topic and checks it.
+
+    The function raises ValueError for a malformed message.
+    """
     upgrade = topic.upgrade()
     decode = decoder(topic.type_name, schema_text(topic.type_name))
 
@@ -81,7 +84,7 @@ def _checked(topic: Topic) -> Callable[[bytes], bytes]:
 
 
 def _offer(name: str, topic: Topic) -> QoSProfile:
-    """Return the QoS to write a topic with. Raises ValueError if it cannot be written."""
+    """Return the QoS for writing a topic. Raises ValueError if the topic cannot be written."""
     try:
         topic.upgrade()
         offers = recorded_qos(topic.qos)

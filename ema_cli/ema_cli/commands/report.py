@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ema report``: write a unit's verdict, evidence and pictures to one page."""
+"""``ema report``: write a page with a unit's verdict, evidence and pictures."""
 
 import shlex
 import sys
@@ -80,7 +80,7 @@ def _beside(bags: Sequence[Path], unit: tuple[str, str]) -> list[Path]:
 
 
 def _notes(histories: Sequence[Path], unit: tuple[str, str]) -> list[UnitEvent]:
-    """Return a unit's notes and baseline changes from histories, oldest first."""
+    """Return a unit's notes and baseline changes from its histories, oldest first."""
     loaded = [read_history(path) for path in histories]
     for path, history in zip(histories, loaded, strict=True):
         if history.unit != unit:

@@ -137,7 +137,7 @@ def thesis(
 
 
 def _make(store: RunStore, jobs: Sequence[Job], executor: ExecutorOptions) -> int:
-    """Compute the runs missing from the store. Return their number."""
+    """Compute the runs missing from the store and return their number."""
     missing = store.missing(jobs)
     if done := len(jobs) - len(missing):
         click.echo(f"{store.folder}: {done} of {len(jobs)} runs are already done")
@@ -173,7 +173,7 @@ def _kept(store: RunStore) -> str:
 
 
 def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
-    """Return executor timings for each model, measuring missing ones."""
+    """Return the timings of the executors for each model, and measure missing timings."""
     path = folder / _TIMING
     timing = pd.read_csv(path) if path.exists() else pd.DataFrame({"model": [], "version": []})
     timing = timing[timing["version"] == numerics_version()]
@@ -188,7 +188,7 @@ def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
 
 
 def _print_table(table: StudyTable) -> None:
-    """Print a table of the thesis, grouped by source."""
+    """Print a table of the thesis, one block per source."""
     click.echo(f"Table {table.number}: {table.title}")
     for source in table.frame.columns.unique("source"):
         block = table.frame[source].dropna(how="all")

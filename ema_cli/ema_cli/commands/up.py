@@ -87,7 +87,7 @@ def up(
                 commands |= actuator_commands(actuator_ids, node_options)
             else:
                 commands[node] = [str(program(node)), *ros_arguments(node, **vars(node_options))]
-        # `actuator left` is the node actuator in the namespace left.
+        # The key `actuator left` is the node `actuator` in the namespace `left`.
         parts = (node.partition(" ") for node in commands)
         full = ("/".join(filter(None, (namespace, actuator, name))) for name, _, actuator in parts)
         refuse_running(full, "watch", stop)

@@ -58,10 +58,10 @@ class Verified:
     """Window number; None for a whole history."""
     state: str = CANNOT
     difference: float = 0.0
-    """Largest difference of any figure [-]."""
+    """Largest difference of a fault or quantity change [-]."""
     reason: str = ""
     bag: str = ""
-    """Bag of the estimate, for an archive."""
+    """Bag of the estimate in an archive; empty for other sources."""
 
     def __str__(self) -> str:
         place = f"{self.bag}: " if self.bag else ""
@@ -72,7 +72,10 @@ class Verified:
         return f"{words} ({self.reason})" if self.reason else words
 
     def compared(self, recorded: Any, again: Estimate, by: str = "") -> Self:
-        """Return the comparison of a recorded estimate with its recomputation ``again``."""
+        """Return the result of comparing a recorded estimate with its recomputation ``again``.
+
+        ``by`` is the reason to state for a difference.
+        """
         if (again.verdict, again.valid) != (recorded.verdict, recorded.valid):
             words = f"the verdict was {recorded.verdict} and is {again.verdict}"
             return replace(self, state=DIFFERENT, reason=words)
@@ -92,14 +95,14 @@ class Verified:
 
 
 def _figures(estimate: Estimate) -> Array:
-    """Return the faults and quantity changes as an array."""
+    """Return the faults and the changes of quantities as an array, ``(n,)``."""
     compared = estimate.comparison
     changes = [quantity.change for quantity in compared.quantities] if compared else []
     return np.array([*estimate.faults, *changes])
 
 
 class _Recorded(NamedTuple):
-    """Recorded estimate, with the data needed to recompute it and its successors."""
+    """Recorded estimate, with its window number."""
 
     number: int
     estimate: Estimate
@@ -107,7 +110,7 @@ class _Recorded(NamedTuple):
     @classmethod
     def of_message(cls, message: Any) -> "_Recorded":
         covariance = np.reshape(message.covariance, (N_FAULTS, N_FAULTS))
-        # Bags of 0.1.0 have no quantities, causes and alternatives.
+        # Bags of version 0.1.0 have neither quantities nor causes nor alternatives.
         quantities = tuple(map(quantity_of, getattr(message, "quantities", ())))
         causes = [
             CauseEstimate(cause.name, cause.value, cause.sigma)
@@ -220,7 +223,7 @@ def _of_history(
 
 
 def _of_archive(folder: Path) -> Iterator[Verified]:
-    """Recompute each bag as an archive run would, and compare the rows."""
+    """Recompute each bag as `ema archive run` does, and compare the rows."""
     with Manifest(folder, writes=False) as manifest:
         for task, sha256, software in manifest.done():
             again = diagnose_bag(task)
@@ -249,7 +252,7 @@ def _of_archive(folder: Path) -> Iterator[Verified]:
 
 
 def _windows(bag: Bag, actuator_id: str) -> dict[tuple[int, int], RecordedWindow]:
-    """Return an actuator's windows in a bag by their start and end stamps [ns]."""
+    """Return an actuator's windows in a bag, keyed by their first and last timestamps [ns]."""
     windows = find_recorded_windows(read_telemetry(bag, None, actuator_id)).windows
     return {(window.start_ns, window.end_ns): window for window in windows}
 
@@ -309,11 +312,11 @@ def _of_any_start(
     window: RecordedWindow,
     calibration: AnyCalibration,
 ) -> Verified:
-    """Compare an estimate with the results of monitors started at different times.
+    """Compare an estimate with the results of monitors that started at different times.
 
-    A monitor started during a motion does not know the motor's initial position in the play. A
-    killed monitor may have published a test missing from its history; its next search then started
-    at ``without_last``.
+    A monitor that started during a motion does not know the motor's initial position in the play. A
+    monitor that was killed may have published a test that is missing from its history; its next
+    search then started from the state ``without_last``.
     """
     search = SearchSettings(
         recorded.algorithm, seed=recorded.seed, goodness_limit=recorded.goodness_limit
@@ -336,7 +339,10 @@ def _of_any_start(
 
 
 def _seen_by_a_monitor(window: RecordedWindow) -> Iterator[tuple[RecordedWindow, str]]:
-    """Yield a window as recorded, then as seen by monitors started at other times."""
+    """Yield a window as recorded, then as received by monitors that started at other times.
+
+    Each window comes with the time at which such a monitor started, as a phrase.
+    """
     yield window, ""
     if window.play is not None:
         yield replace(window, play=None), "during the motion before the window"

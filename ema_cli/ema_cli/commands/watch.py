@@ -81,7 +81,7 @@ def _domain() -> str:
 
 
 def _no_health(places: list[str], listener: HealthListener) -> str:
-    """Return a message that no health is published, listing the nodes found instead."""
+    """Return a message that no health is published, with the next step."""
     words = f"no health is published on {', '.join(places)} in {_domain()}"
     elsewhere = [
         topic.removesuffix(f"/{HEALTH}") or "/"

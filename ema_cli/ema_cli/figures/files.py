@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writing of pictures."""
+"""Writing of picture files."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -24,7 +24,7 @@ def picture_option(default: str = "") -> Callable[[Command], Command]:
 
 
 def save_picture(figure: Figure, picture: Path, dpi: int = 120) -> None:
-    """Write a picture atomically."""
-    # In pieces: a long line that fills an area is drawn in memory of the size of its strokes.
+    """Write a figure atomically to a picture file; the suffix selects the format."""
+    # Long lines are drawn in pieces, because the memory for a line grows with its strokes.
     with complete_file(picture) as partial, rc_context({"agg.path.chunksize": 1000}):
         figure.savefig(partial, dpi=dpi, format=picture.suffix.lower().removeprefix("."))

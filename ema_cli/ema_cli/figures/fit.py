@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Picture of an estimate at its window or its last stretch of motion."""
+"""Picture of the fit of an estimate in its window, or in its last stretch of motion."""
 
 from matplotlib.figure import Figure
 
@@ -32,7 +32,7 @@ def draw_fit(
     search
         Settings of the identification.
     since_ns
-        Stamp at the zero of the time axis [ns]; None for the start of the window.
+        Timestamp at zero of the time axis [ns]; None for the start of the window.
 
     Raises
     ------

@@ -34,7 +34,7 @@ from ema_monitor.plot.style import (
 _MOVES: Final = 0.03
 _LEAST_ERROR: Final = 0.01
 _SHADE: Final = 0.22
-# From test to test the true faults of a simulated actuator jump.
+# The true faults of a simulated actuator change in steps from test to test.
 _TRUTH: Final = {**TRUTH, "ls": "-", "drawstyle": "steps-mid"}
 _MEDIAN: Final = {"color": INK, "ls": ":", "lw": 1.2}
 _OTHERS: Final = tuple(zip((BLUE, GREEN, PURPLE, ORANGE, GREY, BROWN, SKY), "os^DvPX", strict=True))
@@ -50,7 +50,7 @@ class _Tests(NamedTuple):
     truth: NDArray[np.float64]
 
     def moves(self, i: int) -> bool:
-        """Return whether a fault changes, judged by the true faults if known."""
+        """Return whether the true fault ``i``, or its estimate if unknown, departs from healthy."""
         healthy, least = FAULTS[i].healthy, 3.0 * self.sigma[self.good, i]
         estimated = np.abs(self.faults[self.good, i] - healthy) > np.fmax(least, _MOVES)
         true = np.abs(self.truth[:, i] - healthy) > _MOVES
@@ -58,7 +58,7 @@ class _Tests(NamedTuple):
 
 
 def draw_history(history: DiagnosisLog) -> Figure:
-    """Return a figure with a panel per changing fault, one for the others, and latency."""
+    """Return a figure with panels for each changed fault, all other faults, and latency."""
     diagnoses = history.diagnoses()
     has_truth = all(window.cycle is not None for window in diagnoses)
     unknown = np.full(N_FAULTS, np.nan)
@@ -136,7 +136,7 @@ def _draw_errors(axes: Axes, tests: _Tests, resting: list[int]) -> None:
         style = {"marker": marker, "ms": 4.5, "mfc": "none", "lw": 0.8}
         axes.plot(tests.place[good], error, color=colour, label=FAULTS[i].label, **style)
     widest = max(_LEAST_ERROR, *(abs(value) for value in axes.get_ylim()))
-    # Above is the place of the legend.
+    # Leave space for the legend at the top.
     axes.set_ylim(-1.05 * widest, 1.6 * widest)
     axes.set_ylabel("error of\nthe others")
     axes.legend(loc="upper left", ncols=len(resting), fontsize="small", frameon=False)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Picture of a prognosis: remaining life, growth of the faults, and the end of life."""
+"""Picture of a prognosis: remaining life, growth of faults, and end of life."""
 
 from textwrap import fill
 from typing import Any, Final
@@ -35,7 +35,7 @@ ALPHA: Final = 0.2
 """Half-width of the cone around the true remaining life, relative to that life [-]."""
 
 _MOVES: Final = 0.25
-# Each colour also has its line style or marker.
+# Each colour is combined with a different line style or marker.
 _PREDICTED: Final = BLUE
 _CONE: Final = ORANGE
 _EVENT: Final = {"color": "0.4", "ls": ":", "lw": 1.1}
@@ -45,7 +45,7 @@ _BAND: Final = "predicted, 5 to 95 %"
 _MEDIAN: Final = "predicted, median"
 _CONE_NAME: Final = f"truth ± {100 * ALPHA:.0f} %"
 _TRUTH_NAME: Final = TRUTH["label"]
-# A line and the band around it are one entry of the legend.
+# A line and the band around it share an entry of the legend.
 _BANDS: Final = {
     _MEDIAN: (_BAND, "predicted: median, 5 to 95 %"),
     _TRUTH_NAME: (_CONE_NAME, f"truth, ± {100 * ALPHA:.0f} %"),
@@ -67,12 +67,12 @@ def draw_course(course: Course) -> Figure:
     )
     heights = [2.4] + [1.7] * (len(shown) + bool(performance))
     figure, panels = stacked_panels(heights, 1.15)
-    # Behind the likely end of life, if that is not far away.
+    # Extend the time axis beyond the likely end of life, if it is not far away.
     first, newest = np.nanmin(place), float(np.nanmax(place))
     end = newest + hours_ahead(last.rul, newest - float(first))
     _draw_lives(panels[0], course, place, true_remaining_life(course))
     fan, tracker = None, course.growth.tracker
-    # From the hours of the tracker, since the last test may be refused.
+    # From the hours of the tracker, because the last test may be refused.
     if in_hours and tracker.updates and (ahead := end - tracker.hours) > 0.0:
         times = ahead * np.linspace(0.0, 1.0, _FAN_TIMES)
         fan = tracker.fan(times, last.future)
@@ -97,7 +97,7 @@ def draw_course(course: Course) -> Figure:
 
 
 def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
-    """Return whether a fault gets a panel: it ends life, causes a warning, or truly changes."""
+    """Return whether a fault has a panel: it is the worst, ends life, warns, or truly changes."""
     name = FAULT_NAMES[i]
     if name not in COMPONENTS:
         return False
@@ -125,7 +125,7 @@ def _draw_lives(
         )
         cone.set_label(_CONE_NAME)
         axes.plot(place, truth, **TRUTH)
-    # Early bands may reach infinity, and the first medians are prior: both would hide the rest.
+    # Limit the axis: early bands may be infinite, and the first medians depend on the prior only.
     high_median = np.quantile(median[is_predicted], 0.9) if is_predicted.any() else 0.0
     top = np.nanmax([1.0, *(2.0 * truth if np.isfinite(truth).any() else [1.5 * high_median])])
     drawn_high = np.where(np.isinf(high), 10.0 * top, high)
@@ -211,7 +211,7 @@ def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], na
 def _crossing(
     place: NDArray[np.float64], value: NDArray[np.float64], level: float, now: float
 ) -> float:
-    """Return the position where values last crossed a level; ``now`` if they never did."""
+    """Return the position where values last crossed a level, or ``now`` if they never did."""
     left = (level - value) * np.sign(level - value[0])
     before = np.flatnonzero(left > 0.0)
     if not before.size or (k := before[-1]) + 1 == left.size:
@@ -220,7 +220,7 @@ def _crossing(
 
 
 def _mark_life(axes: Axes, now: float, life: RemainingLife, level: float, crossed: float) -> None:
-    """Mark when a limit is reached (5 % to 95 %) or was crossed, on the limit line."""
+    """Mark the end of life (5 %, 50 %, 95 %) on the line of a limit, or where it was crossed."""
     if not life.known:
         return
     ends = now + np.array([life.hours_05, life.hours_50, life.hours_95])
@@ -235,7 +235,7 @@ def _mark_events(axes: Axes, course: Course, place: NDArray[np.float64], *, is_n
         (x, event)
         for x, outlook in zip(place, course.outlooks, strict=True)
         for event in (outlook.events if np.isfinite(x) else ())
-        # Missing tests have no points; limits show faults.
+        # Missing tests have no point, and the lines of the limits show faults.
         if event.kind not in (GAP, FAULT)
     ]
     for number, (x, event) in enumerate(marked):
@@ -246,7 +246,7 @@ def _mark_events(axes: Axes, course: Course, place: NDArray[np.float64], *, is_n
                 (x, 0.98),
                 xycoords=axes.get_xaxis_transform(),
                 rotation=90,
-                # An outlier, and its interpretation after the next test, stand side by side.
+                # Alternate sides: an outlier and its interpretation are at neighbouring tests.
                 ha="left" if number % 2 else "right",
                 va="top",
                 fontsize="x-small",

@@ -16,14 +16,14 @@ from ema_monitor.recordings.windows import BagWindows
 from ema_monitor.windows.trigger import Refusal
 
 BINS: Final = 8192
-"""Number of time steps in an outline: several per pixel of a picture."""
+"""Largest number of time steps in an outline: several per pixel of a picture."""
 
 
 class Outline:
     """Minimum and maximum of each column in at most ``BINS`` equal steps of time.
 
-    A step starts at two samples and doubles whenever there are too many steps. Samples older than
-    the first sample are ignored.
+    A step is initially two samples long, and doubles when there are too many steps. Samples older
+    than the first sample are ignored.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class Outline:
         self._high = self._low.copy()
 
     def add(self, block: Telemetry) -> None:
-        """Add telemetry."""
+        """Add a block of telemetry."""
         stamps_ns = block.stamps_ns
         if not self._step_ns:
             self._start_ns, self._step_ns = block.stamp_ns, 2e9 * block.sample_period
@@ -42,7 +42,7 @@ class Outline:
             if name not in block.missing:
                 rows[:, number] = getattr(block, name)
         rows[~np.isfinite(rows)] = np.nan
-        # Shifted by a quarter of the first step: rounded stamps stay in their step.
+        # Shift by a quarter of the first step, so that rounded timestamps stay in their step.
         late_ns = stamps_ns - (self._start_ns - 0.5e9 * block.sample_period)
         while late_ns[-1] >= BINS * self._step_ns:
             self._double()
@@ -53,9 +53,9 @@ class Outline:
         np.fmax.at(self._high, bins, rows[here])
 
     def lines(self, name: str, first_ns: int) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-        """Return times [s] and values of a column for a line, each ``(n,)``.
+        """Return times [s] and values of a column, ``(n,)`` each, for drawing as a line.
 
-        NaN interrupts the line where there is no telemetry.
+        Times count from ``first_ns``. NaN interrupts the line where there is no telemetry.
         """
         column = COLUMNS.index(name)
         values = np.stack([self._low[:, column], self._high[:, column]], axis=1)
@@ -88,7 +88,7 @@ def draw_telemetry(bag_windows: BagWindows, outline: Outline) -> Figure:
         axes.plot(t, factor * values, colour, lw=width, label=name)
     refused = [isinstance(window.place, Refusal) for window in bag_windows.windows]
     for colour, is_refused in ((BLUE, False), (VERMILION, True)):
-        # One area for all, interrupted by NaN: a span for each window takes 40 kB an axis.
+        # One area for all windows, interrupted by NaN: a span per window takes 40 kB per axis.
         t = np.array(
             [
                 (bag_windows.seconds(window.start_ns), bag_windows.seconds(window.end_ns), np.nan)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Running of `ema attach`: nodes, list of joints and live table."""
+"""Execution of `ema attach`: nodes, list of joints and live table."""
 
 import math
 import os
@@ -40,7 +40,7 @@ _BRIDGE_TASK: Final = "joints"
 _MOST_RECORDED: Final = 1_000_000_000
 _MOST_LOGGED: Final = 20_000_000
 _BLOCK: Final = 4096
-"""Space that a file needs at least [B]."""
+"""Smallest space on disk that a file occupies [B]."""
 _RUN: Final = re.compile(r"\d{8}T\d{6}Z")
 
 
@@ -49,11 +49,11 @@ class AttachOptions:
     """Options of `ema attach`."""
 
     joints: tuple[str, ...] = ()
-    """Patterns of the joints to monitor; empty for all."""
+    """Patterns of the names of joints to monitor; empty for all."""
     topics: tuple[str, ...] = ()
     """Joint state topics; empty for all."""
     effort_unit: str | None = None
-    """Unit of the effort; None as configured."""
+    """Unit of the effort; None for the configured unit."""
     accept_after: int = 0
     """Number of records after which a baseline is accepted; 0 if a person accepts it."""
     folder: Path | None = None
@@ -63,7 +63,7 @@ class AttachOptions:
     assignments: tuple[str, ...] = ()
     """Parameters of the nodes as ``NAME:=VALUE``."""
     duration_s: float = math.inf
-    """Time from the first joints to the end [s]."""
+    """Duration of the run after the first joints are detected [s]."""
 
 
 def run_attach(
@@ -73,18 +73,18 @@ def run_attach(
     network: bool,
     further: Mapping[str, Sequence[str]] | None = None,
 ) -> bool:
-    """Run the nodes until a stop is requested. Return whether a node has failed.
+    """Run the nodes until the time is up or a stop is requested; return whether a node failed.
 
     Parameters
     ----------
     options
-        What to monitor.
+        Options of the command.
     stop
         Request to stop.
     network
         Whether the nodes communicate with other machines.
     further
-        Commands of further nodes by name, which end with the others.
+        Commands of further nodes, keyed by name; these nodes are started and stopped as well.
     """
     set_reach(network)
     folder = options.folder or default_folder().parent
@@ -122,10 +122,9 @@ def run_attach(
 
 
 def _limit_size(folder: Path, most: int) -> None:
-    """Delete the oldest runs in a folder until all have at most ``most`` bytes.
+    """Delete the oldest runs in a folder until the remaining runs have at most ``most`` bytes.
 
-    Only folders with the name of a run count: the folder may contain others as well. The latest
-    run remains.
+    The latest run is never deleted. Folders without the name of a run are ignored.
     """
     runs = sorted(path for path in folder.glob("*") if _is_run(path))
     sizes = [sum(max(_BLOCK, file.lstat().st_size) for file in run.rglob("*")) for run in runs]
@@ -139,7 +138,7 @@ def _is_run(path: Path) -> bool:
 
 
 def _commands(options: AttachOptions, folder: Path, started: str) -> dict[str, Sequence[str]]:
-    """Return the command of each node."""
+    """Return the commands that start the nodes, keyed by node."""
     parameters: dict[str, Mapping[str, Any]] = {
         "bridge": {
             "joints": list(options.joints) or None,
@@ -169,7 +168,7 @@ def _commands(options: AttachOptions, folder: Path, started: str) -> dict[str, S
 
 
 def _list_joints(joints: "_Joints", nodes: Supervisor, stop: StopRequest, *, network: bool) -> None:
-    """Wait for the first joints and print them; print a hint if there are none for a while."""
+    """Wait for the first joints and print them; print a hint if there are none within 10 s."""
     began_s, is_hinted = time.monotonic(), False
     while not stop and nodes.running and not joints.is_settled:
         if not is_hinted and not joints.described and time.monotonic() - began_s > _SEARCH_S:
@@ -198,18 +197,18 @@ def _no_joints(joints: "_Joints", *, network: bool) -> str:
 
 
 class _Joints:
-    """Collects descriptions of joints and healths; a context manager.
+    """Collects descriptions and health of joints; a context manager.
 
     Attributes
     ----------
     described
-        Description of each joint, by name.
+        Description of each joint, keyed by name.
     healths
-        Listener for healths.
+        Listener for health messages.
     address
         Address of the page; empty until it is published.
     bridge_message
-        Message of the bridge's search for joints.
+        Status message of the bridge about its search for joints.
     """
 
     def __init__(self, options: AttachOptions) -> None:
@@ -233,7 +232,7 @@ class _Joints:
 
     @property
     def is_settled(self) -> bool:
-        """Whether joints are described, and no further joint for some seconds."""
+        """Whether joints were described, but no further joint in the last 3 s."""
         return bool(self.described) and time.monotonic() - self._latest_s > _SETTLED_S
 
     def listed(self) -> JointList:
@@ -243,7 +242,7 @@ class _Joints:
         return JointList(list(described.values()))
 
     def new_lines(self) -> list[str]:
-        """Return a line for each joint that appeared since the previous call."""
+        """Return a line for each joint that was first described after the previous call."""
         described = dict(self.described)
         new = described.keys() - self._listed
         self._listed |= new

@@ -37,7 +37,7 @@ class BaselineClient(Listener):
         super().__init__("baseline", {topic: (BaselineStatus, LATCHED_BY_MANY)}, self._note)
 
     def finds_monitor(self) -> bool:
-        """Wait for the monitor, at most three seconds. Return whether it is in the ROS graph."""
+        """Wait for the monitor for up to 3 s and return whether it is in the ROS graph."""
         deadline_s = time.monotonic() + _DISCOVERY_S
         while time.monotonic() < deadline_s:
             if self.sees(self._monitor, self._namespace):
@@ -46,7 +46,7 @@ class BaselineClient(Listener):
         return False
 
     def statuses(self) -> list[BaselineStatus]:
-        """Wait for the latched statuses, and return one for each unit."""
+        """Wait for the latched status messages and return the latest message of each unit."""
         started_s = time.monotonic()
         while time.monotonic() - max(started_s, self._received_s) < _QUIET_S:
             time.sleep(_POLL_S)
@@ -54,7 +54,7 @@ class BaselineClient(Listener):
             return [status for _, status in sorted(self._statuses.items())]
 
     def change(self, request: ChangeBaseline.Request) -> str:
-        """Change a baseline. Return the result as a sentence.
+        """Change a baseline and return the result as a sentence.
 
         Raises
         ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes of the health monitor, with their programs and arguments."""
+"""Nodes of the health monitor: modules, programs and command-line arguments."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -40,17 +40,17 @@ def node_class(node: str) -> Callable[..., ManagedNode]:
 
 
 def parameter_file(name: str) -> Path:
-    """Return a parameter file of the package ema_bringup; ``name`` excludes ``.yaml``."""
+    """Return the path of a parameter file in ema_bringup; ``name`` excludes ``.yaml``."""
     return _installed(get_package_share_directory, "ema_bringup", "config", f"{name}.yaml")
 
 
 def localhost_profile() -> Path:
-    """Return the profile that limits Fast DDS to this machine."""
+    """Return the path of the profile that limits Fast DDS to this machine."""
     return _installed(get_package_share_directory, "ema_bringup", "config", "fastdds_localhost.xml")
 
 
 def program(node: str) -> Path:
-    """Return the program of one of ``NODES``."""
+    """Return the path of the program of one of ``NODES``."""
     package, executable = NODES[node]
     return _installed(get_package_prefix, package, "lib", package, executable)
 
@@ -74,7 +74,7 @@ def ros_arguments(
 ) -> list[str]:
     """Return the ROS arguments for a program that runs nodes.
 
-    A single node is in the enclave of its full name, for SROS2.
+    For SROS2, the enclave of a single node is its full name.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def ros_arguments(
     namespace
         Namespace of the nodes.
     remaps
-        New names of topics, by name.
+        New names, keyed by the name to replace: topics, or ``__node`` for the node.
     """
     arguments = ["--ros-args"]
     for file in (*map(parameter_file, nodes), *parameter_files):
@@ -104,7 +104,7 @@ def ros_arguments(
 
 
 def full_namespace(namespace: str) -> str:
-    """Return a namespace with a leading slash only, as in the ROS graph."""
+    """Return a namespace as in the ROS graph, with a leading but no trailing slash."""
     return "/" + namespace.strip("/")
 
 
@@ -129,7 +129,7 @@ node_parameters_option: Final = click.option(
 
 
 def _assignment(text: str) -> str:
-    """Convert ``NAME=VALUE`` to ROS's ``NAME:=VALUE``."""
+    """Convert ``NAME=VALUE`` to ``NAME:=VALUE``, the notation of ROS."""
     name, equals, value = text.partition("=")
     if not equals:
         raise click.ClickException(f"-p {text!r}: expected NAME=VALUE")
@@ -137,7 +137,7 @@ def _assignment(text: str) -> str:
 
 
 def assignments_of(parameters: Mapping[str, Any]) -> list[str]:
-    """Return parameters as ``name:=value``."""
+    """Return parameters as ``name:=value``, without parameters that are None."""
     # JSON is unambiguous YAML: a path that looks like a number remains a string.
     return [
         f"{name}:={json.dumps(value, ensure_ascii=False)}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Running of a demo: domain, folder, nodes and shutdown."""
+"""Execution of the demo: domain, folder, nodes and shutdown."""
 
 import os
 import time
@@ -37,7 +37,13 @@ _REFRESH_S: Final = 0.25
 def run_demo(
     duration_s: float, output: Path | None, stop: StopRequest, *, network: bool = False
 ) -> None:
-    """Run the demo to its end or until a stop is requested."""
+    """Run the demo for ``duration_s`` [s] from the first test cycle, or until a stop is requested.
+
+    Raises
+    ------
+    ValueError
+        If a node fails or is already running, or the output folder is not empty.
+    """
     set_reach(network)
     if "ROS_DOMAIN_ID" not in os.environ:
         os.environ["ROS_DOMAIN_ID"] = str(Domain().number)
@@ -93,7 +99,7 @@ class Technician:
         self._is_repairing = False
 
     def look(self, diagnoses: Sequence[DiagnosedWindow], observer: Observer) -> str:
-        """Repair the actuator after a new failure. Return a message for the user, or ""."""
+        """Repair the actuator after a new failure, and return a message for the user, or ""."""
         last = next(
             (window for window in reversed(diagnoses) if window.level in (OK, WARN, ERROR)), None
         )
@@ -119,7 +125,7 @@ def _watch(
     processes: Supervisor,
     stop: StopRequest,
 ) -> None:
-    """Show the diagnoses until time is up, a node fails or a signal arrives."""
+    """Show the diagnoses until the time is up, a node fails or a stop is requested."""
     began, technician = time.monotonic(), Technician()
     first_cycle: float | None = None
     address = ""
@@ -146,7 +152,7 @@ def _watch(
 
 
 def _finish(observer: Observer, table: LiveTable, processes: Supervisor, stop: StopRequest) -> None:
-    """End the demo between two test cycles, after the last window is diagnosed."""
+    """Stop the actuator between two test cycles, and the monitor after its last diagnosis."""
     table.show(observer.diagnoses(), "ending after this test cycle")
     _await(lambda: observer.cycle_between_windows() is not None, _LAST_CYCLE_S, processes, stop)
     last = observer.cycle_between_windows()
@@ -167,7 +173,7 @@ def _await(
 
 
 def _conclude(bag: Path, picture: Path, folder: Path) -> None:
-    # Imported here, since it takes a second, which would delay the start.
+    # Imported here, because the import takes a second and would delay the start.
     from ema_cli.figures.files import save_picture
     from ema_cli.figures.history import draw_history
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Listener for the health of actuators in some namespaces."""
+"""Node that receives the health of the actuators in several namespaces."""
 
 import threading
 import time
@@ -37,10 +37,10 @@ _BEST_EFFORT: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFF
 
 
 class Completion:
-    """Detects that a player has ended and monitors have identified all played data.
+    """Detects that a player has ended and the monitors have identified all played data.
 
-    One or several monitors report once a second and on change. An actuator is complete when, after
-    the end, two successive reports have the same counts and every window has an estimate.
+    Each monitor reports once a second and on change. An actuator is complete if, after the end, two
+    successive reports have the same counts and every window has an estimate.
 
     Attributes
     ----------
@@ -57,13 +57,13 @@ class Completion:
         self._settled: set[tuple[str, str]] = set()
 
     def end(self) -> None:
-        """Record the end of the player."""
+        """Record that the player has ended."""
         if not self._has_ended:
             self._has_ended = True
             self._last.clear()
 
     def add_report(self, place: str, telemetry: Iterable[TelemetryStatus]) -> None:
-        """Add a monitor's counts for the actuators of a namespace."""
+        """Add the counts that a monitor reports for the actuators of a namespace."""
         actuators = {(place, item.actuator_id): item for item in telemetry}
         self._reported |= actuators.keys()
         if not self._has_ended or not actuators:
@@ -79,14 +79,14 @@ class Completion:
 
 
 def _counts(status: TelemetryStatus | None) -> tuple[int, ...]:
-    """Return the counts that stay constant once no data are pending; empty without a status."""
+    """Return the counts that stay constant if no data are pending; empty without a status."""
     if status is None:
         return ()
     return status.blocks, status.windows, status.estimates_valid, status.estimates_invalid
 
 
 class HealthListener(Listener):
-    """Collects healths and node statuses from some namespaces; a context manager.
+    """Collects health and node status messages from several namespaces; a context manager.
 
     Parameters
     ----------
@@ -95,16 +95,16 @@ class HealthListener(Listener):
     name
         Name of the node.
     further
-        Type and quality of service of further topics.
+        Message type and quality of service of further topics, keyed by topic.
     take
-        Called with topic and message of the further topics, and of node statuses.
+        Called with topic and message for the further topics and for node statuses.
 
     Attributes
     ----------
     changed
-        Event that is set when new data arrived.
+        Event that is set when new data are received.
     completion
-        Tracks whether all played data are diagnosed.
+        State of the identification of played data.
     """
 
     def __init__(

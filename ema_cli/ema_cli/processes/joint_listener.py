@@ -25,21 +25,21 @@ _NAME: Final = "ema_check"
 
 
 def collect(topics: Sequence[str], seconds: float, ready: Callable[[], None]) -> JointTopics:
-    """Return the messages received on topics for a time, or until Ctrl-C.
+    """Subscribe to topics and return the messages received within a time, or until Ctrl-C.
 
     Parameters
     ----------
     topics
         Full names of the topics.
     seconds
-        Time to listen after the subscription [s].
+        Time to receive messages after the subscription [s].
     ready
         Called once the topics are subscribed.
 
     Raises
     ------
     ValueError
-        If a topic has no publisher, its type holds no joints, or no message arrives.
+        If a topic has no publisher, its type has no joints, or no message is received.
     """
     context = Context()
     rclpy.init(
@@ -76,7 +76,7 @@ def collect(topics: Sequence[str], seconds: float, ready: Callable[[], None]) ->
 
 
 def _kind_of(node: Node, executor: SingleThreadedExecutor, topic: str, stop: StopRequest) -> str:
-    """Return the message type of a topic once it has a publisher."""
+    """Wait for a publisher of a topic and return the message type."""
     deadline = time.monotonic() + _DISCOVERY_S
     while time.monotonic() < deadline and not stop:
         if publishers := node.get_publishers_info_by_topic(topic):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subscribe-only node in a separate thread."""
+"""Node that only subscribes, in a separate thread."""
 
 import os
 import threading
@@ -24,18 +24,18 @@ _DISCOVERY_S: Final = 2.0
 
 
 class Listener:
-    """Forwards messages from topics; a context manager.
+    """Node that subscribes to topics and passes on their messages; a context manager.
 
     Parameters
     ----------
     name
         Name of the node.
     topics
-        Type and quality of service by topic.
+        Message type and quality of service, keyed by topic.
     take
         Called in the node's thread with topic and message.
     events
-        Event callbacks of the subscriptions by topic.
+        Event callbacks of the subscriptions, keyed by topic.
     """
 
     def __init__(
@@ -82,12 +82,12 @@ class Listener:
         return node_name in self.nodes_in(namespace)
 
     def nodes_in(self, namespace: str) -> set[str]:
-        """Return the names of the graph's nodes in a namespace."""
+        """Return the names of the nodes of a namespace in the ROS graph."""
         pairs = self._node.get_node_names_and_namespaces()
         return {name for name, place in pairs if place == namespace}
 
     def topics_of(self, message_class: type) -> list[str]:
-        """Return the topics of the graph with publishers of this message class."""
+        """Return the topics in the ROS graph that have publishers of a message class."""
         wanted = type_name(message_class)
         return sorted(
             topic
@@ -96,7 +96,7 @@ class Listener:
         )
 
     def call(self, service_class: type, name: str, request: Any) -> Any:
-        """Call a service. Return the future of the response."""
+        """Call a service and return the future of the response."""
         return self._node.create_client(service_class, name).call_async(request)
 
     def _spin(self) -> None:
@@ -111,7 +111,7 @@ class Listener:
 
 
 def refuse_running(nodes: Iterable[str], enclave: str, stop: StopRequest) -> None:
-    """Raise ValueError if a node with one of these full names is running. Takes 2 s."""
+    """Raise ValueError if a node with one of the full names is running. The check takes 2 s."""
     wanted = {tuple(node.rsplit("/", 1)) for node in nodes}
     with Listener(enclave, {}, lambda *_: None) as listener:
         deadline = time.monotonic() + _DISCOVERY_S

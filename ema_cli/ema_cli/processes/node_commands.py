@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command lines to start several actuators and the monitors that share them."""
+"""Command lines that start several actuators, and the monitors that share them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,10 @@ class NodeOptions:
 def monitor_commands(
     monitors: int, options: NodeOptions, folder: Path, actuators: Sequence[str] = ()
 ) -> dict[str, list[str]]:
-    """Return the commands for monitors that share the actuators, by node name."""
+    """Return the commands of monitors that share the actuators, keyed by node name.
+
+    ``folder`` receives copies of parameter files that are specific to a monitor.
+    """
     commands = {}
     listed = {"actuators": list(actuators)} if actuators and monitors > 1 else {}
     for index, name in enumerate(monitor_names(monitors)):
@@ -48,7 +51,10 @@ def monitor_commands(
 
 
 def actuator_commands(names: Sequence[str], options: NodeOptions) -> dict[str, list[str]]:
-    """Return the commands for simulated actuators in one namespace, by node name."""
+    """Return the commands of simulated actuators, keyed by "actuator NAME".
+
+    Each node has its own namespace, but publishes in the namespace of ``options``.
+    """
     if len(set(names)) < len(names):
         raise click.UsageError(f"--actuators {','.join(names)}: expected distinct names")
     place = options.namespace.rstrip("/")

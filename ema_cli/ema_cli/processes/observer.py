@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Collection of a demo's diagnoses and true faults."""
+"""Collection of the diagnoses and true faults of a demo."""
 
 import threading
 import time
@@ -67,9 +67,10 @@ class Observer(Listener):
             return len(self._history.truths)
 
     def cycle_between_windows(self) -> int | None:
-        """Return the current test cycle if its window is over, judged by earlier cycles.
+        """Return the current test cycle if its window is over, else None.
 
-        The progress is measured on the telemetry: a busy actuator's stamps lag behind the clock.
+        The end of the window is known from earlier cycles. Progress is measured with the timestamps
+        of the telemetry, which lag behind the clock if the actuator is busy.
         """
         with self._lock:
             truths, diagnoses = self._history.truths, self._history.diagnoses()
@@ -84,13 +85,13 @@ class Observer(Listener):
         return truths[-1].cycle
 
     def has_diagnosed(self, cycle: int) -> bool:
-        """Return whether a test cycle is diagnosed."""
+        """Return whether a test cycle has been diagnosed."""
         return any(window.cycle == cycle for window in self.diagnoses())
 
     def begin_life(self, growth: Mapping[str, Mapping[str, Any]]) -> Any:
-        """Reset the actuator to healthy, and let it wear again from the next test cycle.
+        """Reset the actuator to healthy; wear begins again at the next test cycle.
 
-        ``growth`` gives the growth parameters by fault. Returns the future of the response.
+        ``growth`` has the growth parameters, keyed by fault. Returns the future of the response.
         """
         request = SetSimulatedFaults.Request(
             faults=faults_to_message(healthy_faults()),

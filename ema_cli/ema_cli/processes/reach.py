@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Network reach of a command's nodes: this machine only, unless ``--network`` is set.
+"""Network reach of a command's nodes: only this machine, unless ``--network`` is set.
 
 ``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` only limits the discovery by a node. Therefore peers and
 discovery servers in the environment are ignored, and a profile limits Fast DDS, which otherwise
@@ -23,13 +23,18 @@ _LOCALHOST_ONLY: Final = "ROS_LOCALHOST_ONLY"
 _ELSEWHERE: Final = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 _NEAR: Final = ("LOCALHOST", "OFF")
 _SHIPPED_PROFILE: Final = 'profile_name="quick_discovery"'
-"""Text that only the profiles of this repository contain."""
+"""Text that only the Fast DDS profiles of this repository contain."""
 
 
 def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ) -> None:
-    """Limit this process and its children to this machine, or allow the network.
+    """Limit nodes of this process and its children to this machine, or allow the network.
 
-    Ignored settings of the environment are reported on stderr.
+    Without ``network``, ignored settings of the environment are reported on stderr.
+
+    Raises
+    ------
+    ValueError
+        If ``network`` is set but the environment limits nodes to this machine.
     """
     if network:
         keeping = [name for name in (RANGE,) if environment.get(name) in _NEAR]
@@ -50,7 +55,7 @@ def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ)
         )
     for name in _ELSEWHERE:
         environment.pop(name, None)
-    if environment.get(RANGE) != "OFF":  # an even narrower range
+    if environment.get(RANGE) != "OFF":  # OFF is narrower than LOCALHOST
         environment[RANGE] = "LOCALHOST"
     if _is_shipped(environment.get(PROFILE)):
         environment[PROFILE] = str(localhost_profile())
@@ -59,7 +64,7 @@ def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ)
 def run_node(
     node: str, parameters: Mapping[str, Any], assignments: Sequence[str], *, network: bool
 ) -> NoReturn:
-    """Run a node until this process ends; ``assignments`` override ``parameters``."""
+    """Run a node in this process, then exit; ``assignments`` override ``parameters``."""
     set_reach(network)
     arguments = ros_arguments(node, assignments=[*assignments_of(parameters), *assignments])
     sys.exit(import_module(MODULES[node]).main(arguments))

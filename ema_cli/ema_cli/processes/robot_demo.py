@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Running of the robot demo: a simulated arm, and `ema attach` on it."""
+"""Execution of the robot demo: a simulated arm, monitored by `ema attach`."""
 
 import os
 from datetime import datetime
@@ -23,7 +23,7 @@ _ASSIGNMENTS: Final = ("record_interval_s:=0.0", "record_s:=44.0")
 def run_robot_demo(
     duration_s: float, output: Path | None, stop: StopRequest, *, network: bool = False
 ) -> bool:
-    """Run the demo for a time or until a stop is requested. Return whether a node has failed."""
+    """Run the demo for a time or until a stop is requested; return whether a node has failed."""
     if "ROS_DOMAIN_ID" not in os.environ:
         os.environ["ROS_DOMAIN_ID"] = str(Domain().number)
     folder = output or Path("bags", f"demo_robot_{datetime.now():%Y%m%d_%H%M%S}")
@@ -31,7 +31,7 @@ def run_robot_demo(
         raise ValueError(f"{folder} already exists: give a new or an empty folder")
     robot = [
         str(program("robot")),
-        # In the root namespace, where drivers of robots publish.
+        # In the root namespace, in which robot drivers publish.
         *ros_arguments("robot", parameter_files=[parameter_file("demo_robot")], namespace="/"),
     ]
     click.echo(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Deferral of signals until the program can end cleanly."""
+"""Deferred handling of signals, so that a program ends cleanly."""
 
 import signal
 from collections.abc import Iterator
@@ -26,14 +26,14 @@ class StopRequest:
         return self.number is not None
 
     def record(self, number: int, _: Any) -> None:
-        """Record the first signal only, since a handler may interrupt any code."""
+        """Record a signal, as a signal handler; only the first signal counts."""
         if self.number is None:
             self.number = number
 
 
 @contextmanager
 def deferred_signals(*signals: signal.Signals) -> Iterator[StopRequest]:
-    """Context that records signals, by default SIGINT, instead of ending the program.
+    """Return a context in which signals, by default SIGINT, are recorded instead of handled.
 
     An interrupt during a write would damage the recording, and during a compilation would print a
     compiler traceback. An ignored SIGHUP, as under nohup, stays ignored.

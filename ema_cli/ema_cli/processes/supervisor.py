@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Child processes that do not outlive the process that started them."""
+"""Supervision of child processes, which end with the process that started them."""
 
 import ctypes
 import signal
@@ -17,18 +17,18 @@ _PR_SET_PDEATHSIG: Final = 1
 
 
 class Supervisor(AbstractContextManager["Supervisor", None]):
-    """Starts processes, reports unexpected exits, and finally stops all processes.
+    """Starts processes, reports unexpected exits, and stops all processes at the end.
 
-    Every process has its own session, so that a Ctrl-C reaches the supervisor alone, which stops
-    the processes in order. They receive SIGTERM if the supervisor is killed, too. Use it in the
-    main thread, under ``with``.
+    Every process has its own session, so that Ctrl-C reaches only the supervisor, which stops the
+    processes in order. If the supervisor is killed, the processes receive SIGTERM. Use it as a
+    context manager in the main thread.
 
     Parameters
     ----------
     report
         Called with a status line about a process.
     last
-        Name of the process to stop last, because it records the others' final messages.
+        Name of the process to stop last, such as a recorder of the final messages.
     patience_s
         Time between SIGTERM and SIGKILL [s].
 
@@ -46,7 +46,7 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
         self._patience_s = patience_s
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self.failed: list[str] = []
-        # Loaded here, since a child must do little between fork and exec.
+        # Loaded here, because a child should do as little as possible between fork and exec.
         self._prctl = ctypes.CDLL(None).prctl
 
     def __exit__(self, *_: object) -> None:
@@ -54,7 +54,7 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
 
     @property
     def running(self) -> list[str]:
-        """Names of the running processes, in order of their start."""
+        """Names of the running processes, in the order in which they were started."""
         return list(self._children)
 
     def start(self, name: str, command: Sequence[str], log: Path | None = None) -> None:
@@ -110,7 +110,7 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
     def stop_all(self) -> None:
         """Stop all processes and wait for their exit.
 
-        The process ``last`` is stopped up to a second after the others have exited.
+        The process ``last`` is stopped when the others have exited, or after 1 s.
         """
         leaving = self._terminate([name for name in self._children if name != self._last])
         _wait(leaving.values(), _HEAD_START_S)
@@ -132,7 +132,7 @@ class Supervisor(AbstractContextManager["Supervisor", None]):
                 child.wait()
 
     def _report(self, line: str) -> None:
-        # The reader may have closed the pipe; the processes must be stopped anyway.
+        # Ignore a closed pipe: the processes must be stopped in any case.
         with suppress(OSError):
             self._output(line)
 

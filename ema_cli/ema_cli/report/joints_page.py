@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Page of the joints of a robot: levels, changes and the trend of friction."""
+"""Report on the joints of a robot: levels, changes, and trend of friction."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ _URGENCY = {ERROR: 0, WARN: 1, STALE: 2}
 
 
 def joints_page(title: str, courses: Sequence[JointCourse], command: str) -> str:
-    """Return the report of a robot's joints, worst first, as self-contained HTML.
+    """Return the report on a robot's joints, worst first, as self-contained HTML.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def joints_page(title: str, courses: Sequence[JointCourse], command: str) -> str
     courses
         Courses of the joints.
     command
-        Command line that made the report.
+        Command line that creates the report.
     """
     ordered = sorted(courses, key=lambda course: _URGENCY.get(course.level, 3))
     return render(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reports of a unit, or of the fleet of an archive, as one self-contained page."""
+"""Reports on a unit, or on the fleet of an archive, as a self-contained page."""
 
 import hashlib
 import io
@@ -50,20 +50,20 @@ _PACKAGES: Final = ("numpy", "numba", "mcap", "rosbags", "pyyaml", "matplotlib",
 _SETTINGS: Final[dict[Any, Any]] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "ema",
-    # Half a pixel of a screen: a window of 5,000 samples has ten samples on each pixel.
+    # Half a pixel of a screen: a window of 5,000 samples has ten samples per pixel.
     "path.simplify_threshold": 0.5,
 }
 _DECIMALS: Final = 1
-"""Decimals of coordinates in figures. They are 756 points wide: a tenth of a point is invisible."""
+"""Decimals of coordinates in figures, which are 756 points wide: 0.1 point is not visible."""
 
 _NUMBER: Final = re.compile(r"-?\d+\.\d+")
 _PATH: Final = re.compile(r'(?<= d=")[^"]+')
 _PLACE: Final = re.compile(r'(?<= (?:x|y)=")-?\d+\.\d+|(?<=translate\()[^)]+')
 _FONT: Final = re.compile(r"(font(?:-family)?: [^;\"]*?)'[^;\"]*sans-serif")
-# The style would apply to the whole page.
+# Removed, because the style would apply to the whole page.
 _STYLE: Final = re.compile(r"<defs><style[^>]*>.*?</style></defs>", re.DOTALL)
 _NAME: Final = re.compile(r'( id="|href="#|url\(#)')
-# Black is the colour of text and frames.
+# Colours of text and frames, which are replaced by the text colour of the page.
 _INKS: Final = re.compile(rf"#000000|{INK}", re.IGNORECASE)
 
 
@@ -74,7 +74,7 @@ def report_page(
     command: str,
     notes: Iterable[UnitEvent] = (),
 ) -> str:
-    """Return the report of a unit as self-contained HTML.
+    """Return the report on a unit as self-contained HTML.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def report_page(
     verdict
         Verdict on the unit.
     command
-        Command line that made the report.
+        Command line that creates the report.
     notes
         Notes on the unit, as events.
     """
@@ -133,7 +133,7 @@ def report_page(
 
 
 def _compared(comparison: Comparison, ended: str) -> dict[str, Any]:
-    """Return a comparison's table, with advice to lower its smallest detectable changes."""
+    """Return the table of a comparison, and advice on how to detect smaller changes."""
     smallest = {
         quantity.name: wording.smallest_text(quantity) for quantity in comparison.quantities
     }
@@ -150,7 +150,7 @@ def _compared(comparison: Comparison, ended: str) -> dict[str, Any]:
 
 
 def fleet_page(archive: Path, fleet: FleetSummary, command: str) -> str:
-    """Return the report of a fleet as self-contained HTML."""
+    """Return the report on a fleet as self-contained HTML."""
     caption = _survival_in_words(fleet)
     return render(
         "fleet.html.j2",
@@ -169,7 +169,7 @@ def fleet_page(archive: Path, fleet: FleetSummary, command: str) -> str:
 
 
 def render(name: str, command: str, **content: Any) -> str:
-    """Return a template of this package, rendered with the page's common content."""
+    """Render a template of this package with the content common to all pages."""
     environment = Environment(
         loader=PackageLoader("ema_cli.report"),
         autoescape=True,
@@ -194,14 +194,14 @@ def render(name: str, command: str, **content: Any) -> str:
 
 
 def _figure(value: float | None, form: str = "z.4f", scale: float = 1.0) -> Markup:
-    """Return a number as HTML: rounded as text, exact as data."""
+    """Return a number as HTML: rounded as text, with the exact value as data."""
     if value is None or not math.isfinite(value):
         return Markup("–")
     return Markup('<data value="{}">{}</data>').format(value, f"{scale * value:{form}}")
 
 
 def _bags_in_words(fleet: FleetSummary) -> str:
-    """Describe the bags missing or incomplete in the tables; "" if there are none."""
+    """Describe the bags whose tests are not or only in part in the tables; "" if there are none."""
     counts = [
         f"{fleet.bags[name]:,} {what}"
         for name, what in (
@@ -233,7 +233,7 @@ def _survival_in_words(fleet: FleetSummary) -> str:
 
 
 def _pictures(course: Course) -> Iterator[tuple[Markup, str]]:
-    """Yield pictures with captions: fit of the last valid window, and all tests over time."""
+    """Yield pictures and captions: fit of the last valid window, and all tests over time."""
     estimate = next((estimate for estimate in reversed(course.estimates) if estimate.valid), None)
     has_model = estimate is not None and not estimate.is_of_record
     if estimate is not None and has_model and isinstance(course.calibration, Calibration):
@@ -257,7 +257,7 @@ def _pictures(course: Course) -> Iterator[tuple[Markup, str]]:
 
 
 def _files_read(paths: Sequence[Path], course: Course) -> Iterator[tuple[str, str, int, str]]:
-    """Yield path, role, bytes and SHA-256 of the input files of a diagnosis."""
+    """Yield path, role, size [bytes] and SHA-256 of the input files of a diagnosis."""
     windows = Counter(course.record.bags[window.end_ns] for window in course.record.windows)
     for bag in find_bags(paths):
         members = (
@@ -278,13 +278,13 @@ def _file(path: Path, role: str) -> tuple[str, str, int, str]:
         with path.open("rb") as content:
             digest = hashlib.file_digest(content, "sha256").hexdigest()
     except OSError as error:
-        # An unreadable bag is also among the remarks.
+        # The remarks list unreadable bags as well.
         digest = f"not read: {error.strerror}"
     return str(path), role, path.stat().st_size, digest
 
 
 def draw_survival(fleet: FleetSummary) -> Figure:
-    """Return a figure of the survival of a fleet with its 90 % interval."""
+    """Return a figure of the survival curve of a fleet with its 90 % interval."""
     figure, [axes] = stacked_panels([1.0], 3.2)
     steps = [{"age": 0.0, "share": 1.0, "lower": 1.0, "upper": 1.0}, *fleet.survival]
     if fleet.longest_age > steps[-1]["age"]:
@@ -306,14 +306,14 @@ def draw_survival(fleet: FleetSummary) -> Figure:
 
 
 def inline_svg(figure: Figure, name: str, title: str, description: str) -> str:
-    """Return a figure as a self-contained ``svg`` element.
+    """Convert a figure to a self-contained ``svg`` element.
 
     Parameters
     ----------
     figure
         Figure to convert.
     name
-        Prefix of identifiers, unique in the page.
+        Prefix of the identifiers in the element, unique in the page.
     title, description
         Title and description for screen readers.
     """

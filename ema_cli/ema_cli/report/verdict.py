@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Verdict of a report: state, wear, remaining life, actions, and their basis."""
+"""Verdict of a report: state, wear, remaining life, actions, and the basis of the verdict."""
 
 import math
 from collections import Counter
@@ -35,7 +35,10 @@ _STATES: Final = {OK: "Well", WARN: "Wearing", ERROR: "Failed", STALE: "Unknown"
 
 
 class Shown(NamedTuple):
-    """Label, value and scale of a fault or requirement; ``unit`` starts with a space."""
+    """Label, value and limit of a fault or requirement as displayed.
+
+    Values are multiplied by ``scale``; ``unit`` starts with a space, or is empty.
+    """
 
     label: str
     scale: float
@@ -45,7 +48,7 @@ class Shown(NamedTuple):
 
 
 def shown(item: FaultHealth) -> Shown:
-    """Return label, value and scale of a fault or requirement as text."""
+    """Return label, value and limit of a fault or requirement as displayed."""
     unit, scale = shown_in(RequirementLimits.unit(item.name))
     value, limit = beside_limit(scale * item.value, scale * item.limit)
     sigma = scale * item.sigma
@@ -56,7 +59,7 @@ def shown(item: FaultHealth) -> Shown:
 
 
 def life_in_words(life: RemainingLife) -> str:
-    """Return the quantiles of a known remaining life [h] as a string."""
+    """Return the 5, 50 and 95 % quantiles of a known remaining life [h] as a string."""
     return " / ".join(
         "longer" if not math.isfinite(item) else f"{item:,.0f}" if item >= 9.95 else f"{item:.1f}"
         for item in (life.hours_05, life.hours_50, life.hours_95)
@@ -64,7 +67,7 @@ def life_in_words(life: RemainingLife) -> str:
 
 
 def tests_of(course: Course) -> list[dict[str, Any]]:
-    """Return one row per test, in order of time."""
+    """Return one row per test, in chronological order."""
     rows = []
     for number, (step, outlook) in enumerate(course.steps):
         path = course.record.bags.get(step.end_ns)
@@ -92,7 +95,10 @@ def tests_of(course: Course) -> list[dict[str, Any]]:
 def limited(
     outlook: Outlook, description: ActuatorDescription
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]], str]:
-    """Return rows of faults and of requirements, and the common reason for an unknown life."""
+    """Return rows of faults, rows of requirements, and the reason if all lives are unknown.
+
+    The reason is "" if a life is known or the reasons differ.
+    """
     groups = outlook.health.faults, outlook.health.requirements
     lives = [outlook.lives.get(item.name, outlook.rul) for group in groups for item in group]
     reasons = {life.reason for life in lives if not life.known}
@@ -111,7 +117,7 @@ def is_unjudged(course: Course) -> bool:
 
 
 def latest_comparison(course: Course) -> tuple[Comparison, str] | None:
-    """Return the newest record comparison, and the record's end time as text."""
+    """Return the comparison of the newest compared record, and the end of the record as text."""
     for estimate in reversed(course.estimates):
         if estimate.comparison is not None:
             return estimate.comparison, moment(estimate.end_ns)
@@ -144,7 +150,7 @@ def _limited(
 
 
 def hidden_causes(course: Course) -> list[tuple[str, str, int]]:
-    """Return the hidden causes in valid tests: last value, time, and number of tests."""
+    """Return the last value of each hidden cause in valid tests, its time, and number of tests."""
     tests, latest = Counter[str](), dict[str, tuple[str, str]]()
     for estimate in course.estimates:
         for cause in estimate.causes if estimate.valid else ():
@@ -154,7 +160,7 @@ def hidden_causes(course: Course) -> list[tuple[str, str, int]]:
 
 
 def confusions(course: Course) -> list[tuple[str, str, int]]:
-    """Return pairs of causes that tests could not distinguish, with the number of tests."""
+    """Return pairs of explanations that tests could not distinguish, with the number of tests."""
     counts = Counter(
         pair for estimate in course.estimates if estimate.valid for pair in estimate.alternatives
     )
@@ -171,9 +177,9 @@ class UnitVerdict:
     level: int
     """Level of health."""
     lines: tuple[str, ...]
-    """One line each on state, wear, remaining life and basis."""
+    """Lines on state, wear, remaining life and basis."""
     actions: list[str]
-    """Actions, the most important first."""
+    """Recommended actions, the most important first."""
 
     @property
     def level_name(self) -> str:
@@ -182,7 +188,7 @@ class UnitVerdict:
 
 
 def verdict_of(course: Course) -> UnitVerdict:
-    """Return the verdict on a unit."""
+    """Return the verdict on a unit after its newest test."""
     last = course.now
     if not course.outlooks:
         tests = counted(len(course.estimates), "test")
@@ -281,7 +287,7 @@ def _lasting(last: Outlook) -> str:
 
 
 def _after_the_last_test(course: Course) -> list[str]:
-    """Return actions after the last test, such as repeating it or inspecting a hidden cause."""
+    """Return actions that follow from the last test, such as repeating it or checking a sensor."""
     last = course.estimates[-1] if course.estimates else None
     if last is None:
         return ["Repeat the test: no fault reached wanted_sigma."]
@@ -309,7 +315,7 @@ def _after_the_last_test(course: Course) -> list[str]:
 
 
 def _after_the_last_record(last: Estimate, comparison: Comparison) -> list[str]:
-    """Return actions after the last record, and advice to lower its smallest changes."""
+    """Return actions that follow from the last record, and advice to detect smaller changes."""
     actions = []
     if not last.valid:
         actions.append(f"Repeat the record of {moment(last.end_ns)}: {finding(comparison)}.")

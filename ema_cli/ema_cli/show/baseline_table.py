@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Learned baselines as text: a table of joints, and the details of one joint."""
+"""Learned baselines as text: a table of joints, and the details of a joint."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -18,7 +18,7 @@ _HEADINGS: Final = (
 
 @dataclass(frozen=True)
 class Baseline:
-    """A learned baseline to show."""
+    """State of a learned baseline, for display."""
 
     actuator_id: str
     serial_number: str
@@ -28,7 +28,8 @@ class Baseline:
     """Identity of the accepted calibration; empty while learning."""
     author: str = ""
     accepted_ns: int = 0
-    """Person or rule that accepted it, and when [ns]; 0 while learning."""
+    """Person or rule that accepted the baseline, and time of the acceptance [ns]; 0 while
+    learning."""
 
     @property
     def state(self) -> str:
@@ -37,7 +38,7 @@ class Baseline:
 
 
 def table(baselines: Iterable[Baseline]) -> str:
-    """Return a table of baselines."""
+    """Return a table of baselines, one line per joint."""
     rows = [
         (
             item.actuator_id,
@@ -56,7 +57,10 @@ def table(baselines: Iterable[Baseline]) -> str:
 
 
 def details(item: Baseline, changes: Sequence[Change] | None) -> str:
-    """Return state, progress and history of a baseline; None for an unknown history."""
+    """Return state, progress and history of a baseline as text.
+
+    ``changes`` is None if the history is unknown.
+    """
     progress = item.progress
     lines = [f"{item.actuator_id} ({item.serial_number}): {item.state}"]
     if item.is_accepted:

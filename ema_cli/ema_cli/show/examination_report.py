@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Text and JSON of an examination."""
+"""Report of an examination of recordings, as text or JSON."""
 
 import math
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ _SHORT = frozenset(
         *(DoubtKind.CLOCK_UNIT, DoubtKind.EFFORT_KIND, DoubtKind.NO_NUMBERS),
     )
 )
-"""Doubts that the table shows; the others have a line of text."""
+"""Doubts that are shown in the table; other doubts have a line of text."""
 
 _HEADINGS = "quantity", "source", "unit", "range", "step", "doubt"
 
@@ -33,7 +33,7 @@ class _Doubts(NamedTuple):
     short: dict[tuple[DoubtKind, str], None]
     """Kind and quantity of each doubt in the table, in order."""
     texts: dict[str, None]
-    """The other doubts, in order."""
+    """Other doubts as text, in order."""
 
     @classmethod
     def of_joint(cls, joint: JointExamination) -> Self:
@@ -71,11 +71,11 @@ class _Doubts(NamedTuple):
         )
 
     def row(self, quantity: str) -> str:
-        """Return the cell of a quantity in the table."""
+        """Return the table cell with the doubts about a quantity."""
         return ", ".join(_short(kind) for kind, of in self.short if of == quantity)
 
     def lines(self) -> list[str]:
-        """Return a line for each kind of doubt, and for each text."""
+        """Return a line for each kind of doubt, and for each other doubt."""
         quantities: dict[DoubtKind, list[str]] = {}
         for kind, quantity in self.short:
             quantities.setdefault(kind, []).append("time" if quantity == "clock" else quantity)
@@ -84,7 +84,7 @@ class _Doubts(NamedTuple):
 
 
 def report_lines(examination: Examination) -> list[str]:
-    """Return the report, one string per line, without the mapping."""
+    """Return the lines of the report, without the mapping."""
     joints = examination.joints
     lines = [f"{examination.source}: {counted(len(joints), 'joint')}"]
     lines += [f"warning: {remark}" for remark in examination.remarks]
@@ -101,7 +101,7 @@ def report_lines(examination: Examination) -> list[str]:
 
 
 def mapping_lines(examination: Examination) -> list[str]:
-    """Return the mapping of most joints as YAML, and as comments what it leaves out."""
+    """Return the lines of the mapping of most joints in YAML; comments list excluded joints."""
     first, *further = examination.mappings
     lines = mapping_text(first).splitlines()
     for mapping in further:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Display of published health: a live table on a terminal, or else one line per change."""
+"""Display of published health: a live table on a terminal, otherwise one line per change."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -39,21 +39,21 @@ class Row:
     actuator_id: str
     serial_number: str
     level: int
-    """Current level of its health, STALE after expiry."""
+    """Current level of health; STALE after the health has expired."""
     last_level: int
     """Level before it became STALE; equal to ``level`` otherwise."""
     health_index: float
     """Health index, 1 for healthy and 0 at a limit [-]; NaN if unknown."""
     dominant: str
-    """Value, sigma and limit of the life-limiting or worst item, as a string; "" if none."""
+    """Value, sigma and limit of the life-limiting or worst fault or requirement; "" if none."""
     life: tuple[float, float, float] | None
     """Quantiles of the remaining life, 5, 50 and 95 % [h]; None if unknown."""
     remove_before: str
-    """Service hour before which to remove the unit, as text: an hour, "now" or ""."""
+    """Service hour before which to remove the unit, such as "1,200 h", or "now" or ""."""
     test_ns: int
-    """Stamp of the last test [ns]; 0 before the first test."""
+    """Timestamp of the last test [ns]; 0 before the first test."""
     test_age_s: float
-    """Time since the last test, or since its reception if stamps use a different clock [s]."""
+    """Time since the last test [s], or since its reception if timestamps use a different clock."""
     why: str
     """Reason for the level, and for a refusal of the last test."""
     learning: str = ""
@@ -70,7 +70,7 @@ class Row:
 
     @property
     def content(self) -> tuple[Any, ...]:
-        """Content that prints a new line when it changes; excludes ages."""
+        """Content without ages; without a terminal, a change of it prints a new line."""
         index = f"{self.health_index:.2f}"
         return (self.level_text, index, self.dominant, self.life, self.test_ns, self.why)
 
@@ -88,20 +88,20 @@ class _Actuator:
 
 
 class LatestHealths:
-    """Latest messages about each actuator. Times ``now_s`` are monotonic."""
+    """Latest messages about each actuator. ``now_s`` is the time of a monotonic clock [s]."""
 
     def __init__(self) -> None:
         self._actuators: dict[tuple[str, str], _Actuator] = {}
 
     def add_health(self, place: str, message: Any, now_s: float, clock_ns: int) -> None:
-        """Add a Health message received in a namespace at the ROS time ``clock_ns``."""
+        """Add a Health message from a namespace, received at the ROS time ``clock_ns`` [ns]."""
         item = self._of(place, message)
         before, item.received = item.received, Received.at(message, clock_ns, now_s)
         if before is None or before.health.header.stamp != message.header.stamp:
             item.tested_s = now_s
 
     def add_estimate(self, place: str, message: Any, now_s: float) -> None:
-        """Add a FaultEstimate message, whose causes or friction are shown with the health."""
+        """Add a FaultEstimate message; its causes or friction are shown with the health."""
         item = self._of(place, message)
         if message.valid:
             item.refused = None
@@ -117,7 +117,7 @@ class LatestHealths:
             item.refused, item.tested_s = message, now_s
 
     def add_baseline(self, place: str, message: Any) -> None:
-        """Add a BaselineStatus message, whose progress replaces the level of a learning unit."""
+        """Add a BaselineStatus message; its progress replaces the level of a learning unit."""
         self._of(place, message).baseline = message
 
     def rows(
@@ -137,9 +137,10 @@ class LatestHealths:
         clock_ns
             Time of the ROS clock [ns].
         is_silent
-            Returns whether a monitor is silent, from its namespace and the author of its health.
+            Function that returns whether a monitor is silent, called with its namespace and the
+            author of its health.
         is_real
-            Whether time is real; in simulated time, health expires by the ROS clock only.
+            Whether time is real. In simulated time, health expires only by the ROS clock.
         """
         rows = [
             self._row(key, item, received, now_s, clock_ns, is_real, is_silent)
@@ -199,7 +200,7 @@ class LatestHealths:
 
 
 def _learning(baseline: Any, health: Any) -> str:
-    """Return the number of records of a unit that is learning; "" of any other unit."""
+    """Return the progress of a unit that is learning, such as "3 of 10", or "" for other units."""
     if baseline is None or baseline.state != baseline.LEARNING or health.level != STALE:
         return ""
     if baseline.serial_number != health.serial_number:
@@ -229,7 +230,7 @@ def _dominant_in_words(health: Any) -> str:
 def _removal(health: Any) -> str:
     """Return the service hour before which to remove the actuator, "now" or ""."""
     failed = any(item.level == ERROR for item in (*health.faults, *health.requirements))
-    # Recordings of earlier versions have no such field.
+    # Recordings of earlier versions have no removal hours.
     hours = health.removal_hours if health.removal_risk > 0.0 else health.rul.hours_05
     if failed or (health.rul.known and hours < SOON_HOURS):
         return "now"
@@ -248,7 +249,7 @@ class HealthTable(TerminalDisplay):
         self._printed_state = ""
 
     def show(self, rows: Sequence[Row], state: str) -> None:
-        """Show the actuator rows and the overall state."""
+        """Show the rows of the actuators, and ``state`` as a note."""
         if self._console.is_terminal:
             self._live.update(self._actuators(rows, state), refresh=True)
             return
@@ -299,7 +300,7 @@ def _life(row: Row) -> str:
 
 
 def _line(row: Row) -> str:
-    """Return the row of an actuator as a plain line."""
+    """Format the row of an actuator as a line of text."""
     if row.learning:
         return "  ".join((row.level_text, f"{row.place}/{row.actuator_id}", row.why))
     life = _life(row)

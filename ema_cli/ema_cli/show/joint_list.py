@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""List of joints with their columns and the quantities that can be judged from them."""
+"""List of joints, with their columns and the quantities that can be determined from these."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ _HEADINGS = ("joint", "rate", "effort", "speed", "command", "can be judged")
 
 @dataclass(frozen=True)
 class JointList:
-    """Joints of robots, shown as a plain table or as lines."""
+    """List of joints that is shown as a table (``str``) or as lines."""
 
     joints: Sequence[ActuatorDescription]
     """Descriptions of the joints."""
@@ -46,7 +46,7 @@ def _row(unit: ActuatorDescription) -> tuple[str, ...]:
 
 
 def _judged(*, has_effort: bool, has_command: bool) -> str:
-    """Return the quantities that records of a joint with these columns can show."""
+    """Return the quantities that can be determined from records with these columns, as text."""
     abilities = abilities_by_columns(has_effort=has_effort, has_command=has_command)
     listed = ", ".join(ABILITY_NAMES[ability] for ability in abilities)
     return listed or "nothing: the driver publishes no effort"

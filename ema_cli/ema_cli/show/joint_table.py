@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Table of joints: level, since when, change of friction and further changes."""
+"""Table of joints: level and its start, change of friction, and further changes."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -17,7 +17,7 @@ HEADINGS: Final = ("joint", "level", "since", "records", "friction", "further ch
 
 
 def row_of(course: JointCourse) -> tuple[str, ...]:
-    """Return the cells of a joint, in the order of ``HEADINGS``."""
+    """Return the table cells of a joint, in the order of ``HEADINGS``."""
     level = "not judged" if course.level == STALE else level_in_words(course.level)
     records = f"{course.healthy} healthy, {len(course.estimates)} later"
     further = ", ".join(map(_changed, course.further_changes))
@@ -32,7 +32,7 @@ def row_of(course: JointCourse) -> tuple[str, ...]:
 
 
 def joint_table(courses: Sequence[JointCourse]) -> list[str]:
-    """Return the table as lines; below it reasons of levels that are not OK, and advice."""
+    """Return the lines of the table, of the reasons for levels that are not OK, and of advice."""
     lines = text_table(HEADINGS, list(map(row_of, courses))).splitlines()
     reasons = [
         f"{course.description.actuator_id}: {course.reason}" for course in courses if course.reason
@@ -47,7 +47,7 @@ def joint_table(courses: Sequence[JointCourse]) -> list[str]:
 
 
 def warnings_of(courses: Sequence[JointCourse]) -> list[str]:
-    """Return why recordings were not read, and why healthy records may not be healthy."""
+    """Return warnings about unread recordings and about records that may not be healthy."""
     unread = list(dict.fromkeys(text for course in courses for text in course.unread))
     doubts = [
         f"{course.description.actuator_id}: the healthy records may not be healthy: "
@@ -78,7 +78,7 @@ def mapping_of(course: JointCourse) -> dict[str, Any]:
 
 
 def _record(estimate: Estimate, course: JointCourse) -> dict[str, Any]:
-    """Return a compared or refused record: times, level after it, and change of friction."""
+    """Return times, level and change of friction of a compared or refused record for JSON."""
     friction = estimate.comparison[FRICTION] if estimate.comparison else None
     return {
         "start_ns": estimate.start_ns,
@@ -96,7 +96,7 @@ def _record(estimate: Estimate, course: JointCourse) -> dict[str, Any]:
 
 
 def friction_text(friction: QuantityChange | None) -> str:
-    """Return the change of friction with its interval, or why there is none."""
+    """Return the change of friction with its interval as text, or why there is none."""
     if friction is None:
         return "-"
     if friction.judgement is Judgement.NOT_JUDGED:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Display of live diagnoses: a table on a terminal, or else one line each."""
+"""Display of live diagnoses: a table on a terminal, otherwise a line per diagnosis."""
 
 from collections.abc import Sequence
 from itertools import takewhile
@@ -22,7 +22,7 @@ _WIDTH: Final = len("0.000 → 0.000 ± 0.000")
 
 
 class LiveTable(TerminalDisplay):
-    """Shows diagnoses as they arrive; a context manager."""
+    """Shows diagnoses as they are received; a context manager."""
 
     def __init__(self, fault_names: Sequence[str], console: Console | None = None) -> None:
         super().__init__(console)
@@ -32,14 +32,17 @@ class LiveTable(TerminalDisplay):
     def show(
         self, diagnoses: Sequence[DiagnosedWindow], state: str, *, final: bool = False
     ) -> None:
-        """Show the diagnoses so far."""
+        """Show the diagnoses so far, and ``state`` as a note.
+
+        Without a terminal, the last diagnosis waits for its health, unless ``final`` is set.
+        """
         if self._console.is_terminal:
             self._live.update(self._diagnosed(diagnoses, state), refresh=True)
             return
         while self._written < len(diagnoses):
             window = diagnoses[self._written]
             is_last = self._written == len(diagnoses) - 1
-            # The health is published just after its estimate.
+            # The health is published shortly after the estimate.
             if window.level is None and window.valid and is_last and not final:
                 return
             if not self._written:
@@ -52,7 +55,7 @@ class LiveTable(TerminalDisplay):
     def _diagnosed(self, diagnoses: Sequence[DiagnosedWindow], state: str) -> Table:
         cause = ""
         if diagnoses and (last := diagnoses[-1]).cause:
-            # Reason of the latest level, and the cycle in which it began.
+            # Show the reason for the latest level, and the cycle in which the level began.
             *_, first = takewhile(lambda window: window.level == last.level, reversed(diagnoses))
             cause = f"{_level(last)} since cycle {_cycle(first)}, now: {last.cause}"
         table = self._table(_TITLE, cause, state)

@@ -26,7 +26,7 @@ _ACTIONS: Final = {
 }
 
 WIDENED: Final = 1.05
-"""Smallest widening of predictions that is reported."""
+"""Smallest factor of a widening of predictions that is reported [-]."""
 
 
 def as_values(report: Any) -> Any:
@@ -43,7 +43,7 @@ def as_values(report: Any) -> Any:
 
 
 def course_as_values(course: Course) -> list[dict[str, Any]]:
-    """Return the monitor's report after each test as plain values."""
+    """Return estimate, health and life after each test as plain values."""
     values = []
     for step in course.steps:
         item: dict[str, Any] = {
@@ -66,7 +66,7 @@ def course_as_values(course: Course) -> list[dict[str, Any]]:
 def table_of_growth(report: HealthReport, *, are_records: bool = False) -> Table:
     """Return a table of faults and requirements with limits, growth and remaining life.
 
-    For records compared with a baseline, only the faults they can show.
+    With ``are_records``, the table omits faults without a value, because a record shows only some.
     """
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for heading in ("", "value", "sigma", "limit", f"per\n{TREND_HOURS:g} h"):
@@ -89,14 +89,14 @@ def table_of_growth(report: HealthReport, *, are_records: bool = False) -> Table
             _figure(scale * item.sigma),
             f"{side} {scale * item.limit:.4g}",
             _figure(scale * TREND_HOURS * item.trend, sign="+"),
-            # A common reason is below the table.
+            # A reason common to all rows is printed below the table.
             "unknown" if len(reasons) == 1 and not item.rul.known else _life(item.rul),
         )
     return table
 
 
 def table_of_scenarios(reports: Sequence[ScenarioReport]) -> Table:
-    """Return a table of remaining life, and what ends it, under each duty scenario."""
+    """Return a table with the remaining life for each scenario, and what limits it."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     table.add_column("scenario")
     for unit in ("h", "cycles", "days"):
@@ -116,7 +116,7 @@ def table_of_scenarios(reports: Sequence[ScenarioReport]) -> Table:
 
 
 def summary(course: Course, report: HealthReport) -> list[str]:
-    """Return one line each on remaining life, health, assumptions and events."""
+    """Return lines on remaining life, health, assumptions and events."""
     lives = {
         "by faults": report.rul_faults,
         "by requirements": report.rul_requirements,
@@ -124,7 +124,7 @@ def summary(course: Course, report: HealthReport) -> list[str]:
     }
     lines = []
     for name, life in lives.items():
-        # The sentence for the planner already gives the reason of the whole report.
+        # The sentence on removal already states the reason of the overall life.
         repeats = not life.known and life.reason in ("", report.rul.reason)
         lines.append(f"remaining useful life {name}: {'unknown' if repeats else _in_words(life)}")
     level = LEVEL_NAMES[report.level]
@@ -162,12 +162,12 @@ def _life(life: LifeReport) -> str:
 
 
 def _quantiles(values: tuple[float, float, float]) -> str:
-    """Return quantiles as a string; empty if their unit is unknown."""
+    """Return quantiles as a string, or "" if they are NaN."""
     return "" if math.isnan(values[0]) else " / ".join(map(_hours, values))
 
 
 def _checked(faults: Sequence[ItemReport]) -> list[str]:
-    """Return at most one line on how tests confirmed the predictions of life-limiting faults."""
+    """Return a line on the calibration of predictions by later tests; no line if unknown."""
     text = [
         f"{label_of(item.name)} {_figure_of_check(item.calibration)} for the next test, "
         f"{_figure_of_check(item.calibration_ahead)} for {AHEAD} tests ahead"
@@ -203,7 +203,7 @@ def _figure(value: float, sign: str = "") -> str:
 
 
 def advice_in_words(course: Course) -> str:
-    """Return action, time, cost and reason in a sentence; empty without costs."""
+    """Return a sentence with action, time, cost and reason, or "" without costs."""
     advice, costs = course.advice, course.options.costs
     if advice is None or costs is None:
         return ""

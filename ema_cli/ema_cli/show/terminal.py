@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terminal display: levels by word, shape and colour, and a live table."""
+"""Display on a terminal: names, shapes and colours of levels, and a live table."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -17,11 +17,11 @@ SHAPES: Final[Mapping[int, str]] = MappingProxyType({OK: "●", WARN: "▲", ERR
 COLOURS: Final[Mapping[int, str]] = MappingProxyType(
     {OK: "green", WARN: "yellow", ERROR: "bold red", STALE: "bright_black"}
 )
-"""Style of each level on a terminal."""
+"""Style of each level on a terminal, keyed by level."""
 
 
 def level_in_words(level: int) -> str:
-    """Return symbol and name of a level."""
+    """Return shape and name of a level, such as "● OK"."""
     return f"{SHAPES[level]} {LEVEL_NAMES[level]}"
 
 
@@ -42,14 +42,14 @@ class TerminalDisplay:
             self._live.stop()
 
     def report(self, line: str, *, is_error: bool = False) -> None:
-        """Print a line, above the table if there is one; without a terminal, errors on stderr."""
+        """Print a line above the live table. Without a terminal, errors go to stderr."""
         if self._console.is_terminal:
             self._console.print(line, markup=False, highlight=False)
         else:
             click.echo(line, err=is_error)
 
     def _table(self, title: str, *below: str) -> Table:
-        """Return a table without columns, with the non-empty lines below it."""
+        """Return an empty table with a title, and the non-empty lines of ``below`` as caption."""
         return Table(
             title=title,
             title_justify="left",
