@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wrong columns: which usual mistake makes a factor, and how it is put into words."""
+"""Wrong columns: the usual mistakes behind a factor, and the wording of the error."""
 
 import math
 
@@ -36,7 +36,7 @@ def test_gear_ratio_in_a_column_is_named(column):
 
 @pytest.mark.parametrize("column", COLUMNS)
 def test_each_usual_mistake_is_recognised_by_its_factor(column):
-    """Of two with the same factor, either."""
+    """Of two mistakes with the same factor, either may be reported."""
     for mistake in usual_mistakes(column, TAU):
         found = usual_mistake(column, 1.01 * mistake.factor, TAU)
         assert found is not None
@@ -44,7 +44,7 @@ def test_each_usual_mistake_is_recognised_by_its_factor(column):
 
 
 def test_no_usual_mistake_is_no_mistake():
-    """Faults and tolerances of sensors stay below a tenth."""
+    """Faults and tolerances of sensors change a column by less than a tenth."""
     for column in COLUMNS:
         for factor in (1.0, 1.1, 0.9, 1.2):
             assert usual_mistake(column, factor, TAU) is None
@@ -60,7 +60,7 @@ def test_no_usual_mistake_is_no_mistake():
     ],
 )
 def test_value_of_a_unit_is_the_factor_times_what_it_is_taken_for(sizes, unit, stated, factor):
-    """A value x of a unit is size(unit) x, and is read as size(stated) x."""
+    """A quantity in ``unit`` is read as if it were in ``stated``."""
     assert mistaken_unit(sizes, unit, stated).factor == pytest.approx(factor)
 
 
@@ -90,7 +90,7 @@ def test_error_with_a_message_asks_after_the_usual_mistake(column, factor, refer
 
 
 def test_model_as_described_is_nearer_to_a_column_than_its_mistakes():
-    """The model is off by 8 %; a factor of 1.5 is rather a wrong parameter than a peak."""
+    """The model is off by 8 %; a factor of 1.5 is more likely a wrong parameter than a peak."""
     model = Reference.MODEL
     [mistake] = ColumnError.of(("speed",), 1.25 * 30.0 / math.pi, model, TAU).mistakes
     assert (mistake.kind, mistake.unit) == (Kind.UNIT, "rpm")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands as samples, and the test cycle around one."""
+"""Commands as samples, and the test cycle around a command."""
 
 import math
 
@@ -19,7 +19,7 @@ def times(n: int, h: float = H) -> np.ndarray:
 def test_thesis_chirp():
     """A sin(2 pi (f0 t + (f1 - f0) t^2 / 2 T)) from 0 to 15 Hz in 0.5 s."""
     t = times(5000)
-    # Phases up to 24 rad: rounding times 5 mrad.
+    # Phases reach 24 rad: rounding errors are multiplied by 5 mrad.
     np.testing.assert_allclose(
         THESIS_CHIRP.sample(H), 0.005 * np.sin(2 * np.pi * 15 * t**2), rtol=0, atol=1e-16
     )
@@ -54,10 +54,10 @@ def test_swing_begins_and_ends_at_rest_and_turns_at_its_amplitude():
     turns = np.flatnonzero(np.diff(np.sign(np.diff(swing)))) + 1
     np.testing.assert_allclose(swing[turns], 0.004 * np.array([1, -1, 1, -1, 1]), rtol=1e-4)
     assert swing[-1] == pytest.approx(-0.004, rel=1e-9)
-    # At its start and end a sample moves by far less than the fastest in between.
+    # At its start and end, a sample moves much less than the fastest sample in between.
     steps = np.abs(np.diff(swing, prepend=0.0))
     assert max(steps[0], steps[-1]) < 0.02 * steps.max()
-    # It nowhere jumps, nor does its speed.
+    # Neither position nor speed jumps.
     assert np.abs(np.diff(steps)).max() < 0.02 * steps.max()
 
 
@@ -65,16 +65,17 @@ class TestMoves:
     def test_stay_within_their_reach_and_speed(self):
         c = Command("moves", amplitude=0.008, rate=0.2, duration=20.0, seed=1).sample(H)
         assert np.abs(c).max() <= 0.008
-        # Of angles drawn evenly, some of twenty come near either end.
+        # With uniformly drawn angles, some of twenty come near either end.
         assert c.max() > 0.004
         assert c.min() < -0.004
-        # The fastest moves are shorter than their shortest time and slower for it.
+        # The fastest moves are shorter than the shortest allowed time, and are slowed down
+        # accordingly.
         assert np.abs(np.diff(c)).max() / H <= 0.2 * (1 + 1e-6)
 
     def test_begin_at_zero_move_smoothly_and_dwell(self):
         c = np.concatenate([[0.0], Command("moves", duration=10.0, seed=2).sample(H)])
         speed = np.diff(c) / H
-        # Half a cosine of at least 50 ms to twice the amplitude away: no jump of the speed.
+        # Half a cosine of at least 50 ms over up to twice the amplitude: the speed does not jump.
         assert np.abs(np.diff(speed)).max() <= math.pi**2 / 2 * 0.01 / 0.05**2 * H * 1.01
         assert np.mean(speed == 0.0) > 0.05
 
@@ -133,7 +134,7 @@ class TestCycle:
         np.testing.assert_array_equal(
             cycle.samples[cycle.start + 1 : cycle.stop], command.sample(h)
         )
-        # The start is still at rest, the last sample before anything moves.
+        # The actuator is still at rest at the start; the last sample precedes any motion.
         assert cycle.samples[cycle.start] == 0.0
 
     def test_rests_before_and_after(self, command, h):
@@ -144,12 +145,12 @@ class TestCycle:
         assert (cycle.samples[-tenth:] == 0.0).all()
 
     def test_approaches_slowly_from_below(self, command, h):
-        """From -2 mrad upwards only, so that the gear ends on one flank; no figure depends on h."""
+        """The approach starts from -2 mrad for any h, so that the gear ends on one flank."""
         cycle = build_cycle(command, h)
         before = cycle.samples[: cycle.start + 1]
         lowest = np.flatnonzero(before <= before.min() + 1e-12)
         assert before.min() == pytest.approx(-2e-3, rel=1e-12)
-        # It waits down there before it turns.
+        # The command waits at the lower position before it turns.
         assert lowest.size * h >= 0.1
         rise = np.diff(before[lowest[-1] :])
         assert (rise >= 0.0).all()
@@ -163,13 +164,13 @@ class TestCycle:
         n = round(0.3 / h)
         assert (back[n - 1 :] == 0.0).all()
         assert back.size == n + round(0.1 / h)
-        # Half a cosine: no jump of speed at either end, steepest half way.
+        # Half a cosine: the speed does not jump at either end, and is greatest half way.
         speed = np.diff(np.concatenate([[end], back])) / h
         assert np.abs(speed).max() <= math.pi / 2 * abs(end) / 0.3 * (1 + 1e-9)
         assert np.abs(np.diff(speed)).max() <= math.pi**2 / 2 * abs(end) / 0.3**2 * h * 1.01
 
     def test_is_continuous(self, command, h):
-        """No sample is further from the one before than the fastest part of it moves."""
+        """No step between samples exceeds the step of the fastest part."""
         samples = np.concatenate([[0.0], build_cycle(command, h).samples])
         fastest = max(
             2 * math.pi * 15 * 0.005,  # end of the chirp
@@ -180,7 +181,7 @@ class TestCycle:
 
 
 def test_window_opens_at_the_start_of_the_command():
-    """A second of preparation and rest, half a second of chirp, as indices."""
+    """The command starts after a second of preparation and rest, and lasts half a second."""
     cycle = build_cycle(THESIS_CHIRP, H)
     assert cycle.start == 7999
     assert cycle.stop - cycle.start - 1 == 5000

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults and hidden causes: what they accept and do, and how far an estimate is off."""
+"""Faults and hidden causes: accepted values, effects, and the error of an estimate."""
 
 import math
 import re
@@ -32,7 +32,7 @@ HEALTHY = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5]
 
 
 def documented(fault: Fault) -> str:
-    """The row of docs/faults.md that the registry gives."""
+    """Return the row of docs/faults.md for a fault of the registry."""
     growth = fault.growth
     figures = ["-", "-"]
     if growth is not None:
@@ -49,7 +49,7 @@ def test_document_shows_the_registry():
 
 
 def test_registry_is_complete():
-    """What has a limit has a law, and what shares a kind shares limit, law and range."""
+    """Each fault with a limit has a law; faults of one kind share limit, law and range."""
     assert tuple(name for name in FAULT_NAMES if name != "eccentricity_phase") == COMPONENTS
     assert list(KINDS) == ["friction", "backlash", "short_circuit", "eccentricity", "gain"]
     assert list(TYPICAL) == list(KINDS)
@@ -65,7 +65,7 @@ def test_registry_is_complete():
 
 
 def test_fault_with_a_limit_needs_a_measure_of_damage():
-    """Otherwise its growth would be counted by hours without notice."""
+    """Without a measure of damage, its growth would silently be counted by hours."""
     with pytest.raises(ValueError, match="fault friction: damage missing"):
         replace(FAULTS[0], damage=None)
 
@@ -91,7 +91,7 @@ def test_impossible_value_is_refused_by_name_value_and_range(index, value):
     ids=["example", "odd"],
 )
 def test_healthy_degrade_is_the_identity(actuator):
-    """To the last bit: a healthy run through it is comparable with one without."""
+    """The result is bit-identical, so that healthy runs compare with runs without faults."""
     assert degrade(constants(actuator), healthy_faults()) == constants(actuator)
 
 
@@ -146,12 +146,12 @@ def draws(n: int) -> np.ndarray:
 
 
 def test_random_faults_follow_their_law():
-    """P(k <= x) = x^(1/7) for the first six, x for the phase; the gain symmetric about 1/2."""
+    """P(k <= x) = x^(1/7) for the first six, x for the phase; the gain is symmetric about 1/2."""
     n = 4000
     k = draws(n)
 
     def assert_probability(event: np.ndarray, p: float) -> None:
-        # Five standard deviations of a binomial share.
+        # The tolerance is five standard deviations of a binomial share.
         assert event.mean() == pytest.approx(p, abs=5 * math.sqrt(p * (1 - p) / n))
 
     for x in (1e-4, 0.5**7, 0.1, 0.5, 0.98):
@@ -175,8 +175,7 @@ MULTIPLE = {
     "eccentricity_phase": 0.8009,
     "gain": 0.38038,
 }
-# Truth, estimate and the error beside it, as printed in the thesis, with the phase off by less than
-# half a turn.
+# Truth, estimate and error as printed in the thesis; the phase is off by less than half a turn.
 PRINTED = {
     "table 9, de, run 4": (
         {"friction": 0.25},
@@ -204,8 +203,8 @@ PRINTED = {
 @pytest.mark.parametrize("name", PRINTED)
 def test_printed_errors_of_the_thesis(name):
     truth, estimate, error = PRINTED[name]
-    # Half a unit of the last of four digits in each of eight components, in percent, and half a
-    # unit of the error's own last digit: at most 0.014 + 0.005.
+    # Rounding: half a unit of the last of four digits in eight components, in percent, and half a
+    # unit of the last digit of the error: at most 0.014 + 0.005.
     assert estimation_error(estimate, fault_vector(truth)) == pytest.approx(error, abs=0.019)
 
 

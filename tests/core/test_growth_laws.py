@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Growth laws: increments against Runge-Kutta, and hours until a limit against the increments."""
+"""Growth laws: increments compared with Runge-Kutta, and the hours until a limit."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def test_increment_solves_the_equation_of_its_law(law, rate, shape):
         k3 = slope(x + h / 2 * k2, rate, shape)
         k4 = slope(x + h * k3, rate, shape)
         x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    # Fourth order, step 0.2 h at time scales above 100 h: truncation far below 1e-10.
+    # Fourth order with steps of 0.2 h and time scales above 100 h: truncation far below 1e-10.
     np.testing.assert_allclose(increment(law, X, rate, shape, hours), x - X, rtol=0, atol=1e-10)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compilation of the kernels: the cache follows the sources, options are the promised ones."""
+"""Compilation of the kernels: the cache follows the sources, and options are as documented."""
 
 import os
 import subprocess
@@ -19,7 +19,7 @@ def test_digest_follows_the_sources_that_a_module_imports(tmp_path, monkeypatch)
     (folder / "deep").mkdir(parents=True)
 
     def digest(inner: str, **others: str) -> str:
-        """Return the digest of a module that imports another one, of this source."""
+        """Return the digest of a module that imports a module with the given source."""
         sources = {"__init__": "", "outer": f"from {PROBE} import (\n    inner,\n)\n"}
         for name, text in {**sources, "inner": inner, **others}.items():
             (folder / f"{name}.py").write_text(text)
@@ -54,7 +54,7 @@ print(scaled(1.0), sum(scaled.stats.cache_hits.values()))
 
 
 class Kernels:
-    """A package with a kernel that calls one of another file, run in processes of their own."""
+    """A package with a kernel that calls a kernel of another file, run in separate processes."""
 
     def __init__(self, root: Path) -> None:
         self.folder = root / "ema_monitor"
@@ -70,7 +70,7 @@ class Kernels:
         }
 
     def run(self, factor: float = 2.0) -> tuple[list[float], str]:
-        """Return result and number of cache hits, and what was logged."""
+        """Return result, number of cache hits and log."""
         (self.folder / "inner.py").write_text(INNER.format(factor=factor))
         done = subprocess.run(
             [sys.executable, "-c", "import ema_monitor.outer"],
@@ -83,7 +83,7 @@ class Kernels:
         return [float(word) for word in done.stdout.split()], done.stderr
 
     def files(self, suffix: str) -> list[Path]:
-        """The files of the cache of the kernel that is called."""
+        """Return the cache files of the called kernel."""
         return [item for item in self.cache.rglob(f"*{suffix}") if "scaled" in item.name]
 
 
@@ -96,9 +96,9 @@ def kernels(tmp_path: Path) -> Kernels:
 def test_kernel_is_compiled_again_when_its_callee_changes_or_a_file_of_the_cache_is_damaged(
     kernels,
 ):
-    """A change in another file is what numba's own cache would miss.
+    """numba's own cache would miss a change in another file.
 
-    A process each, as modules and digest are kept in one.
+    Each step runs in a new process, because a process keeps modules and digest.
     """
     assert kernels.run() == ([2.0, 0.0], "")
     [index], [data] = kernels.files(".nbi"), kernels.files(".nbc")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Linear actuators: parameters in mm and N, results in mm and N."""
+"""Linear actuators: parameters and results in mm and N."""
 
 import math
 from dataclasses import replace
@@ -16,14 +16,14 @@ SCREW = {"lead": 0.005, "tau": 0.1}
 def test_parameters_in_mm_and_n_are_those_of_the_turning_motor():
     given = {"theta_stop": "60 mm", "omega_max": "100 mm/s", "f_su": "200 N", "BLK": "0.02 mm"}
     found = in_si(SCREW | given | {"C_u": "50 N.s/m", "J_u": "12 kg"})
-    # 5 mm are 1 turn of the screw and 10 of the motor.
+    # 5 mm are 1 turn of the screw and 10 turns of the motor.
     assert found["theta_stop"] == pytest.approx(12.0 * 2.0 * math.pi)
     assert found["omega_max"] == pytest.approx(200.0 * 2.0 * math.pi)
     assert in_si({"lead": "5 mm"}) == {"lead": 0.005}
     assert found["BLK"] == pytest.approx(0.04 * 2.0 * math.pi)
-    # The work of a force along the lead is that of the torque over ten turns.
+    # The work of a force along the lead equals the work of the torque over ten turns.
     assert found["f_su"] * 10.0 * 2.0 * math.pi == pytest.approx(200.0 * 0.005)
-    # So is the kinetic energy, and the power lost to damping.
+    # The same holds for the kinetic energy, and for the power lost to damping.
     assert 0.5 * found["J_u"] * found["omega_max"] ** 2 == pytest.approx(0.5 * 12.0 * 0.1**2)
     assert found["C_u"] * found["omega_max"] ** 2 == pytest.approx(50.0 * 0.1**2)
 
@@ -47,7 +47,7 @@ def test_results_are_in_mm_and_n_where_there_is_a_lead():
     screw = ActuatorDescription(parameters=ActuatorParameters().replace(values))
     assert travel_shown(screw.parameters).text(math.pi) == "2.5 mm"
     assert motor_shown(screw.parameters).text(math.pi) == "0.25 mm"
-    # Friction grows by twice nominal at k = 1, play by 99 times.
+    # At k = 1, friction grows by twice its nominal value, and play by 99 times.
     assert physical("friction", 0.25, screw) == "dry friction 1.500 × nominal, +100 N"
     assert physical("backlash", 0.1, screw) == "backlash 10.900 × nominal, +0.198 mm"
     no_motor = replace(screw, drive="unknown")

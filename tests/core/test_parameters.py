@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fields of settings and definition of an actuator: what is impossible or coupled is named."""
+"""Settings and actuator parameters: impossible values are refused, and coupled ones are named."""
 
 import dataclasses
 import math
@@ -180,6 +180,6 @@ def test_torque_and_voltage_constant_of_a_sinusoidal_motor_differ_by_half_of_roo
 
 
 def test_motor_that_is_too_weak_for_its_friction_is_refused_with_its_torque():
-    """V_max / R_s = 22.54 A is more than I_max here: 22.5 A of 0.0752 N.m/A, and T_max is less."""
+    """V_max / R_s exceeds I_max, and I_max k_t = 22.5 A * 0.0752 N.m/A exceeds T_max."""
     with pytest.raises(ValueError, match=r"f_sm \+ f_su = 2.07 N.m: .* makes 1.69 N.m at most"):
         described(f_sm=2.0)

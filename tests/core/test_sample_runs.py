@@ -7,7 +7,7 @@ from ema_core.sample_runs import SampleRuns, several_publishers
 
 
 def received(runs: SampleRuns, now_s: float, *indices: int) -> None:
-    """Add blocks of ten samples with these first indices."""
+    """Add blocks of ten samples with the given first indices."""
     for first_index in indices:
         runs.add(first_index, 10, now_s)
 
@@ -16,12 +16,12 @@ def received(runs: SampleRuns, now_s: float, *indices: int) -> None:
     ("indices", "blocks", "samples", "several"),
     [
         ((500, 510, 540, 550), 2, 20, False),
-        ((7, 17, 32), 1, 5, False),  # half a block counts as one
-        ((500, 510, 0, 10), 0, 0, False),  # it starts again
+        ((7, 17, 32), 1, 5, False),  # Half a block counts as one.
+        ((500, 510, 0, 10), 0, 0, False),  # The publisher restarts.
         ((500, 510, 540, 570), 2 + 2, 40, False),
         ((500, 90_000, 510, 520, 530), 0, 0, False),  # a single wrong index
         ((500, 510, 510, 520, 530), 0, 0, False),  # a repeated block
-        # Two publishers, the second one from somewhere on; the gaps of each are its own.
+        # Two publishers, the second of which starts later; each has its own gaps.
         ((500, 90_000, 510, 90_010, 520), 0, 0, True),
         ((500, 500, 510, 510, 520, 520, 530, 530), 0, 0, True),
         ((500, 90_000, 510, 90_010, 540, 90_050, 550, 90_060), 2 + 3, 50, True),
@@ -34,13 +34,13 @@ def test_losses_are_those_of_each_publisher_and_count_once_the_earlier_run_has_e
     runs = SampleRuns()
     received(runs, 100.0, *indices)
     runs.settle(100.0)
-    assert runs.lost_samples == 0  # the earlier publisher may still continue
+    assert runs.lost_samples == 0  # The earlier publisher may still continue.
     assert runs.are_several == several
     received(runs, 106.0, indices[-1] + 10)
     runs.settle(106.0)
     runs.settle(107.0)
     assert (runs.lost_blocks, runs.lost_samples) == (blocks, samples)
-    assert not runs.are_several  # a sole publisher has gone on
+    assert not runs.are_several  # The only publisher has continued.
 
 
 def test_runs_without_end_are_forgotten():

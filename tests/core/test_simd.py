@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The vectors of kernels: every operation, lane by lane, is that of numpy or of a float."""
+"""Vectors of kernels: each lane gives the same result as numpy or a float."""
 
 import itertools
 import math
@@ -13,14 +13,14 @@ import pytest
 from ema_core.simd import LANES, any_lane, broadcast, load, select, store
 
 SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, -2.5, 3.7, -1e300, 5e-324, math.inf, -math.inf, math.nan]
-# Every special value meets every other; what is missing to full vectors comes from the front.
+# Each special value is combined with each other; vectors are filled up from the front.
 PAIRS = list(itertools.product(SPECIAL, SPECIAL))
 PAIRS += PAIRS[: -len(PAIRS) % LANES]
 A, B = np.array(PAIRS).T.copy()
 
 
 def in_lanes(function: Any, *arrays: np.ndarray) -> np.ndarray:
-    """What a function of vectors gives for arrays, ``(n, k)`` with its k results in columns."""
+    """Return the results of a function of vectors for arrays, ``(n, k)`` with its k results."""
     compiled: Any = numba.njit(function, error_model="numpy")
 
     @numba.njit
@@ -40,14 +40,14 @@ OPERATIONS = (
     *("select(a > b, a, b)", "select(a >= b, a, b)", "select(a == b, a, 7.0)"),
     *("select(a != b, a, 7.0)", "select((a < 1.0) & (b < 1.0), a, 7.0)"),
     *("select((a < 1.0) | (b < 1.0), a, 7.0)", "select(~(a < b), a, b)"),
-    # A number stands for all lanes.
+    # A scalar applies to all lanes.
     *("2.0 - a", "a - 2", "3 / a", "max(0.25, min(a, 1))", "select(a > 0.5, 1, a)"),
     "broadcast(4) * broadcast(0.5) + a",
 )
 
 
 def function_of(operations: Iterable[str], **names: Any) -> Any:
-    """The results of all operations of a and b, with what the names in them mean."""
+    """Return the function of a and b that computes all operations, with ``names`` in scope."""
     return eval(f"lambda a, b: ({', '.join(operations)},)", names)
 
 
@@ -62,7 +62,7 @@ def test_lanes_do_what_arrays_do():
         floor=np.floor,
         select=np.where,
         broadcast=float,
-        # As for floats, the first where one is not a number or both are equal.
+        # As for floats: the first argument if one is NaN or both are equal.
         min=lambda a, b: np.where(b < a, b, a),
         max=lambda a, b: np.where(b > a, b, a),
     )
@@ -70,7 +70,7 @@ def test_lanes_do_what_arrays_do():
         expected = of_arrays(A, B)
     for name, one, other in zip(OPERATIONS, in_lanes(of_lanes, A, B).T, expected, strict=True):
         np.testing.assert_array_equal(one, other, err_msg=name)
-        # The sign of zeros is the same.
+        # The sign of zeros is equal, too.
         numbers = ~np.isnan(other)
         assert np.array_equal(np.signbit(one[numbers]), np.signbit(other[numbers])), name
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A thread that ends by itself is seen, begun again at a bounded rate, and counted."""
+"""A thread that ends unexpectedly is detected, restarted at a bounded rate, and counted."""
 
 import sys
 import threading

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Workers: every task has one outcome, whatever becomes of its worker, and one thread."""
+"""Workers: each task has exactly one outcome, even if its worker dies, and uses one thread."""
 
 import importlib.util
 import os
@@ -16,7 +16,7 @@ from ema_core.tasks import WorkerLostError, Workers
 
 from ..waiting import wait_for
 
-# Workers import what they are to do by the name of a module on their path.
+# Workers import their functions by the name of a module on their path.
 WORK = """
 import os, signal
 
@@ -85,7 +85,7 @@ def test_error_of_a_task_is_its_outcome(work):
 
 @pytest.mark.slow
 def test_processes_that_are_interrupted_end_without_an_error_of_their_pool(work):
-    """An exception in a thread is an error of this test."""
+    """An exception in a thread would make this test fail."""
 
     def interrupt():
         with Workers("processes", 2) as workers:
@@ -104,7 +104,7 @@ def test_worker_that_is_killed_takes_no_task_along(work, tmp_path):
         assert outcomes[once].value == "done"
         assert isinstance(outcomes[always].error, WorkerLostError)
         assert 2 <= len(always.read_text()) <= 3
-        # Those that are killed while they wait are replaced.
+        # Workers that are killed while idle are replaced.
         pids = {one.result() for one in workers.run(work.own_pid, range(4))}
         for pid in pids:
             os.kill(pid, signal.SIGKILL)
@@ -149,9 +149,9 @@ def test_impossible_workers_are_refused(given, message):
 
 
 def run_script(folder: Path, body: str, *arguments: object) -> str:
-    """Run a script beside the work; return what it printed.
+    """Run a script in the folder of the work; return its output.
 
-    In a process of its own, as the threads of Dask's client stay until its process ends.
+    It runs in a separate process, because the threads of Dask's client run until its process ends.
     """
     lines = "".join(f"    {line}\n" for line in body.strip().splitlines())
     path = folder / "script.py"
@@ -227,7 +227,7 @@ except tasks.ClusterLostError as error:
     assert "is unreachable; finished tasks are kept" in printed
 
 
-# Large enough for several threads below numpy, where there are several processors.
+# Large enough for numpy to use several threads, if there are several processors.
 ARRAYS = """
 import os, resource
 import numpy as np
@@ -243,7 +243,7 @@ def test_program_has_one_thread_and_uses_memory_again(tmp_path):
     (tmp_path / "arrays.py").write_text(ARRAYS)
     printed = array_environment({})
     unsaid = {name: value for name, value in os.environ.items() if name not in printed}
-    # Arrays that are mapped anew fault in 19,600 pages.
+    # Arrays in newly mapped memory cause faults in 19,600 pages.
     for environment, most in ((unsaid, 30_000), (unsaid | printed, 1000)):
         words = [sys.executable, "-c", "from ema_core.start import program; program('arrays')()"]
         done = subprocess.run(words, cwd=tmp_path, env=environment, stdout=-1, check=True)

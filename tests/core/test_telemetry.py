@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Telemetry as columns: time stamps, parts, and what is refused."""
+"""Telemetry as columns: timestamps, parts, and refused input."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ DAYS_S = 10 * 86_400
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 @pytest.mark.parametrize("seed", range(5))
 def test_stamp_of_a_sample_is_one_number_however_it_is_asked_for(rate_hz, seed):
-    """By row, by sample, and from any part: at indices up to those of ten days."""
+    """By row, by sample and from any part, at indices of up to ten days."""
     rng = np.random.default_rng(seed)
     first_index = int(rng.integers(DAYS_S * rate_hz))
     x = telemetry(60, stamp_ns=1_751_234_567_123_456_789, first_index=first_index)

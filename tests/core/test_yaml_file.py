@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""YAML files and regular files: what is read, and what is refused by name."""
+"""YAML files and regular files: accepted content, and files refused by name."""
 
 import os
 from pathlib import Path

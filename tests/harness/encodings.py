@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calls that read or write text in whatever encoding the locale has."""
+"""Find calls that read or write text in the encoding of the locale."""
 
 import ast
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ _RUN = ("run", "Popen", "check_output", "check_call", "call")
 
 
 def calls_without_encoding(source: str) -> Iterator[tuple[int, str]]:
-    """Yield line and name of each call of a module that leaves the encoding of text open."""
+    """Yield line and name of each call in a module that does not specify the encoding of text."""
     for call in ast.walk(ast.parse(source)):
         if not isinstance(call, ast.Call):
             continue
@@ -38,7 +38,7 @@ def _is_text(call: ast.Call, name: str, given: set[str | None]) -> bool:
 
 
 def _opens_text(call: ast.Call, place: int, default: str = "r") -> bool:
-    """Return whether a call opens a file as text: the mode is at a place of its arguments."""
+    """Return whether a call opens a file as text; the mode is its argument number ``place``."""
     modes = [keyword.value for keyword in call.keywords if keyword.arg == "mode"]
     modes += call.args[place : place + 1]
     if not modes:

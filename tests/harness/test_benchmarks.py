@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the scripts of the benchmarks share: a table of targets, JSON, and one summary of all."""
+"""Common parts of the benchmark scripts: a table of targets, JSON, and a summary of all."""
 
 import json
 import re
@@ -29,7 +29,7 @@ def test_summary_has_every_script_that_make_bench_runs():
     written = dict(re.findall(r"python (?:-m )?([\w.]+?)(?:\.py)? --json (\w+)\.json", recipe))
     assert len(written) > 15
     assert set(benchmark("summary").SCRIPTS) == set(written)
-    # The summary looks for a file of the name of each.
+    # The summary expects a results file named after each script.
     assert all(file == name.rpartition(".")[2] for name, file in written.items())
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two runs of the tests on one machine never meet: domains are locked."""
+"""Concurrent runs of the tests on one machine use different domains, which are locked."""
 
 import os
 import subprocess

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Text is UTF-8 whatever the locale is: no call leaves its encoding open."""
+"""Text is UTF-8 in any locale: every call specifies its encoding."""
 
 from pathlib import Path
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `make quick` runs imports nothing of ROS."""
+"""The tests that `make quick` runs do not import ROS."""
 
 import ast
 import re
@@ -31,7 +31,7 @@ def folders() -> list[str]:
 
 
 def imported(file: Path) -> Iterator[str]:
-    """Yield our modules that a file imports, and names of them that may be modules."""
+    """Yield the project's modules that a file imports, and imported names that may be modules."""
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("ema_"):
             yield node.module or ""

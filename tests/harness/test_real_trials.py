@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which trials of real machines are compared with which: never with themselves."""
+"""Trials of real machines are never compared with themselves."""
 
 from collections import Counter
 from pathlib import Path
@@ -26,7 +26,7 @@ def test_trials_are_compared_with_others_and_faulty_trials_once_by_each_number_o
     for days in real.DAYS:
         faulty = [counts[days, one] for one in trials if one.state != real.HEALTHY]
         assert set(faulty) == {1}
-    # Each trial is left out of the labels once, the healthy ones as well.
+    # Each trial, healthy ones included, is left out of the labels once.
     left_out = Counter(test for one in found if one.labelled for test in one.tests)
     assert left_out == Counter(trials)
 
@@ -54,7 +54,7 @@ def test_document_has_the_tables_that_are_written():
             for state in states
             for load in real.LOADS
             for days in real.DAYS
-            for labelled in (False, True)  # of each number of days: three healthy ones at last
+            for labelled in (False, True)  # For each number of days: at least three healthy trials.
         ],
         "reports": [
             {"state": state, "load": load, "level": "OK", "friction": friction}

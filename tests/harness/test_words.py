@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The checker of words reads texts, docstrings, comments and names, and no code."""
+"""The word checker reads texts, docstrings, comments and names, but no code."""
 
 import importlib.util
 import sys

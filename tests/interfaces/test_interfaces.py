@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The interface package is complete, documented and survives the wire."""
+"""The interface package is complete and documented, and messages survive serialisation."""
 
 import re
 from dataclasses import fields
@@ -29,10 +29,10 @@ def test_every_field_has_a_comment_above_it_that_ends_with_its_unit(path: Path):
     fields = [n for n, line in enumerate(lines) if line.strip() and line[0] not in "#-"]
     assert fields
     assert [lines[n] for n in fields if not lines[n - 1].startswith("# ")] == []
-    # `ros2 interface show` prints a bare "#" for a comment behind a field with a unit.
+    # `ros2 interface show` prints a bare "#" if a comment with a unit follows the field.
     assert [line for line in lines if "#" in line and not line.startswith("# ")] == []
     assert [line for line in lines if len(line) > 100] == []
-    # The parser of rosidl removes a unit from its comment.
+    # The parser of rosidl removes the unit from the comment.
     comments = [line for line in lines if line.startswith("#")]
     assert [line for line in comments if re.search(r"# \[[^,\]]+\]$|\[[^,\]]+\] *\S", line)] == []
 

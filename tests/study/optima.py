@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lowest cost next to the true faults, with models that differ in one thing at a time.
+"""The lowest cost near the true faults, for models that differ in one respect at a time.
 
-No search finds a better point than that: its error is the bias of the model (docs/study.md).
+No search finds a better point: the error there is the bias of the model (docs/study.md).
 """
 
 from dataclasses import replace
@@ -32,10 +32,12 @@ class Variant(NamedTuple):
 
     model: str
     true_torque_constant: bool
-    """Whether the gain of torque G_M is the reference's k_t."""
+    """Whether the torque gain G_M is k_t of the reference."""
     structural: bool
-    """Whether the calibration fits lift, friction and inertia; else, as the thesis's, it is the
-    row of differences alone."""
+    """Whether the calibration fits lift, friction and inertia.
+
+    If not, it is the row of differences alone, as in the thesis.
+    """
 
 
 VARIANTS: Final = (
@@ -44,7 +46,7 @@ VARIANTS: Final = (
     Variant("fast", True, False),
     Variant("fast", True, True),
 )
-"""From the thesis's model to the shipped one, in steps of one change."""
+"""From the thesis's model to the shipped one, one change per step."""
 
 
 class Optimum(NamedTuple):
@@ -57,11 +59,11 @@ class Optimum(NamedTuple):
 
 @cache
 def optimum(variant: Variant, case: str) -> Optimum:
-    """Return the optimum next to the truth.
+    """Return the optimum near the truth.
 
-    By least squares, in coordinates in which the residuals are smooth. Friction sticks and slips,
-    so that the cost has local minima: the lower end of two descents counts, one from the truth and
-    one from 0.02 beside it in each component.
+    The descent is by least squares, in coordinates in which the residuals are smooth. Friction
+    sticks and slips, so that the cost has local minima. Therefore the lower end of two descents
+    counts: one from the truth, and one from a point 0.02 away in each component.
     """
     truth = CASES[case].truth
     objective = Objective(reference_window(truth), _calibration(variant), FITNESS)
@@ -75,7 +77,7 @@ def optimum(variant: Variant, case: str) -> Optimum:
 
 
 def _descent(objective: Objective, start: NDArray[np.float64]) -> Progress:
-    # Any cost is good enough, so that no screen follows the descent; nothing in it is random.
+    # Any cost is accepted, so that no screening follows the descent; the result is deterministic.
     optimizer = ScreenedLeastSquares(start, np.random.default_rng(0), Hints(good_cost=np.inf))
     *_, last = minimise(
         objective.residuals, optimizer, stop_rule("all_generations", "pso", "low", _BUDGET, 0.0)

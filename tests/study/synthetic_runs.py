@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Invented runs of the study, for tables and figures that need many."""
+"""Synthetic runs of the study, for tables and figures that need many runs."""
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,7 @@ THRESHOLD = 0.021
 
 
 def synthetic_runs(model: str, runs: int) -> pd.DataFrame:
-    """Return runs of the whole plan whose estimates are the truth and some noise."""
+    """Return runs of the whole plan, whose estimates are the truth with added noise."""
     rng = np.random.default_rng(1)
     results = []
     for job in plan(model, runs):

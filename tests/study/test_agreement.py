@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether our errors agree with the thesis's."""
+"""Errors of the study agree with the errors in the thesis."""
 
 import numpy as np
 import pandas as pd
@@ -15,13 +15,13 @@ THESIS_MODEL, FAST_MODEL = "thesis's model", "fast model"
 
 @pytest.fixture
 def runs():
-    """Return three runs with the thesis's model that are the thesis's own ones."""
+    """Return three runs with the thesis's model, whose results are those printed in the thesis."""
     ours = synthetic_runs("thesis", 3)
     return ours[(ours["algorithm"] == "pso") & (ours["rule"] != "printed")]
 
 
 def side(runs, fault, source):
-    """Return what the comparison says of a fault and a source, by quantity."""
+    """Return the comparison for a fault and a source, by quantity."""
     rows = agreement(runs).T.to_dict()
     return {what: value for (one, what), value in rows[fault].items() if one == source}
 
@@ -66,7 +66,7 @@ def test_verdict_states_on_which_side_of_the_range_an_error_is(runs, error, verd
 def test_time_of_10000_windows_is_the_median_over_runs():
     ours = synthetic_runs("fast", 3).assign(time_s=2.0, evaluations=1000)
     ours = ours[ours["table"] <= 14]
-    ours.loc[ours["table"] <= 10, "time_s"] = 1e6  # most runs of DE, which do not count
+    ours.loc[ours["table"] <= 10, "time_s"] = 1e6  # Most runs use DE, and do not count.
 
     table = time_per_10000_windows(ours)
 

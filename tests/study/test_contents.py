@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which tables the study repeats, and the runs that each needs."""
+"""Tables that the study repeats, and the runs that each table needs."""
 
 from pathlib import Path
 

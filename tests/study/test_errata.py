@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The errata that the code rests on, each from the thesis's own runs or from the models.
+"""Errata that the code relies on, from the thesis's own runs or from the models.
 
-docs/errata.md holds the figures; these tests compute those that other modules rely on.
+docs/errata.md has the numbers; these tests compute those that other modules rely on.
 """
 
 from pathlib import Path
@@ -22,7 +22,7 @@ TRUE_K = [f"true_{k}" for k in K]
 
 @pytest.fixture(scope="module")
 def page():
-    """Return the frozen document, its line breaks removed."""
+    """Return the text of docs/errata.md without line breaks."""
     text = (Path(__file__).parents[2] / "docs" / "errata.md").read_text(encoding="utf-8")
     return " ".join(text.split())
 
@@ -37,14 +37,14 @@ def square_of_the_estimate(k6, true_k6):
 
 
 def errors(estimates, truths, weight):
-    """Return errors where ``weight(k6, true k6)`` multiplies the squared difference of k7 [%]."""
+    """Return errors [%], in which ``weight(k6, true k6)`` multiplies the squared error of k7."""
     squares = (estimates - truths) ** 2
     squares[:, ECCENTRICITY_PHASE] *= weight(estimates[:, ECCENTRICITY], truths[:, ECCENTRICITY])
     return 100.0 * np.sqrt(squares.sum(axis=1))
 
 
 def rounding(estimates, truths, weight, tables):
-    """Return what half a digit of the printed error and of each estimate amounts to [%]."""
+    """Return the rounding error [%] from half a digit of the printed error and of each estimate."""
     here = errors(estimates, truths, weight)
     total = np.where(np.isin(tables, (9, 10, 56, 57)), 0.5e-3, 0.5e-2)
     for column in range(estimates.shape[1]):
@@ -72,7 +72,7 @@ def test_all_500_printed_errors_weigh_the_phase_by_the_square_of_the_estimated_k
     assert count == 500
     assert f"{count} of 500 printed errors" in page
     assert f"the largest deviation is {largest:.3f} %" in page
-    # A wrong error is not mistaken for rounding.
+    # A wrong weight is not mistaken for rounding.
     runs.loc[runs["table"] == 12, "error_percent"] += 0.03
     assert reproduced(runs, 0.7474)[0] == 490
 
@@ -109,7 +109,8 @@ def test_true_faults_cost_more_than_the_printed_threshold(page):
 def test_table_61_mixes_the_times_of_one_study_with_the_errors_of_another(runs, page):
     printed = printed_table("table_61")["RC"].dropna()
     mixed = multiple_fault_reliability(runs, 56, 57)["RC"].dropna()
-    # Printed from means of two decimals, the smallest of them 0.6 %: a product is off by up to 1 %.
+    # Printed from means with two decimals, the smallest of which is 0.6 %: products are off by up
+    # to 1 %.
     np.testing.assert_allclose(mixed, printed, rtol=0, atol=0.3)
 
     for table in (56, 57):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs on executors."""
+"""Runs of the study on executors."""
 
 import pytest
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of the study: what they show is what the runs say."""
+"""Figures of the study agree with its runs."""
 
 import io
 
@@ -55,7 +55,7 @@ def rectangles(axes):
 
 
 def bars(axes, color, hatch=""):
-    """Heights of the bars of one source from left to right."""
+    """Return the heights of the bars of a source from left to right."""
     patches = [
         patch
         for patch in rectangles(axes)

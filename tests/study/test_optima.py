@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where biases come from: optima next to the truth."""
+"""Causes of biases: optima near the truth."""
 
 import pytest
 
@@ -28,7 +28,7 @@ def test_torque_constant_makes_the_bias_of_backlash():
     truth = CASES["backlash high"].truth[1]
     p = ActuatorDescription().parameters
 
-    # Less torque than there is: the model reaches less play with the same current.
+    # The model underestimates the torque, and so reaches less play with the same current.
     assert p.k_t > p.G_M
     assert before.faults[1] < truth
     assert abs(after.faults[1] - truth) < 0.2 * abs(before.faults[1] - truth)
@@ -39,6 +39,6 @@ def test_eccentricity_is_found_by_the_driven_pair_and_not_by_eq_4_24(level):
     case = f"eccentricity {level}"
     errors = [optimum(variant, case).error_percent for variant in VARIANTS]
     assert max(errors[2:]) < 1.0 < 10.0 < min(errors[:2])
-    # The printed equation fits worse at the truth than at its optimum or without any fault.
+    # The printed equation fits worse at the truth than at its optimum, or without any fault.
     _, _, at_truth, at_healthy = problem("thesis", case)
     assert optimum(VARIANTS[0], case).cost < at_healthy < at_truth

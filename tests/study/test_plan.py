@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the study runs, against the thesis's own runs."""
+"""The plan of the study, compared with the thesis's own runs."""
 
 from ema_monitor.optimizers import ALGORITHMS
 from ema_study.plan import plan

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The thesis's data: complete, and transcribed so that its own sums come out."""
+"""The transcribed data of the thesis are complete and consistent with its own sums."""
 
 import numpy as np
 import pytest
@@ -29,8 +29,8 @@ def test_there_are_ten_runs_of_each_algorithm_in_each_table():
 
 @pytest.mark.parametrize(("table", "half_a_digit"), [(58, 0.0005), (59, 0.5)])
 def test_overviews_have_the_totals_and_deviations_of_their_rows(table, half_a_digit):
-    # Totals come from unrounded cells, so they may be off by half a digit twice; a deviation of
-    # five moves by at most 1.12 times what its members move by.
+    # Totals come from unrounded cells, so they may be off by twice half a digit. A deviation of
+    # five values changes by at most 1.12 times the largest change of a value.
     printed = printed_table(f"table_{table}")
     rows = printed.drop(index=(MEAN, ""))
     faults = rows[list(SINGLE_FAULTS)]
@@ -48,6 +48,6 @@ def test_reliability_coefficients_share_three_times_hundred_percent():
     single = printed_table("table_60").drop(index=SUM).xs("RC", axis=1, level=1)
     multiple = printed_table("table_61").drop(index=SUM)["RC"]
 
-    # four coefficients of two decimals
+    # four coefficients with two decimals
     np.testing.assert_allclose(single.sum(), 300.0, rtol=0, atol=0.0201)
     assert multiple.sum() == pytest.approx(300.0, abs=0.0201)

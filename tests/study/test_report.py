@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report of the study: one page that stands alone, whatever runs there are."""
+"""The report of the study is a self-contained page, for any number of runs."""
 
 import io
 import math
@@ -36,7 +36,7 @@ def ours():
 
 @pytest.fixture(scope="module", autouse=True)
 def _same_picture_for_all():
-    """Draw every figure, but render one blank one in place of all: the figures' tests render."""
+    """Draw every figure, but render a blank picture instead: other tests render the figures."""
     with io.BytesIO() as file:
         Figure(figsize=(1, 1)).savefig(file, format="png", dpi=20)
         blank = file.getvalue()
@@ -113,7 +113,7 @@ def test_report_opens_with_a_verdict_of_three_sentences(page, ours):
     assert lines[0].startswith("With the thesis's model")
     assert lines[1].startswith("With the fast model")
     assert "One evaluation of the monitor within PSO takes" in lines[2]
-    # Its swarm: 50 particles a generation, 12.65 s each.
+    # The thesis's swarm: 50 particles per generation, 12.65 s each.
     assert lines[2].endswith("253 ms in the thesis.")
 
 

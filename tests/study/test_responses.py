@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Responses of chapter 4: what physics says of them, and the thesis's claims that it decides."""
+"""Responses of chapter 4, compared with physics and with the claims of the thesis."""
 
 import numpy as np
 
@@ -40,7 +40,7 @@ def test_steady_speed_under_step_balances_voltage_and_friction():
     for severity, response in zip(SEVERITIES["friction"].values(), _step("friction"), strict=True):
         f_d = mechanics.f_d * (1.0 + 2.0 * severity["friction"])
         expected = (p.V_max * p.k_t - p.R_s * f_d) / (p.k_t * p.k_e + p.R_s * mechanics.C)
-        # The balance knows no commutation, in which the current falls: it costs 1 to 3 %.
+        # The balance neglects commutation, in which the current drops: it costs 1 to 3 %.
         assert 0.96 * expected < steady(response.speed).mean() < expected
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One run of the study, and the problem that it solves."""
+"""A single run of the study, and the problem that it solves."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ def test_same_job_makes_the_same_run():
 def test_no_algorithm_passes_its_generations(algorithm):
     result = run_job(replace(SHORT, algorithm=algorithm))
     assert result.generations == 8
-    # The thesis's grey wolves count the starting pack, the others do not.
+    # The thesis's grey wolves count the initial pack as a generation; the other algorithms do not.
     populations = 8 if algorithm.startswith("gwo") else 9
     assert len(result.costs) == populations
     elites = 1 if algorithm == "ga" else 0
@@ -55,21 +55,21 @@ def test_stop_rule_ends_the_run():
 
 @pytest.mark.parametrize("model", ["fast", "thesis"])
 def test_calibration_makes_the_healthy_cost_zero(model):
-    """The static calibration of the thesis's section 6.3."""
+    """This is the static calibration of the thesis's section 6.3."""
     window = reference_window(healthy_faults())
     objective, *_ = problem(model, "friction low")
     expected = objective.expect(objective.healthy[None]).current[0]
     measured = window.current
-    # The command of all cases is the same, so the healthy response is, too.
+    # All cases have the same command, and therefore the same healthy response.
     assert np.max(np.abs(expected - measured)) < 1e-9
 
 
 def test_thesis_model_finds_the_thesis_bias_of_large_friction():
-    """Its PSO found 0.736 to 0.739 for 0.75; near there lies the lowest cost."""
+    """The thesis's PSO found 0.736 to 0.739 for 0.75; the lowest cost is near that value."""
     objective, truth, floor, _ = problem("thesis", "friction high")
     k = np.tile(truth, (16, 1))
     k[:, 0] = np.linspace(0.72, 0.765, 16)
     costs = np.sum(objective.residuals(k) ** 2, axis=1)
-    # Along friction alone, and the PWM makes the cost rough: to one step of the grid.
+    # Along friction alone. The PWM makes the cost rough, so the tolerance is one step of the grid.
     assert k[np.argmin(costs), 0] == pytest.approx(0.7375, abs=0.003)
     assert np.min(costs) < floor

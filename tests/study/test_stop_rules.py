@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The thesis's stop rules."""
+"""Stop rules of the thesis."""
 
 import pytest
 
@@ -9,7 +9,7 @@ FLOOR = 0.009
 
 
 def stops_at(rule, costs):
-    """Generation, from 0 for the start, at which a rule first stops; None if it never does."""
+    """Return the first generation (0 is the start) at which a rule stops; None if it never does."""
     return next((n for n in range(len(costs)) if rule.reached(costs[: n + 1])), None)
 
 
@@ -38,7 +38,7 @@ def test_threshold_and_stall_waits_for_both_and_for_20_generations():
 def test_matlab_stalls_over_its_own_number_of_generations(algorithm, generations, scale):
     rule = stop_rule("floor_corrected", algorithm, "low", 7, FLOOR)
     assert stops_at(rule, [scale, *[0.5 * scale] * 100]) == generations + 1
-    # A fall by 4e-9 of itself in all: less than 1e-9 a generation, more than 1e-9.
+    # A relative decrease of 4e-9 in total: below 1e-9 per generation, but above 1e-9 in all.
     creeping = [scale * (1.0 - 4e-9 * n / generations) for n in range(100)]
     assert stops_at(rule, creeping) == (generations + 1 if algorithm == "ga" else None)
 

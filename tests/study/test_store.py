@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The folder of a study: nothing that was run is lost, nothing stale is mixed in."""
+"""The folder of a study loses no runs, and does not mix runs of different versions."""
 
 import json
 from dataclasses import asdict
@@ -62,7 +62,7 @@ def test_damaged_line_is_named(tmp_path, results, line):
     path.write_text("\n".join([lines[0], line]) + "\n")
     with pytest.raises(ValueError, match=r"runs\.jsonl, line 2 is damaged: expected a run"):
         RunStore(tmp_path)
-    # And the folder is free again.
+    # And the folder is unlocked again.
     path.write_text(lines[0] + "\n")
     assert reopened(tmp_path).results == results[:1]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The thesis's tables beside ours, from complete, incomplete and no runs."""
+"""Tables of the thesis next to those of the study, from complete, incomplete and missing runs."""
 
 import numpy as np
 import pandas as pd
