@@ -38,12 +38,12 @@ def test_gear_ratio_in_a_column_is_named(column):
 def test_each_usual_mistake_is_recognised_by_its_factor(column):
     """Of two mistakes with the same factor, either may be reported."""
     for mistake in usual_mistakes(column, TAU):
-        found = usual_mistake(column, 1.01 * mistake.factor, TAU)
-        assert found is not None
-        assert abs(found.factor / mistake.factor - 1.0) < 0.05
+        recognised = usual_mistake(column, 1.01 * mistake.factor, TAU)
+        assert recognised is not None
+        assert abs(recognised.factor / mistake.factor - 1.0) < 0.05
 
 
-def test_no_usual_mistake_is_no_mistake():
+def test_factor_near_one_is_not_a_mistake():
     """Faults and tolerances of sensors change a column by less than a tenth."""
     for column in COLUMNS:
         for factor in (1.0, 1.1, 0.9, 1.2):
@@ -59,7 +59,7 @@ def test_no_usual_mistake_is_no_mistake():
         (UNITS, "mm", "in", 25.4),
     ],
 )
-def test_value_of_a_unit_is_the_factor_times_what_it_is_taken_for(sizes, unit, stated, factor):
+def test_factor_of_a_mistaken_unit_is_the_ratio_of_the_units(sizes, unit, stated, factor):
     """A quantity in ``unit`` is read as if it were in ``stated``."""
     assert mistaken_unit(sizes, unit, stated).factor == pytest.approx(factor)
 
@@ -82,14 +82,14 @@ def test_value_of_a_unit_is_the_factor_times_what_it_is_taken_for(sizes, unit, s
         ("current", 3.0, Reference.MODEL, "is its unit, or the gear ratio, right?"),
     ],
 )
-def test_error_with_a_message_asks_after_the_usual_mistake(column, factor, reference, words):
+def test_error_message_asks_about_the_usual_mistake(column, factor, reference, words):
     error = ColumnError.of((column,), factor, reference, TAU)
     text = error_text(error)
     assert text.startswith(f"the {column} is {factor:.3g} times what ")
     assert text.endswith(words)
 
 
-def test_model_as_described_is_nearer_to_a_column_than_its_mistakes():
+def test_factor_close_to_the_model_is_not_reported_as_a_mistake():
     """The model is off by 8 %; a factor of 1.5 is more likely a wrong parameter than a peak."""
     model = Reference.MODEL
     [mistake] = ColumnError.of(("speed",), 1.25 * 30.0 / math.pi, model, TAU).mistakes
@@ -98,7 +98,7 @@ def test_model_as_described_is_nearer_to_a_column_than_its_mistakes():
     assert ColumnError.of(("current",), 1.5, Reference.DRIVE, TAU).mistakes == (PEAK_FOR_RMS,)
 
 
-def test_several_columns_and_unrelated_ones_are_named():
+def test_several_columns_and_unrelated_columns_are_named():
     both = ColumnError.of(("position", "command"), 57.3, Reference.SPEED, TAU)
     assert error_text(both).startswith("the position and command is 57.3 times what the speed")
     assert error_text(UnrelatedColumn("current", 0.123)) == (

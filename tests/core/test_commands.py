@@ -26,7 +26,7 @@ def test_thesis_chirp():
 
 
 @pytest.mark.parametrize("end", [0.1, -0.1])
-def test_ramp_goes_to_its_amplitude_at_its_rate_and_stays_there(end):
+def test_ramp_reaches_its_amplitude_at_its_rate_and_stays_there(end):
     c = Command("ramp", amplitude=end, rate=2.0, duration=0.1, start_time=0.02).sample(H)
     t = times(1000)
     expected = np.interp(t, [0.02, 0.07], [0.0, end])
@@ -42,7 +42,7 @@ def test_ramp_goes_to_its_amplitude_at_its_rate_and_stays_there(end):
         (Command("custom", samples=[0.0, -2.0]), "farthest sample = 2 rad is beyond the end stop"),
     ],
 )
-def test_command_beyond_the_end_stop_is_named_with_what_was_probably_meant(command, printed):
+def test_command_beyond_the_end_stop_is_refused_with_the_probable_intention(command, printed):
     assert printed in command.travel_warning(ActuatorParameters())
 
 
@@ -79,12 +79,12 @@ class TestMoves:
         assert np.abs(np.diff(speed)).max() <= math.pi**2 / 2 * 0.01 / 0.05**2 * H * 1.01
         assert np.mean(speed == 0.0) > 0.05
 
-    def test_are_those_of_their_seed(self):
+    def test_are_reproducible_by_their_seed(self):
         one, same, other = (Command("moves", seed=seed).sample(H) for seed in (3, 3, 4))
         np.testing.assert_array_equal(one, same)
         assert np.any(one != other)
 
-    def test_need_a_speed(self):
+    def test_need_a_maximum_speed(self):
         with pytest.raises(ValueError, match=r"rate = 0 rad/s: expected a positive speed"):
             Command("moves", rate=0.0)
 
@@ -102,7 +102,7 @@ class TestMoves:
         ("final_fraction", ""),
     ],
 )
-def test_impossible_figure_is_refused_by_name_value_unit_and_range(name, unit, value):
+def test_impossible_number_is_refused_by_name_value_unit_and_range(name, unit, value):
     with pytest.raises(ValueError, match=rf"{name} = {value:g}\b.* \[.*\] {unit}"):
         Command(**{name: value})
 

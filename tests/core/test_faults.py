@@ -42,7 +42,7 @@ def documented(fault: Fault) -> str:
     return f"| {' | '.join([*cells, *figures, f'{fault.mismatch:g}'])} |"
 
 
-def test_document_shows_the_registry():
+def test_documentation_agrees_with_the_registry():
     lines = DOCUMENT.read_text(encoding="utf-8").splitlines()
     rows = [line for line in lines if line.startswith("| `")]
     assert rows == [documented(fault) for fault in FAULTS]
@@ -95,7 +95,7 @@ def test_healthy_degrade_is_the_identity(actuator):
     assert degrade(constants(actuator), healthy_faults()) == constants(actuator)
 
 
-def test_each_fault_does_what_it_means():
+def test_each_fault_has_its_documented_effect():
     k = [0.25, 0.5, 0.2, 0.7, 0.99, 0.6, 0.75, 0.1]
     control, motor, mechanics = degrade(PLANT, k)
     assert mechanics.f_s == pytest.approx(1.5 * 0.1689)
@@ -108,7 +108,7 @@ def test_each_fault_does_what_it_means():
 
 
 @pytest.mark.parametrize("name", FAULT_NAMES)
-def test_fault_touches_nothing_else(name):
+def test_fault_affects_nothing_else(name):
     touched = {
         "friction": {"f_s", "f_d"},
         "backlash": {"half_backlash"},
@@ -129,7 +129,7 @@ def test_fault_touches_nothing_else(name):
     assert changed == touched[name]
 
 
-def test_many_vectors_at_once_are_the_vectors_one_by_one():
+def test_array_of_vectors_gives_the_same_as_single_vectors():
     rng = np.random.default_rng(3)
     k = np.array([random_faults(rng) for _ in range(5)])
     together = degrade(PLANT, k)
@@ -145,7 +145,7 @@ def draws(n: int) -> np.ndarray:
     return np.array([random_faults(rng) for _ in range(n)])
 
 
-def test_random_faults_follow_their_law():
+def test_random_faults_follow_their_distribution():
     """P(k <= x) = x^(1/7) for the first six, x for the phase; the gain is symmetric about 1/2."""
     n = 4000
     k = draws(n)
@@ -201,14 +201,14 @@ PRINTED = {
 
 
 @pytest.mark.parametrize("name", PRINTED)
-def test_printed_errors_of_the_thesis(name):
+def test_printed_errors_of_the_thesis_are_reproduced(name):
     truth, estimate, error = PRINTED[name]
     # Rounding: half a unit of the last of four digits in eight components, in percent, and half a
     # unit of the last digit of the error: at most 0.014 + 0.005.
     assert estimation_error(estimate, fault_vector(truth)) == pytest.approx(error, abs=0.019)
 
 
-def test_phase_counts_by_the_estimated_eccentricity():
+def test_phase_error_is_weighted_by_the_estimated_eccentricity():
     truth = fault_vector({"eccentricity": 0.5, "eccentricity_phase": 0.5})
     no_eccentricity = fault_vector({"eccentricity_phase": 0.9})
     assert estimation_error(no_eccentricity, truth) == pytest.approx(50.0)
@@ -242,11 +242,11 @@ def test_phase_is_compared_around_the_circle(estimate, truth, turn):
         ("jam=1@2", "jam", Profile(1.0, 2.0, 2.0)),
     ],
 )
-def test_text_is_a_profile(text, name, profile):
+def test_profile_is_read_from_text(text, name, profile):
     assert cause_profiles([text]) == {name: profile}
 
 
-def test_profile_is_zero_before_linear_between_and_constant_after():
+def test_profile_is_zero_before_its_start_then_linear_and_constant_after_its_end():
     times = [0.0, 0.999, 1.0, 2.0, 3.0, 9.0]
     np.testing.assert_allclose(Profile(5.0).at(times), 5.0, rtol=0)
     np.testing.assert_array_equal(Profile(5.0, 1.0, 1.0).at(times), [0, 0, 5, 5, 5, 5])
@@ -282,7 +282,7 @@ def test_impossible_cause_is_refused_by_name_value_and_range(causes, parts):
         assert part in str(refusal.value)
 
 
-def test_document_shows_the_registry_of_causes():
+def test_documentation_agrees_with_the_registry_of_causes():
     lines = DOCUMENT.read_text(encoding="utf-8").splitlines()
     begin = lines.index("| name | where | unit | range | meaning |") + 2
     assert lines[begin : begin + len(CAUSES)] == [

@@ -43,7 +43,7 @@ def test_increment_solves_the_equation_of_its_law(law, rate, shape):
 
 
 @pytest.mark.parametrize(("law", "rate", "shape"), FIGURES)
-def test_growth_over_the_hours_until_a_limit_ends_at_the_limit(law, rate, shape):
+def test_growth_over_the_hours_until_a_limit_reaches_the_limit(law, rate, shape):
     limit = 0.25
     hours = hours_until(law, X, rate, shape, limit)
     assert np.all(hours > 0.0)

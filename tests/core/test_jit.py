@@ -93,9 +93,7 @@ def kernels(tmp_path: Path) -> Kernels:
 
 
 @pytest.mark.slow
-def test_kernel_is_compiled_again_when_its_callee_changes_or_a_file_of_the_cache_is_damaged(
-    kernels,
-):
+def test_kernel_is_compiled_again_if_its_callee_changes_or_a_cache_file_is_damaged(kernels):
     """numba's own cache would miss a change in another file.
 
     Each step runs in a new process, because a process keeps modules and digest.
@@ -115,7 +113,7 @@ def test_kernel_is_compiled_again_when_its_callee_changes_or_a_file_of_the_cache
 
 
 @pytest.mark.slow
-def test_kernels_are_compiled_where_nothing_can_be_cached(kernels):
+def test_kernels_are_compiled_if_nothing_can_be_cached(kernels):
     kernels.cache.write_text("no folder")
     result, log = kernels.run()
     assert result == [2.0, 0.0]

@@ -13,7 +13,7 @@ from ema_core.parameters import ActuatorParameters
 SCREW = {"lead": 0.005, "tau": 0.1}
 
 
-def test_parameters_in_mm_and_n_are_those_of_the_turning_motor():
+def test_parameters_in_mm_and_n_equal_those_of_the_rotary_motor():
     given = {"theta_stop": "60 mm", "omega_max": "100 mm/s", "f_su": "200 N", "BLK": "0.02 mm"}
     found = in_si(SCREW | given | {"C_u": "50 N.s/m", "J_u": "12 kg"})
     # 5 mm are 1 turn of the screw and 10 turns of the motor.
@@ -37,12 +37,12 @@ def test_parameters_in_mm_and_n_are_those_of_the_turning_motor():
         (SCREW | {"f_su": "60 mm"}, r"f_su = 60 mm: expected a value in N.m$"),
     ],
 )
-def test_unit_that_does_not_fit_is_refused_by_name(values, words):
+def test_unit_of_the_wrong_kind_is_refused_by_name(values, words):
     with pytest.raises(ValueError, match=words):
         in_si(values)
 
 
-def test_results_are_in_mm_and_n_where_there_is_a_lead():
+def test_results_of_an_actuator_with_a_lead_are_in_mm_and_n():
     values = in_si(SCREW | {"f_sm": 0.0, "f_su": "200 N", "BLK": "0.02 mm"})
     screw = ActuatorDescription(parameters=ActuatorParameters().replace(values))
     assert travel_shown(screw.parameters).text(math.pi) == "2.5 mm"

@@ -41,7 +41,7 @@ def test_value_out_of_range_is_refused_by_name_value_unit_and_range(name):
         ("J_u", 0.12, "1.2e-05 kg.m^2 = 0.12 kg.cm^2 was probably meant"),
     ],
 )
-def test_plausible_slips_of_unit_or_ratio_are_named(name, value, meant):
+def test_plausible_mistakes_of_unit_or_ratio_are_named(name, value, meant):
     with pytest.raises(ValueError, match="is outside") as refused:
         ActuatorParameters().replace({name: value})
     assert meant in str(refused.value)
@@ -68,7 +68,7 @@ class Oven(Checked):
     notes: list[str] = field(default_factory=list)
 
 
-def test_defaults_are_possible_and_fields_carry_what_documents_them():
+def test_defaults_are_valid_and_fields_carry_their_documentation():
     oven = Oven()
     assert (oven.temperature, oven.trays, oven.mode, oven.label) == (180.0, 2, "fan", "")
     metadata = {item.name: dict(item.metadata) for item in fields(Oven)}
@@ -85,7 +85,7 @@ def test_defaults_are_possible_and_fields_carry_what_documents_them():
 
 
 @pytest.mark.parametrize("value", [20, 20.0, np.float32(20.0), np.int64(20)])
-def test_number_gets_the_type_of_its_default(value: Any):
+def test_number_is_converted_to_the_type_of_its_default(value: Any):
     oven = Oven(temperature=value, trays=float(value) / 5)  # type: ignore[arg-type]
     assert type(oven.temperature) is float
     assert type(oven.trays) is int
@@ -127,7 +127,7 @@ class Switch(Checked):
     on: bool = flag(False, "whether it is on")
 
 
-def test_flag_is_true_or_false_and_nothing_else():
+def test_flag_accepts_only_true_and_false():
     assert Switch().on is False
     assert Switch(True).on is True
     for value in (1, "yes", None):
@@ -164,7 +164,7 @@ def test_built_in_actuator_has_no_remarks():
         ({"L_s": 5e-5}, {"V_max / (8 L_s h_b)"}),
     ],
 )
-def test_parameter_that_is_changed_alone_is_named_with_its_couplings(changed, named):
+def test_parameter_changed_without_its_coupled_parameters_is_named(changed, named):
     found = described(**changed).remarks
     assert {remark.split(" = ")[0] for remark in found} == named
     assert all("usually " in remark for remark in found)
@@ -179,7 +179,7 @@ def test_torque_and_voltage_constant_of_a_sinusoidal_motor_differ_by_half_of_roo
     assert remark.startswith("k_t / k_e = 1, usually 0.779 to 0.953")
 
 
-def test_motor_that_is_too_weak_for_its_friction_is_refused_with_its_torque():
+def test_motor_that_cannot_overcome_its_friction_is_refused_with_its_torque():
     """V_max / R_s exceeds I_max, and I_max k_t = 22.5 A * 0.0752 N.m/A exceeds T_max."""
     with pytest.raises(ValueError, match=r"f_sm \+ f_su = 2.07 N.m: .* makes 1.69 N.m at most"):
         described(f_sm=2.0)

@@ -28,7 +28,7 @@ def received(runs: SampleRuns, now_s: float, *indices: int) -> None:
         ((90_000, 0, 10, 90_010, 20, 20_000, 20_010, 90_020, 20_020), 1997, 19_970, True),
     ],
 )
-def test_losses_are_those_of_each_publisher_and_count_once_the_earlier_run_has_ended(
+def test_losses_count_per_publisher_once_the_earlier_run_has_ended(
     indices: tuple[int, ...], blocks: int, samples: int, several: bool
 ):
     runs = SampleRuns()
@@ -43,7 +43,7 @@ def test_losses_are_those_of_each_publisher_and_count_once_the_earlier_run_has_e
     assert not runs.are_several  # The only publisher has continued.
 
 
-def test_runs_without_end_are_forgotten():
+def test_unfinished_runs_are_dropped():
     runs = SampleRuns()
     received(runs, 100.0, *range(0, 100_000, 100))
     assert len(runs._runs) == 100

@@ -52,7 +52,7 @@ def function_of(operations: Iterable[str], **names: Any) -> Any:
 
 
 @pytest.mark.slow
-def test_lanes_do_what_arrays_do():
+def test_lanes_give_the_same_results_as_arrays():
     of_lanes = function_of(
         OPERATIONS, copysign=math.copysign, floor=math.floor, select=select, broadcast=broadcast
     )
@@ -75,7 +75,7 @@ def test_lanes_do_what_arrays_do():
         assert np.array_equal(np.signbit(one[numbers]), np.signbit(other[numbers])), name
 
 
-def test_variable_may_begin_as_a_number():
+def test_variable_may_be_initialised_with_a_number():
     def total(a):
         result = 0.0
         for _ in range(5):
@@ -97,7 +97,7 @@ class Outer(NamedTuple):
     three: tuple[Any, Any, Any]
 
 
-def test_load_keeps_the_shape_of_tuples_and_their_numbers():
+def test_load_keeps_the_structure_of_tuples_and_their_numbers():
     columns = np.arange(5.0 * 3 * LANES).reshape(5, -1)
 
     @numba.njit
@@ -117,7 +117,7 @@ def test_load_keeps_the_shape_of_tuples_and_their_numbers():
 
 
 @pytest.mark.parametrize("layout", ["rows", "columns", "every_other"])
-def test_store_writes_its_lanes_and_nothing_else(layout):
+def test_store_writes_only_its_lanes(layout):
     n = LANES + 5
     result = {
         "rows": np.zeros((n, 4)),
@@ -133,7 +133,7 @@ def test_store_writes_its_lanes_and_nothing_else(layout):
         assert np.sum(result.base) == np.sum(values)
 
 
-def test_any_lane_sees_each_lane_and_no_other():
+def test_any_lane_reads_only_the_lanes_of_its_vector():
     @numba.njit
     def any_above(values, limit):
         return any_lane(load(values, 0) > limit)

@@ -31,7 +31,7 @@ def fail() -> None:
         (lambda: None, "it returned"),
     ],
 )
-def test_work_that_ends_on_its_own_is_begun_again_and_reported(
+def test_work_that_ends_unexpectedly_is_restarted_and_reported(
     ending: Callable[[], Any], reason: str
 ):
     reported: list[str] = []
@@ -56,7 +56,7 @@ def test_work_that_ends_on_its_own_is_begun_again_and_reported(
     assert not thread.is_alive
 
 
-def test_waits_grow_up_to_a_bound(monkeypatch: pytest.MonkeyPatch):
+def test_delays_between_restarts_grow_up_to_a_bound(monkeypatch: pytest.MonkeyPatch):
     waits: list[float] = []
     thread = SteadyThread("test", fail, lambda *_: None)
     monkeypatch.setattr(steady_thread, "_FIRST_WAIT_S", 1.0)

@@ -55,7 +55,7 @@ def work(folder):
     return importlib.import_module("work_of_tasks")
 
 
-def test_threads_give_one_outcome_a_task_and_take_no_more_than_needed(work):
+def test_threads_give_one_outcome_per_task_and_take_items_only_as_needed(work):
     taken = []
 
     def items():
@@ -75,7 +75,7 @@ def test_threads_give_one_outcome_a_task_and_take_no_more_than_needed(work):
         assert {one.item for one in workers.run(work.square, range(10, 14))} == {10, 11, 12, 13}
 
 
-def test_error_of_a_task_is_its_outcome(work):
+def test_error_of_a_task_becomes_its_outcome(work):
     with Workers("threads", 1) as workers:
         [outcome] = workers.run(work.fail, [3])
     assert outcome.value is None
@@ -84,7 +84,7 @@ def test_error_of_a_task_is_its_outcome(work):
 
 
 @pytest.mark.slow
-def test_processes_that_are_interrupted_end_without_an_error_of_their_pool(work):
+def test_interrupted_process_pool_ends_without_an_error(work):
     """An exception in a thread would make this test fail."""
 
     def interrupt():
@@ -96,7 +96,7 @@ def test_processes_that_are_interrupted_end_without_an_error_of_their_pool(work)
         interrupt()
 
 
-def test_worker_that_is_killed_takes_no_task_along(work, tmp_path):
+def test_killed_worker_loses_no_task(work, tmp_path):
     once, always = tmp_path / "once", tmp_path / "always"
     with Workers("processes", 2) as workers:
         outcomes = {one.item: one for one in workers.run(work.act, [once, always, *range(6)])}
@@ -112,7 +112,7 @@ def test_worker_that_is_killed_takes_no_task_along(work, tmp_path):
 
 
 @pytest.mark.slow
-def test_workers_end_with_a_killed_parent(folder):
+def test_workers_end_when_their_parent_is_killed(folder):
     script = """
 import sys
 import work_of_tasks
@@ -178,7 +178,7 @@ def free_port() -> int:
 
 
 @pytest.mark.long
-def test_killed_workers_of_a_cluster_take_no_task_along(folder, tmp_path):
+def test_killed_workers_of_a_cluster_lose_no_task(folder, tmp_path):
     body = """
 folder = Path(sys.argv[1])
 items = [folder / "once", folder / "always", *range(4)]
@@ -191,7 +191,7 @@ print(found[folder / "once"].value, [found[number].value for number in range(4)]
 
 
 @pytest.mark.long
-def test_scheduler_that_ends_or_does_not_answer_is_named(folder):
+def test_unreachable_or_ended_scheduler_is_named(folder):
     body = """
 tasks._MOST_SILENCES = 3
 tasks._CONNECT_S = 1.0
@@ -239,7 +239,7 @@ def main():
 """
 
 
-def test_program_has_one_thread_and_uses_memory_again(tmp_path):
+def test_program_uses_one_thread_and_reuses_memory(tmp_path):
     (tmp_path / "arrays.py").write_text(ARRAYS)
     printed = array_environment({})
     unsaid = {name: value for name, value in os.environ.items() if name not in printed}

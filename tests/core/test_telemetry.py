@@ -25,7 +25,7 @@ def telemetry(n: int = 5, **changes) -> Telemetry:
     return Telemetry(**(settings | changes))
 
 
-def test_stamps_are_the_ends_of_the_samples():
+def test_stamps_are_at_the_ends_of_the_samples():
     x = telemetry()
     assert len(x) == 5
     assert x.stamps_ns.tolist() == [1_000 + n * 100_000 for n in range(5)]
@@ -38,7 +38,7 @@ DAYS_S = 10 * 86_400
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 @pytest.mark.parametrize("seed", range(5))
-def test_stamp_of_a_sample_is_one_number_however_it_is_asked_for(rate_hz, seed):
+def test_stamp_of_a_sample_does_not_depend_on_the_access(rate_hz, seed):
     """By row, by sample and from any part, at indices of up to ten days."""
     rng = np.random.default_rng(seed)
     first_index = int(rng.integers(DAYS_S * rate_hz))
@@ -63,13 +63,13 @@ def test_part_carries_its_own_stamp_and_index():
 
 
 @pytest.mark.parametrize(("start", "stop"), [(-2, 5), (5, 5), (0, 10_000)])
-def test_part_that_is_none_is_refused(start, stop):
+def test_invalid_part_is_refused(start, stop):
     row = np.zeros(10)
     with pytest.raises(ValueError, match=r"out of range: there are 10 samples"):
         Telemetry(0, 1e-4, 1, row, row, row, row).part(start, stop)
 
 
-def test_column_that_is_not_measured_is_empty_but_the_position_is_always_there():
+def test_unmeasured_columns_are_empty_but_the_position_is_required():
     x = telemetry(command=np.empty(0), speed=np.empty(0))
     assert (len(x), x.has_command, x.missing) == (5, False, ("command", "speed"))
     part = x.part(1, 3)
@@ -82,7 +82,7 @@ def test_column_that_is_not_measured_is_empty_but_the_position_is_always_there()
         telemetry(position=np.empty(0))
 
 
-def test_only_a_drive_of_an_unknown_controller_may_lack_a_command():
+def test_only_a_drive_with_an_unknown_controller_may_lack_a_command():
     acquisition = Acquisition(command=False)
     assert str(acquisition) == "current mean, speed measured, no command"
     assert acquisition.contradicting(("command",)) == ((), ())
@@ -92,7 +92,7 @@ def test_only_a_drive_of_an_unknown_controller_may_lack_a_command():
         ActuatorDescription(acquisition=acquisition)
 
 
-def test_payload_goes_with_its_samples_and_is_held_where_samples_are_lost():
+def test_payload_stays_with_its_samples_and_is_held_over_lost_samples():
     row = np.arange(5.0)
     x = telemetry(payload=np.array([0.0, 0.0, 2.0, 2.0, 2.0]), sample_period=0.01)
     assert (x.has_payload, telemetry().has_payload) == (True, False)

@@ -44,19 +44,19 @@ def test_plain_values_are_read(load):
         ("a: !!python/object/apply:os.system [ls]", "is not a YAML file"),
     ],
 )
-def test_text_that_would_mislead_or_harm_is_refused_with_the_file(load, text, words):
+def test_misleading_or_harmful_text_is_refused_with_the_file(load, text, words):
     with pytest.raises(ValueError, match=r"given\.yaml is not a YAML file") as caught:
         load(text)
     assert words in str(caught.value)
 
 
-def test_few_bytes_that_stand_for_very_much_are_refused(load):
+def test_few_bytes_that_expand_to_very_much_are_refused(load):
     rows = [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 12)]
     with pytest.raises(ValueError, match="more than 5,000,000 values"):
         load("\n".join(["a0: &a0 [1, 2, 3]", *rows]))
 
 
-def test_only_regular_files_of_bounded_size_are_read(tmp_path, monkeypatch):
+def test_only_regular_files_of_limited_size_are_read(tmp_path, monkeypatch):
     pipe = tmp_path / "pipe.yaml"
     os.mkfifo(pipe)
     for path in (pipe, tmp_path, Path("/dev/zero")):
@@ -75,7 +75,7 @@ def test_only_regular_files_of_bounded_size_are_read(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("value", ["!!timestamp x", "!!int ''", "!!bool maybe", "!!float [1]"])
-def test_tag_that_does_not_fit_its_value_is_refused(tmp_path, value):
+def test_tag_that_contradicts_its_value_is_refused(tmp_path, value):
     path = tmp_path / "a.yaml"
     path.write_text(f"friction: {value}\n")
     with pytest.raises(ValueError, match=r"a\.yaml is not a YAML file"):

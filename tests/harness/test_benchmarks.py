@@ -24,7 +24,7 @@ def targets() -> ModuleType:
     return benchmark("targets")
 
 
-def test_summary_has_every_script_that_make_bench_runs():
+def test_summary_has_every_script_run_by_make_bench():
     recipe = (ROOT / "Makefile").read_text().partition("\nbench:")[2].partition("\n\n")[0]
     written = dict(re.findall(r"python (?:-m )?([\w.]+?)(?:\.py)? --json (\w+)\.json", recipe))
     assert len(written) > 15
@@ -33,7 +33,7 @@ def test_summary_has_every_script_that_make_bench_runs():
     assert all(file == name.rpartition(".")[2] for name, file in written.items())
 
 
-def test_script_prints_its_targets_and_writes_its_figures(script, targets, tmp_path):
+def test_script_prints_its_targets_and_writes_its_results(script, targets, tmp_path):
     def measure(pool, size):
         """Print the size."""
         return {"size": size}
@@ -49,6 +49,6 @@ def test_script_prints_its_targets_and_writes_its_figures(script, targets, tmp_p
         assert json.loads(file.read_text()) == {"size": size}
 
 
-def test_conditions_of_which_there_are_none_are_not_met(targets):
+def test_missing_conditions_are_not_met(targets):
     assert not targets.all_of("tests", []).met
     assert targets.all_of("tests", [True, True]).met

@@ -17,7 +17,7 @@ sys.stdin.read()
 """
 
 
-def test_processes_and_their_parts_never_have_the_same_domain():
+def test_domains_in_all_processes_are_distinct():
     command = [sys.executable, "-c", OTHER]
     root = Path(__file__).parents[2]
     others = [
@@ -41,7 +41,7 @@ def test_processes_and_their_parts_never_have_the_same_domain():
         other.communicate()
 
 
-def test_domain_stays_with_a_process_that_outlives_the_one_that_took_it():
+def test_domain_stays_locked_by_a_process_that_outlives_its_parent():
     with closing(Domain()) as own:
         orphan = subprocess.Popen(
             [sys.executable, "-c", "input()"], stdin=subprocess.PIPE, pass_fds=[own.descriptor]

@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("ema_*", "ros2_ws/src/*", "tools", "benchmarks")
 
 
-def test_no_call_leaves_the_encoding_of_text_open():
+def test_every_call_specifies_the_encoding_of_text():
     files = [file for folder in FOLDERS for file in ROOT.glob(f"{folder}/**/*.py")]
     assert len(files) > 300
     found = [
@@ -38,5 +38,5 @@ def test_no_call_leaves_the_encoding_of_text_open():
         ("subprocess.run(words)", False),
     ],
 )
-def test_calls_are_separated(line, is_open):
+def test_calls_of_text_and_binary_files_are_distinguished(line, is_open):
     assert bool(list(calls_without_encoding(line))) == is_open

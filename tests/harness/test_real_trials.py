@@ -11,7 +11,7 @@ from ..benchmarks import benchmark
 STATES = ("normal", "backlash1", "spalling1")
 
 
-def test_trials_are_compared_with_others_and_faulty_trials_once_by_each_number_of_days():
+def test_healthy_trials_are_compared_with_others_and_faulty_trials_once_per_number_of_days():
     real = benchmark("real")
     trials = [real.Trial(s, load, n) for s in STATES for load in real.LOADS for n in real.TRIALS]
     found = real.comparisons(trials)
@@ -43,7 +43,7 @@ def test_tables_replace_those_with_the_same_headings():
         document.rewritten(text, [document.table(["d"], [])])
 
 
-def test_document_has_the_tables_that_are_written():
+def test_documentation_has_the_tables_that_the_script_writes():
     document, real = benchmark("real_document"), benchmark("real")
     friction = {"judgement": "unchanged", "smallest_change": 0.1}
     trial = {"verdict": "valid", "quantities": {"friction": friction}, "states": {"healthy": 1.0}}

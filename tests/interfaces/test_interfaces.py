@@ -37,7 +37,7 @@ def test_every_field_has_a_comment_above_it_that_ends_with_its_unit(path: Path):
     assert [line for line in comments if re.search(r"# \[[^,\]]+\]$|\[[^,\]]+\] *\S", line)] == []
 
 
-def test_what_is_not_set_is_healthy_and_no_valid_result():
+def test_unset_messages_are_healthy_and_no_valid_result():
     healthy = FaultVector()
     assert (healthy.gain, healthy.eccentricity_phase, healthy.friction) == (0.5, 0.5, 0.0)
     assert SetSimulatedFaults.Request().faults == healthy
@@ -49,14 +49,14 @@ def test_what_is_not_set_is_healthy_and_no_valid_result():
     assert [getattr(Health, f"SEVERITY_{name}") for name in grades] == [0, 1, 2, 3, 4]
 
 
-def test_command_that_is_not_set_is_the_default_command():
+def test_unset_command_is_the_default_command():
     request, default = SetCommand.Request(), Command()
     for field in fields(Command):
         if field.name != "samples":
             assert getattr(request, field.name) == getattr(default, field.name), field.name
 
 
-def test_observability_bits_follow_the_fault_vector():
+def test_observability_bits_follow_the_order_of_the_fault_vector():
     names = list(FaultVector.get_fields_and_field_types())
     assert [getattr(FaultEstimate, name.upper()) for name in names] == [
         1 << i for i in range(N_FAULTS)

@@ -34,7 +34,7 @@ def changed(runs, table, **columns):
     return runs
 
 
-def test_the_thesis_side_is_that_of_its_particle_swarm_runs():
+def test_the_thesis_errors_come_from_its_particle_swarm_runs():
     row = side(pd.DataFrame(), "friction high", PRINTED)
 
     assert (row["component"], row["true value"], row["runs"]) == ("k1", 0.75, 10)
@@ -43,7 +43,7 @@ def test_the_thesis_side_is_that_of_its_particle_swarm_runs():
     assert 0.736 < row["mean estimate"] < 0.739
 
 
-def test_the_multiple_fault_is_that_of_the_study_of_precision(runs):
+def test_the_multiple_fault_comes_from_the_study_of_precision(runs):
     spoiled = changed(runs, 56, error_percent=1e3)
 
     thesis, ours = (side(spoiled, "multiple", source) for source in (PRINTED, THESIS_MODEL))

@@ -26,7 +26,7 @@ from .synthetic_runs import synthetic_runs
         (61, {56, 57}, 36),
     ],
 )
-def test_a_table_needs_its_runs_alone(number, tables, count):
+def test_table_needs_only_its_own_runs(number, tables, count):
     jobs = jobs_of(number, "fast", 3)
     assert {job.table for job in jobs} == tables
     assert len(jobs) == count
@@ -42,7 +42,7 @@ def test_overviews_need_all_single_faults_of_the_comparison(number):
 
 @pytest.mark.long
 @pytest.mark.parametrize("number", NUMBERS)
-def test_a_table_of_its_own_runs_equals_that_of_the_whole_study(number):
+def test_table_of_its_own_runs_equals_the_table_of_the_whole_study(number):
     runs = synthetic_runs("fast", 2)
     keys = {(job.table, job.algorithm, job.run) for job in jobs_of(number, "fast", 2)}
     chosen = runs[
@@ -52,7 +52,7 @@ def test_a_table_of_its_own_runs_equals_that_of_the_whole_study(number):
     pd.testing.assert_frame_equal(alone.frame, whole.frame)
 
 
-def test_every_table_has_a_title_and_stands_in_the_list():
+def test_every_table_has_a_title_and_is_listed():
     assert (NUMBERS[0], NUMBERS[-1]) == (8, 61)
     assert title_of(24) == "Backlash high, GA"
     listed = [int(number) for numbers, _ in in_words() for number in numbers.split(" to ")]
@@ -73,7 +73,7 @@ def test_unknown_model_is_refused():
         api.table(24, model="slow")
 
 
-def test_python_repeats_a_table_with_the_runs_of_the_command():
+def test_python_call_repeats_a_table_with_the_runs_of_the_command():
     table = api.table(21, runs=1)
     [job] = jobs_of(21, "fast", 1)
     expected = as_frame([run_job(job)]).iloc[0]
@@ -84,7 +84,7 @@ def test_python_repeats_a_table_with_the_runs_of_the_command():
     assert printed.loc["mean as printed", "error [%]"] == 0.29
 
 
-def test_document_names_each_table():
+def test_documentation_names_each_table():
     text = (Path(__file__).parents[2] / "docs" / "study.md").read_text(encoding="utf-8")
     for numbers, title in in_words():
         assert f"| {numbers} | {title} |" in text

@@ -77,7 +77,7 @@ def test_all_500_printed_errors_weigh_the_phase_by_the_square_of_the_estimated_k
     assert reproduced(runs, 0.7474)[0] == 490
 
 
-def test_our_error_is_that_of_the_printed_runs_but_for_the_wrap(runs):
+def test_errors_of_the_study_equal_the_printed_ones_except_for_phase_wraps(runs):
     estimates, truths = runs[K].to_numpy(float), runs[TRUE_K].to_numpy(float)
     ours = np.array([estimation_error(*pair) for pair in zip(estimates, truths, strict=True)])
     not_wrapped = np.abs(estimates[:, 6] - truths[:, 6]) <= 0.5
@@ -87,7 +87,7 @@ def test_our_error_is_that_of_the_printed_runs_but_for_the_wrap(runs):
     assert not_wrapped.sum() > 400
 
 
-def test_eq_4_24_makes_the_true_eccentricity_cost_more_than_none(page):
+def test_eq_4_24_gives_the_true_eccentricity_a_higher_cost_than_none(page):
     for level in ("low", "high"):
         _, _, truth, healthy = problem("thesis", f"eccentricity {level}")
         of_pair = problem("fast", f"eccentricity {level}").cost_at_truth
@@ -106,7 +106,7 @@ def test_true_faults_cost_more_than_the_printed_threshold(page):
     assert f"cost {min(costs):.4f} to {max(costs):.4f} A^2.s, above 1e-3 in 9 of 9" in page
 
 
-def test_table_61_mixes_the_times_of_one_study_with_the_errors_of_another(runs, page):
+def test_table_61_multiplies_times_of_one_study_by_errors_of_another(runs, page):
     printed = printed_table("table_61")["RC"].dropna()
     mixed = multiple_fault_reliability(runs, 56, 57)["RC"].dropna()
     # Printed from means with two decimals, the smallest of which is 0.6 %: products are off by up
@@ -119,7 +119,7 @@ def test_table_61_mixes_the_times_of_one_study_with_the_errors_of_another(runs, 
         assert f"table {table} alone: {row}" in page
 
 
-def test_table_60_follows_from_the_printed_58_and_59(page):
+def test_table_60_follows_from_the_printed_tables_58_and_59(page):
     printed = printed_table("table_60")
     follows = reliability_of_overviews(printed_table("table_59"), printed_table("table_58"))
     worst = np.nanmax(((follows - printed).abs() / printed).to_numpy())

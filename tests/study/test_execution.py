@@ -23,7 +23,7 @@ def serial():
 
 
 @pytest.mark.long
-def test_processes_find_what_a_single_one_does(serial):
+def test_processes_give_the_same_results_as_a_single_one(serial):
     with Workers("processes", 2) as workers:
         assert results(execute(JOBS, workers)) == serial
 

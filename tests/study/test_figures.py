@@ -84,7 +84,7 @@ def test_bars_are_the_means_over_runs(everything, quantity):
             np.testing.assert_allclose(bars(axes, **STYLES[source]), expected)
 
 
-def test_convergence_shows_runs_medians_and_the_band_up_to_the_threshold(ours):
+def test_convergence_plot_shows_runs_medians_and_the_band_up_to_the_threshold(ours):
     figure = draw_convergence(ours, "fast")
     figure.savefig(io.BytesIO(), dpi=20)
     axes = panel(figure, "friction, high")
@@ -99,7 +99,7 @@ def test_convergence_shows_runs_medians_and_the_band_up_to_the_threshold(ours):
     np.testing.assert_allclose(ys(drawn[-1]), median_course(mine))
 
 
-def test_comparisons_show_two_monitors_and_what_they_miss():
+def test_comparison_plots_show_two_monitors_and_their_deviations():
     figure = draw_currents({"gain": chirp_currents("gain")})
     upper, lower = figure.axes
     assert (len(upper.lines), len(lower.lines)) == (3, 2)

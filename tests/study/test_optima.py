@@ -14,7 +14,7 @@ pytestmark = pytest.mark.long
 
 @pytest.mark.parametrize("case", ["friction high", "eccentricity low", "multiple"])
 @pytest.mark.parametrize("variant", [VARIANTS[0], VARIANTS[-1]], ids=lambda one: one.model)
-def test_optimum_costs_what_the_study_states_and_less_than_the_truth(variant, case):
+def test_optimum_has_the_cost_in_the_study_and_less_than_the_truth(variant, case):
     objective, _, at_truth, _ = problem(variant.model, case)
     found = optimum(variant, case)
     [residuals] = objective.residuals(objective.encode(found.faults)[None])
@@ -23,7 +23,7 @@ def test_optimum_costs_what_the_study_states_and_less_than_the_truth(variant, ca
     assert found.cost < at_truth
 
 
-def test_torque_constant_makes_the_bias_of_backlash():
+def test_torque_constant_causes_the_bias_of_backlash():
     before, after = (optimum(variant, "backlash high") for variant in VARIANTS[:2])
     truth = CASES["backlash high"].truth[1]
     p = ActuatorDescription().parameters
@@ -35,7 +35,7 @@ def test_torque_constant_makes_the_bias_of_backlash():
 
 
 @pytest.mark.parametrize("level", ["low", "high"])
-def test_eccentricity_is_found_by_the_driven_pair_and_not_by_eq_4_24(level):
+def test_eccentricity_is_identified_with_the_driven_pair_and_not_with_eq_4_24(level):
     case = f"eccentricity {level}"
     errors = [optimum(variant, case).error_percent for variant in VARIANTS]
     assert max(errors[2:]) < 1.0 < 10.0 < min(errors[:2])

@@ -21,7 +21,7 @@ def test_jobs_have_distinct_keys_and_registered_algorithms():
     assert {job.algorithm for job in jobs} <= set(ALGORITHMS)
 
 
-def test_budget_holds_the_start_which_only_gwo_counts_as_a_generation():
+def test_budget_includes_the_initial_population_which_only_gwo_counts_as_a_generation():
     """Appendix B evaluates the first pack within the first iteration, appendix A before it."""
     budgets = {job.algorithm: job.budget for job in plan("fast", 1) if job.table in (12, 13, 14)}
     assert budgets == {

@@ -17,7 +17,7 @@ from ema_study.printed import (
 )
 
 
-def test_there_are_ten_runs_of_each_algorithm_in_each_table():
+def test_each_table_has_ten_runs_of_each_algorithm():
     runs = printed_runs()
 
     assert len(runs) == 500
@@ -28,7 +28,7 @@ def test_there_are_ten_runs_of_each_algorithm_in_each_table():
 
 
 @pytest.mark.parametrize(("table", "half_a_digit"), [(58, 0.0005), (59, 0.5)])
-def test_overviews_have_the_totals_and_deviations_of_their_rows(table, half_a_digit):
+def test_overviews_agree_with_totals_and_deviations_of_their_rows(table, half_a_digit):
     # Totals come from unrounded cells, so they may be off by twice half a digit. A deviation of
     # five values changes by at most 1.12 times the largest change of a value.
     printed = printed_table(f"table_{table}")
@@ -44,7 +44,7 @@ def test_overviews_have_the_totals_and_deviations_of_their_rows(table, half_a_di
     np.testing.assert_allclose(last, faults.mean(), rtol=0, atol=tolerance)
 
 
-def test_reliability_coefficients_share_three_times_hundred_percent():
+def test_reliability_coefficients_add_up_to_300_percent():
     single = printed_table("table_60").drop(index=SUM).xs("RC", axis=1, level=1)
     multiple = printed_table("table_61").drop(index=SUM)["RC"]
 

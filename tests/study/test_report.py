@@ -57,7 +57,7 @@ def page(written):
     return Page(written)
 
 
-def test_page_needs_nothing_next_to_it(written, page):
+def test_page_has_no_external_references(written, page):
     assert not {"script", "link", "iframe", "object"} & set(page.printed)
     assert {link.removeprefix("#") for link in page.values("href")} <= {*page.values("id")}
     assert page.values("src")
@@ -68,7 +68,7 @@ def test_page_needs_nothing_next_to_it(written, page):
     assert written.stat().st_size < 15e6
 
 
-def test_every_section_is_there_and_in_the_contents(page):
+def test_every_section_is_present_and_in_the_contents(page):
     titles = page.printed["h2"]
     anchors = [value for tag, name, value in page.attributes if (tag, name) == ("h2", "id")]
     assert len(titles) == 10
@@ -87,7 +87,7 @@ def test_every_section_is_there_and_in_the_contents(page):
     ],
     ids=["none", "three", "demonstrations alone"],
 )
-def test_report_copes_with_what_is_missing_and_states_so(tmp_path, runs):
+def test_report_without_some_results_states_what_is_missing(tmp_path, runs):
     page = Page(write_report(tmp_path, runs, None, {}))
     assert len(page.printed["h2"]) == 10
     assert "Not measured" in page.words
@@ -96,7 +96,7 @@ def test_report_copes_with_what_is_missing_and_states_so(tmp_path, runs):
     assert not {"nan", "None", "NaN"} & set(page.words.split())
 
 
-def test_figures_have_four_digits_and_what_is_missing_an_empty_cell():
+def test_numbers_have_four_digits_and_missing_ones_an_empty_cell():
     row = [0.0041, 394.4444, 200.0, np.True_, np.int64(10), None, math.nan]
     html = html_table(pd.DataFrame([row], columns=list("abcdefg")))
     for cell in ("0.0041", "394.4", "200", "True", "10", ""):

@@ -33,7 +33,7 @@ def rise_time(response):
     return SAMPLE_PERIOD * np.argmax(response.speed >= reached) - COMMANDS["step"].start_time
 
 
-def test_steady_speed_under_step_balances_voltage_and_friction():
+def test_steady_speed_after_a_step_balances_voltage_and_friction():
     # The whole voltage drives a pair of phases: V = k_e w + R I with k_t I = f_d + C w.
     p = ActuatorParameters()
     mechanics = constants(p).mechanics
@@ -44,7 +44,7 @@ def test_steady_speed_under_step_balances_voltage_and_friction():
         assert 0.96 * expected < steady(response.speed).mean() < expected
 
 
-def test_backlash_shifts_the_position_by_half_its_growth_and_nothing_else():
+def test_backlash_shifts_the_position_by_half_its_growth_and_changes_nothing_else():
     p = ActuatorParameters()
     healthy, *others = _step("backlash")
     _, *severities = SEVERITIES["backlash"].values()
@@ -63,7 +63,7 @@ def test_gain_has_no_effect_while_the_controller_is_saturated():
         np.testing.assert_array_equal(response.current, first.current)
 
 
-def test_turns_that_are_bypassed_raise_the_steady_speed():
+def test_short_circuited_turns_raise_the_steady_speed():
     # Fewer turns have less back-EMF.
     speeds = [steady(response.speed).mean() for response in _step("short_circuit")]
     assert np.all(np.diff(speeds) > 0.0)

@@ -28,13 +28,13 @@ def fields(result):
     return {k: v for k, v in result.__dict__.items() if k != "time_s"}
 
 
-def test_same_job_makes_the_same_run():
+def test_same_job_gives_the_same_run():
     assert fields(run_job(SHORT)) == fields(run_job(SHORT))
     assert run_job(replace(SHORT, run=2)).estimate != run_job(SHORT).estimate
 
 
 @pytest.mark.parametrize("algorithm", ["ga", "pso", "de", "gwo", "de_thesis", "gwo_thesis"])
-def test_no_algorithm_passes_its_generations(algorithm):
+def test_no_algorithm_exceeds_its_generations(algorithm):
     result = run_job(replace(SHORT, algorithm=algorithm))
     assert result.generations == 8
     # The thesis's grey wolves count the initial pack as a generation; the other algorithms do not.
@@ -64,7 +64,7 @@ def test_calibration_makes_the_healthy_cost_zero(model):
     assert np.max(np.abs(expected - measured)) < 1e-9
 
 
-def test_thesis_model_finds_the_thesis_bias_of_large_friction():
+def test_thesis_model_reproduces_the_bias_of_large_friction_in_the_thesis():
     """The thesis's PSO found 0.736 to 0.739 for 0.75; the lowest cost is near that value."""
     objective, truth, floor, _ = problem("thesis", "friction high")
     k = np.tile(truth, (16, 1))

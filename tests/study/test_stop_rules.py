@@ -18,13 +18,13 @@ def test_tables_9_and_10_use_all_generations():
 
 
 @pytest.mark.parametrize("algorithm", ["ga", "pso", "de", "gwo"])
-def test_speed_study_stops_by_the_threshold_at_once_regardless_of_the_algorithm(algorithm):
+def test_speed_study_stops_at_the_threshold_with_any_algorithm(algorithm):
     rule = stop_rule("floor_corrected", algorithm, "fast_stop", 1, FLOOR)
     assert rule.threshold == 1e-3 + FLOOR
     assert stops_at(rule, [1.0, 2e-2, 9e-3, 1e-4]) == 2
 
 
-def test_threshold_and_stall_waits_for_both_and_for_20_generations():
+def test_threshold_and_stall_requires_both_and_20_generations():
     falling = [10.0 ** -(n / 4.0) for n in range(40)]
     still = falling + [falling[-1]] * 3
     rule = stop_rule("printed", "de", "low", 1, FLOOR)
@@ -35,7 +35,7 @@ def test_threshold_and_stall_waits_for_both_and_for_20_generations():
 
 @pytest.mark.parametrize("scale", [1.0, 1e-6])
 @pytest.mark.parametrize(("algorithm", "generations"), [("ga", 50), ("pso", 20)])
-def test_matlab_stalls_over_its_own_number_of_generations(algorithm, generations, scale):
+def test_matlab_stall_uses_its_own_number_of_generations(algorithm, generations, scale):
     rule = stop_rule("floor_corrected", algorithm, "low", 7, FLOOR)
     assert stops_at(rule, [scale, *[0.5 * scale] * 100]) == generations + 1
     # A relative decrease of 4e-9 in total: below 1e-9 per generation, but above 1e-9 in all.
@@ -43,7 +43,7 @@ def test_matlab_stalls_over_its_own_number_of_generations(algorithm, generations
     assert stops_at(rule, creeping) == (generations + 1 if algorithm == "ga" else None)
 
 
-def test_unchanged_wants_the_same_best_for_10_generations():
+def test_unchanged_requires_the_same_best_for_10_generations():
     costs = [3.0, 2.0, *[1.0] * 10, 0.9, *[0.8] * 11]
     rule = stop_rule("unchanged", "ga", "stall_stop", 1, FLOOR)
     assert stops_at(rule, costs) == 23

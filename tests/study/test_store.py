@@ -33,14 +33,14 @@ def reopened(folder):
         return store
 
 
-def test_runs_come_back_as_they_were(tmp_path, results):
+def test_runs_are_read_as_written(tmp_path, results):
     fill(tmp_path, results[:2])
     again = reopened(tmp_path)
     assert again.results == results[:2]
     assert again.missing(JOBS) == JOBS[2:]
 
 
-def test_cut_line_is_dropped_and_run_again(tmp_path, results):
+def test_truncated_line_is_dropped_and_run_again(tmp_path, results):
     fill(tmp_path, results[:2])
     path = tmp_path / "runs.jsonl"
     path.write_bytes(path.read_bytes()[:-40])
@@ -67,13 +67,13 @@ def test_damaged_line_is_named(tmp_path, results, line):
     assert reopened(tmp_path).results == results[:1]
 
 
-def test_folder_is_for_one_study_at_a_time(tmp_path):
+def test_folder_belongs_to_one_study_at_a_time(tmp_path):
     with RunStore(tmp_path), pytest.raises(ValueError, match="is in use by another process"):
         RunStore(tmp_path)
     reopened(tmp_path)
 
 
-def test_runs_of_other_numerics_are_refused(tmp_path, results, monkeypatch):
+def test_runs_with_different_numerics_are_refused(tmp_path, results, monkeypatch):
     fill(tmp_path, results[:1])
     monkeypatch.setattr(store_module, "numerics_version", lambda: "another")
     with pytest.raises(

@@ -32,7 +32,7 @@ def sources_of(table):
     return list(table.frame.columns.unique("source"))
 
 
-def test_printed_runs_stand_next_to_ours(tables):
+def test_printed_runs_are_next_to_those_of_the_study(tables):
     frame = tables[12].frame
 
     assert sources_of(tables[12]) == [PRINTED, THESIS_MODEL, FAST_MODEL]
@@ -42,7 +42,7 @@ def test_printed_runs_stand_next_to_ours(tables):
     assert np.isnan(frame.loc["4", (FAST_MODEL, "error [%]")])
 
 
-def test_the_thesis_code_stands_under_the_algorithm_that_it_means(tables, runs):
+def test_code_of_the_thesis_is_listed_under_its_algorithm(tables, runs):
     own = with_own_code(FAST_MODEL)
     of_table = runs[(runs["table"] == 13) & (runs["model"] == "fast")]
     errors = of_table[of_table["algorithm"] == "de_thesis"].set_index("run")["error_percent"]
@@ -57,7 +57,7 @@ def test_the_thesis_code_stands_under_the_algorithm_that_it_means(tables, runs):
     ]
 
 
-def test_runs_under_the_printed_rule_stay_out(runs):
+def test_runs_with_the_printed_rule_are_excluded(runs):
     printed_rule = runs["rule"] == "printed"
     spoiled = runs.assign(error_percent=runs["error_percent"].where(~printed_rule, 1e6))
 
