@@ -6,5 +6,5 @@ import pytest
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    """Where a recording of one file is written."""
+    """Return the path for a recording in one file."""
     return tmp_path / "flight.mcap"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recorded messages as ROS itself decodes them, to compare with those that were sent."""
+"""Recorded messages as decoded by ROS, to compare with the messages sent."""
 
 import importlib
 from collections.abc import Iterable

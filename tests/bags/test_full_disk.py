@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is recorded while the disk is full or fails, or somebody removes the bag."""
+"""Recording while the disk is full or fails, or while another program removes the bag."""
 
 import errno
 import itertools
@@ -24,7 +24,7 @@ QOS = QoSProfile(depth=10)
 
 
 class Disk:
-    """A disk with so much room, on which every write may be torn."""
+    """A disk with limited room, which may break off every write."""
 
     def __init__(self) -> None:
         self.room: float = float("inf")
@@ -138,7 +138,7 @@ def test_short_lack_of_room_loses_nothing(disk: Disk, tmp_path: Path):
 
 
 def test_next_file_waits_for_room(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Split while nothing can be made or closed: this file goes on, and no message is lost."""
+    """A split is due while no file can be created or closed: recording stays in this file."""
     monkeypatch.setattr(writer, "_MOST_WAITING", 10**6)
     with BagWriter(
         tmp_path / "flight", flush_s=0.02, max_duration_s=0.1, waits_for_room=True

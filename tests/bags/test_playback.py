@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages are played at their times, and what is latched at a time is found."""
+"""Messages are played at their recorded times, and the latest latched messages are known."""
 
 import threading
 from pathlib import Path
@@ -30,7 +30,7 @@ def recorded(count: int) -> list[Recorded]:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> SimulatedTime:
-    """Time as the playback has it."""
+    """Return the simulated time that the playback uses."""
     clock = SimulatedTime()
     monkeypatch.setattr(playback, "time", clock)
     return clock
@@ -51,7 +51,7 @@ def test_messages_come_at_their_times(clock: SimulatedTime, rate: float):
     assert [log_time_ns for log_time_ns, _ in published] == [
         START_NS + number * STEP_NS for number in range(50)
     ]
-    # Added and subtracted again, times of 100 s are exact to some 1e-14 s.
+    # Adding and subtracting times of 100 s has rounding errors of about 1e-14 s.
     assert [at - begin_s for _, at in published] == pytest.approx(
         [number * 0.01 / rate for number in range(50)], abs=1e-12
     )
@@ -64,7 +64,9 @@ def test_delays_do_not_add_up(clock: SimulatedTime):
         clock.now_s += 0.005
 
     assert Playback(recorded(51), 1.0, 0.01, publish, lambda _: None).run(clock)
-    assert clock.now_s - begin_s == pytest.approx(0.505, abs=1e-9)  # 0.755 s if they did
+    assert clock.now_s - begin_s == pytest.approx(
+        0.505, abs=1e-9
+    )  # The total would be 0.755 s if delays accumulated.
 
 
 def test_clock_continues_between_messages_and_never_past_the_next(clock: SimulatedTime):
@@ -81,7 +83,7 @@ def test_clock_continues_between_messages_and_never_past_the_next(clock: Simulat
     assert times == sorted(times)
     assert (times[0], times[-1]) == (0, 40 * STEP_NS)
     assert events[-1][0] == "tick"
-    # One at each 10 ms, and one at the end.
+    # One every 10 ms, and one at the end.
     assert len([at for kind, at in events if kind == "tick"]) in (41, 42)
 
 
@@ -93,7 +95,7 @@ def test_recorded_time_stands_still_while_nothing_is_played(clock: SimulatedTime
     clock.monotonic = stopped.monotonic
     assert not played.run(stopped)
     assert played.played == 1
-    # It is 0.09 s behind what was played then, and an hour passes.
+    # The clock is 0.09 s behind the last played message, and an hour passes.
     reached_s = (played.reached_ns - START_NS) / 1e9
     assert 0.0 < reached_s <= 0.1
     clock.monotonic = lambda: clock.now_s

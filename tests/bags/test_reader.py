@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording is read in order and as far as it is intact, and never as what it is not."""
+"""A recording is read in order up to its damage, and damaged data never become messages."""
 
 import random
 import re
@@ -55,7 +55,7 @@ def record_by_us(path: Path, first: int = 0) -> Written:
 
 @contextmanager
 def mcap_writer(path: Path, **settings) -> Iterator[Writer]:
-    """The library itself, with settings of which rosbag2 has some as its presets."""
+    """Open a writer of the mcap library, with settings that rosbag2 offers as presets."""
     with path.open("wb") as file:
         writer = Writer(file, **settings)
         writer.start(profile="ros2")
@@ -109,7 +109,7 @@ def test_whole_files_are_read_whole(recorder: str, path: Path):
     ]
 
 
-# Without its end a file has neither summary nor index.
+# Without its end, a file has neither summary nor index.
 @pytest.mark.parametrize("recorder", ["ours", "not compressed", "lz4", "no checksums", "no chunks"])
 def test_truncated_file_yields_what_is_before_the_cut(recorder: str, path: Path):
     written = RECORDERS[recorder](path)
@@ -165,7 +165,7 @@ def test_damaged_chunk_is_reported_with_what_is_lost(path: Path):
     assert "crc validation failed" in bag.damage
     assert f"topic /t0: {N // 2 - sum(item[0] == '/t0' for item in read)} of 50 " in bag.damage
     assert sum(bag.readable_counts().values()) == len(read)
-    # Read through, as without an index, the same is lost.
+    # The same messages are lost if the file is read sequentially, as without an index.
     path.write_bytes(damaged[:-1])
     again = Bag(path)
     assert "the chunk at byte" in again.damage
@@ -266,7 +266,7 @@ def test_message_that_is_none_is_skipped_counted_and_named(path: Path):
         writer.write("/t", Header(frame_id="before"), 6)
         writer.write_serialized("/t", b"\x00\x01\x00\x00\x01", 7)
         for number in range(50):
-            # Without a known byte order, none is a message.
+            # Without a known byte order, no message is valid.
             writer.write_serialized("/t", b"\xff" + rng.randbytes(number), 8 + number)
         writer.write("/t", Header(frame_id="after"), 100)
     bag = Bag(path)
@@ -278,7 +278,7 @@ def test_message_that_is_none_is_skipped_counted_and_named(path: Path):
 
 
 def test_lengths_beyond_64_bits_with_sign_are_damage(path: Path):
-    """Python's files refuse such an offset by an OverflowError."""
+    """Python's files refuse such an offset with an OverflowError."""
     record_by_mcap(path, compression=CompressionType.NONE)
     whole, offset, lengths = path.read_bytes(), 8, 0
     while offset < len(whole) - 8:
@@ -318,7 +318,7 @@ def test_what_is_not_a_recording_is_refused(tmp_path: Path):
 
 @pytest.fixture
 def split(tmp_path: Path) -> tuple[Path, Written]:
-    """A recording in two files, as rosbag2 splits them, and what is in it."""
+    """Return a recording in two files, as rosbag2 splits them, and its content."""
     folder = tmp_path / "flight"
     folder.mkdir()
     written = record_by_us(folder / "flight_0.mcap")
@@ -328,7 +328,7 @@ def split(tmp_path: Path) -> tuple[Path, Written]:
 
 
 def write_metadata(folder: Path, names: list[str], count: int, **changes: str) -> None:
-    """Write what the reader wants of rosbag2's metadata."""
+    """Write the parts of rosbag2's metadata that the reader needs."""
     information = {
         "version": 9,
         "storage_identifier": "mcap",
@@ -417,7 +417,7 @@ def test_gaps_are_reported_up_to_a_number(tmp_path: Path):
     with mcap_writer(path) as writer:
         for _ in range(13):
             writer.add_metadata(GAP, values)
-    for cut in (0, 1):  # read by the index, and through
+    for cut in (0, 1):  # read with the index, and sequentially
         path.write_bytes(path.read_bytes()[: -cut or None])
         gaps = [remark for remark in Bag(path).remarks if "gap" in remark]
         assert len(gaps) == 11
@@ -436,7 +436,7 @@ def test_topic_of_two_types_is_refused(path: Path):
 
 
 def by_file(files: list[Path], folder: Path, count: int) -> Path:
-    """Compress each of the MCAP files of a recording, as ``--compression-mode file`` does."""
+    """Compress each MCAP file of a recording, as ``--compression-mode file`` does."""
     folder.mkdir()
     names = []
     for number, source in enumerate(files):
@@ -478,7 +478,7 @@ def test_bags_compressed_by_rosbags_are_read(mode: CompressionMode, tmp_path: Pa
     written = [("/t", str(number), number) for number in range(50)]
     assert as_read(bag) == written
     assert bag.damage == ""
-    # The same is read where the metadata are lost.
+    # The content is the same without the metadata.
     (tmp_path / "flight" / METADATA_FILE).unlink()
     assert as_read(Bag(tmp_path / "flight")) == written
 
@@ -488,7 +488,7 @@ def test_truncated_compressed_file_yields_what_is_before_the_cut(tmp_path: Path)
     written = record_by_us(source)
     folder = by_file([source], tmp_path / "flight", N)
     path = folder / "flight_0.mcap.zstd"
-    # As zstd hands blocks out while it streams; rosbag2's are of 128 KiB.
+    # With blocks as in streaming zstd; the blocks of rosbag2 have 128 KiB.
     packer = zstandard.ZstdCompressor().compressobj()
     plain = source.read_bytes()
     parts = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Losses are counted by sequence numbers, and qualities of service are read back."""
+"""Lost messages are counted by sequence numbers, and qualities of service are read back."""
 
 import pytest
 from rclpy.duration import Duration
@@ -30,18 +30,19 @@ SEVERAL = ("ab", *OF_TWO)
 @pytest.mark.parametrize(
     ("events", "lost"),
     [
-        # Numbers count once the publisher is seen to be the same.
+        # Numbers count once the publisher is known to be the same.
         (("a", 7, 8, 11, None, 12), 0),
         (("a", 7, 8, 11, None, 12, "a"), 2),
         (("a", 7, 8, 11, None, 12, "a", "a"), 2),
-        # What it sent while it was out of reach is lost; another in its place has its own numbers.
+        # Messages sent while the publisher was unreachable are lost; a new publisher has its own
+        # numbers.
         (("a", 100, "", 1101, "a"), 1000),
         (("a", 100, "", 1101, "a", "", 5000, "b", "b"), 1000),
         (("a", 1, PAUSE, 1001, "a"), 0),
-        # A gap before the last message counts when the publisher has gone.
+        # A gap before the last message counts after the publisher has left.
         (("a", 1, 7, ""), 5),
         (("a", 1, 7, "", ""), 5),
-        # A second publisher that is not seen yet, several, and one that starts anew.
+        # A second, undiscovered publisher; several publishers; and a publisher that restarts.
         (
             ("a", 100, 1, 101, 2, *SEVERAL, *SEVERAL, "b", *SEVERAL, "", *OF_TWO, "a", "c", 1, "c"),
             0,
@@ -49,7 +50,7 @@ SEVERAL = ("ab", *OF_TWO)
     ],
 )
 def test_gaps_count_where_one_publisher_stays(events: tuple[str | int | None, ...], lost: int):
-    """Of publishers that are seen, one letter each, and sequence numbers."""
+    """Discovered publishers are given as letters, with the sequence numbers received."""
     gaps = SequenceGaps()
     for event in events:
         if event == PAUSE:
@@ -62,7 +63,7 @@ def test_gaps_count_where_one_publisher_stays(events: tuple[str | int | None, ..
 
 
 def received(gaps: SampleGaps, now_s: float, *indices: int, name: str = "flap") -> None:
-    """Count blocks of ten samples with these first indices."""
+    """Count blocks of ten samples with the given first indices."""
     for first_index in indices:
         block = TelemetryBlock(actuator_id=name, first_index=first_index, position=[0.0] * 10)
         gaps.count(bytes(serialize_message(block)), now_s)
@@ -95,7 +96,7 @@ def test_no_block_is_missing_after_a_pause_or_while_there_is_one_publisher():
 def test_recorded_qos_is_read_back(numbers: bool):
     for qos in (STREAM, LATCHED, BEST_EFFORT, ALIVE):
         text = offered_qos_profiles(qos)
-        if numbers:  # as recordings before Jazzy have it
+        if numbers:  # as in recordings before Jazzy
             text = text.replace("keep_last", "1").replace("automatic", "1")
             text = text.replace("reliable", "1").replace("best_effort", "2")
             text = text.replace("transient_local", "1").replace("volatile", "2")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Schemas, hashes and offered qualities of service are those of ROS 2; older ones are read."""
+"""Schemas, hashes and offered qualities of service equal those of ROS 2; older ones are read."""
 
 import re
 from pathlib import Path
@@ -56,7 +56,7 @@ SEPARATOR = "=" * 80
 
 @pytest.mark.parametrize("kind", TYPES, ids=type_name)
 def test_schema_states_what_is_hashed(kind: type):
-    # rosbags computes the hash from the text, so text and hash belong together.
+    # rosbags computes the hash from the text, so that text and hash belong together.
     name = type_name(kind)
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(schema_text(name), name))
@@ -171,9 +171,9 @@ DESCRIPTION = ActuatorDescription(actuator_id="old", serial_number="A-7", sample
 
 
 def older_text() -> str:
-    """The definition of version 0.1, without acquisition, drive and linear actuators."""
+    """Return the definition of version 0.1, without acquisition, drive and linear actuators."""
     own, separator, contained = schema_text(DESCRIPTION_TYPE).partition("\n====")
-    # Comments, constants and added fields; the old definition has only its fields.
+    # Without comments, constants and added fields.
     fields = [line for line in own.splitlines() if line and not line.startswith("#")]
     kept = [line for line in fields if line.split()[1] not in ADDED and "=" not in line]
     return "\n".join([*kept, ""]) + separator + contained
@@ -181,7 +181,7 @@ def older_text() -> str:
 
 @pytest.fixture
 def old_bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A description of the older type, and a block of telemetry."""
+    """Return a bag with a description of the older type and a block of telemetry."""
     store = typestore(DESCRIPTION_TYPE, older_text())
     older_hash = store.hash_rihs01(DESCRIPTION_TYPE)
     assert older_hash != type_hash(DESCRIPTION_TYPE)
@@ -221,7 +221,7 @@ def test_older_message_becomes_one_of_the_installed_type(old_bag: Path):
 
 
 def test_older_telemetry_has_no_payload():
-    """Before it had a payload, the definition ended with the speed."""
+    """Before the payload was added, the definition ended with the speed."""
     text = schema_text(TELEMETRY)
     own, separator, contained = text.partition("\n====")
     older = own.replace("float64[] payload\n", "") + separator + contained

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording of the seconds before something happened."""
+"""Recordings of the seconds before and after an event."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -31,7 +31,7 @@ LATCHING = (ActuatorDescription, Health)
 
 @pytest.fixture
 def record(tmp_path: Path) -> Iterator[Callable[..., BagRecorder]]:
-    """Begin a recording of a topic of each type, with these settings."""
+    """Return a function that begins a recording with given settings, with a topic per type."""
     with ExitStack() as opened:
 
         def begin(*kinds: type, **given: Any) -> BagRecorder:
@@ -48,7 +48,7 @@ def record(tmp_path: Path) -> Iterator[Callable[..., BagRecorder]]:
 
 
 def received(recording: BagRecorder, message: Any, time_ns: int = 0) -> str:
-    """Receive a message, and return why there should be a snapshot."""
+    """Receive a message, and return the reason for a snapshot, or ""."""
     data = serialize_message(message)
     return recording.receive(f"/{type(message).__name__}", data, time_ns, None)
 
@@ -124,7 +124,7 @@ def test_snapshot_has_the_time_after_the_change_as_well(record):
     received(recording, health(OK))
     assert received(recording, health(WARN), 4 * S) == ""
     assert received(recording, TelemetryBlock(first_index=1), 5 * S) == ""
-    # A further change postpones the snapshot, which has both.
+    # A further change postpones the snapshot, which then contains both.
     assert received(recording, health(ERROR), 6 * S) == ""
     assert received(recording, TelemetryBlock(first_index=2), 8 * S) == ""
     reason = received(recording, TelemetryBlock(first_index=3), 9 * S)
@@ -139,7 +139,7 @@ def test_level_that_flickers_does_not_prevent_a_snapshot(record):
         for time_s in range(20)
         if received(recording, health((OK, WARN)[time_s // 2 % 2]), time_s * S)
     ]
-    # The first change is at 2 s; the snapshot has the time before it as well.
+    # The first change is at 2 s; the snapshot includes the time before it.
     assert written[0] == (10, written[0][1])
     assert written[0][1].startswith("11 messages (10.000 s) written to ")
 
@@ -177,7 +177,7 @@ def test_oldest_snapshots_are_deleted_beyond_the_size_of_all(record, tmp_path: P
         received(recording, TelemetryBlock(position=position), (10 * number + 1) * S)
         if received(recording, health(level), (10 * number + 1) * S):
             recording.write_snapshot()
-        # The current file is no part of the limit until the next one begins.
+        # The current file counts towards the limit only when the next one begins.
         assert sum(path.stat().st_size for path in folder.glob("*.mcap")) < 200_000
     recording.bag.close()
     names = sorted(path.name for path in folder.glob("*.mcap"))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Telemetry in a recording: by its type and actuator, and with what the simulator adds to it."""
+"""Telemetry in a recording, by type and actuator, with the data that the simulator adds."""
 
 import array
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ def blocks(first_index: int = 0) -> list[Telemetry]:
 
 
 def record(path: Path, *streams: tuple[str, str, list[Telemetry]], descriptions=()) -> Bag:
-    """Record blocks of telemetry by topic and actuator, and descriptions."""
+    """Record descriptions, and blocks of telemetry by topic and actuator."""
     with BagWriter(path) as writer:
         writer.add_topic("/remarks", String, QOS)
         writer.add_topic("/description", DescriptionMessage, QOS)
@@ -189,7 +189,7 @@ def test_impossible_description_is_skipped_and_named_with_its_place(tmp_path: Pa
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """Two cycles of 30 ms with other faults, and what was written."""
+    """Return two cycles of 30 ms with different faults, and the recorded data."""
     description = replace(ActuatorDescription(), serial_number="SN-3")
     actuator = SimulatedActuator(description.parameters)
     path = tmp_path_factory.mktemp("bag") / "two.mcap"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is recorded is what other readers of rosbag2's recordings read, whatever ends the writer."""
+"""Recordings are readable by other readers of rosbag2 files, even if the writer is killed."""
 
 import array
 import inspect
@@ -57,7 +57,7 @@ def health(number: int) -> Health:
 
 
 def record(path: Path, blocks: int = 60, **settings) -> Written:
-    """Record blocks and now and then a health message; what was written."""
+    """Record blocks and occasional health messages; return the written messages."""
     written = []
     with BagWriter(path, **settings) as writer:
         writer.add_topic("/ema/telemetry", TelemetryBlock, QOS)
@@ -299,11 +299,11 @@ def test_killed_writer_leaves_what_it_wrote_out(path: Path):
     def messages() -> int:
         try:
             return len(list(Bag(path).messages()))
-        except (OSError, ValueError):  # nothing is there yet
+        except (OSError, ValueError):  # no file so far
             return 0
 
     with started([sys.executable, "-c", KILLED, str(path)]) as process:
-        # They are written out by time: a few hundred messages do not fill a chunk.
+        # Writing is triggered by time: a few hundred messages do not fill a chunk.
         before = wait_for(messages, "messages on disk")
     assert process.returncode == -signal.SIGKILL
     bag = Bag(path)
@@ -319,9 +319,9 @@ KINDS = [kind for _, kind in inspect.getmembers(ema_interfaces.msg, inspect.iscl
 
 
 def record_numbered(path: Path, **settings) -> BagWriter:
-    """Write numbered telemetry of a second, with descriptions and usage of two actuators."""
+    """Write numbered telemetry of one second, with descriptions and usage of two actuators."""
     with ExitStack() as stack:
-        # Chunks end by size alone, whatever the time that this takes.
+        # Chunks end only by size, so that the result does not depend on timing.
         settings = {"chunk_bytes": 2000, "flush_s": 1000.0} | settings
         writer = stack.enter_context(BagWriter(path, **settings))
         fill(writer)
@@ -382,7 +382,7 @@ def test_each_file_begins_with_how_things_stand(tmp_path: Path, settings: dict):
             range(seen, seen + len(blocks))
         )
         if number < len(files) - 1 and "max_bytes" in settings:
-            # A chunk, the definitions of the messages and the index are beyond it.
+            # A chunk, the message definitions and the index come in addition.
             assert 30_000 <= path.stat().st_size < 46_000
         seen += len(blocks)
     assert seen == N
@@ -429,7 +429,7 @@ def test_one_file_cannot_be_split(tmp_path: Path):
 
 
 def test_messages_end_where_their_content_ends(tmp_path: Path):
-    # Their sequences are empty, behind which ROS leaves reserved bytes.
+    # Their sequences are empty, after which ROS leaves reserved bytes.
     path = tmp_path / "flight.mcap"
     with BagWriter(path) as writer:
         for kind in KINDS:
@@ -439,7 +439,7 @@ def test_messages_end_where_their_content_ends(tmp_path: Path):
         for connection, _, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
             again = reader.typestore.serialize_cdr(message, connection.msgtype)
-            # Paddings within are not initialised.
+            # Padding within messages is not initialised.
             assert len(again) == len(data), connection.msgtype
     with path.open("rb") as file:
         decoded = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages()

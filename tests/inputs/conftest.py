@@ -28,13 +28,13 @@ def described(rate_hz: int) -> ActuatorDescription:
 
 @pytest.fixture
 def telemetry() -> Telemetry:
-    """A test cycle at 1 kHz."""
+    """Return a test cycle at 1 kHz."""
     return cycle(1000)
 
 
 @pytest.fixture
 def mapped() -> Callable[..., ColumnMapping]:
-    """Mapping of columns in SI units, with sections changed, or left out where None."""
+    """Return a function that makes a mapping in SI units; a section set to None is left out."""
 
     def make(**sections: Any) -> ColumnMapping:
         content = {**COLUMNS, **sections}
@@ -45,7 +45,7 @@ def mapped() -> Callable[..., ColumnMapping]:
 
 @pytest.fixture
 def columns(telemetry: Telemetry) -> dict[str, NDArray[np.float64]]:
-    """Columns of that cycle."""
+    """Return the columns of ``telemetry`` by name."""
     return {
         "command": telemetry.command,
         "current": telemetry.current,

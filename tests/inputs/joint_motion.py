@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of a joint whose controller is unknown: moves to and fro with rests, in SI columns."""
+"""Motion of a joint with an unknown controller: back and forth with rests, in SI columns."""
 
 from typing import Any
 
@@ -26,14 +26,17 @@ def joint(rate_hz: float = 200.0) -> ActuatorDescription:
 def moves(
     seconds: float = 12.0, rate_hz: float = 200.0, travel: float = 0.5, seed: int = 0
 ) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.int64]]:
-    """Return columns and stamps: a position that lags 30 ms behind, friction, inertia, gravity."""
+    """Return columns and stamps.
+
+    The position lags the command by 30 ms; the effort has friction, inertia and gravity.
+    """
     h = 1.0 / rate_hz
     n = round(seconds * rate_hz)
     times: NDArray[np.float64] = h * np.arange(1.0, n + 1.0)
     rng = np.random.default_rng(seed)
 
     def angle(at: NDArray[Any]) -> NDArray[np.float64]:
-        # 1.2 s a cycle: half a cycle of motion each way, between rests at both ends.
+        # A cycle lasts 1.2 s: half a cycle of motion in each direction, with rests at both ends.
         phase = (np.maximum(at, 0.0) / 1.2) % 1.0
         ramp = np.clip(np.minimum(phase, 1.0 - phase) * 3.0 - 0.25, 0.0, 1.0)
         return travel * (ramp**3 * (10.0 + ramp * (6.0 * ramp - 15.0)) - 0.4)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Data sets in the layouts of LeRobot: a file for each episode (v2), or for several (v3)."""
+"""Data sets in the layouts of LeRobot: a file per episode (v2) or for several episodes (v3)."""
 
 import json
 from pathlib import Path

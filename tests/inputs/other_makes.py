@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of other makes: JointState, ros2_control and ODrive messages, written by rosbags."""
+"""Bags from other publishers: JointState, ros2_control and ODrive messages, written by rosbags."""
 
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,7 @@ TAU = 1 / 500
 
 
 class OtherBag:
-    """A bag that is being written."""
+    """A context manager that writes a bag."""
 
     def __init__(self, path: Path, storage: str = "sqlite3", compression: str = "") -> None:
         self.store = get_typestore(Stores.ROS2_JAZZY)
@@ -71,7 +71,7 @@ class OtherBag:
         self._writer.write(self._connections[topic], received_ns, data)
 
     def write_raw(self, topic: str, data: bytes, received_ns: int) -> None:
-        """Write what need not be a message to a topic that has some."""
+        """Write arbitrary bytes to a topic that already has messages."""
         self._writer.write(self._connections[topic], received_ns, data)
 
 
@@ -82,7 +82,7 @@ def stamps_of(telemetry: Telemetry) -> list[int]:
 def write_joint_states(
     bag: OtherBag, telemetry: Telemetry, *, stamped: bool = True, delays: Any = None
 ) -> None:
-    """JointState of two joints, and the command of the second as Float64MultiArray."""
+    """Write JointState of two joints, and the command of the second as Float64MultiArray."""
     for i, stamp in enumerate(stamps_of(telemetry)):
         received = stamp + (200_000 if delays is None else int(delays[i]))
         layout = bag.make("std_msgs/msg/MultiArrayLayout", [], 0)
@@ -101,7 +101,7 @@ def write_joint_states(
 
 
 def write_interface_values(bag: OtherBag, telemetry: Telemetry) -> None:
-    """Values of interfaces, whose names follow a little later, as a late recorder sees them."""
+    """Write interface values; their names follow later, as for a recorder that starts late."""
     keys = ["flap/position", "flap/velocity", "flap/current", "flap/reference"]
     for i, stamp in enumerate(stamps_of(telemetry)):
         values = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Doubts of a recognised mapping in words."""
+"""Doubts of a recognised mapping as text."""
 
 from ema_bags.inputs.doubt_wording import doubt_text
 from ema_bags.inputs.guess import Guess

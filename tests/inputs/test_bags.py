@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of other makes, of both storages of rosbag2, give the telemetry that was published."""
+"""Bags from other publishers, in both storages of rosbag2, give the published telemetry."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -45,7 +45,7 @@ def imported(path, mapping, description=FLAP):
 
 
 def assert_same(found, telemetry, start=0, tolerance=1e-12):
-    """Compare the telemetry of one run with what was published, from a sample on."""
+    """Compare the only run with the published telemetry, beginning at sample ``start``."""
     [run] = found.runs
     assert len(run.values) == len(telemetry) - start
     expected = np.column_stack([getattr(telemetry, name)[start:] for name in found.stream.filled])
@@ -65,7 +65,7 @@ def test_joint_states_of_both_storages_are_the_telemetry(telemetry, tmp_path, st
 
 
 def test_each_malformed_message_is_counted_once(telemetry, tmp_path):
-    """However often the bag is read, with other topics too, and where several came at once."""
+    """The count does not depend on repeated reads, additional topics or equal reception times."""
     with OtherBag(tmp_path / "bag") as bag:
         other_makes.write_joint_states(bag, telemetry)
         bag.write("/first", bag.make("std_msgs/msg/Float64", 0.0), 0)
@@ -86,7 +86,7 @@ def test_stamps_that_are_zero_are_rebuilt_and_stated(telemetry, tmp_path):
     [run] = found.runs
     assert found.rebuilt == len(telemetry)
     assert [item.name for item in found.defects] == ["stamps_rebuilt"]
-    # Samples and commands are those published, at regular stamps.
+    # Samples and commands equal those published, at regular stamps.
     expected = np.column_stack([getattr(telemetry, name) for name in found.stream.filled])
     assert run.values == pytest.approx(expected, rel=1e-12)
     assert np.std(np.diff(run.stamps_ns)) < 2e4
@@ -130,7 +130,7 @@ def test_drive_of_odrive_is_the_telemetry_but_for_its_stamps(telemetry, tmp_path
     found = imported(tmp_path / "bag", mapping, replace(FLAP, drive="field_oriented"))
     [run] = found.runs
     expected = np.column_stack([getattr(telemetry, name) for name in found.stream.filled])
-    # Single precision on the wire.
+    # The messages have single precision.
     assert run.values == pytest.approx(expected, rel=1e-6, abs=1e-6)
     assert {item.name for item in found.defects} == {"stamps_rebuilt", "position_at_motor"}
     assert found.description.acquisition.current == "instantaneous"
@@ -175,7 +175,7 @@ def test_folder_without_a_bag_is_refused(tmp_path):
 
 
 def other_storage(kind: str, folder: Path) -> Path:
-    """Make a bag that is not read as telemetry of this monitor: a folder, or a file of one."""
+    """Make a bag in a storage that is not read as telemetry, as a folder or as a single file."""
     with OtherBag(folder / "flight") as bag:
         bag.write("/topic", bag.header(START_NS), START_NS)
     [file] = (folder / "flight").glob("*.db3")
@@ -185,7 +185,8 @@ def other_storage(kind: str, folder: Path) -> Path:
         (folder / "flight" / "metadata.yaml").unlink()
         return folder / "flight"
     path = folder / f"flight.{kind}"
-    # Of lz4 the frame's head is enough: rosbag2 ships no lz4 files, plugins of others do.
+    # For lz4, the head of the frame suffices: rosbag2 does not write lz4 files, but other plugins
+    # do.
     heads = {"db3": file.read_bytes(), "mcap.lz4": b"\x04\x22\x4d\x18" + bytes(100)}
     heads["db3.zstd"] = zstandard.compress(heads["db3"])
     path.write_bytes(heads[kind])

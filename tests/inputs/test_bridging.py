@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages as they come give the telemetry that a bag of them gives."""
+"""Live messages give the same telemetry as a bag of these messages."""
 
 from itertools import pairwise
 from types import SimpleNamespace
@@ -42,7 +42,7 @@ def bridge(of=None, rate_hz=1000, **settings):
 
 
 def collect(target: Bridge, topic, message, sent_ns, received_ns):
-    """Give a message to what reads the topics of a bridge."""
+    """Pass a message to the collector of a bridge."""
     assert isinstance(target.collector, Collector)
     target.collector.add(topic, message, sent_ns, received_ns)
 
@@ -57,7 +57,7 @@ def state(telemetry, i, stamp_ns, **factors):
 
 
 def run(target, telemetry, stamps, *, every=10, stamped=True, sent=None, send_command=None, **of):
-    """Send a cycle; commands before states. Return the blocks that come out."""
+    """Send a cycle, with commands before states; return the output blocks."""
     blocks = []
     sent = stamps if sent is None else sent
     for i, stamp in enumerate(stamps):
@@ -69,7 +69,7 @@ def run(target, telemetry, stamps, *, every=10, stamped=True, sent=None, send_co
         collect(target, STATES, message, at, at + 10_000)
         if i % every == 0:
             blocks += target.advance()
-    # The last position waits for what may have been sent before it, until a later command is there.
+    # The last position waits for earlier messages until a later command arrives.
     collect(target, COMMANDS, SimpleNamespace(data=0.0), int(sent[-1]) + 1000, int(sent[-1]) + 2000)
     return blocks + target.advance()
 
@@ -98,7 +98,7 @@ def test_blocks_are_the_telemetry_however_messages_come(rate_hz, every):
 )
 def test_blocks_of_a_slow_drive_are_longer_and_alike(rate_hz, given_s, block_s):
     telemetry, target = cycle(rate_hz), bridge(rate_hz=rate_hz, block_s=given_s)
-    assert target.block_s == given_s  # the rate is not known yet
+    assert target.block_s == given_s  # The rate is unknown so far.
     every = round(block_s * rate_hz)
     *blocks, _ = run(target, telemetry, stamps_of(telemetry), every=every)
     assert target.block_s == pytest.approx(block_s)
@@ -123,7 +123,7 @@ def test_messages_without_a_stamp_are_put_on_a_line(telemetry):
     assert target.rebuilt > 0
     assert "stamps_rebuilt" in {item.name for item in target.defects}
     position = np.concatenate([block.position for block in blocks])
-    # The last ones wait for what comes after them.
+    # The last messages wait for their successors.
     assert len(telemetry) - 320 < len(position) < len(telemetry)
     assert position == pytest.approx(telemetry.position[: len(position)], rel=1e-12)
 
@@ -182,7 +182,7 @@ def test_column_that_becomes_nan_after_good_data_is_an_error_with_its_name(telem
     assert "or omit current" in defect.remedy
     run(target, telemetry, good + 2 * cycle_ns, effort=np.nan)
     assert "current is not finite in 3000 of 3000 samples" in target.refused[0].text
-    # Once the column is back, the defect is gone within seconds.
+    # After the column recovers, the defect disappears within seconds.
     blocks = run(target, telemetry, good + 3 * cycle_ns)
     assert target.refused == []
     assert blocks
@@ -197,7 +197,7 @@ def test_some_samples_that_are_not_finite_are_a_note():
 
 
 def joint_bridge(of=None, **settings):
-    """Return a bridge of a joint whose controller is unknown, without a command."""
+    """Return a bridge of a joint with an unknown controller and without a command."""
     given = of or mapping(command=None)
     description = joint(200.0)
     return Bridge(given, description, BridgeSettings(**settings))
@@ -215,9 +215,10 @@ def send_moves(
     empty=(),
     order=None,
 ):
-    """Send states of a joint at 200 Hz, but the lost ones; return the blocks that come out.
+    """Send states of a joint at 200 Hz except the lost ones; return the output blocks.
 
-    Each of the publishers sends them, so much later than the first. The empty ones are of zeros.
+    Each publisher sends all states, delayed by its entry in ``publishers_ns`` [ns]. The states in
+    ``empty`` have zeros only.
     """
     columns, stamps = moves(seconds)
     place = columns["position"] if position is None else position
@@ -242,7 +243,7 @@ def send_moves(
 
 
 def test_lost_messages_end_no_record_and_are_counted():
-    """Neither messages that the bridge misses, nor blocks of telemetry that the monitor misses."""
+    """Both messages to the bridge and blocks of telemetry to the monitor are lost."""
     rng, target = np.random.default_rng(0), joint_bridge()
     lost = {*np.flatnonzero(rng.random(2400) < 0.02).tolist(), *range(1000, 1020)} - {0, 2399}
     blocks = send_moves(target, 12.0, lost=lost)
@@ -281,7 +282,7 @@ def test_speed_of_an_elastic_joint_is_a_note_and_withholds_nothing():
 
 
 def test_unit_of_the_first_stroke_is_judged_again_before_telemetry_is_withheld():
-    """What one stroke seems to show withholds nothing; what three strokes show does."""
+    """Evidence from one stroke withholds nothing; evidence from three strokes does."""
     target = joint_bridge(learn_s=0.5)
     blocks = send_moves(target, 0.8, speed_factor=57.29578)
     assert [item.name for item in target.uncertain] == ["speed_unit"]
@@ -321,7 +322,7 @@ def test_wraps_and_messages_of_zeros_are_bridged_live():
 
 
 def test_spikes_and_outages_are_handled_live_as_in_files():
-    """Spikes of 8 degrees, and zeros for 35 ms."""
+    """The spikes are of 8 degrees, and the zeros last 35 ms."""
     true = moves(8.0)[0]["position"] + 0.8
     place = true.copy()
     place[[420, 805, 806, 1300]] += 0.14
@@ -390,7 +391,7 @@ def test_telemetry_of_two_publishers_is_withheld():
 
 @pytest.mark.parametrize(("before_hz", "after_hz"), [(1000, 100), (100, 500), (500, 250)])
 def test_rate_that_changes_is_learned_again(before_hz, after_hz):
-    """Nothing is published at a rate that is not that of the samples any more."""
+    """No block is published at a rate that differs from the rate of the samples."""
     target = joint_bridge(learn_s=0.5)
     stamp_ns, blocks = START_NS, list[Telemetry]()
     for rate_hz in (before_hz, after_hz):
@@ -423,9 +424,9 @@ def test_rate_that_changes_is_learned_again(before_hz, after_hz):
 
 
 def send_arriving(target: Bridge, rates_hz, seconds, *, burst=1, stall_s=0.0):
-    """Send moves without stamps, at one rate after the other. Return the blocks with their times.
+    """Send moves without stamps at one rate after another; return blocks with their times.
 
-    Messages arrive late by 0.2 ms in the mean, in bursts, and after stalls at 1, 3, 5 ... s.
+    Messages arrive late by 0.2 ms on average, in bursts, and after stalls at 1, 3, 5 ... s.
     """
     rng = np.random.default_rng(7)
     start_ns, blocks = START_NS, list[tuple[int, Telemetry]]()
@@ -455,7 +456,7 @@ def send_arriving(target: Bridge, rates_hz, seconds, *, burst=1, stall_s=0.0):
 @pytest.mark.parametrize("burst", [1, 8])
 @pytest.mark.parametrize(("before_hz", "after_hz"), [(1000, 100), (100, 500), (500, 250)])
 def test_rate_that_changes_is_learned_again_by_arrival(before_hz, after_hz, burst):
-    """No sample has a stamp after its arrival, and no stamp goes back."""
+    """No sample has a stamp after its arrival, and stamps never decrease."""
     target = joint_bridge(mapping(command=None, clock={"source": "arrival"}), learn_s=0.5)
     blocks = send_arriving(target, (before_hz, after_hz), 5.0, burst=burst)
     assert target.rate is not None
@@ -476,7 +477,7 @@ def test_stalls_of_the_network_are_no_change_of_rate(stall_s):
     target = joint_bridge(mapping(command=None, clock={"source": "arrival"}), learn_s=0.5)
     blocks = send_arriving(target, (500,), 9.0, stall_s=stall_s)
     assert {block.sample_period for _, block in blocks} == {0.002}
-    # Only the latest samples wait for those after them.
+    # Only the latest samples wait for their successors.
     assert sum(len(block) for _, block in blocks) > 500 * 9.0 - 300
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of single columns and of pairs of columns."""
+"""Properties of single columns and of pairs of columns."""
 
 import math
 
@@ -19,7 +19,7 @@ TIMES = H * np.arange(10_000)
 
 
 def trapezoids(times):
-    """Speed of moves to and fro, with ramps of a third and a rest after each."""
+    """Return the speed of moves back and forth, with ramps of a third and rests between moves."""
     phase = np.mod(times, 2.0)
     ramp = np.clip(np.minimum(phase, 1.6 - phase) / 0.5, 0.0, 1.0)
     return ramp * np.where(np.mod(times, 4.0) < 2.0, 1.0, -1.0)
@@ -28,7 +28,7 @@ def trapezoids(times):
 @pytest.mark.parametrize("lag", [-0.013, 0.0, 0.0005, 0.007, 0.12])
 @pytest.mark.parametrize("last", [10_000, 8_300])
 def test_lag_is_measured_within_a_fifth_of_a_sample(lag, last):
-    """Whether or not the record ends in motion."""
+    """The record ends either in motion or at rest."""
     cause, effect = trapezoids(TIMES + 1.0), trapezoids(TIMES + 1.0 - lag)
     noise = np.random.default_rng(0).normal(0.0, 0.002, len(TIMES))
     found = lag_between(cause[:last], (effect + noise)[:last], H)
@@ -68,7 +68,7 @@ def test_repetition_counts_in_motion_only():
 
 @pytest.mark.parametrize("late", [0, 8])
 def test_effort_is_explained_by_the_motion_with_its_lag(late):
-    """Friction 1, inertia 0.3 and gravity 0.5 of a joint; the effort is late by some samples."""
+    """The joint has friction 1, inertia 0.3 and gravity 0.5; the effort lags by some samples."""
     speed = 2.0 * trapezoids(TIMES)
     position = np.cumsum(speed) * H
     effort = 1.0 * np.tanh(speed / 0.01) + 0.3 * np.gradient(speed, H) + 0.5 * np.sin(position)

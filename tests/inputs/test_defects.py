@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong is named before anything is estimated, with its value and what to write."""
+"""Defects are named before any estimate, with their value and the correction of the mapping."""
 
 from dataclasses import replace
 from itertools import product
@@ -21,7 +21,7 @@ RPM = 60.0 / (2.0 * np.pi)
 
 @pytest.fixture
 def found(telemetry, columns, mapped):
-    """Return the defects of a cycle with columns multiplied, or set where a function is given."""
+    """Return a function that finds defects of a cycle with scaled or replaced columns."""
 
     def find(mapping=None, **changes):
         spoiled = dict(columns)
@@ -111,7 +111,7 @@ def test_current_of_another_drive_than_that_of_the_description_is_named(found, m
 def test_limits_and_sizes_of_a_drive_nobody_knows_are_not_held_against_it(
     telemetry, columns, mapped
 ):
-    """Its description has them by default only."""
+    """The description of an unknown drive has only default limits and sizes."""
     unknown = replace(FLAP, drive="unknown")
     far = {name: columns[name] * (200.0 if name != "current" else 900.0) for name in columns}
     assert find_defects(far, telemetry.stamps_ns, mapped(), unknown) == []
@@ -138,7 +138,7 @@ CAUSES = [
 
 @pytest.mark.slow
 def test_no_fault_and_no_cause_of_the_simulator_is_mistaken_for_a_wrong_mapping(mapped):
-    """At 1 kHz, and in every second sample of it."""
+    """The telemetry has 1 kHz, and 500 Hz with every second sample."""
     cases = [({name: value}, ()) for name, value in WORST.items()]
     cases += [({}, (cause,)) for cause in CAUSES]
     for faults, causes in cases:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A reversed effort gains energy from friction; braking after a step does not."""
+"""A reversed effort seems to gain energy from friction; braking after a step does not."""
 
 from math import copysign, sin
 
@@ -13,7 +13,7 @@ INERTIA, VISCOUS, GRAVITY, COULOMB = 0.3, 1.5, 8.0, 4.0
 
 
 def motion_of_steps(sign: float, *, seconds: float = 20.0) -> ThinnedMotion:
-    """Return the motion of a joint under PD control whose set point steps every two seconds."""
+    """Return the motion of a joint under PD control, whose set point steps every two seconds."""
     rng = np.random.default_rng(0)
     goal = q = v = 0.0
     rows = []
@@ -36,7 +36,7 @@ def motion_of_steps(sign: float, *, seconds: float = 20.0) -> ThinnedMotion:
 
 def test_net_work_has_the_sign_of_the_effort_however_hard_it_brakes():
     right, reversed_ = motion_of_steps(1.0), motion_of_steps(-1.0)
-    # Friction takes 12 % of the work that a step puts in and out of the inertia.
+    # Friction takes 12 % of the work that a step puts into the inertia and takes out again.
     assert right.work_share > 0.05
     assert reversed_.work_share == pytest.approx(-right.work_share)
 

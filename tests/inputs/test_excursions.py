@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Corrupt samples of joints whose limits are unknown, in files and live."""
+"""Corrupt samples of joints with unknown limits, in files and live."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def imported(mapping, columns, stamps, rate_hz):
 
 
 def in_blocks(values, block):
-    """Return the first samples of the excursions that are found live, and the longest wait."""
+    """Return the first samples of the excursions detected live, and the longest wait."""
     past, waiting, rows, longest = np.empty(0), np.empty(0), [], 0
     for i in range(0, len(values), block):
         part = np.concatenate([waiting, values[i : i + block]])
@@ -47,7 +47,7 @@ def test_samples_that_leave_and_return_are_excursions(rate_hz, length, travel):
 
 
 def impacts(rate_hz, rng):
-    """A joint that swings between hard stops and bounces."""
+    """Return a joint that swings between hard stops and bounces."""
     fine, angle, speed, values = 20, 0.0, 0.0, []
     for i in range(round(15 * rate_hz) * fine):
         goal = 1.0 if (i / (fine * rate_hz)) % 1.7 < 0.8 else -1.0
@@ -61,7 +61,7 @@ def impacts(rate_hz, rng):
 
 
 def on_and_off(rate_hz, rng):
-    """A valve that opens in 60 ms, now and then."""
+    """Return a valve that occasionally opens in 60 ms."""
     times = np.arange(round(40 * rate_hz)) / rate_hz
     ways = np.cumsum(rng.uniform(1.0, 5.0, 20))
     ramps = [np.clip((times - at) / 0.06, 0.0, 1.0) * (-1.0) ** i for i, at in enumerate(ways)]
@@ -69,7 +69,7 @@ def on_and_off(rate_hz, rng):
 
 
 def knocks(rate_hz, rng):
-    """A gear with play: ringing of 60 Hz after each reversal."""
+    """Return a gear with play that rings at 60 Hz after each reversal."""
     times = np.arange(round(20 * rate_hz)) / rate_hz
     phase = (times - 0.5) % 1.0
     ringing = 0.01 * np.exp(-phase / 0.01) * np.cos(2.0 * np.pi * 60.0 * phase)
@@ -180,7 +180,7 @@ def test_step_of_the_position_is_named(mapped, rate_hz, size):
 @pytest.mark.parametrize("length", [5, 9, 30])
 @pytest.mark.parametrize("at", [0.52, 0.55, 0.61])
 def test_position_that_leaves_for_longer_is_named(mapped, length, at):
-    """In motion and at rest."""
+    """The excursion occurs in motion and at rest."""
     columns, stamps = moves(rate_hz=250.0)
     row = round(at * len(stamps))
     columns["position"][row : row + length] += 0.2

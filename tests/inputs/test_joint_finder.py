@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joints are found with the columns that their messages have."""
+"""Joints are discovered with the columns of their messages."""
 
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -25,7 +25,7 @@ STEP_NS = 50_000_000
 
 
 def state(names, *, speed: float | None = 1.0, effort: float | None = 2.0):
-    """Return a message; a column that is None is an empty array."""
+    """Return a message; a column that is None becomes an empty array."""
     columns = {"position": 0.5, "velocity": speed, "effort": effort}
     arrays = {
         name: [] if value is None else [value] * len(names) for name, value in columns.items()
@@ -34,7 +34,7 @@ def state(names, *, speed: float | None = 1.0, effort: float | None = 2.0):
 
 
 class Graph:
-    """Feeds messages of several topics to a finder, at 20 Hz."""
+    """Passes messages of several topics to a finder at 20 Hz."""
 
     def __init__(self, **settings):
         self.finder = JointFinder(**settings)
@@ -52,7 +52,7 @@ class Graph:
 
 
 def dynamic(names, **interfaces):
-    """Return a message of interface values, which control_msgs need not define."""
+    """Return a message of interface values without the definitions of control_msgs."""
     item = SimpleNamespace(interface_names=list(interfaces), values=list(interfaces.values()))
     return SimpleNamespace(
         kind=DYNAMIC_JOINT_STATE, joint_names=list(names), interface_values=[item] * len(names)
@@ -87,7 +87,7 @@ def test_effort_that_is_empty_or_always_zero_is_not_published(effort):
     [group] = graph.run({"/joint_states": state("a", effort=effort, speed=None)})
     assert group.mapping.current is None
     assert group.mapping.speed is None
-    # An effort that appears later replaces the mapping without effort, once.
+    # An effort that appears later replaces the mapping without effort, exactly once.
     [later] = graph.run({"/joint_states": state("a", effort=0.3, speed=None)}, 60)
     assert later.names == group.names
     assert later.mapping.current is not None
@@ -183,7 +183,7 @@ def test_joint_with_an_invalid_name_is_refused_and_the_others_are_found(name):
 
 
 def test_interface_values_have_what_joint_states_lack():
-    """The topic that has position and effort is read, with the temperature."""
+    """The finder reads the topic that has position and effort, and also the temperature."""
     graph = Graph()
     values = dynamic("ab", position=0.5, velocity=1.0, torque=2.0, temperature=30.0)
     states = state("ab", effort=None)
@@ -232,7 +232,7 @@ def test_joint_moves_to_another_topic_when_its_own_is_silent_and_stays_there():
     assert moved.mapping.position.topic == "/raw_joint_states"
     assert moved.names == {"a": "a"}
     assert graph.run(both, 90) == []
-    # If all are silent, the joint stays where it is.
+    # If all topics are silent, the joint stays on its topic.
     graph.now_ns += 10_000_000_000
     assert graph.finder.found(graph.now_ns) == []
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states are read once for all joints, and give what each joint alone gives."""
+"""Joint states are read once for all joints, and give the same result as for each joint alone."""
 
 from types import SimpleNamespace
 
@@ -77,7 +77,7 @@ def test_joint_that_is_missing_later_is_named_with_the_time_since_when():
     column = states.of_joint("b")
     send("abc", 0.0, 1.0)
     send("ac", 1.0, 1.9)
-    assert not column.problem()  # other publishers may send the other joints
+    assert not column.problem()  # Other publishers may send the other joints.
     send("ac", 1.9, 4.0)
     assert column.problem() == (
         "joint 'b' is missing in the messages since 2023-11-14 22:13:21 UTC"
@@ -140,7 +140,7 @@ def test_removed_joint_is_not_collected():
 
 
 def test_interface_values_are_read_once_for_all_joints():
-    """As by a reader of each joint alone; a joint may lack an interface."""
+    """The values equal those from a reader of each joint; a joint may lack an interface."""
     path = "interface_values[joint_names={joint}].values[interface_names=%s]"
     topic = "/dynamic_joint_states"
     of = mapping_from(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mapping files: mistakes are named; units, shafts and kinds of current, in closed form."""
+"""Mapping files: mistakes are named; units, shafts and kinds of current agree with closed forms."""
 
 import math
 from dataclasses import replace
@@ -270,7 +270,7 @@ def test_equivalent_current_gives_the_torque_of_the_source(section, raw, expecte
 
 
 def test_conventions_of_i_q_give_one_torque():
-    """A current of 1 A peak, as each convention counts it; the constant is that of i_q (M33)."""
+    """Each convention expresses 1 A peak differently; the constant refers to i_q (M33)."""
     drive = replace(FLAP, drive="field_oriented")
     counted = {"peak": 1.0, "rms": math.sqrt(0.5), "power": math.sqrt(1.5)}
     found = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Samples out of order by little, and stamps of two publishers at different rates."""
+"""Samples slightly out of order, and interleaved stamps of two publishers with different rates."""
 
 import numpy as np
 import pytest

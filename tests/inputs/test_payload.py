@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The payload of a robot in tables, bags and topics: one for all its joints."""
+"""The payload of a robot in tables, bags and topics: one payload for all joints."""
 
 from types import SimpleNamespace
 
@@ -42,7 +42,7 @@ def table(seconds=12.0, **more):
 
 
 def grips(n, mass=1.0):
-    """Return a payload that is held in the second and fourth quarter."""
+    """Return a payload [kg] that is held in the second and fourth quarter of the samples."""
     return mass * (np.arange(n) * 4 // n % 2)
 
 
@@ -74,14 +74,14 @@ def test_payload_of_a_table_is_recognised_by_its_name_for_all_joints(tmp_path, n
         assert item.mapping.payload.source == name
         assert mapping_from(yaml.safe_load(mapping_text(item.mapping))) == item.mapping
         [column] = [column for column in item.columns if column.quantity == "payload"]
-        # The motion does not confirm it.
+        # The motion does not confirm the payload.
         assert [doubt.kind for doubt in column.doubts] == [DoubtKind.NAME_ALONE]
 
 
 @pytest.mark.parametrize(
     ("name", "make"),
     [
-        # A flag with another name, a gripper's position, and a measured weight that drifts.
+        # A flag with another name, the position of a gripper, and a measured weight that drifts.
         ("alarm", grips),
         ("gripper", lambda n: 0.01 + 0.03 * grips(n)),
         ("gripper", lambda n: 0.04 * np.abs(np.sin(np.arange(n) / 50.0))),
@@ -103,7 +103,7 @@ def test_two_columns_that_may_be_the_payload_are_not_chosen_from(tmp_path):
         ({}, [0.0, 2.5, np.nan], [0.0, 2.5, 1.0]),
         ({"scale": 0.001}, [0.0, 500.0], [0.0, 0.5]),
         ({"above": 0.3}, [0.0, 0.3, 0.8], [0.0, 0.0, 0.5]),
-        # A gripper whose position falls when it closes.
+        # A gripper whose position decreases when it closes.
         ({"sign": -1, "above": -0.03}, [0.04, 0.03, 0.01], [0.0, 0.0, 0.02]),
     ],
 )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Columns are recognised by what they do in a motion; a name alone leaves a doubt."""
+"""Columns are recognised by their behaviour in motion; a name alone leaves a doubt."""
 
 import numpy as np
 import pandas as pd
@@ -33,7 +33,7 @@ def motion():
 
 @pytest.fixture
 def guessed(motion, tmp_path):
-    """Return the guess for a table of named columns; each is (column, factor)."""
+    """Return a function that guesses from named columns; each is (column, factor)."""
 
     def guess(named: dict[str, tuple[str, float]]) -> Guess:
         frame = pd.DataFrame({name: motion[key] * scale for name, (key, scale) in named.items()})
@@ -132,7 +132,7 @@ def test_columns_without_names_are_a_guess(guessed):
 
 
 def test_name_that_the_motion_contradicts_is_a_guess(guessed):
-    """A speed that is not the derivative of the position is taken by its name alone."""
+    """A speed that is not the derivative of the position is recognised only by its name."""
     guess = guessed({"pos": ("position", 1.0), "vel": ("voltage", 1.0), "tau": ("current", 1.0)})
     assert guess.mapping.speed is not None
     assert "speed 'vel' is a guess from its name alone" in remarks_of(guess)
@@ -148,14 +148,14 @@ def test_names_alone_decide_where_nothing_moves(motion, guessed):
 
 
 def test_following_error_is_no_speed(guessed):
-    """It is in proportion to the speed, and no unit makes it one."""
+    """The error is proportional to the speed, but no unit fits the factor."""
     guess = guessed({"pos": ("position", 1.0), "lag": ("error", 1.0), "tau": ("current", 1.0)})
     assert guess.mapping.speed is None
 
 
 def test_each_joint_has_its_columns(motion):
     other, _ = moves(20.0, travel=0.2, seed=3)
-    shift = 130  # its cycles do not coincide
+    shift = 130  # Its cycles do not coincide with those of the first joint.
     names = {
         "a_pos": motion["position"],
         "b_pos": np.roll(other["position"], shift),

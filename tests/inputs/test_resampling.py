@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Samples at a fixed period from stamps that jitter, jump, are late or missing."""
+"""Samples at a fixed period from stamps with jitter, jumps, delays or losses."""
 
 from itertools import pairwise
 
@@ -34,7 +34,8 @@ def test_rate_is_the_nearest_common_one(rate_hz, true_hz):
 
 
 def test_rate_that_is_not_common_is_kept():
-    # 3 per mil from 1000 Hz and from any whole hertz more than the stamps could be wrong.
+    # It differs from 1000 Hz by 0.3 %, and from any whole number of hertz by more than the stamps
+    # could be wrong.
     assert find_rate(regular(3000, 1e9 / 7.37)).period == pytest.approx(1 / 7.37, rel=1e-6)
 
 
@@ -58,7 +59,8 @@ def test_regular_samples_stay_as_they_are_to_the_last_bit():
 
 
 def test_drift_of_the_clock_makes_no_gap():
-    # 70 parts per million: a sample in 14 s if indices were counted by the nominal period.
+    # A drift of 70 parts per million is one sample in 14 s if the nominal period determined the
+    # indices.
     [run], losses, _ = resampled(regular(60_000, 1e6 * (1 + 7e-5)))
     assert (len(run.values), losses.lost) == (60_000, 0)
 
@@ -72,7 +74,7 @@ def test_jitter_is_interpolated_on_stamps():
     assert not rate.is_regular
     assert losses.lost == 0
     expected = np.sin(2 * np.pi * 5.0 * (run.stamps_ns - START_NS) * 1e-9)
-    # A line between points 1.4 ms apart departs from the sine by (w h)^2 / 8.
+    # Linear interpolation between points 1.4 ms apart deviates from the sine by (w h)^2 / 8.
     assert np.max(np.abs(run.values[:, 0] - expected)) < (2 * np.pi * 5.0 * 1.4e-3) ** 2 / 8
     assert np.all(np.abs(np.diff(run.stamps_ns) - H_NS) <= 1)
 
@@ -100,7 +102,7 @@ def test_short_losses_are_filled_but_not_over_a_reversal(jitter_ns, part):
     keep[510] = keep[999:1001] = keep[2300:2303] = keep[2500:2504] = False
     stamps = regular(3000) + np.rint(rng.uniform(-jitter_ns, jitter_ns, 3000)).astype(np.int64)
     seconds = (stamps - START_NS) * 1e-9
-    # It reverses at 1 s and rests from 2 s on.
+    # The motion reverses at 1 s and rests from 2 s on.
     position = np.interp(seconds, [0.0, 1.0, 2.0], [0.0, 1.0, 0.0])
     values = np.column_stack([np.arange(3000.0), position + rng.normal(0.0, 1e-6, 3000)])[keep]
     kept = stamps[keep]
@@ -157,11 +159,11 @@ def test_repeated_and_not_finite_samples_are_left_out_and_counted():
 
 
 def delays(n: int, seed: int) -> np.ndarray:
-    """Delays of arrival: 0.2 ms and an exponential tail of 0.1 ms, and queues that stood still."""
+    """Return delays of arrival [ns]: 0.2 ms, an exponential tail of 0.1 ms, and stalled queues."""
     rng = np.random.default_rng(seed)
     late = 2e5 + rng.exponential(1e5, n)
     for start in range(400, n - 100, 997):
-        # Nothing arrives for 20 ms, and then all at once.
+        # Nothing arrives for 20 ms, and then everything at the same time.
         late[start : start + 20] += np.arange(20, 0, -1) * 1e6
     return np.rint(late).astype(np.int64)
 
@@ -172,14 +174,14 @@ def test_stamps_are_rebuilt_from_arrival():
     rebuilt = np.concatenate([clock.push(stamps + delays(10_000, 5)), clock.flush()])
     assert len(rebuilt) == clock.rebuilt == 10_000
     error = rebuilt - stamps
-    # A usual delay, the same for all, and no jitter: after the first second that the line needs,
-    # far within the 0.1 ms of the delays.
+    # A common constant delay, without jitter: after the first second, which the fitted line needs,
+    # the scatter is far below the 0.1 ms of the delays.
     assert np.std(error[1000:]) < 1e4
     assert np.all(np.abs(np.diff(rebuilt) / H_NS - 1.0) < 0.1)
 
 
 def rebuilt(arrivals: np.ndarray, parts: int, period: float = 1e-3) -> np.ndarray:
-    """The stamps of messages that come in parts."""
+    """Return the rebuilt stamps [ns] of messages that arrive in a number of parts."""
     clock = ArrivalClock(period)
     stamps = [clock.push(part) for part in np.array_split(arrivals, parts)]
     return np.concatenate([*stamps, clock.flush()])
@@ -199,7 +201,7 @@ def test_samples_that_are_late_by_up_to_0_14_s_are_counted_and_none_is_lost(rate
     rng = np.random.default_rng(seed)
     times = np.arange(20 * rate_hz) / rate_hz
     arrivals = times + rng.exponential(1e-4, len(times))
-    # The publisher stands still now and then, from its start on, and then sends what waited.
+    # The publisher stalls now and then, also at its start, and then sends the waiting samples.
     start = 5 / rate_hz
     while start < times[-1] - 1.0:
         end = start + rng.uniform(0.3, 1.0) * 0.14
@@ -214,7 +216,7 @@ def test_samples_that_are_late_by_up_to_0_14_s_are_counted_and_none_is_lost(rate
 @pytest.mark.parametrize("lost", [3, 100, 300])
 def test_loss_soon_after_a_long_stall_is_counted(lost):
     keep, arrivals = np.ones(20_000, bool), regular(20_000)
-    # Nothing arrives for 0.4 s, then all that waited, and 2 s later some are lost.
+    # Nothing arrives for 0.4 s, then everything that waited; 2 s later, samples are lost.
     arrivals[8000:8400] = arrivals[8400]
     keep[10_400 : 10_400 + lost] = False
     _, losses, _ = resampled(rebuilt(arrivals[keep], 4000))
@@ -224,7 +226,7 @@ def test_loss_soon_after_a_long_stall_is_counted(lost):
 def test_stamps_do_not_depend_on_how_messages_come_in_parts():
     arrivals = regular(5000) + delays(5000, 7)
     at_once, gradually = rebuilt(arrivals, 1), rebuilt(arrivals, 5000)
-    # They see other samples ahead, but the same line.
+    # Different later samples are known, but the fitted line is the same.
     assert np.std((at_once - gradually)[1000:]) < 1e4
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Columns that repeat their values, angles that wrap, and samples that no actuator can give."""
+"""Columns with repeated values, angles that wrap, and physically impossible samples."""
 
 import numpy as np
 import pytest
@@ -75,7 +75,7 @@ def wrapped(values, period, lowest):
 )
 @pytest.mark.parametrize("block", [7, 10_000])
 def test_angle_is_continued_over_the_wraps_of_its_register(mapped, source, period, lowest, block):
-    """Two and a half turns each way, in blocks and as a whole."""
+    """Two and a half turns in each direction, in blocks and as a whole."""
     angle = 2.5 * period * np.sin(np.linspace(0.0, 9.0, 4000))
     if period > 1000.0:
         angle = np.floor(angle)
@@ -121,7 +121,7 @@ def test_wraps_are_counted_in_the_import(mapped):
 
 
 def pushed(target, columns, block):
-    """Return the columns that come out, all samples in blocks of a length."""
+    """Return the output columns for samples pushed in blocks of a length."""
     n = len(columns["position"])
     parts = [
         target.push(
@@ -199,7 +199,7 @@ GLITCHES = [
 def test_sample_that_no_motor_of_the_description_gives_is_bridged(
     mapped, telemetry, columns, name, value, length, block
 ):
-    """Of a modelled drive; in blocks as the bridge gets them, and as a whole."""
+    """The drive is modelled; samples come in blocks, as from the bridge, and as a whole."""
     spoiled = {key: values.copy() for key, values in columns.items()}
     for row in (300, 1000, 1201):
         spoiled[name][row : row + length] += value
@@ -213,11 +213,11 @@ def test_sample_that_no_motor_of_the_description_gives_is_bridged(
         ).columns[name]
         for i in range(0, len(telemetry), block)
     ]
-    # A turn may also be two wraps, there and back.
+    # An added turn may also count as two wraps.
     wraps = stream.losses.wraps // 2
     assert stream.losses.impossible + length * wraps == 3 * length
     assert not wraps or value == 2.0 * np.pi
-    # At most the motion within the samples that were bridged or held.
+    # The error is at most the motion within the bridged or held samples.
     most = 2 * length * np.max(np.abs(np.diff(columns[name])))
     assert np.max(np.abs(np.concatenate(got) - columns[name])) <= most
 
@@ -240,7 +240,7 @@ def test_jump_that_stays_is_no_single_sample(mapped, telemetry, columns):
 
 
 def test_turn_that_a_fast_motor_jumps_by_is_bridged(mapped):
-    """A joint whose range is wider than the glitch."""
+    """The range of the joint is wider than the glitch."""
     position = 20.0 * np.sin(np.linspace(0.0, 12.0, 4000))
     spoiled = position.copy()
     spoiled[[700, 2100]] += 2.0 * np.pi
@@ -251,7 +251,7 @@ def test_turn_that_a_fast_motor_jumps_by_is_bridged(mapped):
 
 
 def test_limits_are_in_the_units_of_the_sources(mapped):
-    """In degrees of the motor, rpm and mA."""
+    """The sources are in degrees of the motor, rpm and mA."""
     mapping = mapped(
         position={"source": "p", "unit": "deg", "shaft": "motor"},
         speed={"source": "s", "unit": "rpm"},
@@ -276,7 +276,7 @@ def test_limits_are_in_the_units_of_the_sources(mapped):
 def test_repeated_values_of_a_modelled_drive_question_neither_gears_nor_scales(
     mapped, telemetry, columns, names, held
 ):
-    """All together are resampled; single columns that are held are refused."""
+    """If all columns repeat values, they are resampled; single repeating columns are refused."""
     for name in names:
         columns[name] = np.repeat(columns[name][::held], held)[: len(telemetry)]
     got = import_series(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables as test engineers write them, and the mapping that is guessed from them."""
+"""Tables as test engineers write them, and the mapping guessed from them."""
 
 from dataclasses import replace
 
@@ -148,7 +148,7 @@ RPM = 60.0 / (2.0 * np.pi)
 
 @pytest.fixture
 def guessed(telemetry, tmp_path):
-    """Return the guess for a table of named columns; each is (column, factor)."""
+    """Return a function that guesses from named columns; each is (column, factor)."""
     own = {
         "t": telemetry.stamps_ns * 1e-9,
         "p": telemetry.position,
@@ -167,7 +167,7 @@ def guessed(telemetry, tmp_path):
 
 
 def test_registers_of_a_servo_are_guessed_with_their_sign(telemetry, tmp_path):
-    """A bit of its own for the sign of the current, the complement of two for angles."""
+    """The current has a sign bit; angles are in two's complement."""
     milliamperes = np.round(1e3 * telemetry.current)
     counts = np.round(telemetry.position * 1e6)
     frame = pd.DataFrame(
@@ -185,7 +185,7 @@ def test_registers_of_a_servo_are_guessed_with_their_sign(telemetry, tmp_path):
     for source in (mapping.position, mapping.command):
         assert source is not None
         assert source.encoding == "twos_complement_32"
-    # An encoder that only ever stands above half of its range has no sign.
+    # An encoder that is always above half of its range has no sign.
     frame["present_position"] = 40000 + counts % 1000
     frame.to_csv(tmp_path / "servo.csv", index=False)
     assert not open_input(tmp_path / "servo.csv").guess(FLAP).mapping.position.encoding
@@ -198,7 +198,7 @@ def as_mapping(sections, clock):
 @pytest.mark.parametrize(
     ("columns", "sections", "clock"),
     [
-        (  # names and units say all
+        (  # Names and units are sufficient.
             {
                 "time_ms": ("t", 1e3),
                 "flap_pos_deg": ("p", 57.29577951),
@@ -214,7 +214,7 @@ def as_mapping(sections, clock):
             },
             {"source": "time_ms", "unit": "ms"},
         ),
-        (  # nothing but names: units and signs follow from how the columns relate
+        (  # Only names are available: units and signs follow from how the columns relate.
             {
                 "t": ("t", 1e6),
                 "position": ("p", 57.29577951),
@@ -230,7 +230,7 @@ def as_mapping(sections, clock):
             },
             {"source": "t", "unit": "us"},
         ),
-        (  # a slow logger's: position error instead of the command, nothing else
+        (  # From a slow logger: a position error instead of the command, and no other columns.
             {"Zeit [s]": ("t", 1.0), "Winkel": ("p", 1.0), "following_error": ("e", 1.0)},
             {"position": {"source": "Winkel"}, "error": {"source": "following_error"}},
             {"source": "Zeit [s]"},

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A measured temperature beside telemetry: units, one value a second, and what is left out."""
+"""A measured temperature next to telemetry: units, one value per second, and refused values."""
 
 from types import SimpleNamespace
 
@@ -113,7 +113,7 @@ def bridge_of(temperature):
 
 
 def driven(bridge, send=None, **fields):
-    """Send 4 s of states; return the telemetry samples and rises that come out in the last 1 s."""
+    """Send 4 s of states; return the telemetry samples and rises of the last 1 s."""
     columns, stamps = moves(4.0, RATE_HZ)
     blocks, rises, late = [], [], []
     for i, stamp in enumerate(stamps.tolist()):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a drive whose controller is unknown: what forbids estimates, and what is a note."""
+"""Checks of a drive with an unknown controller: errors, which forbid estimates, and notes."""
 
 from dataclasses import replace
 from typing import Any
@@ -99,7 +99,7 @@ def test_current_of_a_load_that_gravity_moves_is_not_mistaken_for_reversed(mappe
 
 
 def test_encoder_of_few_counts_is_not_blocked(mapped):
-    """12 bits at 100 Hz: a step of the encoder is much of what the joint moves in a sample."""
+    """With 12 bits at 100 Hz, the joint moves only a few encoder steps per sample."""
     columns, stamps = moves(rate_hz=100.0, travel=0.2)
     count = 2.0 * np.pi / 4096
     columns["position"] = np.round(columns["position"] / count) * count
@@ -193,7 +193,7 @@ def test_position_that_is_homed_at_rest_is_an_error_once_motion_follows(mapped):
 @pytest.mark.parametrize("rate_hz", [50.0, 250.0, 1000.0])
 @pytest.mark.parametrize("count", [1e-12, 1e-5, 1e-4])
 def test_motion_that_begins_after_a_long_rest_is_no_jump(mapped, rate_hz, count):
-    """Live telemetry is judged in all positions of the rest and of the first motion."""
+    """Live telemetry is judged at every stage of the rest and of the first motion."""
     rest = round(10.0 * rate_hz)
     times = np.arange(1, round(0.5 * rate_hz) + 1) / rate_hz
     position = np.concatenate([np.zeros(rest), 20.0 * times**2])
@@ -212,7 +212,7 @@ def test_motion_that_begins_after_a_long_rest_is_no_jump(mapped, rate_hz, count)
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5])
 def test_few_quick_moves_in_a_long_record_are_no_jumps(mapped, noise):
-    """10 min at 50 Hz, with a move of 0.3 s every 100 s."""
+    """The record lasts 10 min at 50 Hz, with a move of 0.3 s every 100 s."""
     ramp = (1.0 - np.cos(np.pi * np.arange(1, 16) / 15)) / 2.0
     rest = np.zeros(5000)
     position = np.concatenate([rest, ramp, rest + 1.0, 1.0 - ramp] * 3)
@@ -245,7 +245,10 @@ def test_drive_without_a_command_is_imported_with_an_empty_column(mapped):
 
 @pytest.mark.parametrize(("rate_hz", "length"), [(25.0, 20), (200.0, 20), (1000.0, 50)])
 def test_block_of_a_slow_table_has_many_samples(mapped, rate_hz, length):
-    """A block costs as much to read as many samples do: with one each, 65 s at 25 Hz took 0.5 s."""
+    """Reading a block takes as long as reading many samples.
+
+    With one sample per block, 65 s at 25 Hz took 0.5 s.
+    """
     columns, _ = moves()
     stamps = (1e9 / rate_hz * np.arange(len(columns["position"]))).astype(np.int64)
     values = {name: column for name, column in columns.items() if name != "speed"}
@@ -333,7 +336,7 @@ def test_modelled_drive_takes_no_torque_for_its_current(mapped):
 
 
 def test_joint_that_settles_after_its_command_withholds_nothing(mapped):
-    """The command stands still from the first sample on: with more motion it is another joint's."""
+    """The command is constant from the first sample on. With more motion, it is another joint's."""
     mapping = mapped()
     short = found(mapping, {"command": 0.0}, seconds=0.6)
     assert [item.name for item in refused(short, mapping)] == ["command_frozen"]

@@ -11,7 +11,7 @@ SPEEDS = [885.0, 1885.0, -12.0, -2113.0, 0.0, 999.0]
 
 
 def table(tmp_path, cells, decimal=".", more=True):
-    """Return a table with a column of cells, and others that show its decimal sign."""
+    """Return a table with a column of cells; ``more`` adds columns that show the decimal sign."""
     lines = ["t;speed;pos"]
     for i, cell in enumerate(cells):
         position = f"0{decimal}{i}25" if more else f"{i}"

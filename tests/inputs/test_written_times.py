@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Times as people write them: read to the sample, or refused, never dropped."""
+"""Times as people write them: read exactly or refused, but never dropped."""
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,7 @@ LOST = range(700, 709)
 
 
 def frame_of(telemetry):
-    """Return moments without some rows, and the columns beside them."""
+    """Return the times without some rows, and the columns of these rows."""
     moments = DAY + pd.to_timedelta(telemetry.stamps_ns - telemetry.stamps_ns[0], unit="ns")
     columns = {"command": telemetry.command, "position": telemetry.position}
     frame = pd.DataFrame(columns | {"speed": telemetry.speed, "current": telemetry.current})
@@ -60,7 +60,7 @@ UNITS = {
 
 
 def imported(path, telemetry):
-    """Return the telemetry of a table with the mapping that is guessed."""
+    """Return the telemetry of a table with its guessed mapping."""
     source = open_input(path)
     description = described(1000)
     mapping = source.guess(description).mapping
@@ -68,7 +68,7 @@ def imported(path, telemetry):
 
 
 def check(found, *, has_date=True):
-    """Check that rate and lost rows are those of the record, and the date if there is one."""
+    """Check rate and lost rows against the record, and the date if there is one."""
     assert found.rate.period == 1e-3
     assert (found.stream.losses.lost, found.stream.losses.gaps) == (len(LOST), 1)
     if has_date:

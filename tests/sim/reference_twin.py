@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The reference actuator a second time: plain Python, written from its equations alone.
+"""An independent implementation of the reference actuator in plain Python, from its equations.
 
-Angles of the commutation are in degrees, faults and hidden causes come in by name, and nothing is
-shared with the kernels but the table of parameters. One call of `step` does the six parts of a step
-in order, each with what the parts before it left.
+Commutation angles are in degrees, faults and hidden causes are given by name, and only the table of
+parameters is shared with the kernels. A call of `step` computes the six parts of a step in order,
+each from the results of the parts before it.
 """
 
 import math
@@ -34,7 +34,7 @@ def saturate(x: float, limit: float) -> float:
 
 
 def driven(degrees: float) -> int:
-    """Sign of the current in a phase at its electrical angle."""
+    """Return the sign of the current in a phase at its electrical angle [deg]."""
     degrees %= 360
     if 30 < degrees < 150:
         return 1
@@ -44,7 +44,7 @@ def driven(degrees: float) -> int:
 
 
 def back_emf_shape(degrees: float) -> float:
-    """Trapezoid: +1 and -1 where the phase is driven, straight in between."""
+    """Return the trapezoid: +1 or -1 where the phase is driven, and linear in between."""
     degrees %= 360
     if degrees < 30:
         return degrees / 30
@@ -58,7 +58,7 @@ def back_emf_shape(degrees: float) -> float:
 
 
 def move(twin: Any, omega: float) -> None:
-    """Move what lies between end stops and drives an output through its play."""
+    """Move the part between the end stops, which drives an output through its play."""
     if sign(omega) == -sign(twin.omega):
         omega = 0.0
     twin.omega = omega
@@ -176,7 +176,7 @@ class ReferenceTwin:
         blocked |= set(PHASES) - whole
         for n in blocked:
             currents[n] = 0.0
-        # The flux of the loop that is left lasts.
+        # The flux of the loop that is left persists.
         left = wired - blocked
         excess = sum(currents)
         for n in left:
@@ -197,7 +197,7 @@ class ReferenceTwin:
         return self.cause["load_torque"] + spring + cogging
 
     def _dry_friction(self) -> tuple[float, float]:
-        """Breakaway and dynamic friction."""
+        """Return breakaway and dynamic friction [N.m]."""
         rough = 1 + self.cause["friction_ripple"] * math.sin(self.theta_m)
         slow = math.exp(-abs(self.omega) / 10)
         f_d = self.f_d * (1 + self.cause["stribeck"] * slow) * rough

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the simulated actuator accepts, and what faults and hidden causes do to it."""
+"""The simulated actuator: accepted inputs, and the effects of faults and hidden causes."""
 
 import math
 from dataclasses import replace
@@ -44,7 +44,7 @@ def test_impossible_faults_leave_the_actuator_as_it_was():
 
 @pytest.mark.parametrize("k", [0.0, 0.3, 1.0])
 def test_approach_leaves_the_gear_on_one_flank(k):
-    """Wherever in its play the motor stood before, the test cycle starts pushing forwards."""
+    """For any initial position of the motor in its play, the test cycle starts pushing forwards."""
     cycle = build_cycle(THESIS_CHIRP, 1e-4)
     half = 2.5e-3 * (1 + 99 * k)
     for offset in (-1.0, 0.0, 1.0):
@@ -52,7 +52,7 @@ def test_approach_leaves_the_gear_on_one_flank(k):
         actuator.faults = fault_vector({"backlash": k})
         actuator.state = at_rest(0.0, offset * half)
         telemetry = actuator.advance(cycle.samples[: cycle.start + 1])
-        # At rest throughout the hold before the command proper.
+        # The actuator is at rest throughout the hold before the command.
         assert (telemetry.speed[-500:] == 0.0).all()
         x = actuator.state
         assert x.theta_m - x.theta_b == pytest.approx(half, rel=1e-12)
@@ -89,9 +89,9 @@ def test_bad_input_is_refused_and_changes_nothing(command, load, match):
 
 
 def test_one_version_of_each_kernel_is_compiled():
-    """Whole numbers, numpy scalars and lists from outside do not reach the kernels as such.
+    """Integers, numpy scalars and lists from a caller are converted before the kernels.
 
-    There are two versions at most, without and with hidden causes.
+    There are at most two versions, without and with hidden causes.
     """
     values = {"V_max": 48, "P": np.int64(2), "R_s": np.float32(2.0)}
     actuator = SimulatedActuator(ActuatorParameters().replace(values))
@@ -129,8 +129,10 @@ def test_kernel_has_every_cause_but_those_of_sensors():
     ids=["none", "of_sensors", "zero"],
 )
 def test_causes_that_are_absent_change_no_bit(causes):
-    """None take the kernels without causes; zeros those with them, whose sums and products with 0
-    and 1 are exact."""
+    """Without causes, the kernels without causes run.
+
+    With zeros, the kernels with causes run, in which sums with 0 and products with 1 are exact.
+    """
     assert_same(run(causes), SimulatedActuator().advance(CHIRP))
 
 

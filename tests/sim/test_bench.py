@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The test bench: what it makes of a cycle, and cycles in step with the wall clock."""
+"""The test bench: the telemetry of a cycle, and cycles synchronised with the wall clock."""
 
 import threading
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from .trajectories import assert_same
 
 FAULTS = fault_vector({"friction": 0.25, "eccentricity": 0.1})
 SHORT = Command("step", amplitude=1e-3, duration=2e-3, start_time=0.0)
-# 1.1 s of approach and return about it.
+# Approach and return take 1.1 s in addition.
 SHORT_SAMPLES = build_cycle(SHORT, 1e-4).samples
 
 
@@ -81,7 +81,7 @@ def test_what_is_set_holds_from_the_next_cycle_on():
     np.testing.assert_array_equal(following.faults, FAULTS)
     block = telemetry(following)
     np.testing.assert_array_equal(block.command, build_cycle(longer, 1e-4).samples)
-    # The new friction is in the samples, and not only in what is told of them.
+    # The new friction affects the samples, not only the reported faults.
     healthy = undisturbed
     healthy.set_command(longer)
     assert np.abs(block.current - telemetry(healthy.begin_cycle()).current).max() > 0.5
@@ -122,7 +122,7 @@ def test_causes_hold_from_the_next_cycle_on_and_their_times_begin_with_it():
     bench.set_causes(["position_offset=0.01@0.002"])
     assert_same(telemetry(first), telemetry(short_bench().begin_cycle()))
     second = telemetry(bench.begin_cycle()).position
-    # Without the offset the user shaft rests in its play, of 1e-5 rad.
+    # Without the offset, the user shaft rests within its play of 1e-5 rad.
     np.testing.assert_allclose(second[:20], 0.0, rtol=0, atol=2e-5)
     np.testing.assert_allclose(second[20:30], 0.01, rtol=0, atol=2e-5)
     bench.set_causes({})
@@ -134,7 +134,7 @@ def test_blocks_are_due_at_the_end_of_their_last_sample(rate):
     clock = SimulatedTime()
     pacer = Pacer(rate, clock.monotonic)
     for i in range(1, 301):
-        clock.now_s += 0.3 * 0.01 / rate  # computing takes a part of the time
+        clock.now_s += 0.3 * 0.01 / rate  # Computing takes part of the time.
         assert pacer.wait(0.01, clock)
         assert clock.now_s == pytest.approx(100.0 + i * 0.01 / rate, abs=1e-9)
     pace = pacer.pace()
@@ -167,7 +167,7 @@ def test_after_a_long_delay_the_schedule_continues_from_there():
 
 
 class Run:
-    """A runner in simulated time, whose blocks are kept with the time at which they came."""
+    """A runner in simulated time that stores its blocks with their arrival times."""
 
     def __init__(
         self, clock: SimulatedTime, rate: float = 1.0, stall_at: int = -1, stall_s: float = 0.0
@@ -202,7 +202,7 @@ class Run:
         self.runner.thread.ending.set()
 
     def until(self, blocks: int) -> None:
-        """Run until there are so many blocks, or it fails."""
+        """Run until a number of blocks has arrived, or until the runner fails."""
         self._last = blocks
         self.runner.start()
         self.runner.thread._thread.join()
@@ -215,11 +215,11 @@ class Run:
 
 @pytest.fixture
 def make_run(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run]:
-    """Make a runner whose clocks stand still unless it waits."""
+    """Return a function that makes a runner, whose clocks advance only while it waits."""
     clock = SimulatedTime()
 
     def begin_anew() -> SimulatedTime:
-        """As the event of a new start."""
+        """Reset the event as for a new start."""
         clock.clear()
         return clock
 
@@ -244,7 +244,7 @@ def test_stamps_are_those_of_the_wall_clock_and_run_on(make_run):
     run = make_run()
     run.until(150)
     late = run.lateness_s()
-    # Times of 100 s are added up, which costs some 1e-14 s each; stamps are whole nanoseconds.
+    # Adding up times of 100 s has rounding errors of 1e-14 s each; stamps are whole nanoseconds.
     np.testing.assert_allclose(late, 0.0, atol=1e-8)
     assert len(run.cycles) == 2
     assert run.cycles[1].start_ns == run.cycles[0].start_ns + 100_000 * run.cycles[0].samples
@@ -257,7 +257,7 @@ def test_after_a_stall_no_burst_and_the_next_cycle_on_the_wall_clock_again(make_
     run.until(170)
     gaps = 1e-9 * np.diff(run.arrivals_ns)
     assert gaps[20] == pytest.approx(0.4, abs=1e-6)
-    # Twenty blocks take their time: made up for in a burst they would come at once.
+    # Twenty blocks take their usual time; in a burst, they would arrive together.
     assert gaps[21:41].sum() == pytest.approx(0.2, abs=1e-6)
     per_cycle = blocks_per_cycle(run)
     late = run.lateness_s()
@@ -287,10 +287,10 @@ def test_stopped_runner_starts_again_with_a_new_cycle_and_running_indices(make_r
     assert run.runner.activity == "idle"
     run.until(kept + 5)
     assert [cycle.number for cycle in run.cycles] == [0, 1]
-    # The block that was being waited for when it stopped is not told: a gap, as it was one.
+    # The block that was due at the stop is not published, which leaves a gap.
     gap = run.blocks[kept].first_index - run.blocks[kept - 1].first_index
     assert gap in (100, 200)
-    # It starts where the telemetry of before ended: after the block that was left out.
+    # The new cycle starts after the block that was left out.
     np.testing.assert_allclose(run.lateness_s()[kept:], -0.01, atol=1e-8)
 
 

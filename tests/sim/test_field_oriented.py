@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sinusoidal motor under field-oriented control, against closed forms (M33, M34)."""
+"""The sinusoidal motor under field-oriented control, compared with closed forms (M33, M34)."""
 
 import math
 from dataclasses import replace
@@ -13,7 +13,7 @@ from ema_core.parameters import ActuatorParameters
 from ema_sim.actuator import SimulatedActuator
 from ema_sim.field_oriented import FieldOrientedState
 
-# k_t is 3/2 P lambda, of which k_e = sqrt(3) P lambda.
+# k_t = 3/2 P lambda and k_e = sqrt(3) P lambda.
 P = ActuatorParameters(k_t=0.0752 * math.sqrt(3.0) / 2.0)
 LOOP = current_loop(P)
 LOCKED = replace(P, f_sm=1e4)
@@ -32,8 +32,8 @@ def axes(x: FieldOrientedState, theta_m: float, poles: int = P.P) -> tuple[float
 
 
 def torques_per_ampere(faults, steps=3000):
-    """Return motor angle, current of the axis q and torque over steps of 1 us of a fast motion."""
-    # So much voltage and torque that neither is limited.
+    """Return motor angle, current of the q axis and torque over steps of 1 us of a fast motion."""
+    # Voltage and torque are large enough that neither is limited.
     one, found = actuator(replace(P, V_max=300.0, T_max=10.0), 1e-6, faults), []
     one.advance(np.full(4000, 0.02))
     for _ in range(steps // 10):
@@ -54,17 +54,18 @@ def test_torque_is_three_halves_of_pole_pairs_flux_and_current():
 
 
 def test_eccentricity_makes_torque_per_ampere_a_wave_of_2_p_less_1_periods():
-    """K (1 - zeta/2 cos(2 P theta_m - theta_m - phi)), without a mean: the phases cancel it."""
+    """K (1 - zeta/2 cos(2 P theta_m - theta_m - phi)), whose mean is zero: the phases cancel it."""
     theta_m, i_d, i_q, torque = torques_per_ampere({"eccentricity": 0.4})
     wave = 1.0 - 0.2 * np.cos((2 * P.P - 1) * theta_m)
     largest = np.abs(i_q).max()
-    # The current of the axis d, which the faults disturb, meets the other part of the wave.
+    # The current of the d axis, which the faults disturb, interacts with the other part of the
+    # wave.
     assert np.abs(i_d).max() < 0.1 * largest
     np.testing.assert_allclose(torque, P.k_t * i_q * wave, atol=0.02 * P.k_t * largest)
 
 
 def test_short_circuit_takes_its_share_of_the_mean_and_makes_a_wave_of_2_p_periods():
-    """Sum of N_i sin^2: mean (N_a + N_b + N_c) / 3, wave of a third of the missing turns."""
+    """Sum of N_i sin^2: the mean is (N_a + N_b + N_c) / 3, the wave 1/3 of the missing turns."""
     theta_m, _, i_q, torque = torques_per_ampere({"short_circuit_a": 0.3})
     expected = 0.9 + 0.1 * np.cos(2 * P.P * theta_m)
     np.testing.assert_allclose(
@@ -80,7 +81,7 @@ def test_current_responds_as_a_first_order_lag_of_the_described_bandwidth():
     for _ in range(600):
         one.advance([command])
         response.append(axes(one.state, 0.0)[1])
-    # The command is 0 at the start of the first step. An implicit step is half of one late, 0.3 %.
+    # The command is 0 at the start of the first step. An implicit step lags by half a step, 0.3 %.
     t = 1e-6 * np.arange(600)
     np.testing.assert_allclose(
         response, wanted * (1.0 - np.exp(-P.omega_c * t)), atol=0.004 * wanted
@@ -88,7 +89,7 @@ def test_current_responds_as_a_first_order_lag_of_the_described_bandwidth():
 
 
 def test_speed_is_that_at_which_the_speed_loop_holds_friction():
-    """GAP (omega_max - omega) = f_d + C omega, where the voltage suffices."""
+    """GAP (omega_max - omega) = f_d + C omega, if the voltage suffices."""
     fast = replace(P, V_max=200.0, theta_stop=100.0)
     one = actuator(fast)
     one.advance(np.full(6000, 50.0))
@@ -105,10 +106,10 @@ def test_power_of_supply_is_that_of_shaft_and_copper():
     assert isinstance(x, FieldOrientedState)
     omega_e, R = P.P * x.omega, 0.5 * P.R_s
     v_d = x.z_d - LOOP.K_p * i_d - omega_e * LOOP.L * i_q
-    # The speed loop wants the steady current.
+    # The speed loop commands the steady current.
     v_q = x.z_q + omega_e * LOOP.L * i_d + LOOP.k * x.omega
     supplied = 1.5 * (v_d * i_d + v_q * i_q)
-    # The step turns the axes by P omega dt = 0.002 rad.
+    # A step turns the axes by P omega dt = 0.002 rad.
     assert supplied == pytest.approx(x.torque * x.omega + 1.5 * R * (i_d**2 + i_q**2), rel=5e-3)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Growth of simulated faults, and lives of it: laws, steps, noise, limits, lengths, seeds."""
+"""Growth of simulated faults, and simulated lives: laws, steps, noise, limits, lengths, seeds."""
 
 import math
 from functools import cache
@@ -51,13 +51,13 @@ def test_drift_diffuses_with_the_root_of_the_time():
     growth = {"gain": Growth("drift", a, noise=s)}
     ends = np.array([grow(healthy_faults(), growth, 0.0, hours, generator)[-1] for _ in range(n)])
     sigma = s * math.sqrt(hours)
-    # Five standard deviations of the mean and of the deviation of n Gaussian numbers.
+    # Five standard deviations of the mean and of the standard deviation of n Gaussian numbers.
     assert ends.mean() == pytest.approx(0.5 + a * hours, abs=5 * sigma / math.sqrt(n))
     assert ends.std() == pytest.approx(sigma, rel=5 / math.sqrt(2 * n))
 
 
 def test_increments_have_a_lognormal_factor_of_mean_one():
-    """As the tracker assumes: the rate of a law is the mean rate of growth, whatever the noise."""
+    """As the tracker assumes, the rate of a law is the mean rate of growth for any noise."""
     sigma, n = 0.3, 4000
     generator = rng(4)
     growth = {"friction": Growth("archard", 3e-4, 3.0, sigma)}
@@ -66,7 +66,8 @@ def test_increments_have_a_lognormal_factor_of_mean_one():
     steps = np.array([grow(start, growth, 0.0, 10.0, generator)[0] for _ in range(n)]) - 0.1
     logs = np.log(steps / noiseless)
     assert logs.mean() == pytest.approx(-(sigma**2) / 2.0, abs=5 * sigma / math.sqrt(n))
-    # A lognormal factor of mean 1 scatters by sqrt(exp(sigma^2) - 1) = 0.31: 5 standard errors.
+    # A lognormal factor of mean 1 has a scatter of sqrt(exp(sigma^2) - 1) = 0.31: 5 standard
+    # errors.
     assert (steps / noiseless).mean() == pytest.approx(1.0, abs=5 * 0.31 / math.sqrt(n))
     assert logs.std() == pytest.approx(sigma, rel=5 / math.sqrt(2 * n))
 
@@ -156,7 +157,7 @@ def test_end_is_where_the_law_reaches_the_limit_when_there_is_no_noise():
         growth = life.growths[life.dominant]
         limit = LIMITS[life.dominant]
         law = float(hours_until(growth.law, 0.0, growth.rate, growth.shape, limit))
-        # Between tests the end is found on a straight line.
+        # Between tests, the end is interpolated linearly.
         assert life.end_hours == pytest.approx(growth.onset + law, abs=1.0)
 
 

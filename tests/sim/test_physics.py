@@ -18,7 +18,7 @@ from .trajectories import locked, run, unpowered
 ACTUATOR = ActuatorParameters()
 PLANT = constants(ACTUATOR)
 COASTING = unpowered(PLANT)
-# Enough damping to matter beside the dry friction: 0.1 against 0.08 N.m at the start.
+# Enough damping to matter next to the dry friction: 0.1 N.m at the start, against 0.08 N.m.
 DAMPED = unpowered(constants(ActuatorParameters(C_m=0.01)))
 
 
@@ -28,20 +28,20 @@ def spinning(omega: float):
 
 @pytest.mark.parametrize("plant", [COASTING, DAMPED], ids=["dry", "damped"])
 def test_friction_dissipates(plant):
-    """Friction takes at least f_d times the way from the work of the load, and a stop takes all."""
+    """Friction dissipates at least f_d times the distance; a stop dissipates all that remains."""
     x = run(plant, at_rest(), 10_000, load=lambda t: 0.4 * math.sin(2500 * t))
     assert np.abs(x.omega).max() > 5.0
     m = plant.mechanics
     way = np.abs(x.omega[1:] + x.omega[:-1]) / 2 * DT
     work = -0.4 * np.sin(2500 * DT * np.arange(10_000)) * (x.omega[1:] + x.omega[:-1]) / 2 * DT
     loss = work - m.J / 2 * np.diff(x.omega**2)
-    # The mid-point makes the work of a constant force exact, so all that is left is rounding.
+    # The mid-point rule makes the work of a constant force exact, so that only rounding remains.
     moving = x.omega[1:] != 0.0
     assert (loss >= m.f_d * way * (1 - 1e-9))[moving].all()
     stopping = ~moving & (x.omega[:-1] != 0.0)
     assert stopping.sum() >= 3
     assert loss.sum() > 0.0
-    # A stop comes from one step's worth of speed at most, whatever the load.
+    # A stop removes at most the speed gained in one step, for any load.
     highest = (0.4 + m.f_d) / m.J * DT
     assert np.abs(x.omega[:-1][stopping]).max() <= highest
 
@@ -54,7 +54,7 @@ def test_end_stop_holds_and_lets_go(direction):
     assert np.abs(hit.theta_m).max() == abs(stop)
     assert (hit.theta_m[2500:] == stop).all()
     assert (hit.omega[2500:] == 0.0).all()
-    # The stop acts before the backlash: the output stays half a play short of it.
+    # The stop acts before the backlash: the output stays half a play short of the stop.
     assert hit.theta_b[-1] == pytest.approx(stop - direction * play / 2, rel=1e-12)
     end = hit[-1]
     state = at_rest(float(end.theta_m), float(end.theta_b))
@@ -70,13 +70,13 @@ def currents(x: np.recarray) -> np.ndarray:
 
 
 def command_for(I_ref: float, theta_m: float = 0.0) -> float:
-    """Command that asks a motor locked at an angle for a current."""
+    """Return the command that requests a current from a motor locked at an angle."""
     return I_ref * ACTUATOR.k_t / (ACTUATOR.GAP * ACTUATOR.G_prop) + theta_m * ACTUATOR.tau
 
 
 @pytest.mark.parametrize("N", [1.0, 0.6])
 def test_locked_rotor_current_rises_as_RL(N):
-    """Phases B and C in series; half their difference does not see how A switches."""
+    """Phases B and C are in series; half their difference does not depend on switching of A."""
     plant = locked(PLANT._replace(motor=PLANT.motor._replace(N_b=N, N_c=N)))
     V, R, L = ACTUATOR.V_max, ACTUATOR.R_s * N, ACTUATOR.L_s * N**2
     duration = 1.2e-4  # in which no phase reaches the current limit
@@ -86,17 +86,17 @@ def test_locked_rotor_current_rises_as_RL(N):
         x = run(plant, at_rest(), steps, command=1.0, dt=dt)
         rise = (x.i_c - x.i_b) / 2
         n = np.arange(steps + 1)
-        # The recursion is solved by a power, so only rounding is left.
+        # The recursion is solved by a power, so that only rounding remains.
         np.testing.assert_allclose(rise, V / R * (1 - (1 - dt * R / L) ** n), atol=1e-11)
         errors.append(np.abs(rise - V / R * (1 - np.exp(-n * dt * R / L))).max())
-    # Explicit Euler is off by V/R (t dt / 2 tau^2) exp(-t / tau), at most V/R dt / (2 e tau).
+    # The error of explicit Euler is V/R (t dt / 2 tau^2) exp(-t / tau), at most V/R dt / (2 e tau).
     assert errors[1] < 1.1 * V / R * DT * R / L / (2 * math.e)
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
     np.testing.assert_allclose(orders, 1.0, atol=0.05)
 
 
 def largest_rise(i: float) -> float:
-    """Most that a phase of the healthy motor at rest can change in a step [A]."""
+    """Return the greatest change [A] of a phase current in a step of the healthy motor at rest."""
     v = 4 / 3 * ACTUATOR.V_max / 2 + ACTUATOR.R_s / 2 * i
     return v / (ACTUATOR.L_s / 2) * DT
 
@@ -105,10 +105,11 @@ def largest_rise(i: float) -> float:
 @pytest.mark.parametrize("degrees", [0, 15, 45, 75, 100, 200, 301])
 @pytest.mark.parametrize("I_ref", [-15.0, 2.0, 12.0])
 def test_currents_stay_within_the_double_band(degrees, I_ref):
-    """The errors of three phases add up to zero, so one can be as large as the sum of two.
+    """The errors of three phases add up to zero, so that one can be as large as the sum of two.
 
-    A leg inside its band does not act, and the star point passes on what the others do: a phase
-    can leave its band until another reaches its own edge, at twice the half-band.
+    A leg within its band does not act, and the star point passes on the currents of the others.
+    Thus a phase can leave its band until another phase reaches its own edge, at twice the
+    half-band.
     """
     theta = math.radians(degrees) / ACTUATOR.P
     command = command_for(I_ref, theta)
@@ -116,7 +117,7 @@ def test_currents_stay_within_the_double_band(degrees, I_ref):
     targets = [I_ref * driven(degrees - 120 * n) for n in range(3)]
     error = np.abs(currents(x)[1500:] - targets)
     assert error.max() <= 2 * ACTUATOR.h_b + largest_rise(16.0)
-    # The bound is no formality: the single band is left by far.
+    # The bound is meaningful: currents leave the single band by far.
     assert error.max() > 1.5 * ACTUATOR.h_b
 
 
@@ -173,8 +174,8 @@ def energies(plant: PlantConstants, duration: float, dt: float) -> Energies:
 def test_energy_is_conserved(name):
     """Electrical in = copper + magnetic + kinetic + friction + viscous + load.
 
-    The star point does no work. Losses come to the same in every step, while what the motor
-    converts is off by its change within a step: an error of first order in the step.
+    The star point does no work. Losses are equal in every step, while the converted energy has an
+    error equal to its change within a step: an error of first order in the step.
     """
     plant = degrade(PLANT, fault_vector(FAULTY[name]))
     steps = (2e-6, 1e-6, 5e-7)
@@ -183,13 +184,13 @@ def test_energy_is_conserved(name):
         assert min(run_) > 0.0
     relative = np.array([abs(run_.residue) / run_.electrical for run_ in runs])
     assert relative[1] < 1.5e-4
-    # Switching differs from step to step size, so the order is not met to the digit.
+    # Switching differs between step sizes, so that the order is only approximate.
     np.testing.assert_allclose(np.log2(relative[:-1] / relative[1:]), 1.0, atol=0.2)
 
 
-# Switching patterns are chaotic, yet both sides of a symmetry compare the same currents with the
-# same bands: they agree to rounding, 1e-13 A and rad/s here, as long as no comparison is closer
-# than that; in these runs none is. One that falls the other way is 0.04 A.
+# Switching patterns are chaotic. Yet both sides of a symmetry compare the same currents with the
+# same bands, and so agree to rounding, 1e-13 A and rad/s here, unless a comparison is closer than
+# that. In these runs, none is; a different outcome would be 0.04 A.
 TOLERANCE = 1e-9
 STEPS = 8000
 FAULTS = {
@@ -237,10 +238,10 @@ def assert_same_motion(x: np.recarray, y: np.recarray, sign: float = 1.0, offset
 @pytest.mark.slow
 @parametrize_faults
 def test_mirrored_motion(faults):
-    """Turning backwards swaps B and C and the eccentricity's direction; no current changes sign.
+    """Turning backwards swaps B and C and reverses the eccentricity; no current changes sign.
 
-    The switching states swap likewise, so all alike at the start, as `at_rest` leaves them, is
-    its own mirror image.
+    The switching states swap likewise, so that equal states at the start, as in `at_rest`, are
+    their own mirror image.
     """
     plant = plant_with(faults)
     motor = plant.motor
@@ -256,10 +257,10 @@ def test_mirrored_motion(faults):
 @pytest.mark.parametrize("P", [1, 2, 3])
 @parametrize_faults
 def test_phases_are_alike(faults, P):
-    """A fault in A is one in B, started a third of an electrical turn on; B in C, C in A.
+    """A fault in A equals a fault in B a third of an electrical turn later; B in C, C in A.
 
-    The air gaps lie a third of a mechanical turn apart: the eccentricity has to follow by that
-    less what the rotor has turned.
+    The air gaps are a third of a mechanical turn apart: the eccentricity must follow by this angle
+    minus the rotation of the rotor.
     """
     actuator = ACTUATOR.replace({"P": P})
     plant = degrade(constants(actuator), fault_vector(faults))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated arm has the friction, the cycle, the wear and the temperatures that are set."""
+"""The simulated arm has the friction, cycles, wear and temperatures of its settings."""
 
 from itertools import islice
 
@@ -42,7 +42,7 @@ def mean_conditions(arm: RobotArm, telemetry: ArmTelemetry, name: str) -> tuple[
 def least_squares(arm: RobotArm, n: int, name: str) -> tuple[float, ...]:
     """Return estimated over true Coulomb friction, viscous friction and inertia of a joint.
 
-    Load-dependent friction is known: in some joints the load hardly changes in a cycle.
+    Load-dependent friction is given, because in some joints the load hardly changes in a cycle.
     """
     joint, i = arm.joints[name], JOINT_NAMES.index(name)
     rows, efforts, truths = [], [], []
@@ -52,7 +52,8 @@ def least_squares(arm: RobotArm, n: int, name: str) -> tuple[float, ...]:
         load_inertia = joint.load_inertia + part_inertia(part)[i]
         v, a = log.velocity[:, i], np.gradient(log.velocity_command[:, i], 1.0 / log.rate)
         speed, sign = np.abs(v), np.sign(v)
-        # Above the Stribeck range, and 0.2 s from a rest or reversal, where the gear winds up.
+        # Above the Stribeck range, and 0.2 s away from rests and reversals, where the gear winds
+        # up.
         is_fast = speed > 3.0 * joint.stribeck_speed
         moves = np.convolve(is_fast, np.ones(201), "same") > 200.5
         grease = (speed / (0.5 * joint.speed)) ** (joint.grease - 1.0)
@@ -100,7 +101,8 @@ def test_every_joint_follows_its_command_and_moves_in_both_directions():
     assert (log.velocity.max(axis=0) > 0.3).all()
     assert (log.velocity.min(axis=0) < -0.3).all()
     integral = np.cumsum(log.velocity, axis=0) / log.rate
-    # Quantised position and noisy speed of one shaft, but for the play before wrist_3's encoder.
+    # The quantised position and the noisy speed belong to one shaft, except for the play before the
+    # encoder of wrist_3.
     assert np.abs(integral - (log.position - log.position[0])).max() < 0.02
 
 
@@ -109,7 +111,7 @@ def test_reference_is_smooth_and_its_columns_are_derivatives():
     n = round(plan.starts[-1] / CONTROL_S)
     position, speed, acceleration = np.moveaxis(plan.reference(0, n), 2, 0)
     for values, rate in ((position, speed), (speed, acceleration)):
-        # The mean of the rate over a period of 1 ms, to the order of the third derivative.
+        # The mean of the rate over a period of 1 ms, up to the third derivative.
         assert np.diff(values) / CONTROL_S == pytest.approx(
             0.5 * (rate[:, 1:] + rate[:, :-1]), abs=2e-2
         )
@@ -139,7 +141,7 @@ def test_slower_telemetry_is_a_mean_of_the_effort_and_a_sample_of_the_position()
     noise = np.array([j.effort_noise * j.coulomb for j in arms[0].joints.values()])
     assert (np.std(mean - slow.effort, axis=0) / noise) == pytest.approx(
         np.sqrt(1.1),
-        rel=0.1,  # 1130 samples: 2 %
+        rel=0.1,  # The tolerance for 1130 samples is 2 %.
     )
 
 
@@ -163,7 +165,7 @@ def test_friction_grows_by_the_wear_after_the_healthy_cycles():
     for i, joint in enumerate(worn.joints.values()):
         fast = np.abs(usual.velocity[:, i]) > 0.3
         more = np.mean(((log.effort - usual.effort)[:, i] * np.sign(usual.velocity[:, i]))[fast])
-        # Load-dependent friction grows, too: by at most 0.08 of 60 N.m.
+        # Load-dependent friction also grows, by at most 0.08 of 60 N.m.
         least = growth[-1, i] * joint.coulomb
         assert 0.9 * least - 0.01 < more < 1.1 * (least + 5.0 * growth[-1, i]) + 0.01, joint
 
@@ -183,7 +185,7 @@ def test_gears_warm_up_in_work_and_thin_grease_needs_less_effort():
     arm = RobotArm()
     first, *_, last = [log for _, log in cycles(arm, 25)]
     assert first.temperature[0] == pytest.approx(22.0, abs=0.1)
-    # Warming of 6 to 9 K in continuous motion, of which 87 % is motion, after 480 s of 900 s.
+    # Warming of 6 to 9 K in continuous work, 87 % of which is motion, after 480 s of 900 s.
     duty = 16.7 / (len(last) / 500)
     warming = np.array([joint.warming for joint in arm.joints.values()])
     reached = duty * (1.0 - np.exp(-25 * len(last) / 500 / 900.0))
@@ -202,7 +204,7 @@ def test_the_part_is_carried_from_pick_to_place_only():
     assert set(np.unique(share)) >= {0.0, 1.0}
     assert 0.2 < share.mean() < 0.6
     more = (log.effort - empty.effort)[:, 1]
-    # At least 4 kg at 0.3 m, and the filtered transients of the controller elsewhere.
+    # At least 4 kg at 0.3 m during transport; filtered transients of the controller elsewhere.
     assert np.median(more[share == 1.0]) < -4.0 * 9.81 * 0.3
     assert abs(np.median(more[share == 0.0])) < 1.0
 
@@ -210,7 +212,7 @@ def test_the_part_is_carried_from_pick_to_place_only():
 def test_units_differ_in_friction_and_repeat_by_their_seed():
     frictions = np.array([[j.coulomb for j in arm_unit(seed).values()] for seed in range(50)])
     spread = np.log(frictions / frictions.mean(axis=0)).std()
-    assert spread == pytest.approx(0.08, rel=0.15)  # 300 values: 4 %
+    assert spread == pytest.approx(0.08, rel=0.15)  # The tolerance for 300 values is 4 %.
     assert arm_unit(7) == arm_unit(7)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What sensors and sampling add to the truth, and noise on the reference current."""
+"""Effects of sensors and sampling on the true quantities, and noise on the reference current."""
 
 import math
 from dataclasses import replace
@@ -32,7 +32,7 @@ def test_noise_is_on_the_current_alone_white_and_of_its_size():
     sigma = 0.3
     measured = sensors(sigma).measure(TRUTH)
     noise = measured.current - TRUTH.current
-    # Five standard deviations of mean, deviation and correlation of N Gaussian numbers.
+    # Five standard deviations of mean, standard deviation and correlation of N Gaussian numbers.
     assert noise.mean() == pytest.approx(0.0, abs=5 * sigma / math.sqrt(N))
     assert noise.std() == pytest.approx(sigma, rel=5 / math.sqrt(2 * N))
     assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 5 / math.sqrt(N)
@@ -48,7 +48,7 @@ def test_resolution_rounds_to_the_nearest_step(column):
     np.testing.assert_allclose(steps, np.rint(steps), rtol=0, atol=1e-9)
     error = np.abs(getattr(measured, column) - getattr(TRUTH, column))
     assert error.max() <= resolution / 2 * (1 + 1e-9)
-    # Uniform over a step: root mean square q / sqrt 12, here to 5 %.
+    # Uniform over a step: the root mean square is q / sqrt 12, here within 5 %.
     assert np.sqrt(np.mean(error**2)) == pytest.approx(resolution / math.sqrt(12), rel=0.05)
 
 
@@ -78,7 +78,7 @@ def test_offset_begins_at_its_time_after_the_first_block():
     np.testing.assert_array_equal(step.current[:200], TRUTH.current[:200])
     np.testing.assert_array_equal(step.current[200:], TRUTH.current[200:] + 0.5)
     ramp = misread(["current_offset=0.5@0.1..0.3"], TRUTH).current - TRUTH.current
-    # A cause has the value of the middle of a sample.
+    # A cause has its value at the middle of a sample.
     assert ramp[2000 - 1] == pytest.approx(0.5 * (0.19995 - 0.1) / 0.2, abs=1e-12)
 
 
@@ -97,7 +97,7 @@ def sampled(acquisition: Acquisition) -> Telemetry:
 
 
 def fine() -> Telemetry:
-    """The same motion in samples of 10 us, whose means are nearly the current itself."""
+    """Return the same motion in samples of 10 us, whose means are nearly the current itself."""
     knots = np.arange(len(COMMAND) + 1)
     command = np.interp(
         np.arange(1, FINE * len(COMMAND) + 1) / FINE, knots, np.concatenate([[0.0], COMMAND])
@@ -106,10 +106,10 @@ def fine() -> Telemetry:
 
 
 def test_mean_filtered_and_instantaneous_are_of_one_current():
-    """Each sampling against the current in steps of 10 us.
+    """Compare each sampling with the current in steps of 10 us.
 
-    The motion is one to the last bits, chaos would show; the instant differs from the mean over the
-    10 us before it by what three lags of 10 us let through of 67 A/ms in 5 us.
+    The motion is equal up to the last bits; chaos would be visible. The instantaneous value differs
+    from the mean over the last 10 us: three lags of 10 us pass this much of 67 A/ms in 5 us.
     """
     reference = fine().current.reshape(-1, FINE)
     np.testing.assert_allclose(sampled(Acquisition()).current, reference.mean(axis=1), atol=1e-6)
@@ -149,12 +149,12 @@ SAMPLES = 2000
 
 
 def comparisons(noise_gain: float, hold: float, bias: float) -> np.ndarray:
-    """Sum of the signs of the holds in each sample, `(SAMPLES,)`.
+    """Return the sum of the signs of the holds in each sample, `(SAMPLES,)`.
 
-    The inverter compares: with a locked rotor, next to no band and an inductance that leaves the
-    current where it is, the driven pair gets +V in a step where bias plus noise is positive and -V
-    where it is negative. So the mean slope of the current tells the share of positive noise beyond
-    minus the bias, hence its sigma, and the steps in between tell how long a value is held.
+    The inverter compares: the rotor is locked, the band is nearly zero, and the inductance keeps
+    the current constant. Then the driven pair gets +V in a step if bias plus noise is positive, and
+    -V if it is negative. The mean slope of the current gives the share of noise above minus the
+    bias, and hence its sigma; the steps in between give the hold time.
     """
     p = COMPARATOR
     actuator = SimulatedActuator(
@@ -166,7 +166,7 @@ def comparisons(noise_gain: float, hold: float, bias: float) -> np.ndarray:
     )
     command = bias * p.k_t / (p.GAP * p.G_prop)
     current = []
-    for _ in range(SAMPLES + 1):  # in the first one the command gets there
+    for _ in range(SAMPLES + 1):  # In the first sample, the command reaches its value.
         actuator.advance([command])
         current.append((actuator.state.i_c - actuator.state.i_b) / 2)
     return np.diff(current) / (SLOPE * hold)
@@ -174,7 +174,7 @@ def comparisons(noise_gain: float, hold: float, bias: float) -> np.ndarray:
 
 @pytest.mark.parametrize(("noise_gain", "hold"), [(1.0, 1e-6), (100.0, 1e-6), (4.0, 1e-5)])
 def test_variance_and_hold_time(noise_gain, hold):
-    """Variance K_noise 1e-6 / t_n, each value held for t_n and independent of the others."""
+    """The variance is K_noise 1e-6 / t_n; each value is held for t_n, independent of the others."""
     sigma = math.sqrt(noise_gain * 1e-6 / hold)
     holds = round(PERIOD / hold)
     total = comparisons(noise_gain, hold, bias=sigma / 2)
@@ -182,18 +182,19 @@ def test_variance_and_hold_time(noise_gain, hold):
 
     share = (1 + total.sum() / n) / 2
     measured = 0.5 * sigma / NormalDist().inv_cdf(share)
-    # Five sigma of a share of n: sqrt(p (1 - p) / n) over its slope 0.5 pdf(0.5) / sigma. The
-    # current itself moves by up to 4e-3 A, worth 0.6 % of the bias on average: well within.
+    # Five sigma of a share of n: sqrt(p (1 - p) / n) divided by its slope 0.5 pdf(0.5) / sigma. The
+    # current itself moves by up to 4e-3 A, on average 0.6 % of the bias: well within the tolerance.
     p = NormalDist().cdf(0.5)
     deviation = math.sqrt(p * (1 - p) / n) / (0.5 * NormalDist().pdf(0.5))
     assert measured == pytest.approx(sigma, rel=5 * deviation)
 
-    # Signs of whole holds add up to whole numbers; values that change within a hold would not.
+    # The signs of whole holds add up to integers; values that change within a hold would not.
     whole = np.rint(total)
     np.testing.assert_allclose(total, whole, atol=0.01)
     assert np.abs(whole).max() <= holds
-    # With the parity of their count, but for the rare value inside the band of one leg only.
+    # The integers have the parity of their count, except for a rare value in the band of one leg.
     assert (whole.astype(int) % 2 != holds % 2).mean() < 0.02
-    # Binomial variance, if they are independent; 5 sigma of a variance from that many samples.
+    # The variance is binomial if the values are independent; the tolerance is 5 sigma of a
+    # variance.
     expected = holds * 4 * p * (1 - p)
     assert whole.var() == pytest.approx(expected, rel=5 * math.sqrt(2 / SAMPLES))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The kernels and the plain-Python twin are the same actuator, with and without causes."""
+"""The kernels and the plain-Python twin give the same results, with and without hidden causes."""
 
 import math
 
@@ -18,9 +18,9 @@ from ema_sim.reference import DT, State, Stepping, advance_sample
 from .reference_twin import MULTIPLE, ReferenceTwin
 from .trajectories import MEAN, run
 
-# Both round by some 1e-13 A and N.m, and mostly damp what differs; but the first comparison of a
-# current with its band that falls the other way moves a phase by 0.04 A and sets the switching
-# patterns apart for good. None comes up in these runs, one must in a long one: the runs are short.
+# Both round by about 1e-13 A and N.m, and differences mostly decay. However, as soon as a
+# comparison of a current with its band differs, a phase moves by 0.04 A and the switching patterns
+# separate for good. This does not occur in these short runs, but would in a long one.
 TOLERANCE = 1e-9
 STEPS = 6000
 
@@ -41,7 +41,7 @@ def sticks(twin: ReferenceTwin) -> bool:
     return twin.omega == 0.0 and twin.torque != 0.0
 
 
-# Parameters, faults, and what must happen in at least 20 steps for the case to mean something.
+# Parameters, faults, and an event that must occur in at least 20 steps to make the case meaningful.
 CASES = {
     "healthy": ({}, {}, sticks),
     "short_circuits": (
@@ -68,7 +68,7 @@ CASES = {
 
 
 def command(t: float) -> float:
-    """Small at first, so that nothing is saturated, then large enough to saturate everything."""
+    """Return the command: small at first without saturation, then large enough to saturate all."""
     amplitude = 1.5e-4 if t < 2.5e-3 else 0.02
     return amplitude * math.sin(2 * math.pi * 300 * t)
 
@@ -100,7 +100,7 @@ def test_kernel_step_equals_twin(case):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_sample_equals_its_steps(case):
-    """Commutation, switching, gap and end stop are kept over the steps of a sample."""
+    """Commutation, switching, gap and end stop persist over the steps of a sample."""
     values, faults, _ = CASES[case]
     plant = degrade(constants(ActuatorParameters().replace(values)), fault_vector(faults))
     phases, lag, long = windings(plant.motor), lag_factor(DT), 2000
@@ -125,7 +125,8 @@ def test_sample_equals_its_steps(case):
         theta += states.theta_m[1:].tolist()
         assert total == pytest.approx(states.lag_3[1:].sum(), rel=TOLERANCE)
         np.testing.assert_allclose(y, x, rtol=0, atol=TOLERANCE)
-    # Within a sample, and so not found anew: the gap several times, the commutation once at least.
+    # Within samples, the position in the gap changes several times, and the commutation at least
+    # once.
     assert np.ptp(theta[:long]) > 3 * GAP_REACH
     middles = [sector_at(plant.motor, plant.mechanics, angle).middle for angle in theta]
     changes = np.flatnonzero(np.diff(middles)) + 1
@@ -165,7 +166,7 @@ CAUSES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CAUSES)
 def test_telemetry_equals_twin(case):
-    """Also what lies between kernel and telemetry: interpolation, noise, averages and scales.
+    """This includes the code between kernel and telemetry: interpolation, noise, means and scales.
 
     Hidden causes begin while currents flow.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs of the reference kernels that keep every state, and telemetry that is the same."""
+"""Runs of the reference kernels that store every state, and comparison of telemetry."""
 
 from collections.abc import Callable
 
@@ -30,10 +30,10 @@ def run(
     noise: Signal = 0.0,
     dt: float = DT,
 ) -> np.recarray:
-    """States after 0, 1, ... `steps` steps, `(steps + 1,)` with a field per state.
+    """Return states after 0, 1, ... `steps` steps, `(steps + 1,)` with a field per state.
 
-    Command [rad], load [N.m] and noise on the reference current [A] are constants, arrays of a
-    value a step, or functions of time [s].
+    Command [rad], load [N.m] and noise on the reference current [A] are constants, arrays with a
+    value per step, or functions of time [s].
     """
     times = dt * np.arange(steps)
     signals = _sampled(command, times), _sampled(load, times), _sampled(noise, times)
@@ -53,7 +53,7 @@ def _sampled(signal: Signal, times: np.ndarray) -> np.ndarray:
 
 @numba.njit(error_model="numpy")
 def _fill(plant, held, stepping, state, signals, rows):
-    """Advance by samples of one step each; what is not held in the state is found anew."""
+    """Advance by samples of one step each; recompute quantities that the state does not hold."""
     control, motor, mechanics = plant
     phases = windings(motor)
     effects, pauses = held
@@ -81,17 +81,17 @@ def _fill(plant, held, stepping, state, signals, rows):
 
 
 def locked(plant: PlantConstants) -> PlantConstants:
-    """Hold the rotor whatever the torque."""
+    """Return the plant with a locked rotor."""
     return plant._replace(mechanics=plant.mechanics._replace(f_s=1e9))
 
 
 def unpowered(plant: PlantConstants) -> PlantConstants:
-    """Cut the tie between motor and shaft: no torque, no back-EMF."""
+    """Return the plant without a link between motor and shaft: no torque, no back-EMF."""
     return plant._replace(motor=plant.motor._replace(k_e=0.0))
 
 
 def assert_same(one: Telemetry, other: Telemetry) -> None:
-    """Both have the same stamps, indices and values, to the last bit."""
+    """Assert that stamps, indices and values are bit-identical."""
     np.testing.assert_array_equal(one.stamps_ns, other.stamps_ns)
     assert one.first_index == other.first_index
     for column in COLUMNS:
